@@ -1,0 +1,180 @@
+"""The vocabulary of one encounter: what is planned, what a strategy sees, what is kept.
+
+Frame (SI units): x along the road in the ego's direction, 0 at the crosswalk's centre line; y
+across it, 0 at the kerb on the ego's right, ``length_m`` at the other kerb.  The ego's lane
+centre is y = length_m / 4.  Nothing here knows an engine.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+PEDESTRIAN_RADIUS_M = 0.25
+"""Radius of the disc that stands for a pedestrian in every contact and distance."""
+
+
+class Arm(StrEnum):
+    """Which of the two vehicles of a pair met the pedestrians."""
+
+    AV = "av"
+    HUMAN = "human"
+
+
+class Side(StrEnum):
+    """The kerb a pedestrian comes from: ``near`` is y = 0, on the ego's right."""
+
+    NEAR = "near"
+    FAR = "far"
+
+
+class Ending(StrEnum):
+    """How an episode ended; every planned episode has exactly one."""
+
+    CROSSED = "crossed"
+    CRASHED = "crashed"
+    TIMED_OUT = "timed_out"
+    ENGINE_FAILED = "engine_failed"
+
+
+class Contact(StrEnum):
+    """Where the ego touched the pedestrian: ``front`` if he stood ahead of the bumper."""
+
+    FRONT = "front"
+    SIDE = "side"
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """The ego's constants: metres, m/s, m/s²; decelerations are positive numbers."""
+
+    initial_speed_mps: float
+    trigger_range_m: float
+    detection_range_m: float
+    length_m: float
+    width_m: float
+    max_acceleration_mps2: float
+    max_deceleration_mps2: float
+    resume_acceleration_mps2: float
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """The crosswalk: ``length_m`` from kerb to kerb (L0), ``width_m`` along the road."""
+
+    length_m: float
+    width_m: float
+
+    @property
+    def lane_centre_m(self) -> float:
+        """y of the centre of the ego's lane."""
+        return self.length_m / 4
+
+    @property
+    def stop_line_m(self) -> float:
+        """Range of the front bumper at Hard-Yield's stop line, 1 m before the near edge."""
+        return self.width_m / 2 + 1.0
+
+
+class EgoView(NamedTuple):
+    """What a strategy knows of itself; ``range_m`` is negative past the centre line."""
+
+    range_m: float
+    speed_mps: float
+    acceleration_mps2: float
+
+
+class PedestrianView(NamedTuple):
+    """What a strategy sees of one pedestrian.
+
+    ``lateral_m`` (L): distance along his direction to the centre of the ego's lane, negative
+    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while he waits.
+    """
+
+    index: int
+    side: Side
+    lateral_m: float
+    remaining_m: float
+    speed_mps: float
+    on_crossing: bool
+
+
+class Observation(NamedTuple):
+    """Everything a strategy sees at one step; immutable, and cheap because made every step."""
+
+    time_s: float
+    ego: EgoView
+    vehicle: Vehicle
+    crossing: Crossing
+    pedestrians: tuple[PedestrianView, ...]
+
+
+class Strategy(Protocol):
+    """Drives one ego through one episode; a new object is made for each episode.
+
+    The class is called with the parameters of its ``[strategies.<name>]`` table as keyword
+    arguments.  A constructor that names ``model`` gets the interaction model, one that names
+    ``rng`` a ``numpy.random.Generator`` of its own, keyed by pair.  A boolean attribute
+    ``fallback``, where there is one, is recorded at the end of the episode.
+    """
+
+    def decide(self, observation: Observation, /) -> float | None:
+        """The wanted acceleration in m/s²; None hands the ego to SUMO's own driver."""
+        ...
+
+
+StrategyFactory = Callable[..., Strategy]
+
+
+class Arrival(NamedTuple):
+    """One planned pedestrian: when he reaches the kerb, which one, and his speed's quantile."""
+
+    index: int
+    arrival_s: float
+    side: Side
+    quantile: float
+
+
+@dataclass(slots=True)
+class Walk:
+    """What became of one arrival in one arm.
+
+    ``start_s``, ``speed_mps`` and the state (``range_m``, ``vehicle_speed_mps``) he saw when he
+    stepped off are None for someone who never got to go.
+    """
+
+    arrival: Arrival
+    start_s: float | None = None
+    speed_mps: float | None = None
+    range_m: float | None = None
+    vehicle_speed_mps: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """One simulated episode: the ego's states at every step and the pedestrians' walks.
+
+    ``x_m`` and ``speed_mps`` have shape (steps + 1,), the state at times 0, step_s, 2 step_s …;
+    in between the acceleration is constant.  ``ending`` is how the *engine* left off
+    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason``); contacts are found
+    afterwards, by ``measures``.
+    """
+
+    vehicle: Vehicle
+    crossing: Crossing
+    step_s: float
+    x_m: FloatArray
+    speed_mps: FloatArray
+    walks: tuple[Walk, ...]
+    ending: Ending
+    reason: str | None
+    sumo_collision: bool | None
+    fallback: bool
+
+
+Parameters = dict[str, Any]
