@@ -1,0 +1,1 @@
+"""Judges an automated vehicle's strategy at an unsignalized crosswalk, in SUMO."""

@@ -96,7 +96,7 @@ class PedestrianView(NamedTuple):
     once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while he waits.
     """
 
-    index: int
+    index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
     side: Side
     lateral_m: float
     remaining_m: float
@@ -108,6 +108,7 @@ class Observation(NamedTuple):
     """Everything a strategy sees at one step; immutable, and cheap because made every step."""
 
     time_s: float
+    step_s: float
     ego: EgoView
     vehicle: Vehicle
     crossing: Crossing
@@ -134,7 +135,7 @@ StrategyFactory = Callable[..., Strategy]
 class Arrival(NamedTuple):
     """One planned pedestrian: when he reaches the kerb, which one, and his speed's quantile."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
     arrival_s: float
     side: Side
     quantile: float

@@ -45,4 +45,6 @@ def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> Inpu
     """The refusal of a name that is not in a known set, with the nearest valid one."""
     names = sorted(valid)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    return InputError(where, f"unknown {kind} {name!r}", ", ".join(names), close[0] if close else None)
+    return InputError(
+        where, f"unknown {kind} {name!r}", ", ".join(names), close[0] if close else None
+    )

@@ -1,0 +1,1 @@
+"""Strategies: one file per family, one table (``registry``), nothing of the engine."""

@@ -1,0 +1,197 @@
+"""Paired statistics: μ, c_v and κ of a cell, each with its interval.  Arrays in, numbers out.
+
+Intervals are two-sided 95 %: the bias-corrected and accelerated bootstrap (Efron 1987) over pairs
+for μ and c_v, Clopper–Pearson (1934) for κ.  Undefined is None.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special, stats
+
+from harness.encounter import FloatArray
+
+CONFIDENCE = 0.95
+
+RESAMPLES = 9_999
+"""Bootstrap resamples; fewer above 2,000 pairs, see ``_resamples``."""
+
+INDICATIVE_BELOW = {"mu": 1_000, "cv": 1_000}
+"""Fewer pairs than this cover less than 93.5 % in the shipped scenarios (docs/method.md)."""
+
+_DRAWS_IN_MEMORY = 2_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A point estimate with its two-sided 95 % interval; None where undefined."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+
+UNDEFINED = Interval(None, None, None)
+
+
+@dataclass(frozen=True, slots=True)
+class PairColumns:
+    """Aligned columns of a cell, one entry for each pair.
+
+    Times are NaN where the arm did not cross.  ``*_crashed``, ``*_timed_out`` and ``*_failed``
+    are booleans; ``av_front`` marks contacts with the front; ``met`` is the number of
+    pedestrians on the crossing over both arms.
+    """
+
+    av_time_s: FloatArray
+    human_time_s: FloatArray
+    av_crashed: np.ndarray
+    av_front: np.ndarray
+    av_timed_out: np.ndarray
+    av_failed: np.ndarray
+    human_crashed: np.ndarray
+    human_timed_out: np.ndarray
+    human_failed: np.ndarray
+    av_fallback: np.ndarray
+    met: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What is reported of a cell; the columns of ``summary.csv``."""
+
+    pairs: int
+    defined_pairs: int
+    timed_out: int
+    failed: int
+    fallbacks: int
+    met_nobody: int
+    mu: Interval
+    mu_timeout: float | None
+    cv: Interval
+    kappa: Interval
+    kappa_front: float | None
+    kappa_human: Interval
+    mu_without_fallback: float | None
+
+
+def summarise(pairs: PairColumns, timeout_s: float, rng: np.random.Generator) -> Summary:
+    """μ, c_v, κ and the counts that say how far to trust them.
+
+    τ = AV time / human time of each pair in which both crossed; μ its mean, c_v its population
+    standard deviation over μ (paper, section III-E).  ``mu_timeout`` counts timed-out arms at
+    ``timeout_s``, because dropping them would flatter a timid strategy.
+
+    Args:
+        pairs: the columns.
+        timeout_s: the experiment's time-out.
+        rng: for the bootstrap.
+    """
+    tau = pairs.av_time_s / pairs.human_time_s
+    defined = ~np.isnan(tau)
+    mu, cv = bootstrap_mean_and_cv(tau[defined], rng)
+    av_ran, human_ran = ~pairs.av_failed, ~pairs.human_failed
+    with_timeout = np.where(pairs.av_timed_out, timeout_s, pairs.av_time_s) / np.where(
+        pairs.human_timed_out, timeout_s, pairs.human_time_s
+    )
+    kappa = proportion(int(pairs.av_crashed.sum()), int(av_ran.sum()))
+    return Summary(
+        pairs=len(tau),
+        defined_pairs=int(defined.sum()),
+        timed_out=int((pairs.av_timed_out | pairs.human_timed_out).sum()),
+        failed=int((pairs.av_failed | pairs.human_failed).sum()),
+        fallbacks=int(pairs.av_fallback.sum()),
+        met_nobody=int((pairs.met == 0).sum()),
+        mu=mu,
+        mu_timeout=_mean(with_timeout[~np.isnan(with_timeout)]),
+        mu_without_fallback=_mean(tau[defined & ~pairs.av_fallback]),
+        cv=cv,
+        kappa=kappa,
+        kappa_front=None if kappa.value is None else int(pairs.av_front.sum()) / int(av_ran.sum()),
+        kappa_human=proportion(int(pairs.human_crashed.sum()), int(human_ran.sum())),
+    )
+
+
+def coefficient_of_variation(values: FloatArray) -> FloatArray:
+    """Population standard deviation over the mean, along the last axis."""
+    result: FloatArray = np.std(values, axis=-1) / np.mean(values, axis=-1)
+    return result
+
+
+def bootstrap_mean_and_cv(
+    values: FloatArray, rng: np.random.Generator
+) -> tuple[Interval, Interval]:
+    """Mean and coefficient of variation with BCa intervals from the same resamples.
+
+    Args:
+        values: shape (n,), positive, finite.
+        rng: draws the resamples, in batches of bounded memory.
+
+    Returns:
+        Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
+    """
+    n = len(values)
+    if n == 0:
+        return UNDEFINED, UNDEFINED
+    mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
+    if n == 1:
+        return Interval(mean, None, None), Interval(None, None, None)
+    if np.ptp(values) == 0:
+        return Interval(mean, mean, mean), Interval(0.0, 0.0, 0.0)
+    means, cvs = _resample(values, rng)
+    deviation = values - mean
+    left_out_mean = mean - deviation / (n - 1)
+    # Variance without value i, from Σd² of the whole: no n × n table.
+    left_out_variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
+    left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
+    return _bca(mean, means, left_out_mean), _bca(cv, cvs, left_out_cv)
+
+
+def proportion(successes: int, trials: int) -> Interval:
+    """A proportion with its Clopper–Pearson interval; undefined for no trials."""
+    if trials == 0:
+        return UNDEFINED
+    interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="exact")
+    return Interval(successes / trials, float(interval.low), float(interval.high))
+
+
+def zero_bound(trials: int) -> float:
+    """Upper one-sided 95 % bound of a proportion of which 0 of ``trials`` were seen."""
+    return float(1 - (1 - CONFIDENCE) ** (1 / trials))
+
+
+def _resamples(n: int) -> int:
+    """So many that the work stays bounded: 9,999 up to 2,000 values, 1,999 from 10,000 on."""
+    return max(1_999, min(RESAMPLES, 20_000_000 // n))
+
+
+def _resample(values: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    n, total = len(values), _resamples(len(values))
+    batch = max(1, _DRAWS_IN_MEMORY // n)
+    means, cvs = np.empty(total), np.empty(total)
+    for begin in range(0, total, batch):
+        end = min(total, begin + batch)
+        sample = values[rng.integers(0, n, size=(end - begin, n))]
+        means[begin:end] = np.mean(sample, axis=-1)
+        cvs[begin:end] = np.std(sample, axis=-1) / means[begin:end]
+    return means, cvs
+
+
+def _bca(estimate: float, resampled: FloatArray, left_out: FloatArray) -> Interval:
+    """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
+    below = (np.mean(resampled < estimate) + np.mean(resampled <= estimate)) / 2
+    bias = special.ndtri(below)
+    influence = np.mean(left_out) - left_out
+    scale = np.sum(influence**2) ** 1.5
+    acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
+    tail = (1 - CONFIDENCE) / 2
+    z = bias + special.ndtri(np.array([tail, 1 - tail]))
+    levels = special.ndtr(bias + z / (1 - acceleration * z))
+    if not np.isfinite(levels).all():
+        return Interval(estimate, None, None)
+    low, high = np.quantile(resampled, levels)
+    return Interval(estimate, float(low), float(high))
+
+
+def _mean(values: FloatArray) -> float | None:
+    return float(np.mean(values)) if len(values) else None

@@ -1,0 +1,51 @@
+"""The engine-free engine: the same kinematics in a few lines of Python.
+
+Strategies, episodes and measures are tested on it in milliseconds, and what SUMO does is held
+against it.  It cannot drive the ego by itself and sees no collisions.
+"""
+
+from collections.abc import Sequence
+
+from harness.encounter import Arrival, Vehicle
+from harness.errors import EngineError
+
+
+class PlainEngine:
+    """Ballistic motion: constant acceleration within a step.
+
+    Args:
+        vehicle: the ego.
+        step_s: length of a step.
+    """
+
+    def __init__(self, vehicle: Vehicle, step_s: float) -> None:
+        self._start = (-vehicle.trigger_range_m, vehicle.initial_speed_mps)
+        self._step_s = step_s
+        self._x, self._speed = self._start
+
+    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:  # noqa: ARG002
+        """See ``Engine.begin``."""
+        self._x, self._speed = self._start
+        return self._start
+
+    def step(
+        self,
+        speed_mps: float | None,
+        pedestrians: Sequence[tuple[int, float]],  # noqa: ARG002
+    ) -> tuple[float, float]:
+        """See ``Engine.step``."""
+        if speed_mps is None:
+            raise EngineError("the plain engine has no driver of its own: this strategy needs SUMO")
+        self._x += (self._speed + speed_mps) / 2 * self._step_s
+        self._speed = speed_mps
+        return self._x, self._speed
+
+    def remove(self, index: int) -> None:
+        """See ``Engine.remove``; nothing is kept here."""
+
+    def end(self) -> bool | None:
+        """None: no verdict of its own."""
+        return None
+
+    def close(self) -> None:
+        """Nothing to release."""

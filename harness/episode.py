@@ -1,0 +1,236 @@
+"""Runs one episode: a strategy, an engine, and pedestrians who look once and walk.
+
+This is the loop everything else waits for.  Contacts and measures are found afterwards, from
+the trace; the loop only keeps what cannot be worked out later.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.encounter import (
+    Arrival,
+    Crossing,
+    EgoView,
+    Ending,
+    Observation,
+    PedestrianView,
+    Side,
+    Strategy,
+    Trace,
+    Vehicle,
+    Walk,
+)
+from harness.engine.protocol import Engine
+from harness.errors import EngineError
+
+ChooseSpeed = Callable[[Arrival, float, float], float]
+"""(who, range_m, vehicle_speed_mps) → walking speed in m/s, > 0."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What is the same in all episodes of a cell.
+
+    ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
+    edge within that time, or while its body overlaps the crosswalk.
+    """
+
+    vehicle: Vehicle
+    crossing: Crossing
+    kerb_wait_s: float
+    step_s: float
+    timeout_s: float
+
+
+class _Walker:
+    """One pedestrian while he is at the crosswalk."""
+
+    __slots__ = (
+        "_direction",
+        "_kerb",
+        "_length",
+        "_to_lane",
+        "cleared_s",
+        "progress",
+        "side",
+        "walk",
+    )
+
+    def __init__(self, walk: Walk, crossing: Crossing) -> None:
+        self.walk = walk
+        self.side = walk.arrival.side
+        self.progress = 0.0
+        self.cleared_s = math.inf
+        self._length = crossing.length_m
+        near = self.side is Side.NEAR
+        self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
+        lane = crossing.lane_centre_m
+        self._to_lane = lane if near else crossing.length_m - lane
+
+    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
+        self.walk.start_s, self.walk.speed_mps = time_s, speed_mps
+        self.walk.range_m, self.walk.vehicle_speed_mps = state
+        self.cleared_s = time_s + self._length / speed_mps
+
+    def walk_until(self, time_s: float) -> float:
+        """Move on to that time; returns y."""
+        start, speed = self.walk.start_s, self.walk.speed_mps
+        if start is not None and speed is not None:
+            self.progress = min(speed * (time_s - start), self._length)
+        return self._kerb + self._direction * self.progress
+
+    def view(self) -> PedestrianView:
+        speed = self.walk.speed_mps
+        return PedestrianView(
+            self.walk.arrival.index,
+            self.side,
+            self._to_lane - self.progress,
+            self._length - self.progress,
+            0.0 if speed is None else speed,
+            speed is not None,
+        )
+
+
+def run_episode(
+    engine: Engine,
+    strategy: Strategy,
+    arrivals: Sequence[Arrival],
+    choose_speed: ChooseSpeed,
+    rules: Rules,
+) -> Trace:
+    """Simulate one episode from the trigger until the ego has passed or the time is up.
+
+    Args:
+        engine: an engine bound to the same vehicle, crossing and step as ``rules``.
+        strategy: a fresh strategy object.
+        arrivals: everyone who may come, by arrival time (s from the trigger, ≥ 0).
+        choose_speed: the walking speed of someone who steps off, given what he sees.
+        rules: the cell's constants.
+
+    Returns:
+        The trace.  It goes on past a contact, until the body has passed; ``measures`` ends the
+        record there.  An error of engine or strategy ends it as ``engine_failed``.
+    """
+    episode = _Episode(engine, strategy, arrivals, choose_speed, rules)
+    reason = None
+    try:
+        ending = episode.run()
+    except EngineError as error:
+        ending, reason = Ending.ENGINE_FAILED, str(error)
+    collided = engine.end()
+    return Trace(
+        vehicle=rules.vehicle,
+        crossing=rules.crossing,
+        step_s=rules.step_s,
+        x_m=np.array(episode.x_m),
+        speed_mps=np.array(episode.speed_mps),
+        walks=tuple(episode.walks),
+        ending=ending,
+        reason=reason,
+        sumo_collision=collided,
+        fallback=bool(getattr(strategy, "fallback", False)),
+    )
+
+
+class _Episode:
+    """The state of one running episode."""
+
+    def __init__(
+        self,
+        engine: Engine,
+        strategy: Strategy,
+        arrivals: Sequence[Arrival],
+        choose_speed: ChooseSpeed,
+        rules: Rules,
+    ) -> None:
+        self.engine, self.strategy, self.rules = engine, strategy, rules
+        self.arrivals, self.choose_speed = arrivals, choose_speed
+        self.next_arrival = 0
+        self.walkers: list[_Walker] = []
+        self.walks: list[Walk] = []
+        self.x_m: list[float] = []
+        self.speed_mps: list[float] = []
+
+    def run(self) -> Ending:
+        rules, engine, decide = self.rules, self.engine, self.strategy.decide
+        vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
+        limit, brake = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
+        detection = vehicle.detection_range_m
+        passed_at = vehicle.length_m + crossing.width_m / 2
+        steps = math.ceil(rules.timeout_s / step - 1e-9)
+        note_x, note_speed = self.x_m.append, self.speed_mps.append
+        walkers = self.walkers
+        acceleration = 0.0
+        x, speed = engine.begin(self.arrivals)
+        note_x(x)
+        note_speed(speed)
+        self._admit(0.0, 0.0, x, speed, 0.0)
+        for n in range(steps):
+            now, then = n * step, (n + 1) * step
+            if walkers:
+                self._update_walkers(now, -x, speed)
+            seen: tuple[PedestrianView, ...] = ()
+            if walkers and -detection <= x <= detection:
+                seen = tuple([walker.view() for walker in walkers])
+            wanted = decide(
+                Observation(now, step, EgoView(-x, speed, acceleration), vehicle, crossing, seen)
+            )
+            target: float | None = None
+            if wanted is not None:
+                if wanted > limit:
+                    wanted = limit
+                elif wanted < brake:
+                    wanted = brake
+                elif wanted != wanted:
+                    raise EngineError(f"the strategy returned {wanted!r} at t = {now:.3f} s")
+                target = speed + wanted * step
+                if target < 0.0:
+                    target = 0.0
+                acceleration = (target - speed) / step
+            # Those who arrive within this step see the ego where it is at that very moment.
+            self._admit(now, then, x, speed, acceleration)
+            places = [(w.walk.arrival.index, w.walk_until(then)) for w in walkers]
+            x, after = engine.step(target, places)
+            acceleration = (after - speed) / step
+            speed = after
+            note_x(x)
+            note_speed(speed)
+            if x >= passed_at:
+                return Ending.CROSSED
+        return Ending.TIMED_OUT
+
+    def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
+        """Those who wait look again; those who have reached the other kerb leave."""
+        for walker in tuple(self.walkers):
+            if walker.walk.start_s is None:
+                self._look(walker, now, range_m, speed)
+            elif now >= walker.cleared_s:
+                self.walkers.remove(walker)
+                self.engine.remove(walker.walk.arrival.index)
+
+    def _admit(self, now: float, until: float, x: float, speed: float, acceleration: float) -> None:
+        """Everyone who arrives in (now, until] reaches the kerb and looks."""
+        while self.next_arrival < len(self.arrivals):
+            arrival = self.arrivals[self.next_arrival]
+            if arrival.arrival_s > until:
+                return
+            self.next_arrival += 1
+            walk = Walk(arrival)
+            walker = _Walker(walk, self.rules.crossing)
+            self.walks.append(walk)
+            self.walkers.append(walker)
+            elapsed = arrival.arrival_s - now
+            range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
+            self._look(walker, arrival.arrival_s, range_then, speed + acceleration * elapsed)
+
+    def _look(self, walker: _Walker, time_s: float, range_m: float, speed: float) -> None:
+        """Kerb rule: step off now, or wait for the next step."""
+        rules = self.rules
+        to_edge = range_m - rules.crossing.width_m / 2
+        if to_edge <= speed * rules.kerb_wait_s:
+            return
+        walking_speed = self.choose_speed(walker.walk.arrival, range_m, speed)
+        walker.step_off(time_s, walking_speed, (range_m, speed))

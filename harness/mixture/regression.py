@@ -1,0 +1,108 @@
+"""Each component's regression of the target and the integrated variables on the given ones.
+
+Everything that does not depend on the values of the given variables is worked out once. What is
+left for a batch of n points is a handful of array operations of shape (rows, n) whose result for
+one point cannot depend on the other points of the batch: sums over the (at most three) given
+variables are written out, and no matrix product runs along the batch.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class State(NamedTuple):
+    """The components at n given points.
+
+    Attributes:
+        log_weights: (K, n), log of weight times density of the given values over the component's
+            mass, less the largest over the components.
+        shift: (n,), what was subtracted.
+        means: (K, n), of the target.
+        rest_means: r arrays (K, n), of the integrated variables.
+    """
+
+    log_weights: Array
+    shift: Array
+    means: Array
+    rest_means: list[Array]
+
+
+class Regression:
+    """Conditional distribution of each untruncated component, as in the paper's (a1) and (a2).
+
+    Args:
+        weights, masses: (K,); locations: (K, d); scale_matrices: (K, d, d).
+        target: the variable wanted; given: those known; rest: those integrated out.
+    """
+
+    def __init__(
+        self,
+        weights: Array,
+        masses: Array,
+        locations: Array,
+        scale_matrices: Array,
+        target: int,
+        given: Sequence[int],
+        rest: Sequence[int],
+    ) -> None:
+        count, known = weights.size, len(given)
+        order = [*given, target, *rest]
+        factors = np.linalg.cholesky(scale_matrices[:, order][:, :, order])
+        centre = locations[:, order]
+        known_factor = factors[:, :known, :known]
+        whitening = np.linalg.inv(known_factor) if known else np.zeros((count, 0, 0))
+        # With L the factor of the given block, S21 S11^-1 = L21 L11^-1.
+        slopes = factors[:, known:, :known] @ whitening
+        rows = np.concatenate((whitening * np.sqrt(0.5), slopes), axis=1)
+        offset = np.concatenate((np.zeros((count, known)), centre[:, known:]), axis=1)
+        offset = offset - np.einsum("krg,kg->kr", rows, centre[:, :known])
+        # Row-major by row, then component: (rows * K, 1) per given variable.
+        self._coefficients = [
+            np.ascontiguousarray(rows[:, :, j].T).reshape(-1, 1) for j in range(known)
+        ]
+        self._offset = np.ascontiguousarray(offset.T).reshape(-1, 1)
+        diagonal = np.diagonal(known_factor, axis1=1, axis2=2)
+        constant = np.log(weights) - np.log(masses) - 0.5 * known * np.log(2.0 * np.pi)
+        self._constant = (constant - np.sum(np.log(diagonal), axis=1))[:, None]
+        self.count, self.known, self.integrated = count, known, len(rest)
+        # Given everything known, the target's spread and the rest's slope on it and covariance.
+        self.spread = np.ascontiguousarray(factors[:, known, known])
+        self.rest_slopes = factors[:, known + 1 :, known] / self.spread[:, None]
+        tail = factors[:, known + 1 :, known + 1 :]
+        self.rest_covariances = tail @ np.swapaxes(tail, 1, 2)
+
+    def at(self, y: Array) -> State:
+        """The components at given points y (n, g)."""
+        rows = self._offset
+        for j, coefficient in enumerate(self._coefficients):
+            rows = rows + coefficient * y[:, j]
+        if not self._coefficients:
+            rows = np.repeat(rows, y.shape[0], axis=1)
+        k = self.count
+        log_weights = np.repeat(self._constant, y.shape[0], axis=1)
+        for j in range(self.known):
+            z = rows[j * k : (j + 1) * k]
+            log_weights = log_weights - z * z
+        shift = np.maximum.reduce(log_weights, axis=0)
+        first = self.known * k
+        rest = [rows[first + i * k : first + (i + 1) * k] for i in range(1, self.integrated + 1)]
+        return State(log_weights - shift, shift, rows[first : first + k], rest)
+
+
+def component_sum(values: Array) -> Array:
+    """Sum over axis 0 in a fixed order, the same bytes for one point as for many.
+
+    numpy adds row after row where the components are not the fastest axis in memory, and pairwise
+    where they are; the latter happens with a single column, and is avoided.
+    """
+    result: Array
+    if values.size == values.shape[0]:
+        result = np.add.accumulate(values, axis=0)[-1]
+    else:
+        result = np.add.reduce(np.ascontiguousarray(values), axis=0)
+    return result

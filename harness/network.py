@@ -1,0 +1,495 @@
+"""Crosswalk geometry → SUMO plain XML → network, and back to plain numbers for an engine.
+
+A site is one straight two-lane road with one unsignalized crosswalk across it. Its network lies
+in a transverse Mercator projection whose origin is the crosswalk's centre: there one metre of the
+network is one metre on the ground and the network's north is true north, so neither a UTM zone's
+scale (up to 0.1 %) nor its grid convergence (1.8° in Ann Arbor) enters a distance or a bearing.
+The network's point (0, 0) is the crosswalk's centre.
+
+Road frame: x along the ego's direction, 0 at the crosswalk's centre line; y across the road, from
+the kerb on the ego's right (0) to the other kerb. Right-hand traffic, two lanes.
+"""
+
+import hashlib
+import math
+import os
+import re
+import subprocess
+import tempfile
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, fields
+from importlib import metadata
+from pathlib import Path
+
+from harness.errors import EngineError, InputError
+
+APPROACH_M = 300.0
+"""Road before the crosswalk's centre line: the largest trigger range a site offers."""
+EXIT_M = 120.0
+"""Road after the crosswalk's centre line."""
+FOOTPATH_M = 10.0
+"""From a kerb to the outer end of its footpath."""
+
+CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
+
+_BOUNDS = {
+    # Nearer to a pole the bearing of a straight road would change along it.
+    "latitude_deg": (-85.0, 85.0),
+    "longitude_deg": (-180.0, 180.0),
+    "bearing_deg": (0.0, 360.0),
+    # Two lanes; narrower than 2 m each they would not hold a car.
+    "length_m": (4.0, 40.0),
+    "width_m": (1.0, 20.0),
+}
+# What netconvert may differ from the geometry asked for: it keeps node coordinates to a micrometre.
+_TOLERANCE_M = 2e-6
+_TOLERANCE_DEG = 1e-5
+_NETCONVERT_LIMIT_S = 120.0
+
+
+@dataclass(frozen=True)
+class CrossingGeometry:
+    """Place and size of one crosswalk.
+
+    Args:
+        latitude_deg: WGS84 latitude of the crosswalk's centre, −85 to 85.
+        longitude_deg: WGS84 longitude of the crosswalk's centre, −180 to 180.
+        bearing_deg: the ego's driving direction, clockwise from true north, 0 to 360.
+        length_m: kerb to kerb, two lanes of half of it each, 4 to 40.
+        width_m: extent of the crosswalk along the road, 1 to 20.
+
+    The defaults are the crosswalk at the Central Campus Transit Center (CCTC), Ann Arbor.
+
+    Raises:
+        InputError: a value is not a finite number within its range.
+    """
+
+    latitude_deg: float = 42.278415
+    longitude_deg: float = -83.735580
+    bearing_deg: float = 316.5
+    length_m: float = 9.0
+    width_m: float = 4.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            low, high = _BOUNDS[field.name]
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (number and low <= value <= high):
+                raise InputError(f"crossing.{field.name}", f"{value!r}", f"{low:g} to {high:g}")
+            # 9 and 9.0 are one geometry and must give one text of the sources.
+            object.__setattr__(self, field.name, float(value) + 0.0)
+
+
+@dataclass(frozen=True)
+class NetworkFiles:
+    """The files of one built network: SUMO's network and the plain-XML sources it came from."""
+
+    net: Path
+    sources: tuple[Path, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A network in numbers: what an engine needs to drive and walk in the road frame.
+
+    ``origin_x_m``/``origin_y_m`` are the network coordinates of the road frame's (0, 0);
+    ``along_x``/``along_y`` the unit vector of the ego's direction in the network. Footpath
+    positions lie about 1 m outside the junction, for inserting a pedestrian and as his goal.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    bearing_deg: float
+    length_m: float
+    width_m: float
+    lane_centre_m: float
+    approach_edge: str
+    exit_edge: str
+    near_edge: str
+    far_edge: str
+    crossing_edge: str
+    near_position_m: float
+    far_position_m: float
+    max_range_m: float
+    min_range_m: float
+    exit_m: float
+    origin_x_m: float
+    origin_y_m: float
+    along_x: float
+    along_y: float
+
+    def to_network(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Network coordinates (m) of a point of the road frame (m)."""
+        return (
+            self.origin_x_m + x_m * self.along_x - y_m * self.along_y,
+            self.origin_y_m + x_m * self.along_y + y_m * self.along_x,
+        )
+
+    def to_road(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Road-frame coordinates (m) of a point of the network (m); inverse of `to_network`."""
+        dx = x_m - self.origin_x_m
+        dy = y_m - self.origin_y_m
+        return dx * self.along_x + dy * self.along_y, dy * self.along_x - dx * self.along_y
+
+    def depart_position_m(self, range_m: float) -> float:
+        """SUMO's ``departPos`` that puts the ego's front bumper `range_m` before x = 0.
+
+        Args:
+            range_m: from the front bumper to the crosswalk's centre line, m.
+
+        Returns:
+            Position on the approach lane, m, from 0 to the lane's length.
+
+        Raises:
+            InputError: the point is not on the approach lane.
+        """
+        # A range of exactly APPROACH_M must not fail by the last digit of the network's file.
+        if not self.min_range_m <= range_m <= self.max_range_m + _TOLERANCE_M:
+            allowed = f"{self.min_range_m:.3g} to {self.max_range_m:.6g} at this site"
+            raise InputError("ego.trigger_range_m", f"{range_m!r}", allowed)
+        return max(0.0, self.max_range_m - range_m)
+
+
+def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
+    """The plain-XML sources of a site, netconvert's configuration among them.
+
+    The text is a function of the arguments alone; it names its files by relative paths, so
+    ``netconvert -c <name>.netccfg`` rebuilds the network in any folder.
+
+    Args:
+        geometry: the crosswalk.
+        name: stem of every file's name: letters, digits, ``-`` and ``_``.
+
+    Returns:
+        File name → text.
+
+    Raises:
+        InputError: the name cannot be a file's stem.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise InputError("network name", repr(name), "letters, digits, - and _")
+    return {
+        f"{name}.nod.xml": _nodes(geometry),
+        f"{name}.edg.xml": _EDGES,
+        f"{name}.typ.xml": _types(geometry),
+        f"{name}.con.xml": _connections(geometry),
+        f"{name}.netccfg": _CONFIGURATION.format(name=name),
+    }
+
+
+def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> NetworkFiles:
+    """Write a site's sources into a folder and let netconvert make its network there.
+
+    The same arguments give the same bytes: netconvert's header, which holds the date and the
+    machine's paths, is taken out. Every file appears complete or not at all, the network last.
+
+    Args:
+        geometry: the crosswalk.
+        directory: the folder; made if missing.
+        name: stem of the files' names.
+
+    Raises:
+        InputError: a bad name, or a folder that cannot be written.
+        EngineError: netconvert is missing, failed, or built another geometry than asked for.
+    """
+    sources = plain_sources(geometry, name)
+    net_name = f"{name}.net.xml"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{name}-", dir=directory, ignore_cleanup_errors=True
+        ) as folder:
+            workshop = Path(folder)
+            for file_name, text in sources.items():
+                (workshop / file_name).write_bytes(text.encode())
+            _netconvert(workshop, f"{name}.netccfg", net_name)
+            _check(workshop / net_name, geometry)
+            for file_name in (*sources, net_name):
+                (workshop / file_name).replace(directory / file_name)
+    except OSError as error:
+        raise InputError(str(directory), f"cannot be written ({error.strerror})") from error
+    return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
+
+
+def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
+    """The network of a geometry: the shipped one, one built earlier, or one built now.
+
+    The shipped network is taken if its sources are, character for character, those this geometry
+    gives. Any other network is kept in ``$CROSSWALK_HARNESS_CACHE``, else
+    ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else ``~/.cache/crosswalk-harness/networks``,
+    under a hash of its sources and of netconvert's version. Processes may build at the same time.
+
+    Args:
+        geometry: the crosswalk.
+        shipped_dir: the shipped site's folder; its name is the stem of its files' names.
+
+    Returns:
+        Path of the ``.net.xml``.
+
+    Raises:
+        InputError: the cache folder cannot be written.
+        EngineError: see `build_network`.
+    """
+    shipped = plain_sources(geometry, shipped_dir.name)
+    net = shipped_dir / f"{shipped_dir.name}.net.xml"
+    if net.is_file() and all(_text(shipped_dir / file) == text for file, text in shipped.items()):
+        return net
+    digest = hashlib.sha256(_netconvert_version().encode())
+    for file_name, text in sorted(plain_sources(geometry, "site").items()):
+        digest.update(f"\0{file_name}\0{text}".encode())
+    directory = _cache_dir() / digest.hexdigest()[:24]
+    net = directory / "site.net.xml"
+    if net.is_file():  # it is put in place last, hence everything is there
+        return net
+    return build_network(geometry, directory, "site").net
+
+
+def read_site(net_path: Path) -> Site:
+    """Read a network built by `build_network`.
+
+    The crosswalk's own shape, not the junction's node, sets x = 0 and y; the ego's lane, the
+    longest line there is, sets the direction.
+
+    Raises:
+        InputError: the file is missing, is no XML, or holds no site of this package.
+    """
+    try:
+        root = ET.parse(net_path).getroot()
+        return _site(root)
+    except OSError as error:
+        raise InputError(str(net_path), f"cannot be read ({error.strerror})") from error
+    except (ET.ParseError, KeyError, ValueError) as error:
+        allowed = "a network made by `harness network`"
+        raise InputError(str(net_path), f"no crosswalk site ({error})", allowed) from error
+
+
+_EDGES = """<edges>
+    <!-- Right-hand traffic: both directions lie right of the axis between the nodes. -->
+    <edge id="approach" from="start" to="crosswalk" type="road" spreadType="right"/>
+    <edge id="exit" from="crosswalk" to="end" type="road" spreadType="right"/>
+    <edge id="oncoming_approach" from="end" to="crosswalk" type="road" spreadType="right"/>
+    <edge id="oncoming_exit" from="crosswalk" to="start" type="road" spreadType="right"/>
+    <!-- Centred on their axis, they put the crosswalk onto the node. -->
+    <edge id="near" from="near" to="crosswalk" type="footpath" spreadType="center"/>
+    <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
+</edges>
+"""
+
+# Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9 m.
+_CONFIGURATION = """<configuration>
+    <input>
+        <node-files value="{name}.nod.xml"/>
+        <edge-files value="{name}.edg.xml"/>
+        <connection-files value="{name}.con.xml"/>
+        <type-files value="{name}.typ.xml"/>
+    </input>
+    <output>
+        <output-file value="{name}.net.xml"/>
+        <precision value="9"/>
+        <precision.geo value="8"/>
+    </output>
+    <processing>
+        <no-turnarounds value="true"/>
+        <offset.disable-normalization value="true"/>
+    </processing>
+</configuration>
+"""
+
+
+def _nodes(geometry: CrossingGeometry) -> str:
+    """Nodes in the projection around the crosswalk's centre."""
+    bearing = math.radians(geometry.bearing_deg)
+    east, north = math.sin(bearing), math.cos(bearing)
+    reach = FOOTPATH_M + geometry.length_m / 2
+    places = {
+        "start": (-APPROACH_M, 0.0),
+        "crosswalk": (0.0, 0.0),
+        "end": (EXIT_M, 0.0),
+        "near": (0.0, -reach),
+        "far": (0.0, reach),
+    }
+    lines = []
+    for node, (along, left) in places.items():
+        # Adding 0.0 turns -0.0 into 0.0.
+        x = round(along * east - left * north, 9) + 0.0
+        y = round(along * north + left * east, 9) + 0.0
+        lines.append(f'    <node id="{node}" x="{x:.9f}" y="{y:.9f}" type="priority"/>\n')
+    latitude, longitude = f"{geometry.latitude_deg:.9f}", f"{geometry.longitude_deg:.9f}"
+    # netconvert asks for both boundaries, replaces the first and copies the second.
+    point = f"{longitude},{latitude}"
+    projection = (
+        f"+proj=tmerc +lat_0={latitude} +lon_0={longitude} +k=1 +x_0=0 +y_0=0"
+        " +datum=WGS84 +units=m +no_defs"
+    )
+    return (
+        f"<nodes>\n    <!-- The ego drives along bearing {geometry.bearing_deg!r}. Metres east and"
+        " north of the crosswalk's centre. -->\n"
+        '    <location netOffset="0.00,0.00" convBoundary="0.00,0.00,0.00,0.00"\n'
+        f'        origBoundary="{point},{point}"\n        projParameter="{projection}"/>\n'
+        f"{''.join(lines)}</nodes>\n"
+    )
+
+
+def _types(geometry: CrossingGeometry) -> str:
+    """Edge types; the speed limits only keep SUMO from refusing or changing a speed."""
+    lane = geometry.length_m / 2
+    return (
+        "<types>\n"
+        f'    <type id="road" numLanes="1" speed="100" width="{lane!r}" priority="2"'
+        ' disallow="pedestrian"/>\n'
+        f'    <type id="footpath" numLanes="1" speed="10" width="{geometry.width_m!r}"'
+        ' priority="1" allow="pedestrian"/>\n'
+        "</types>\n"
+    )
+
+
+def _connections(geometry: CrossingGeometry) -> str:
+    """Lanes straight on, and the crosswalk over both of them."""
+    return (
+        "<connections>\n"
+        '    <connection from="approach" to="exit" fromLane="0" toLane="0"/>\n'
+        '    <connection from="oncoming_approach" to="oncoming_exit" fromLane="0" toLane="0"/>\n'
+        "    <!-- A marked crosswalk: vehicles yield. It binds SUMO's own driver only; the"
+        " pedestrians and\n         strategies of the harness follow their own rules. -->\n"
+        '    <crossing node="crosswalk" edges="approach oncoming_exit" priority="true"'
+        f' width="{geometry.width_m!r}"/>\n'
+        "</connections>\n"
+    )
+
+
+def _netconvert(directory: Path, configuration: str, net_name: str) -> None:
+    """Run netconvert on a configuration and take the comments out of its network."""
+    try:
+        import sumo
+    except ImportError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+    suffix = ".exe" if os.name == "nt" else ""
+    program = Path(sumo.SUMO_HOME) / "bin" / f"netconvert{suffix}"
+    try:
+        done = subprocess.run(
+            [str(program), "-c", configuration],
+            cwd=directory,
+            env={**os.environ, "SUMO_HOME": str(sumo.SUMO_HOME)},
+            capture_output=True,
+            text=True,
+            timeout=_NETCONVERT_LIMIT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
+    net = directory / net_name
+    if done.returncode != 0 or not net.is_file():
+        words = [line for line in done.stderr.splitlines() if line.strip()]
+        reason = "; ".join(words) or f"exit code {done.returncode}"
+        raise EngineError(f"netconvert: {' '.join(reason.split())}")
+    text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
+    net.write_bytes(text.encode())
+
+
+def _netconvert_version() -> str:
+    try:
+        return metadata.version("eclipse-sumo")
+    except metadata.PackageNotFoundError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+
+
+def _check(net: Path, geometry: CrossingGeometry) -> None:
+    """Raise unless netconvert built the geometry asked for."""
+    try:
+        site = read_site(net)
+    except InputError as error:  # no fault of the user, who has not seen this file
+        raise EngineError(f"netconvert: {error.problem} for {geometry}") from error
+    turn = (site.bearing_deg - geometry.bearing_deg + 180.0) % 360.0 - 180.0
+    errors = {
+        "length_m": abs(site.length_m - geometry.length_m) / _TOLERANCE_M,
+        "width_m": abs(site.width_m - geometry.width_m) / _TOLERANCE_M,
+        "lane centre": abs(site.lane_centre_m - geometry.length_m / 4) / _TOLERANCE_M,
+        "bearing_deg": abs(turn) / _TOLERANCE_DEG,
+        "max_range_m": abs(site.max_range_m - APPROACH_M) / _TOLERANCE_M,
+    }
+    wrong = [what for what, error in errors.items() if not error <= 1.0]
+    if wrong:
+        raise EngineError(f"netconvert: the network differs in {', '.join(wrong)} from {geometry}")
+
+
+def _site(root: ET.Element) -> Site:
+    """The numbers of a site from its network; KeyError or ValueError if it is none."""
+    lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
+    crossings = [edge for edge in root.iter("edge") if edge.get("function") == "crossing"]
+    if len(crossings) != 1:
+        raise ValueError(f"{len(crossings)} crossings")
+    crossing_id = crossings[0].attrib["id"]
+    crossing = lanes[f"{crossing_id}_0"]
+    start, stop = _line(lanes["approach_0"])
+    exit_start, exit_end = _line(lanes["exit_0"])
+    direction = exit_end - start
+    along = direction / abs(direction)
+    # netconvert draws a crossing in either direction; y grows to the left of the ego.
+    kerbs = sorted(_line(crossing), key=lambda point: (point * along.conjugate()).imag)
+    walk = (kerbs[1] - kerbs[0]) * along.conjugate()
+    if abs(walk.real) > _TOLERANCE_M:
+        raise ValueError("the crosswalk is not perpendicular to the road")
+    centre = (kerbs[0] + kerbs[1]) / 2
+    origin = centre - along * 1j * walk.imag / 2
+    ego = [(point - origin) * along.conjugate() for point in (start, stop, exit_start, exit_end)]
+    if max(point.imag for point in ego) - min(point.imag for point in ego) > _TOLERANCE_M:
+        raise ValueError("the ego's lane is not straight")
+    latitude, longitude = _projection_centre(root)
+    return Site(
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        bearing_deg=math.degrees(math.atan2(along.real, along.imag)) % 360.0,
+        length_m=walk.imag,
+        width_m=float(crossing.attrib["width"]),
+        lane_centre_m=sum(point.imag for point in ego) / len(ego),
+        approach_edge="approach",
+        exit_edge="exit",
+        near_edge="near",
+        far_edge="far",
+        crossing_edge=crossing_id,
+        near_position_m=float(lanes["near_0"].attrib["length"]) - 1.0,
+        far_position_m=1.0,
+        max_range_m=-ego[0].real,
+        min_range_m=-ego[1].real,
+        exit_m=ego[3].real,
+        origin_x_m=origin.real,
+        origin_y_m=origin.imag,
+        along_x=along.real,
+        along_y=along.imag,
+    )
+
+
+def _line(lane: ET.Element) -> tuple[complex, complex]:
+    """Both ends of a straight lane as complex numbers, east + i north."""
+    points = [complex(*map(float, point.split(","))) for point in lane.attrib["shape"].split()]
+    if len(points) != 2:
+        raise ValueError(f"lane {lane.attrib['id']} is not straight")
+    return points[0], points[1]
+
+
+def _projection_centre(root: ET.Element) -> tuple[float, float]:
+    """Latitude and longitude of the projection's origin, which is the network's (0, 0)."""
+    location = next(root.iter("location")).attrib
+    words = dict(word.partition("=")[::2] for word in location["projParameter"].split())
+    offset = [float(number) for number in location["netOffset"].split(",")]
+    if words["+proj"] != "tmerc" or any(offset):
+        raise ValueError("its projection is not centred on the crosswalk")
+    return float(words["+lat_0"]), float(words["+lon_0"])
+
+
+def _cache_dir() -> Path:
+    """The folder of built networks; environment variables that are empty do not count."""
+    own = os.environ.get(CACHE_VARIABLE)
+    if own:
+        return Path(own).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "crosswalk-harness" / "networks"
+
+
+def _text(path: Path) -> str | None:
+    """A file's text, None if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None

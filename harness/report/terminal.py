@@ -1,0 +1,202 @@
+"""What the command line prints: the table of a run, the strategies, the checks."""
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
+from harness.errors import HarnessError
+from harness.experiment import Run
+from harness.results import summary_row, versions
+from harness.scenario import Scenario
+from harness.strategies.registry import STRATEGIES, describe, parameters_of
+
+PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
+"""Chen, Zhao, Peng 2017, section III-E; N = 50."""
+
+_PAPER_REMARK = (
+    "The paper's column is a reference, not a target: its 2,973 events and fitted parameters were "
+    "never published, so the model here is fitted on other trajectories, and Soft-Yield has no "
+    "answer for walkers under 0.976 m/s at (30 m, 5 m/s), where Hard-Yield takes over here."
+)
+
+
+def print_run(run: Run) -> None:
+    """The table of a finished run, on stdout."""
+    console = Console(soft_wrap=False, highlight=False)
+    summary, scenario = run.summary, run.scenario
+    paper = is_the_papers(scenario)
+    table = Table(title=f"{scenario.arms.av} against {scenario.arms.human}, N = {summary.pairs}")
+    for heading in ("measure", "value", "95 % interval", *(["paper"] if paper else []), "remark"):
+        table.add_column(heading, overflow="fold")
+    for cells in _measure_rows(summary, paper):
+        table.add_row(*cells)
+    console.print(table)
+    for line in (*_crash_lines(summary), *_count_lines(summary)):
+        console.print(line)
+    if paper:
+        console.print(_PAPER_REMARK)
+    console.print(f"Run folder: {run.folder}", soft_wrap=True)
+
+
+def run_document(run: Run) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "folder": str(run.folder),
+        "summary": summary_row(run.summary),
+        "indicative": [name for name, limit in INDICATIVE_BELOW.items() if _few(run, limit)],
+        "failures": [{"pair": pair, "arm": arm, "reason": why} for pair, arm, why in run.failures],
+    }
+
+
+def is_the_papers(scenario: Scenario) -> bool:
+    """Whether the paper's Table II and arms are what runs here (any N, seed and model)."""
+    ego, pedestrians = scenario.ego, scenario.pedestrians
+    return (
+        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        and (scenario.arms.av, scenario.arms.human) == ("soft_yield", "human_gmm")
+        and pedestrians.first_at_trigger
+        and pedestrians.max_count == 1
+    )
+
+
+def print_strategies() -> None:
+    """Every strategy with what it does and its parameters."""
+    console = Console(highlight=False)
+    for name, factory in STRATEGIES.items():
+        summary = (factory.__doc__ or "").strip().splitlines()[0]
+        console.print(f"{name}: {summary}")
+        for parameter in parameters_of(factory):
+            kind = describe(parameter.annotation)
+            console.print(f"    {parameter.name} = {parameter.default!r}  ({kind})")
+
+
+def print_checks() -> bool:
+    """Check the installation step by step; returns whether everything works."""
+    console = Console(highlight=False, soft_wrap=True)
+    for name, version in versions().items():
+        console.print(f"{name:8s} {version}")
+    for title, check in (
+        ("SUMO's netconvert builds a network", _check_network),
+        ("one pair runs in SUMO", _check_episode),
+    ):
+        try:
+            check()
+        except (HarnessError, ImportError, OSError) as error:
+            console.print(f"FAILED   {title}: {error}")
+            return False
+        console.print(f"ok       {title}")
+    return True
+
+
+def _check_network() -> None:
+    from harness.network import CrossingGeometry, build_network
+
+    with tempfile.TemporaryDirectory() as folder:
+        build_network(CrossingGeometry(length_m=10.0), Path(folder), "doctor")
+
+
+def _check_episode() -> None:
+    from harness.experiment import run_experiment
+    from harness.scenario import load_scenario
+
+    scenario, name = load_scenario("cctc", [("experiment.pairs", 1)])
+    with tempfile.TemporaryDirectory() as folder:
+        run = run_experiment(scenario, name, out=Path(folder) / "run")
+    if run.failures:
+        raise HarnessError(run.failures[0][2])
+
+
+def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
+    n = summary.defined_pairs
+
+    def row(name: str, value: str, interval: str, key: str, remark: str) -> list[str]:
+        return [name, value, interval, *([PAPER.get(key, "")] if paper else []), remark]
+
+    return [
+        row(
+            "μ   mean of τ",
+            _number(summary.mu.value),
+            _range(summary.mu),
+            "mu",
+            _indicative(n, "mu"),
+        ),
+        row("μ   without fallbacks", _number(summary.mu_without_fallback), "", "", ""),
+        row(
+            "μ   time-outs counted",
+            _number(summary.mu_timeout),
+            "",
+            "",
+            "",
+        ),
+        row(
+            "c_v spread of τ",
+            _percent(summary.cv.value),
+            _range(summary.cv, percent=True),
+            "cv",
+            _indicative(n, "cv"),
+        ),
+        row(
+            "κ   crash rate, AV",
+            _percent(summary.kappa.value),
+            _range(summary.kappa, percent=True),
+            "kappa",
+            "",
+        ),
+        row("κ   with the front", _percent(summary.kappa_front), "", "", ""),
+        row(
+            "κ   crash rate, human",
+            _percent(summary.kappa_human.value),
+            _range(summary.kappa_human, percent=True),
+            "",
+            "",
+        ),
+    ]
+
+
+def _crash_lines(summary: Summary) -> list[str]:
+    trials = summary.pairs - summary.failed
+    lines = []
+    for who, interval in (("AV", summary.kappa), ("human", summary.kappa_human)):
+        if interval.value == 0 and interval.high is not None:
+            lines.append(
+                f"No crash of the {who} in {trials} episodes: κ below {zero_bound(trials):.1%} "
+                f"with {CONFIDENCE:.0%} confidence, one-sided ({interval.high:.1%} two-sided)."
+            )
+    return lines
+
+
+def _count_lines(summary: Summary) -> list[str]:
+    return [
+        f"τ = AV time / human time is defined in {summary.defined_pairs} of {summary.pairs} pairs; "
+        f"timed out: {summary.timed_out}; failed in the engine: {summary.failed}; "
+        f"met nobody: {summary.met_nobody}.",
+        f"The AV fell back to Hard-Yield in {summary.fallbacks} of {summary.pairs} episodes.",
+    ]
+
+
+def _few(run: Run, limit: int) -> bool:
+    return run.summary.defined_pairs < limit
+
+
+def _indicative(n: int, key: str) -> str:
+    return "indicative: N too small" if n < INDICATIVE_BELOW[key] else ""
+
+
+def _number(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.4f}"
+
+
+def _percent(value: float | None) -> str:
+    return "undefined" if value is None else f"{100 * value:.2f} %"
+
+
+def _range(interval: Interval, percent: bool = False) -> str:
+    if interval.low is None or interval.high is None:
+        return "undefined"
+    if percent:
+        return f"{100 * interval.low:.2f} … {100 * interval.high:.2f} %"
+    return f"{interval.low:.4f} … {interval.high:.4f}"

@@ -1,0 +1,270 @@
+"""Scenario files: TOML in, a frozen and fully checked ``Scenario`` out.
+
+Every key has a default and unknown keys are refused, so a scenario file says only what differs.
+Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
+"""
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from harness.encounter import Crossing, Vehicle
+from harness.errors import InputError, unknown_name
+from harness.resources import shipped_directory
+
+MAX_TRIGGER_RANGE_M = 200.0
+"""Longest range at which the ego can be inserted: the networks' approach road ends beyond it."""
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class CrossingSection(_Section):
+    """``[crossing]``: the place and shape of the crosswalk."""
+
+    latitude_deg: Annotated[float, Field(ge=-80, le=84)] = 42.278415
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] = -83.735580
+    bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
+    length_m: Annotated[float, Field(ge=4, le=40)] = 9.0
+    width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
+
+
+class EgoSection(_Section):
+    """``[ego]``: the vehicle, the same in both arms."""
+
+    initial_speed_mps: Annotated[float, Field(gt=0, le=60)] = 5.0
+    trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
+    detection_range_m: Positive | None = None
+    length_m: Annotated[float, Field(ge=1, le=25)] = 5.0
+    width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
+    max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 3.0
+    max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 4.5
+    resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 1.0
+
+
+class PedestriansSection(_Section):
+    """``[pedestrians]``: who comes, from where, and the rule at the kerb."""
+
+    flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
+    max_count: Annotated[int, Field(ge=0)] | None = None
+    first_at_trigger: bool = False
+    near_side_share: Share = 0.5
+    kerb_wait_s: NonNegative = 2.0
+    pairing: Literal["quantile", "speed"] = "quantile"
+
+
+class ModelSection(_Section):
+    """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
+
+    name: str = "dut-interim"
+    path: str | None = None
+    pedestrian_reading: Literal["marginal"] = "marginal"
+
+
+class ArmsSection(_Section):
+    """``[arms]``: which strategy drives in each arm."""
+
+    av: str = "soft_yield"
+    human: str = "human_gmm"
+
+
+class ExperimentSection(_Section):
+    """``[experiment]``: how many pairs, from which seed, at which step."""
+
+    pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
+    timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+
+
+class Scenario(_Section):
+    """One experiment, complete: what a run of it needs and nothing else."""
+
+    crossing: CrossingSection = CrossingSection()
+    ego: EgoSection = EgoSection()
+    pedestrians: PedestriansSection = PedestriansSection()
+    model: ModelSection = ModelSection()
+    arms: ArmsSection = ArmsSection()
+    strategies: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    experiment: ExperimentSection = ExperimentSection()
+
+    def vehicle(self) -> Vehicle:
+        """The ego's constants; the detection range defaults to the trigger range."""
+        values = self.ego.model_dump()
+        if values["detection_range_m"] is None:
+            values["detection_range_m"] = values["trigger_range_m"]
+        return Vehicle(**values)
+
+    def crosswalk(self) -> Crossing:
+        """The crosswalk's constants."""
+        return Crossing(self.crossing.length_m, self.crossing.width_m)
+
+
+def load_scenario(
+    name_or_path: str | Path, settings: Sequence[tuple[str, Any]] = ()
+) -> tuple[Scenario, str]:
+    """Read a scenario file, or a shipped scenario by its name, and apply ``key=value`` settings.
+
+    Args:
+        name_or_path: a TOML file, or the name of a shipped scenario such as ``cctc``.
+        settings: dotted keys with values, applied in order over the file's.
+
+    Returns:
+        The scenario and its name (the file's stem).  A relative ``model.path`` in the file is
+        taken from the file's folder and comes out absolute.
+
+    Raises:
+        InputError: the file is missing or no TOML, or a key or value is not accepted.
+    """
+    path = _find(name_or_path)
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(str(path), f"not a TOML file ({error})") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})") from None
+    _anchor_model_path(tree, path.parent)
+    sources: dict[str, str] = {}
+    for key, value in settings:
+        _assign(tree, key, value)
+        sources[key] = "--set"
+    return validate(tree, path.name, sources), path.stem
+
+
+def parse_setting(text: str) -> tuple[str, Any]:
+    """Split ``key=value``; the value is read as TOML, and as a string where it is none."""
+    key, equals, raw = text.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
+    try:
+        return key, tomllib.loads(f"value = {raw}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key, raw.strip()
+
+
+def validate(
+    tree: Mapping[str, Any], source: str, key_sources: Mapping[str, str] | None = None
+) -> Scenario:
+    """Check a tree of keys and values; the first thing wrong becomes an ``InputError``.
+
+    Args:
+        tree: nested tables as read from TOML.
+        source: what to call the file in messages.
+        key_sources: for keys that came from elsewhere (``--set``), where from.
+    """
+    try:
+        scenario = Scenario.model_validate(tree)
+    except ValidationError as error:
+        raise _explain(error, source, key_sources or {}) from None
+    _check_consistency(scenario, source)
+    return scenario
+
+
+def _find(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    folder = shipped_directory("scenarios")
+    shipped = sorted(file.stem for file in folder.glob("*.toml"))
+    if str(name_or_path) in shipped:
+        return folder / f"{name_or_path}.toml"
+    if path.is_dir():
+        raise InputError(str(path), "is a folder", "a scenario file (TOML)")
+    close = difflib.get_close_matches(path.stem, shipped, n=1)
+    raise InputError(
+        str(path),
+        "no such scenario file",
+        f"a TOML file, or a shipped scenario: {', '.join(shipped)}",
+        close[0] if close else None,
+    )
+
+
+def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
+    model = tree.get("model")
+    if isinstance(model, dict) and isinstance(model.get("path"), str):
+        model["path"] = str((folder / model["path"]).resolve())
+
+
+def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
+    try:
+        # TOML's own key syntax, so that quoted parts may contain dots and colons.
+        branch = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        raise InputError(f"--set {key}", "not a dotted key", "e.g. ego.initial_speed_mps") from None
+    node = tree
+    while True:
+        (name,) = branch
+        if not isinstance(branch[name], dict):
+            node[name] = value
+            return
+        branch = branch[name]
+        if not isinstance(node.setdefault(name, {}), dict):
+            raise InputError(f"--set {key}", f"{name!r} is not a table")
+        node = node[name]
+
+
+def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
+    first = error.errors(include_url=False)[0]
+    path = [str(part) for part in first["loc"]]
+    key = ".".join(path)
+    where = f"{key_sources[key]} {key}" if key in key_sources else f"{source}: {key}"
+    if first["type"] == "extra_forbidden":
+        return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
+    message = first["msg"]
+    allowed = message[0].lower() + message[1:]
+    return InputError(where, f"{_shorten(first['input'])} is not accepted", allowed)
+
+
+def _keys_of(path: list[str]) -> list[str]:
+    section: type[BaseModel] = Scenario
+    for name in path:
+        annotation = section.model_fields[name].annotation
+        assert isinstance(annotation, type)
+        section = annotation
+    return list(section.model_fields)
+
+
+def _shorten(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _check_consistency(scenario: Scenario, source: str) -> None:
+    """What one key alone cannot tell."""
+    ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
+    if ego.width_m > crossing.length_m / 2:
+        raise InputError(
+            f"{source}: ego.width_m",
+            f"{ego.width_m:g} m does not fit the lane",
+            f"at most crossing.length_m / 2 = {crossing.length_m / 2:g} m",
+        )
+    nearest = scenario.crosswalk().stop_line_m
+    if ego.trigger_range_m <= nearest:
+        raise InputError(
+            f"{source}: ego.trigger_range_m",
+            f"{ego.trigger_range_m:g} m is on the crosswalk or too near",
+            f"more than crossing.width_m / 2 + 1 = {nearest:g} m",
+        )
+    milliseconds = experiment.step_s * 1000
+    if abs(milliseconds - round(milliseconds)) > 1e-9:
+        raise InputError(
+            f"{source}: experiment.step_s",
+            f"{experiment.step_s!r} s",
+            "whole milliseconds, SUMO's resolution",
+        )
+    if experiment.timeout_s < experiment.step_s:
+        raise InputError(
+            f"{source}: experiment.timeout_s",
+            f"{experiment.timeout_s:g} s",
+            f"at least experiment.step_s = {experiment.step_s:g} s",
+        )

@@ -1,0 +1,43 @@
+"""Hard-Yield: stop before the crosswalk and wait until it is clear."""
+
+from harness.encounter import Observation
+from harness.strategies.driving import full_braking_distance, resume, stop_after
+
+CLEARANCE_M = 0.25
+"""Range at which the bumper touches a pedestrian on the centre line (his disc's radius)."""
+
+
+class HardYield:
+    """Brakes constantly to a stop 1 m before the crosswalk, waits until clear, then resumes.
+
+    Past that line, or where stopping there would need more than the vehicle's maximum
+    deceleration, it brakes at the maximum if that stops it before R = 0.25 m; otherwise it goes
+    on.  Any number of pedestrians: it waits for all of them.  Source: the stopping counterpart of
+    Soft-Yield in Schroeder et al. 2014, as laid down in docs/method.md.
+    """
+
+    def __init__(self) -> None:
+        self._braking_at_maximum = False
+
+    def decide(self, observation: Observation, /) -> float:
+        """Wanted acceleration in m/s²."""
+        ego = observation.ego
+        occupied = any(pedestrian.on_crossing for pedestrian in observation.pedestrians)
+        if not occupied or ego.range_m <= 0:
+            self._braking_at_maximum = False
+            return resume(observation)
+        limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
+        distance = ego.range_m - observation.crossing.stop_line_m
+        # Once braking at the maximum it stays with that until the crossing is clear.
+        if (
+            not self._braking_at_maximum
+            and distance > 0
+            and ego.speed_mps**2 <= 2 * limit * distance
+        ):
+            return stop_after(distance, ego.speed_mps, step)
+        room = ego.range_m - CLEARANCE_M
+        if not self._braking_at_maximum:
+            self._braking_at_maximum = full_braking_distance(ego.speed_mps, limit, step) < room
+        if self._braking_at_maximum:
+            return -min(limit, ego.speed_mps / step)
+        return resume(observation)

@@ -1,0 +1,82 @@
+"""The human driver of the paper: drives at the most likely speed of the interaction model."""
+
+from typing import Literal
+
+import numpy as np
+
+from harness.encounter import Observation, PedestrianView
+from harness.errors import InputError
+from harness.interaction import InteractionModel
+
+
+class HumanDriver:
+    """Adjusts its speed every Δt to the mode of f(v | 1/R, v_p, 1/T_adv) and holds in between.
+
+    a_d = (v_d − v) / Δt (paper, section III-D) within the vehicle's limits, where v_d is the
+    smallest mode over all pedestrians on the crossing and at most v0.  T_adv uses the present v
+    and the signed L.  Nobody on the crossing, or R ≤ 0: a0 to v0, held for Δt like the rest.
+
+    Args:
+        model: the interaction model (given by the harness).
+        rng: random numbers of this pair (given by the harness); used by ``speed="sampled"``.
+        decision_interval_s: Δt, > 0.
+        reading: condition on the time advantage, or leave it out (``marginal``).
+        speed: the mode, or a draw from the density (``sampled``).
+    """
+
+    def __init__(
+        self,
+        *,
+        model: InteractionModel,
+        rng: np.random.Generator,
+        decision_interval_s: float = 1.0,
+        reading: Literal["given_time_advantage", "marginal"] = "given_time_advantage",
+        speed: Literal["mode", "sampled"] = "mode",
+    ) -> None:
+        if not decision_interval_s > 0:
+            raise InputError(
+                "human_gmm.decision_interval_s", f"{decision_interval_s!r}", "greater than 0"
+            )
+        self._model, self._rng = model, rng
+        self._interval_s = decision_interval_s
+        self._reading, self._speed = reading, speed
+        self._decisions = 0
+        self._held = 0.0
+
+    def decide(self, observation: Observation, /) -> float:
+        """Wanted acceleration in m/s², new only at whole multiples of Δt."""
+        # 1e-9 s: a step's time and a multiple of Δt may differ in their last bit.
+        if observation.time_s >= self._decisions * self._interval_s - 1e-9:
+            self._decisions += 1
+            self._held = self._wanted(observation)
+        return self._held
+
+    def _wanted(self, observation: Observation) -> float:
+        ego, vehicle = observation.ego, observation.vehicle
+        present = [p for p in observation.pedestrians if p.on_crossing]
+        if not present or ego.range_m <= 0:
+            limit = vehicle.resume_acceleration_mps2
+            to_initial = (vehicle.initial_speed_mps - ego.speed_mps) / self._interval_s
+            return max(-limit, min(limit, to_initial))
+        desired = min(self._desired_speed(observation, pedestrian) for pedestrian in present)
+        desired = min(desired, vehicle.initial_speed_mps)
+        wanted = (desired - ego.speed_mps) / self._interval_s
+        return max(-vehicle.max_deceleration_mps2, min(vehicle.max_acceleration_mps2, wanted))
+
+    def _desired_speed(self, observation: Observation, pedestrian: PedestrianView) -> float:
+        range_m, speed = observation.ego.range_m, observation.ego.speed_mps
+        quantile = None if self._speed == "mode" else self._rng.random()
+        if self._reading == "marginal":
+            return self._model.driver_speed(range_m, pedestrian.speed_mps, quantile=quantile)
+        inverse = inverse_time_advantage(range_m, speed, pedestrian.lateral_m, pedestrian.speed_mps)
+        return self._model.driver_speed(range_m, pedestrian.speed_mps, inverse, quantile=quantile)
+
+
+def inverse_time_advantage(
+    range_m: float, speed_mps: float, lateral_m: float, walking_speed_mps: float
+) -> float:
+    """1/T_adv = 1/abs(R/v − L/v_p) in 1/s, 0 for one who stands, infinite on an exact meeting."""
+    if speed_mps <= 0 or walking_speed_mps <= 0:
+        return 0.0
+    advantage = abs(range_m / speed_mps - lateral_m / walking_speed_mps)
+    return 1 / advantage if advantage > 0 else float("inf")

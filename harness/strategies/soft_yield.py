@@ -1,0 +1,98 @@
+"""Soft-Yield, the automated vehicle of the paper (Schroeder et al. 2014)."""
+
+import math
+from typing import NamedTuple
+
+from harness.encounter import Observation, PedestrianView
+from harness.strategies.driving import clearing_time, resume
+from harness.strategies.hard_yield import HardYield
+
+
+class _Plan(NamedTuple):
+    """Decelerate until ``decelerate_until_s``, then coast to x = 0 at ``arrival_s``."""
+
+    acceleration_mps2: float
+    decelerate_until_s: float
+    arrival_s: float
+
+
+class SoftYield:
+    """Decelerates for T1, then coasts, so that the bumper meets x = 0 as the pedestrian leaves.
+
+    With the state (v, R) of the moment it perceives a pedestrian:
+    a = p1 + p2 v + p3 R (paper, section III-C) and
+    T1 = t_L − sqrt(t_L² − 2 (R − v t_L) / a), t_L = remaining distance / v_p.
+    R ≥ v t_L: the pedestrian clears first and the speed is kept.  Of several pedestrians it plans
+    for the one who leaves last, and plans again when that is another one.
+
+    *No answer* where a ≥ 0, the root is of a negative number, the speed would fall below zero
+    within T1, or a exceeds the vehicle's maximum deceleration: then Hard-Yield drives and
+    ``fallback`` is set.  At R = 30 m, v = 5 m/s that is every v_p below 0.97565 m/s.
+
+    Args:
+        p1: constant of the regression, m/s².
+        p2: coefficient of the speed, 1/s.
+        p3: coefficient of the range, 1/s².
+    """
+
+    def __init__(self, *, p1: float = 0.0169, p2: float = -0.13986, p3: float = 0.010115) -> None:
+        self._p1, self._p2, self._p3 = p1, p2, p3
+        self.fallback = False
+        self._target: int | None = None
+        self._plan: _Plan | None = None
+        self._hard_yield = HardYield()
+
+    def decide(self, observation: Observation, /) -> float:
+        """Wanted acceleration in m/s²."""
+        last = _last_to_leave(observation.pedestrians)
+        if last is None or observation.ego.range_m <= 0:
+            self._target = None
+            return resume(observation)
+        if last.index != self._target:
+            self._target = last.index
+            self._plan = self._make_plan(observation, clearing_time(last))
+            self._hard_yield = HardYield()
+            self.fallback = self.fallback or self._plan is None
+        if self._plan is None:
+            return self._hard_yield.decide(observation)
+        return _follow(self._plan, observation)
+
+    def _make_plan(self, observation: Observation, clearing_s: float) -> _Plan | None:
+        now, ego = observation.time_s, observation.ego
+        shortfall = ego.range_m - ego.speed_mps * clearing_s
+        if shortfall >= 0:
+            return _Plan(0.0, now, now + clearing_s)
+        a = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
+        if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
+            return None
+        discriminant = clearing_s**2 - 2 * shortfall / a
+        if discriminant < 0:
+            return None
+        t1 = clearing_s - math.sqrt(discriminant)
+        if ego.speed_mps + a * t1 < 0:
+            return None
+        return _Plan(a, now + t1, now + clearing_s)
+
+
+def _follow(plan: _Plan, observation: Observation) -> float:
+    now, step = observation.time_s, observation.step_s
+    left = plan.decelerate_until_s - now
+    if left <= 0:
+        return 0.0
+    if left >= step:
+        return plan.acceleration_mps2
+    # T1 ends inside this step.  Holding a to its end would arrive up to 34 ms late; the speed v_c
+    # below makes the coasting that follows arrive exactly.
+    range_m, speed = observation.ego.range_m, observation.ego.speed_mps
+    until_arrival = plan.arrival_s - now
+    if until_arrival <= step:
+        return 2 * (range_m - speed * until_arrival) / until_arrival**2
+    coasting_speed = (range_m - speed * step / 2) / (until_arrival - step / 2)
+    return (coasting_speed - speed) / step
+
+
+def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:
+    crossing = [pedestrian for pedestrian in pedestrians if pedestrian.on_crossing]
+    if len(crossing) < 2:
+        return crossing[0] if crossing else None
+    return max(crossing, key=clearing_time)

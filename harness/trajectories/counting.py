@@ -1,0 +1,135 @@
+"""What an extraction used and what it left out, by named rule."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Level = Literal["records", "tracks", "pairs", "candidates"]
+
+# Every reason for leaving something out, in the order in which it is tried. A dropped item is
+# charged to the first reason that applies, so the counts of one level add up.
+REASONS: Mapping[Level, Mapping[str, str]] = {
+    "records": {
+        "missing_value": "a needed cell is empty, NaN or infinite",
+        "not_a_number": "a needed cell holds text instead of a number",
+        "duplicated": "same object and same instant as an earlier record",
+        "bus_heading_other_way": "bus heading not above the limit of the sensor format",
+    },
+    "tracks": {
+        "one_record": "an object seen once only",
+        "parked_vehicle": "vehicle that never gets away from where it was first seen",
+        "standing_pedestrian": "pedestrian who never gets away from where he was first seen",
+        "sequence_too_short": "sensor sequence shorter than the minimum duration",
+    },
+    "pairs": {
+        "no_common_time": "vehicle and pedestrian share no sampling instant",
+        "paths_do_not_cross": "the extended paths have no common point",
+        "crossing_angle": "the paths cross outside the allowed angles",
+        "no_row_kept": "the paths cross, but every candidate row broke a rule",
+    },
+    "candidates": {
+        "incomplete": "a needed value of a ready-made row is missing",
+        "contradictory": "time advantage of a ready-made row contradicts its other values",
+        "speed_undefined": "gap in a track, or a track shorter than the speed window",
+        "range_below_min": "R below its minimum (bumper at or past the conflict point)",
+        "range_above_max": "R above its maximum",
+        "lateral_below_min": "L below its minimum (pedestrian at or past the vehicle's line)",
+        "lateral_above_max": "L above its maximum",
+        "vehicle_too_slow": "v below its minimum (standing or rolling back)",
+        "pedestrian_too_slow": "v_p below its minimum (standing or turning away)",
+        "time_advantage_below_min": "T_adv below its minimum",
+    },
+}
+
+
+@dataclass
+class Tally:
+    """The running counts of one extraction; readers and rules write into it."""
+
+    clips: int = 0
+    pedestrian_tracks: int = 0
+    vehicle_tracks: int = 0
+    candidates: int = 0
+    out_of_order: int = 0
+    default_lengths: int = 0
+    skipped: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    dropped: dict[Level, Counter[str]] = field(
+        default_factory=lambda: {level: Counter() for level in REASONS}
+    )
+
+    def drop(self, level: Level, reason: str, number: int = 1) -> None:
+        """Count ``number`` items of ``level`` as left out for a reason of ``REASONS``."""
+        if reason not in REASONS[level]:
+            raise KeyError(f"{level}: {reason}")
+        if number:
+            self.dropped[level][reason] += int(number)
+
+    def note(self, text: str) -> None:
+        """Keep a remark once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+
+@dataclass(frozen=True)
+class Counts:
+    """The counts of a finished extraction.
+
+    Attributes:
+        clips: clips that were read (None for ready-made rows, which have none).
+        vehicle_tracks, pedestrian_tracks: usable tracks in those clips.
+        vehicles: distinct vehicles that supply at least one row; None when not known.
+        pairs: distinct vehicle–pedestrian pairs (encounters) with at least one row; None when
+            not known.
+        rows: rows kept.
+        candidates: sampled instants of crossing pairs before the row rules;
+            ``rows + sum(dropped["candidates"].values()) == candidates``.
+        out_of_order: records that stood before an earlier instant in their file (they are used).
+        default_lengths: vehicles whose length was not in the data and was taken from the options.
+        skipped: clip → reason, for clips that could not be used at all.
+        dropped: level → reason → number left out; the reasons are in ``REASONS``.
+        notes: remarks a reader of the result should know.
+    """
+
+    clips: int | None
+    vehicle_tracks: int
+    pedestrian_tracks: int
+    vehicles: int | None
+    pairs: int | None
+    rows: int
+    candidates: int
+    out_of_order: int
+    default_lengths: int
+    skipped: Mapping[str, str]
+    dropped: Mapping[Level, Mapping[str, int]]
+    notes: tuple[str, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """The counts as plain data (JSON-ready), reasons in their fixed order."""
+        plain: dict[str, object] = dict(vars(self))
+        plain["skipped"] = dict(self.skipped)
+        plain["dropped"] = {level: dict(of) for level, of in self.dropped.items()}
+        plain["notes"] = list(self.notes)
+        return plain
+
+
+def freeze(tally: Tally, rows: int, vehicles: int | None, pairs: int | None) -> Counts:
+    """The tally as an immutable record; every reason of ``REASONS`` appears, also with 0."""
+    return Counts(
+        clips=tally.clips or None,
+        vehicle_tracks=tally.vehicle_tracks,
+        pedestrian_tracks=tally.pedestrian_tracks,
+        vehicles=vehicles,
+        pairs=pairs,
+        rows=rows,
+        candidates=tally.candidates,
+        out_of_order=tally.out_of_order,
+        default_lengths=tally.default_lengths,
+        skipped=dict(tally.skipped),
+        dropped={
+            level: {reason: tally.dropped[level][reason] for reason in reasons}
+            for level, reasons in REASONS.items()
+        },
+        notes=tuple(tally.notes),
+    )

@@ -1,0 +1,393 @@
+"""The network is where, how long and in which direction it was asked to be.
+
+Places and directions are judged in longitude and latitude by the WGS84 ellipsoid's radii of
+curvature, written out below; SUMO is only asked to turn its coordinates into degrees.
+"""
+
+import math
+import re
+import shutil
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import libsumo
+import pytest
+import sumolib
+
+from harness import network
+from harness.errors import EngineError, InputError
+from harness.network import (
+    CrossingGeometry,
+    Site,
+    build_network,
+    network_for,
+    plain_sources,
+    read_site,
+)
+
+SHIPPED = Path(__file__).parents[2] / "networks" / "cctc"
+CCTC = CrossingGeometry()
+GEOMETRIES = {
+    "cctc": CCTC,
+    "north": CrossingGeometry(42.278415, -83.735580, 0.0, 6.0, 3.0),
+    "east at the date line": CrossingGeometry(60.17, 179.9995, 90.0, 14.0, 6.0),
+    "south-west, southern": CrossingGeometry(-33.868820, 151.209290, 200.0, 9.0, 3.0),
+    "far south and west": CrossingGeometry(-54.801912, -179.9, 123.4, 6.0, 4.0),
+    "widest at the equator": CrossingGeometry(0.0, 0.0000001, 359.9, 40.0, 20.0),
+    "narrowest in the far north": CrossingGeometry(84.0, 10.0, 45.0, 4.0, 1.0),
+}
+# WGS84: its defining semi-major axis and flattening.
+AXIS_M = 6_378_137.0
+FLATTENING = 1 / 298.257223563
+
+
+@pytest.fixture(scope="module")
+def nets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    folder = tmp_path_factory.mktemp("nets")
+    return {
+        name: build_network(geometry, folder / str(number), "site").net
+        for number, (name, geometry) in enumerate(GEOMETRIES.items())
+    }
+
+
+@pytest.fixture(params=GEOMETRIES)
+def case(request: pytest.FixtureRequest, nets: dict[str, Path]) -> tuple[CrossingGeometry, Path]:
+    return GEOMETRIES[request.param], nets[request.param]
+
+
+@contextmanager
+def simulation(net: Path) -> Iterator[None]:
+    options = (
+        "--step-length 0.1 --step-method.ballistic true --insertion-checks none"
+        " --no-step-log true --no-warnings true"
+    )
+    libsumo.start(["sumo", "--net-file", str(net), *options.split()])
+    try:
+        yield
+    finally:
+        libsumo.close()
+
+
+def ground_m(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    """East and north metres from a to b, both (longitude, latitude) in degrees, some 100 m apart.
+
+    Radii of curvature at the middle latitude: e² = f(2 − f), N = a/√(1 − e² sin²φ),
+    M = N(1 − e²)/(1 − e² sin²φ).
+    """
+    latitude = math.radians((a[1] + b[1]) / 2)
+    squared = FLATTENING * (2 - FLATTENING)
+    bulge = 1 - squared * math.sin(latitude) ** 2
+    normal = AXIS_M / math.sqrt(bulge)
+    meridian = normal * (1 - squared) / bulge
+    turn = (b[0] - a[0] + 180) % 360 - 180
+    east = math.radians(turn) * normal * math.cos(latitude)
+    return east, math.radians(b[1] - a[1]) * meridian
+
+
+def bearing_deg(a: tuple[float, float], b: tuple[float, float]) -> float:
+    east, north = ground_m(a, b)
+    return math.degrees(math.atan2(east, north))
+
+
+def angle_between(a_deg: float, b_deg: float) -> float:
+    return abs((a_deg - b_deg + 180) % 360 - 180)
+
+
+def lane_line(net: Path, lane: str) -> list[tuple[float, float]]:
+    road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
+    return list(road.getLane(lane).getShape())
+
+
+def test_the_metric_of_this_file() -> None:
+    # One minute of latitude at 45° is 1852.2 m, one degree of longitude at the equator 111319.49 m.
+    assert ground_m((0, 45 - 1 / 120), (0, 45 + 1 / 120))[1] == pytest.approx(1852.2, abs=0.1)
+    assert ground_m((179.5, 0), (-179.5, 0))[0] == pytest.approx(111_319.49, abs=0.01)
+
+
+# --- where it is ---------------------------------------------------------------------------------
+
+
+def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingGeometry, Path]) -> None:
+    geometry, net = case
+    site = read_site(net)
+    line = lane_line(net, f"{site.crossing_edge}_0")
+    centre = ((line[0][0] + line[-1][0]) / 2, (line[0][1] + line[-1][1]) / 2)
+    with simulation(net):
+        place = libsumo.simulation.convertGeo(*centre)
+    asked = (geometry.longitude_deg, geometry.latitude_deg)
+    assert math.hypot(*ground_m(asked, place)) < 0.001
+    assert site.latitude_deg == pytest.approx(geometry.latitude_deg, abs=1e-9)
+    assert site.longitude_deg == pytest.approx(geometry.longitude_deg, abs=1e-9)
+    # The road frame's centre is that centre, not merely near it.
+    assert site.to_network(0.0, geometry.length_m / 2) == pytest.approx(centre, abs=1e-8)
+
+
+def test_road_and_walk_have_their_true_bearings(case: tuple[CrossingGeometry, Path]) -> None:
+    geometry, net = case
+    site = read_site(net)
+    road = [lane_line(net, "approach_0")[0], lane_line(net, "exit_0")[-1]]
+    walk = [site.to_network(0.0, 0.0), site.to_network(0.0, geometry.length_m)]
+    with simulation(net):
+        road = [libsumo.simulation.convertGeo(*point) for point in road]
+        walk = [libsumo.simulation.convertGeo(*point) for point in walk]
+    # A straight road's bearing changes along it by metres / radius · tan(latitude): 0.008° here.
+    assert angle_between(bearing_deg(*road), geometry.bearing_deg) < 0.01
+    # The kerb at y = 0 is on the ego's right, so the walk from it leads to the left.
+    assert angle_between(bearing_deg(*walk), geometry.bearing_deg - 90) < 0.01
+    assert angle_between(site.bearing_deg, geometry.bearing_deg) < 1e-5
+    length = math.hypot(*ground_m(*road))
+    assert length == pytest.approx(network.APPROACH_M + network.EXIT_M, rel=1e-6)
+
+
+# --- how it is built -----------------------------------------------------------------------------
+
+
+def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingGeometry, Path]) -> None:
+    geometry, net = case
+    site = read_site(net)
+    road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
+    crossing = road.getLane(f"{site.crossing_edge}_0")
+    assert crossing.getLength() == pytest.approx(geometry.length_m, abs=2e-9)
+    assert crossing.getWidth() == geometry.width_m
+    ends = sorted(site.to_road(*point) for point in crossing.getShape())
+    assert [x for x, _ in ends] == pytest.approx([0, 0], abs=1e-7)
+    assert sorted(y for _, y in ends) == pytest.approx([0, geometry.length_m], abs=1e-8)
+    # Kerbs from the lanes' own widths: the ego's lane begins at y = 0, the other ends at length_m.
+    for edge, low in (("approach", 0.0), ("oncoming_exit", geometry.length_m / 2)):
+        lane = road.getLane(f"{edge}_0")
+        middle = [site.to_road(*point)[1] for point in lane.getShape()]
+        assert middle == pytest.approx([low + lane.getWidth() / 2] * 2, abs=1e-6)
+        assert lane.getWidth() == geometry.length_m / 2
+    assert (site.length_m, site.width_m) == pytest.approx((geometry.length_m, geometry.width_m))
+
+
+def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> None:
+    road = sumolib.net.readNet(str(nets["cctc"]), withInternal=True)
+    assert road.getNode("crosswalk").getType() == "priority"
+    assert road.getTrafficLights() == []
+    link = road.getEdge("approach").getConnections(road.getEdge("exit"))
+    assert [connection.getState() for connection in link] == ["m"]
+    assert road.getEdge("approach").getConnections(road.getEdge("oncoming_exit")) == []
+
+
+def test_shipped_network_is_what_its_sources_give(tmp_path: Path) -> None:
+    files = build_network(CCTC, tmp_path, "cctc")
+    for source in files.sources:
+        assert (SHIPPED / source.name).read_text(encoding="utf-8") == source.read_text()
+    number = re.compile(r"-?\d+\.\d+")
+    built, shipped = (path.read_text() for path in (files.net, SHIPPED / "cctc.net.xml"))
+    assert number.sub("#", built) == number.sub("#", shipped)
+    # Another machine's sine may round the last digit of nine to the other side.
+    values = [[float(value) for value in number.findall(text)] for text in (built, shipped)]
+    assert values[0] == pytest.approx(values[1], abs=2e-9, rel=0)
+    assert {path.name for path in SHIPPED.iterdir()} == {path.name for path in tmp_path.iterdir()}
+
+
+def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
+    first = build_network(CCTC, tmp_path / "one", "cctc")
+    second = build_network(CCTC, tmp_path / "two", "cctc")
+    for a, b in zip((first.net, *first.sources), (second.net, *second.sources), strict=True):
+        assert a.read_bytes() == b.read_bytes()
+        assert str(tmp_path) not in a.read_text()
+    assert "<!--" not in first.net.read_text()
+
+
+# --- driving and walking in it -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
+def test_drive_is_exact(
+    case: tuple[CrossingGeometry, Path], range_m: float, speed_mps: float
+) -> None:
+    geometry, net = case
+    site = read_site(net)
+    acceleration, step = 0.3, 0.1
+    lanes = set()
+    with simulation(net):
+        libsumo.route.add("drive", [site.approach_edge, site.exit_edge])
+        libsumo.vehicle.add(
+            "ego",
+            "drive",
+            departPos=repr(site.depart_position_m(range_m)),
+            departSpeed=repr(speed_mps),
+        )
+        libsumo.vehicle.setSpeedMode("ego", 32)
+        libsumo.simulationStep()
+        steps = 0
+        driven = 0.0
+        while driven < range_m + 60.0:
+            # Uniform acceleration from the insertion: d = v0·t + a·t²/2.
+            time = steps * step
+            driven = speed_mps * time + acceleration * time**2 / 2
+            place = libsumo.vehicle.getPosition("ego")
+            expected = site.to_network(driven - range_m, geometry.length_m / 4)
+            assert place == pytest.approx(expected, abs=1e-6, rel=0)
+            assert libsumo.vehicle.getDistance("ego") == pytest.approx(driven, abs=1e-9, rel=0)
+            lanes.add(libsumo.vehicle.getRoadID("ego"))
+            steps += 1
+            libsumo.vehicle.setSpeed("ego", speed_mps + acceleration * steps * step)
+            libsumo.simulationStep()
+    junction = lanes - {"approach", "exit"}  # its lanes are numbered by bearing
+    assert len(junction) == 1 < len(lanes) - 1
+    assert junction.pop().startswith(":crosswalk_")
+
+
+@pytest.mark.parametrize("near_side", [True, False])
+def test_walk_is_straight_and_exact(case: tuple[CrossingGeometry, Path], near_side: bool) -> None:
+    geometry, net = case
+    site = read_site(net)
+    ends = [(site.near_edge, site.near_position_m), (site.far_edge, site.far_position_m)]
+    (origin, start), (goal, stop) = ends if near_side else reversed(ends)
+    edges = []
+    with simulation(net):
+        libsumo.person.add("walker", origin, start)
+        libsumo.person.appendWalkingStage("walker", [origin, goal], stop)
+        libsumo.simulationStep()
+        # 0.13 m per step, kerbs included: 1.3 m/s.
+        for step in range(int(geometry.length_m / 0.13) + 1):
+            y = 0.13 * step if near_side else geometry.length_m - 0.13 * step
+            x_net, y_net = site.to_network(0.0, y)
+            libsumo.person.moveToXY("walker", "", x_net, y_net, keepRoute=2, matchThreshold=1)
+            libsumo.simulationStep()
+            place = libsumo.person.getPosition("walker")
+            if 0.01 <= y <= geometry.length_m - 0.01:
+                assert site.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
+                edges.append(libsumo.person.getRoadID("walker"))
+    assert len(edges) >= geometry.length_m / 0.13 - 2
+    assert set(edges) == {site.crossing_edge}
+
+
+def test_mapping_and_its_inverse() -> None:
+    site = read_site(SHIPPED / "cctc.net.xml")
+    for point in ((0.0, 0.0), (-30.0, 2.25), (117.3, -4.0)):
+        assert site.to_road(*site.to_network(*point)) == pytest.approx(point, abs=1e-12)
+    # Bearing 316.5°: 100 m along are 100·sin east and 100·cos north of the start.
+    here, there = site.to_network(0.0, 4.5), site.to_network(100.0, 4.5)
+    angle = math.radians(316.5)
+    assert there[0] - here[0] == pytest.approx(100 * math.sin(angle), abs=1e-5)
+    assert there[1] - here[1] == pytest.approx(100 * math.cos(angle), abs=1e-5)
+
+
+@pytest.mark.parametrize("range_m", [2.0, 301.0, -5.0, math.nan])
+def test_ranges_off_the_approach_are_refused(range_m: float) -> None:
+    site = read_site(SHIPPED / "cctc.net.xml")
+    with pytest.raises(InputError, match="trigger_range_m"):
+        site.depart_position_m(range_m)
+
+
+# --- what is refused, and what is kept -----------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("length_m", 0),
+        ("length_m", -9.0),
+        ("length_m", math.inf),
+        ("width_m", 0.0),
+        ("width_m", "4"),
+        ("latitude_deg", 95),
+        ("latitude_deg", math.nan),
+        ("longitude_deg", 181.0),
+        ("bearing_deg", -0.1),
+        ("bearing_deg", True),
+    ],
+)
+def test_bad_geometry_is_refused(field: str, value: object) -> None:
+    with pytest.raises(InputError, match=rf"crossing\.{field}: .*; allowed: ") as caught:
+        CrossingGeometry(**{field: value})  # type: ignore[arg-type]
+    assert repr(value) in str(caught.value)
+
+
+def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="network name"):
+        build_network(CCTC, tmp_path, "../site")
+    (tmp_path / "file").write_text("<net/>")
+    with pytest.raises(InputError, match="cannot be written"):
+        build_network(CCTC, tmp_path / "file", "site")
+    with pytest.raises(InputError, match="no crosswalk site"):
+        read_site(tmp_path / "file")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_site(tmp_path / "missing.net.xml")
+    (tmp_path / "cut.net.xml").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
+    with pytest.raises(InputError, match="no crosswalk site"):
+        read_site(tmp_path / "cut.net.xml")
+
+
+def test_netconvert_failure_is_one_line_and_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(network, "_EDGES", network._EDGES.replace('to="end"', 'to="nowhere"'))
+    with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
+        build_network(CCTC, tmp_path, "site")
+    assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_network_unlike_its_geometry_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
+    monkeypatch.setattr(network, "_EDGES", network._EDGES.replace(' spreadType="center"', ""))
+    with pytest.raises(EngineError, match=r"differs in max_range_m"):
+        build_network(CCTC, tmp_path, "site")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_shipped_geometry_needs_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path / "cache"))
+    assert network_for(CrossingGeometry(length_m=9), SHIPPED) == SHIPPED / "cctc.net.xml"
+    assert not (tmp_path / "cache").exists()
+
+
+def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path))
+    geometry = CrossingGeometry(bearing_deg=10.0)
+    net = network_for(geometry, SHIPPED)
+    assert net.is_relative_to(tmp_path)
+    assert read_site(net).bearing_deg == pytest.approx(10.0, abs=1e-5)
+    with monkeypatch.context() as patch:
+        patch.setattr(network, "build_network", lambda *_: pytest.fail("built twice"))
+        assert network_for(geometry, SHIPPED) == net
+    assert network_for(CrossingGeometry(bearing_deg=11.0), SHIPPED) != net
+    monkeypatch.setattr(network, "_netconvert_version", lambda: "another")
+    assert network_for(geometry, SHIPPED) != net
+
+
+def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(network.CACHE_VARIABLE, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
+    assert network._cache_dir() == Path("/somewhere/crosswalk-harness/networks")
+    monkeypatch.delenv("XDG_CACHE_HOME")
+    assert network._cache_dir() == Path.home() / ".cache/crosswalk-harness/networks"
+
+
+def test_changed_shipped_sources_are_not_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path / "cache"))
+    shutil.copytree(SHIPPED, tmp_path / "cctc")
+    assert network_for(CCTC, tmp_path / "cctc") == tmp_path / "cctc" / "cctc.net.xml"
+    types = tmp_path / "cctc" / "cctc.typ.xml"
+    types.write_text(types.read_text().replace('"4.5"', '"3.5"'))
+    assert network_for(CCTC, tmp_path / "cctc").is_relative_to(tmp_path / "cache")
+
+
+def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path))
+    geometry = CrossingGeometry(bearing_deg=77.0)
+
+    def build_and_read(_: int) -> tuple[Path, Site]:
+        net = network_for(geometry, SHIPPED)
+        return net, read_site(net)
+
+    with ThreadPoolExecutor(8) as pool:
+        results = set(pool.map(build_and_read, range(16)))
+    assert len(results) == 1
+    folder = results.pop()[0].parent
+    assert {path.name for path in folder.iterdir()} == {
+        "site.net.xml",
+        *plain_sources(geometry, "site"),
+    }

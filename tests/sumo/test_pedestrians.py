@@ -1,0 +1,90 @@
+"""Pedestrians in SUMO walk as asked, whatever the vehicle does."""
+
+import libsumo
+import numpy as np
+import pytest
+
+from harness.encounter import Side
+from harness.engine.sumo import SumoEngine
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.hard_yield import HardYield
+from tests.scenes import play, scenario
+
+
+class Watched:
+    """A SUMO engine that notes where SUMO itself has everyone after each step."""
+
+    def __init__(self, engine: SumoEngine) -> None:
+        self._engine = engine
+        self.seen: list[dict[int, tuple[float, float]]] = []
+
+    def __getattr__(self, name):
+        return getattr(self._engine, name)
+
+    def begin(self, arrivals):
+        state = self._engine.begin(arrivals)
+        self._note()
+        return state
+
+    def step(self, speed_mps, pedestrians):
+        state = self._engine.step(speed_mps, pedestrians)
+        self._note()
+        return state
+
+    def _note(self) -> None:
+        positions = {}
+        for index, name in self._engine._ids.items():
+            if name in libsumo.person.getIDList():
+                positions[index] = self._engine._site.to_road(*libsumo.person.getPosition(name))
+        self.seen.append(positions)
+
+
+KERB_BAND_M = 0.011
+"""Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/sumo.md)."""
+
+WALKERS = [
+    (0.0, Side.NEAR, 1.2),
+    (0.234, Side.FAR, 0.9),
+    (1.05, Side.NEAR, 1.61),
+    (3.0, Side.FAR, 1.337),
+]
+
+
+@pytest.mark.parametrize("strategy", [ConstantSpeed, HardYield])
+def test_positions_are_speed_times_time(sumo, strategy) -> None:
+    engine = Watched(sumo(scenario()))
+    trace = play(strategy(), WALKERS, engine=engine)
+    checked = 0
+    for step, positions in enumerate(engine.seen):
+        for index, (x, y) in positions.items():
+            start, side, speed = WALKERS[index]
+            progress = min(max(0.0, speed * (step * 0.1 - start)), 9.0)
+            expected = progress if side is Side.NEAR else 9.0 - progress
+            if step * 0.1 < start:
+                continue  # on his way to the kerb
+            at_kerb = min(expected, 9.0 - expected) < KERB_BAND_M
+            assert abs(x) < 1e-6
+            assert y == pytest.approx(expected, abs=KERB_BAND_M if at_kerb else 1e-6)
+            checked += 1
+    assert checked > 150
+    assert [walk.start_s for walk in trace.walks] == [start for start, _, _ in WALKERS]
+
+
+def test_waiting_pedestrians_stand_still_until_the_vehicle_has_gone(sumo) -> None:
+    # With a 2 s rule he who comes at 4.3 s (R = 8.5 m, edge in 1.3 s) must wait.
+    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    engine = Watched(sumo(scene))
+    trace = play(ConstantSpeed(), [(4.3, Side.NEAR, 1.2)], scene, engine)
+    assert trace.walks[0].start_s is None
+    waited = np.array([positions[0] for positions in engine.seen[43:]])
+    assert len(waited) > 25
+    np.testing.assert_allclose(waited, waited[:1].repeat(len(waited), axis=0), atol=1e-9)
+    np.testing.assert_allclose(waited, 0.0, atol=KERB_BAND_M)
+
+
+def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
+    engine = sumo(scenario())
+    assert engine.begin(()) == (-30.0, 5.0)
+    ego = engine._site.to_road(*libsumo.vehicle.getPosition(engine._ego))
+    np.testing.assert_allclose(ego, (-30.0, 2.25), atol=1e-6)
+    engine.end()
