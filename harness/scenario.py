@@ -16,7 +16,7 @@ from harness.encounter import Crossing, Vehicle
 from harness.errors import InputError, unknown_name
 from harness.resources import shipped_directory
 
-MAX_TRIGGER_RANGE_M = 200.0
+MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the networks' approach road ends beyond it."""
 
 Positive = Annotated[float, Field(gt=0)]
@@ -248,12 +248,13 @@ def _check_consistency(scenario: Scenario, source: str) -> None:
             f"{ego.width_m:g} m does not fit the lane",
             f"at most crossing.length_m / 2 = {crossing.length_m / 2:g} m",
         )
-    nearest = scenario.crosswalk().stop_line_m
-    if ego.trigger_range_m <= nearest:
+    # SUMO's approach lane ends 1.5 m before the crosswalk: the ego cannot be inserted beyond it.
+    nearest = crossing.width_m / 2 + 1.5
+    if ego.trigger_range_m < nearest:
         raise InputError(
             f"{source}: ego.trigger_range_m",
             f"{ego.trigger_range_m:g} m is on the crosswalk or too near",
-            f"more than crossing.width_m / 2 + 1 = {nearest:g} m",
+            f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m",
         )
     milliseconds = experiment.step_s * 1000
     if abs(milliseconds - round(milliseconds)) > 1e-9:

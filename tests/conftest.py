@@ -18,20 +18,38 @@ def model() -> InteractionModel:
     return load_model(Scenario().model.name)
 
 
-@pytest.fixture(scope="session")
-def sumo() -> Iterator[MakeEngine]:
-    """Gives a SUMO engine for a scenario; the one simulation of this process is kept open."""
-    current: dict[str, Engine] = {}
+_open: dict[str, Engine] = {}
+
+
+def _close_all() -> None:
+    for engine in _open.values():
+        engine.close()
+    _open.clear()
+
+
+@pytest.fixture
+def sumo() -> MakeEngine:
+    """Gives a SUMO engine for a scenario; this process's one simulation is kept open."""
 
     def make(scenario: Scenario) -> Engine:
         key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
-        if key not in current:
-            for engine in current.values():
-                engine.close()
-            current.clear()
-            current[key] = sumo_engine(scenario)()
-        return current[key]
+        if key not in _open:
+            _close_all()
+            _open[key] = sumo_engine(scenario)()
+        return _open[key]
 
-    yield make
-    for engine in current.values():
-        engine.close()
+    return make
+
+
+@pytest.fixture
+def no_simulation() -> Iterator[None]:
+    """For tests that start libsumo themselves: nothing of this process runs meanwhile."""
+    _close_all()
+    yield
+    _close_all()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _close_at_the_end() -> Iterator[None]:
+    yield
+    _close_all()

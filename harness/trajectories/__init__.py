@@ -1,0 +1,34 @@
+"""Raw trajectories to rows of the interaction model's variables."""
+
+from harness.trajectories.counting import REASONS, Counts
+from harness.trajectories.extraction import (
+    Extraction,
+    extract,
+    model_rows,
+    read_clips,
+    summary,
+)
+from harness.trajectories.formats import FORMATS, Format
+from harness.trajectories.rules import ROW_COLUMNS, Rules
+from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
+from harness.trajectories.weights import WEIGHINGS, row_weights
+
+__all__ = [
+    "FORMATS",
+    "REASONS",
+    "ROW_COLUMNS",
+    "WEIGHINGS",
+    "Clip",
+    "Counts",
+    "Extraction",
+    "Format",
+    "Rules",
+    "Sighting",
+    "Track",
+    "VehicleTrack",
+    "extract",
+    "model_rows",
+    "read_clips",
+    "row_weights",
+    "summary",
+]

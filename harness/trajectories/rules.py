@@ -112,7 +112,7 @@ Mask = Callable[[pd.DataFrame, Rules], "pd.Series[bool]"]
 # Each rule says which rows it drops. Comparisons are written so that a missing L (ready-made rows
 # may lack it) passes, and the bounds themselves pass.
 ROW_RULES: Mapping[str, Mask] = {
-    "speed_undefined": lambda rows, rule: (
+    "speed_undefined": lambda rows, _: (
         rows["vehicle_speed_mps"].isna() | rows["pedestrian_speed_mps"].isna()
     ),
     "range_below_min": lambda rows, rule: rows["range_m"] < rule.min_range_m,

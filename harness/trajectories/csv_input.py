@@ -1,0 +1,119 @@
+"""Reading tables of numbers that other people wrote."""
+
+import difflib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from harness.errors import InputError
+from harness.trajectories.counting import Tally
+
+
+class EmptyTableError(InputError):
+    """A file without any record; a folder's reader skips its clip and says so."""
+
+
+def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
+    """The user's paths, each of which must exist."""
+    given = [paths] if isinstance(paths, str | Path) else list(paths)
+    if not given:
+        raise InputError("paths", "no file or folder given", "at least one")
+    found = [Path(path) for path in given]
+    for path in found:
+        if not path.exists():
+            raise InputError(str(path), "no such file or folder")
+    return found
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    """A csv or parquet file as it is, column names stripped.
+
+    Raises:
+        EmptyTableError: the file holds no record.
+        InputError: it cannot be read as a table.
+    """
+    try:
+        if path.suffix.lower() == ".parquet":
+            table = pd.read_parquet(path)
+        else:
+            table = pd.read_csv(path, encoding="utf-8-sig", low_memory=False)
+    except pd.errors.EmptyDataError:
+        raise EmptyTableError(str(path), "the file is empty") from None
+    except (OSError, ValueError) as problem:  # ParserError, UnicodeDecodeError and ArrowInvalid too
+        first_line = (str(problem).splitlines() or [type(problem).__name__])[0]
+        raise InputError(str(path), f"cannot be read as a table: {first_line}") from None
+    table.columns = pd.Index([str(name).strip() for name in table.columns])
+    if table.empty:
+        raise EmptyTableError(str(path), "the file holds no record")
+    return table
+
+
+def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> None:
+    """Refuse a table that lacks a column, naming the one in the file that comes nearest."""
+    present = list(table.columns)
+    for name in needed:
+        if name not in present:
+            taken = set(needed)
+            near = difflib.get_close_matches(
+                name.lower(), [have.lower() for have in present if have not in taken], 1, 0.6
+            )
+            nearest = next((have for have in present if near and have.lower() == near[0]), None)
+            raise InputError(
+                str(path),
+                f"column {name!r} is missing" + (f" (the file has {nearest!r})" if nearest else ""),
+                f"columns {', '.join(needed)}",
+                name if nearest else None,
+            )
+
+
+def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally) -> pd.DataFrame:
+    """The named columns as floats; records with an unusable cell are dropped and counted.
+
+    Args:
+        path: the file, for messages.
+        table: as read.
+        names: columns that must hold numbers.
+        tally: counts ``not_a_number`` and ``missing_value``.
+
+    Returns:
+        The remaining records, other columns unchanged, original order and index.
+
+    Raises:
+        InputError: a column holds not a single number.
+    """
+    converted = {name: pd.to_numeric(table[name], errors="coerce") for name in names}
+    for name, column in converted.items():
+        if column.isna().all() and table[name].notna().any():
+            sample = table[name].dropna().iloc[0]
+            raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
+    values = pd.DataFrame(converted).astype(np.float64)
+    text = (values.isna() & table[list(names)].notna()).any(axis=1)
+    unusable = ~np.isfinite(values.to_numpy()).all(axis=1)
+    tally.drop("records", "not_a_number", int(text.sum()))
+    tally.drop("records", "missing_value", int((unusable & ~text.to_numpy()).sum()))
+    table = table.assign(**{name: values[name] for name in names})
+    return table[~unusable]
+
+
+def identifiers(column: pd.Series) -> pd.Series:
+    """Identifiers as text; whole numbers lose the ``.0`` that an empty cell elsewhere gives them.
+
+    A missing identifier stays missing.
+    """
+    if pd.api.types.is_float_dtype(column) and (column.dropna() % 1 == 0).all():
+        column = column.astype("Int64")
+    return column.astype("str").where(column.notna())
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Identifiers in a fixed order: numbers by value first, then text."""
+
+    def key(name: str) -> tuple[int, float, str]:
+        try:
+            return (0, float(name), name)
+        except ValueError:
+            return (1, 0.0, name)
+
+    return sorted(names, key=key)

@@ -1,0 +1,263 @@
+"""From the tracks of a clip to candidate rows: one per pair and sampling instant."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from harness.trajectories.counting import Tally
+from harness.trajectories.paths import (
+    Path,
+    arc_of_records,
+    build_path,
+    first_crossing,
+    travel_m,
+)
+from harness.trajectories.rules import Rules
+from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
+
+# Corner spacing and the chord that gives a direction: a few times the recording jitter (about
+# 2 cm in drone video), well under the curvature of a turning car or a walker's detour.
+VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
+PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
+
+CANDIDATE_COLUMNS = (
+    "vehicle",
+    "pedestrian",
+    "time_s",
+    "range_m",
+    "lateral_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "crossing_angle_deg",
+    "passed_first",
+    "pet_s",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class _Mover:
+    """A track with its path and the path length of every record."""
+
+    track: Track
+    path: Path
+    arc_m: Floats
+
+
+def candidate_rows(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+    """The candidate rows of a clip, pair by pair, in the order of its tracks.
+
+    Pairs come from the crossing of their paths, or from the sensor's sightings where the clip has
+    them. What is left out is counted in ``tally``.
+
+    Yields:
+        Frames with ``CANDIDATE_COLUMNS``, plus ``source`` and ``clip``. A speed is NaN *when
+        undefined* (gap in the track, or a track shorter than half the speed window).
+    """
+    pairs = _from_paths(clip, rules, tally) if clip.sightings is None else _seen(clip, rules, tally)
+    for rows in pairs:
+        yield rows.assign(source=clip.source, clip=clip.name)
+
+
+def _from_paths(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+    """Candidate rows of the pairs whose paths cross."""
+    walkers = {}
+    for name, track in clip.pedestrians.items():
+        walker = _mover(
+            track,
+            (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m),
+            rules.min_pedestrian_travel_m,
+        )
+        if walker is None:
+            tally.drop("tracks", "standing_pedestrian")
+        else:
+            walkers[name] = walker
+    for vehicle, vehicle_track in clip.vehicles.items():
+        car = _mover(
+            vehicle_track,
+            (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m),
+            rules.min_vehicle_travel_m,
+        )
+        if car is None:
+            tally.drop("tracks", "parked_vehicle")
+            continue
+        for pedestrian, walker in walkers.items():
+            rows = _pair_rows(vehicle_track, car, walker, rules, tally)
+            if rows is not None:
+                yield rows.assign(vehicle=vehicle, pedestrian=pedestrian)
+
+
+def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> _Mover | None:
+    """The track with its path; None for an object that stays where it is."""
+    if travel_m(track.position_m) < least_m:
+        return None
+    path = build_path(track.position_m, *shape)
+    if path is None:
+        return None
+    return _Mover(track, path, arc_of_records(path, track.position_m))
+
+
+def _pair_rows(
+    vehicle: VehicleTrack, car: _Mover, walker: _Mover, rules: Rules, tally: Tally
+) -> pd.DataFrame | None:
+    """R, L and their rates at the sampling instants of one pair; None when it is no encounter."""
+    times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
+    if len(times) == 0:
+        tally.drop("pairs", "no_common_time")
+        return None
+    crossing = first_crossing(car.path, walker.path)
+    if crossing is None:
+        tally.drop("pairs", "paths_do_not_cross")
+        return None
+    on_car, on_walker = crossing
+    driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
+    walking = walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
+    angle = math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
+    if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
+        tally.drop("pairs", "crossing_angle")
+        return None
+    range_m = on_car - car.arc_m - vehicle.front_offset_m
+    # L is the distance from the line of the vehicle's path at the conflict point, positive on
+    # the side the pedestrian comes from.
+    across = np.array([-driving[1], driving[0]])
+    if across @ walking < 0:
+        across = -across
+    lateral_m = (car.path.at(on_car) - walker.track.position_m) @ across
+    passed_first, pet_s = order_of_passing(
+        vehicle.time_s, range_m, vehicle.length_m, walker.track.time_s, lateral_m
+    )
+    return pd.DataFrame(
+        {
+            "time_s": times,
+            "range_m": np.interp(times, vehicle.time_s, range_m),
+            "lateral_m": np.interp(times, walker.track.time_s, lateral_m),
+            "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
+            "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
+            "crossing_angle_deg": angle,
+            "passed_first": passed_first,
+            "pet_s": math.nan if pet_s is None else pet_s,
+        }
+    )
+
+
+def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+    """Candidate rows of the pairs a sensor measured itself."""
+    for sighting in clip.sightings or ():
+        times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
+        if len(times) == 0:
+            tally.drop("pairs", "no_common_time")
+            continue
+        if not rules.min_angle_deg <= sighting.crossing_angle_deg <= rules.max_angle_deg:
+            tally.drop("pairs", "crossing_angle")
+            continue
+        yield _sighting_rows(clip, sighting, times, rules)
+
+
+def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: Rules) -> pd.DataFrame:
+    """The sensor's R, L and speeds at the sampling instants."""
+    length = clip.vehicles[seen.vehicle].length_m
+    passed_first, pet_s = order_of_passing(
+        seen.time_s, seen.range_m, length, seen.time_s, seen.lateral_m
+    )
+    speed = np.interp(times, seen.time_s, seen.vehicle_speed_mps)
+    speed[spans_gap(seen.time_s, times, times, rules.max_gap_s)] = np.nan
+    return pd.DataFrame(
+        {
+            "vehicle": seen.vehicle,
+            "pedestrian": seen.pedestrian,
+            "time_s": times,
+            "range_m": np.interp(times, seen.time_s, seen.range_m),
+            "lateral_m": np.interp(times, seen.time_s, seen.lateral_m),
+            "vehicle_speed_mps": speed,
+            "pedestrian_speed_mps": seen.pedestrian_speed_mps,
+            "crossing_angle_deg": seen.crossing_angle_deg,
+            "passed_first": passed_first,
+            "pet_s": math.nan if pet_s is None else pet_s,
+        }
+    )
+
+
+def sampling_instants(one: Floats, other: Floats, sample_s: float) -> Floats:
+    """Multiples of the sampling interval within the time that two tracks have in common.
+
+    Args:
+        one, other: increasing times of the two tracks, s.
+        sample_s: interval, s.
+
+    Returns:
+        Increasing times; empty when there is none. An end that is a multiple up to rounding counts.
+    """
+    start, end = max(one[0], other[0]), min(one[-1], other[-1])
+    first = math.ceil(start / sample_s - 1e-9)
+    last = math.floor(end / sample_s + 1e-9)
+    return np.clip(np.arange(first, last + 1) * sample_s, start, end)
+
+
+def spans_gap(time_s: Floats, start: Floats, end: Floats, max_gap_s: float) -> np.ndarray:
+    """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [start, end]."""
+    gaps_before = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
+    left = np.clip(np.searchsorted(time_s, start, side="right") - 1, 0, None)
+    right = np.clip(np.searchsorted(time_s, end, side="left"), None, len(time_s) - 1)
+    return np.asarray(gaps_before[right] > gaps_before[left])
+
+
+def rate(time_s: Floats, value: Floats, at: Floats, rules: Rules) -> Floats:
+    """Rate of change over the speed window about each instant, cut at the track's ends.
+
+    Undefined (NaN) across a gap, and where less than half the window was recorded.
+    """
+    half = rules.speed_window_s / 2
+    start, end = np.maximum(at - half, time_s[0]), np.minimum(at + half, time_s[-1])
+    known = (end - start >= half - 1e-9) & ~spans_gap(time_s, start, end, rules.max_gap_s)
+    change = np.interp(end, time_s, value) - np.interp(start, time_s, value)
+    return np.where(known, change / np.where(known, end - start, 1.0), np.nan)
+
+
+def order_of_passing(
+    vehicle_time_s: Floats,
+    range_m: Floats,
+    length_m: float,
+    pedestrian_time_s: Floats,
+    lateral_m: Floats,
+) -> tuple[str | None, float | None]:
+    """Who passed the conflict point first, and the post-encroachment time.
+
+    The vehicle is on the point from R = 0 (front bumper) to R = −length (rear bumper); the
+    pedestrian is a point that passes at L = 0.
+
+    Returns:
+        ``"vehicle"``, ``"pedestrian"`` or None, and the time from the first one's leaving to the
+        second one's arrival, ≥ 0. Who passed first is *undefined* when neither record shows it;
+        the post-encroachment time also when only one of the two was seen to pass, or when the
+        pedestrian passed the line while the vehicle stood on it.
+    """
+    front = _passing(vehicle_time_s, range_m)
+    rear = _passing(vehicle_time_s, range_m + length_m)
+    walker = _passing(pedestrian_time_s, lateral_m)
+    if front[1] <= walker[0]:
+        pet = walker[0] - rear[0]
+        return "vehicle", pet if _exact(rear) and _exact(walker) and pet >= 0 else None
+    if walker[1] <= front[0]:
+        return "pedestrian", front[0] - walker[0] if _exact(front) and _exact(walker) else None
+    return None, None
+
+
+def _passing(time_s: Floats, remaining_m: Floats) -> tuple[float, float]:
+    """Bounds of the time at which the remaining distance first reaches 0; equal when observed."""
+    past = np.flatnonzero(remaining_m <= 0)
+    if len(past) == 0:
+        return float(time_s[-1]), math.inf
+    if past[0] == 0:
+        return -math.inf, float(time_s[0])
+    after = int(past[0])
+    left, right = remaining_m[after - 1], remaining_m[after]
+    share = left / (left - right)
+    when = float(time_s[after - 1] + share * (time_s[after] - time_s[after - 1]))
+    return when, when
+
+
+def _exact(bounds: tuple[float, float]) -> bool:
+    """Whether the passing itself was observed."""
+    return bounds[0] == bounds[1]

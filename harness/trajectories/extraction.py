@@ -1,0 +1,212 @@
+"""From raw trajectories to rows of the model's variables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from harness.errors import InputError, unknown_name
+from harness.trajectories.counting import Counts, Tally, freeze
+from harness.trajectories.csv_input import as_paths
+from harness.trajectories.encounters import CANDIDATE_COLUMNS, candidate_rows
+from harness.trajectories.formats import FORMATS, Format
+from harness.trajectories.rules import (
+    ROW_COLUMNS,
+    TEXT_COLUMNS,
+    kept_rows,
+    split_options,
+    with_times,
+)
+from harness.trajectories.tracks import Clip, Floats
+
+VEHICLE_KEY = ("source", "clip", "vehicle")
+ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
+SUMMARISED = (
+    "range_m",
+    "lateral_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "arrival_time_s",
+    "time_advantage_s",
+    "crossing_angle_deg",
+    "pet_s",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """The rows of an extraction and the record of what was left out.
+
+    Attributes:
+        rows: one row per encounter and sampling instant, columns ``ROW_COLUMNS``, ordered by
+            source path, clip, vehicle, pedestrian and time. Missing values are null.
+        counts: see ``Counts``.
+    """
+
+    rows: pd.DataFrame
+    counts: Counts
+
+
+def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
+    """Read raw data and give the rows of the model's variables.
+
+    For each vehicle–pedestrian pair whose paths cross at an allowed angle, the conflict point is
+    the first crossing along the vehicle's path. R is the path length from the front bumper to it;
+    L the pedestrian's distance from the line of the vehicle's path there, positive before he
+    passes it; v and v_p are the rates at which R and L shrink; the arrival time is R / v, the
+    time advantage T_adv = |R/v − L/v_p| (the paper's section on variables). The ``mobileye``
+    format takes R, L, v and v_p from the sensor, ``table`` from the file.
+
+    Args:
+        paths: files or folders; what is looked for depends on the format.
+        format: a key of ``FORMATS``.
+        **options: fields of ``Rules``, or of the format's own options.
+
+    Returns:
+        Rows and counts; ``rows`` may be empty when nothing passes the rules.
+
+    Raises:
+        InputError: unknown format or option, no data there, or data of another format.
+    """
+    known = _known_format(format)
+    rules, own = split_options(options, known.options, f"format {format}")
+    tally, found = Tally(), as_paths(paths)
+    if known.rows is not None:
+        candidates = _typed(known.rows(found, own, tally))
+    else:
+        clips = known.clips(found, own, tally) if known.clips else iter(())
+        frames = [rows for clip in clips for rows in candidate_rows(clip, rules, tally)]
+        candidates = _typed(with_times(_joined(frames)))
+    rows = kept_rows(candidates, rules, tally)
+    vehicles, pairs = _groups(rows, VEHICLE_KEY), _groups(rows, ENCOUNTER_KEY)
+    candidate_pairs = _groups(candidates, ENCOUNTER_KEY)
+    if pairs is not None and candidate_pairs is not None:
+        tally.drop("pairs", "no_row_kept", candidate_pairs - pairs)
+    return Extraction(rows, freeze(tally, len(rows), vehicles, pairs))
+
+
+def read_clips(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> list[Clip]:
+    """The tracks behind an extraction, for figures.
+
+    Args:
+        paths, format, **options: as for ``extract``.
+
+    Returns:
+        The usable clips in their fixed order.
+
+    Raises:
+        InputError: as ``extract``, and for ``table``, which has no tracks.
+    """
+    known = _known_format(format)
+    if known.clips is None:
+        raise InputError(f"format {format}", "holds rows, not tracks")
+    _, own = split_options(options, known.options, f"format {format}")
+    return list(known.clips(as_paths(paths), own, Tally()))
+
+
+def model_rows(rows: pd.DataFrame) -> Floats:
+    """The four variables of the interaction model, in its order.
+
+    Args:
+        rows: with ``range_m``, ``vehicle_speed_mps``, ``pedestrian_speed_mps`` and
+            ``time_advantage_s``, as ``extract`` gives them.
+
+    Returns:
+        (n, 4): 1/R in 1/m, v and v_p in m/s, 1/T_adv in 1/s; the paper's section on variables.
+
+    Raises:
+        InputError: a column is missing, or R or T_adv is not above 0 (1/0 is undefined).
+    """
+    needed = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
+    for name in needed:
+        if name not in rows:
+            raise InputError("rows", f"column {name!r} is missing", ", ".join(needed))
+    values = rows[list(needed)].to_numpy(dtype=np.float64, na_value=np.nan)
+    for column, name in ((0, "range_m"), (3, "time_advantage_s")):
+        if not (values[:, column] > 0).all():
+            raise InputError(f"rows: {name}", "a value is missing or not above 0", "above 0")
+    values[:, [0, 3]] = 1.0 / values[:, [0, 3]]
+    return values
+
+
+def summary(extraction: Extraction) -> dict[str, Any]:
+    """What an extraction holds, as plain data (JSON-ready).
+
+    Returns:
+        ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,
+        max over its rows (null where a column is empty); ``rows_per_vehicle``: min, median, max;
+        ``five_busiest_vehicles``: their share of the rows and of the encounters, 0–1;
+        ``passed_first``: encounters by who passed first; ``counts``: all that was left out. What
+        needs identifiers is null where the rows have none.
+    """
+    rows, counts = extraction.rows, extraction.counts
+    known = counts.vehicles is not None and counts.pairs is not None and len(rows) > 0
+    encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))
+    per_vehicle = rows.groupby(list(VEHICLE_KEY)).size()
+    encounters_of = encounters.groupby(list(VEHICLE_KEY)).size()
+    five = {
+        "rows": _share_of_largest(per_vehicle, 5),
+        "encounters": _share_of_largest(encounters_of, 5),
+    }
+    passed = encounters["passed_first"]
+    first = {name: int((passed == name).sum()) for name in ("vehicle", "pedestrian")}
+    spread = {"min": per_vehicle.min(), "median": per_vehicle.median(), "max": per_vehicle.max()}
+    return {
+        "rows": counts.rows,
+        "vehicles": counts.vehicles,
+        "encounters": counts.pairs,
+        "quartiles": {name: _quartiles(rows[name]) for name in SUMMARISED},
+        "rows_per_vehicle": {key: float(of) for key, of in spread.items()} if known else None,
+        "five_busiest_vehicles": five if known else None,
+        "passed_first": {**first, "unknown": int(passed.isna().sum())} if known else None,
+        "counts": counts.as_dict(),
+    }
+
+
+def _known_format(name: str) -> Format:
+    """The format of that name, or a refusal with the nearest one."""
+    if name not in FORMATS:
+        raise unknown_name("format", "format", name, FORMATS)
+    return FORMATS[name]
+
+
+def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
+    """All candidates in one frame; no pair gives no rows."""
+    if not frames:
+        return pd.DataFrame({name: [] for name in ("source", "clip", *CANDIDATE_COLUMNS)})
+    return pd.concat(frames, ignore_index=True)
+
+
+def _typed(rows: pd.DataFrame) -> pd.DataFrame:
+    """The columns of the common form with their types, so that empty results look the same."""
+    types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
+    return rows[list(ROW_COLUMNS)].astype(types).reset_index(drop=True)
+
+
+def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
+    """Distinct vehicles or encounters; None where a row does not say which one it is of."""
+    if rows[list(key)].isna().any(axis=None):
+        return None
+    return len(rows[list(key)].drop_duplicates())
+
+
+def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
+    """Number of values, smallest, quartiles and largest of a column; null where it is empty."""
+    values = column.dropna()
+    names = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
+    spread = {
+        name: float(values.quantile(share)) if len(values) else None
+        for name, share in names.items()
+    }
+    return {"n": len(values), **spread}
+
+
+def _share_of_largest(sizes: pd.Series[int], number: int) -> float | None:
+    """The share that the largest groups hold; null where there is none."""
+    total = sizes.sum()
+    return float(sizes.nlargest(number).sum() / total) if total else None

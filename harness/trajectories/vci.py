@@ -1,0 +1,202 @@
+"""Reader of vehicle–crowd interaction sets in the format of DUT (Yang et al. 2019).
+
+A clip is a pair of files from a fixed camera, one record per object and video frame:
+``<clip>_traj_veh_filtered.csv`` (id, frame, label, x_est, y_est, psi_est, vel_est) and
+``<clip>_traj_ped_filtered.csv`` (id, frame, label, x_est, y_est, vx_est, vy_est); positions in
+metres, vehicles by their centre. Needed are id, frame, x_est and y_est: speeds are taken from the
+positions, so that R, L and their rates belong together.
+
+Beside ``trajectories_filtered`` there may be ``trajectories/<clip>_traj_veh.csv`` (the corner
+points of the vehicles, pixels) and ``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre):
+they give each vehicle's length. Where only a clip's unfiltered pedestrians were published
+(``trajectories/<clip>_traj_ped.csv``: id, x, y, frame, label, pixels), these are used with the
+same ratio, and the counts say so.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from harness.errors import InputError
+from harness.trajectories.counting import Tally
+from harness.trajectories.csv_input import (
+    EmptyTableError,
+    identifiers,
+    in_order,
+    numbers,
+    read_table,
+    require_columns,
+)
+from harness.trajectories.rules import check_numbers
+from harness.trajectories.tracks import Clip, Track, VehicleTrack
+
+VEHICLE_END = "_traj_veh_filtered.csv"
+PEDESTRIAN_END = "_traj_ped_filtered.csv"
+CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
+
+
+@dataclass(frozen=True)
+class VciOptions:
+    """What the files do not say.
+
+    Attributes:
+        frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.
+        vehicle_length_m: length of a vehicle without corner points.
+        source: name of the data set; by default the name of the folder given.
+    """
+
+    frame_rate_hz: float = 24000 / 1001
+    vehicle_length_m: float = 4.5
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        check_numbers(self, above_zero=("frame_rate_hz", "vehicle_length_m"))
+
+
+def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iterator[Clip]:
+    """The clips below the given folders, by name.
+
+    Args:
+        paths: folders (searched with their subfolders) or ``*_traj_veh_filtered.csv`` files.
+        options: frame rate and vehicle length.
+        tally: counts what is left out.
+
+    Yields:
+        Clips with vehicles and pedestrians, time = frame / frame rate.
+
+    Raises:
+        InputError: no clip there, none usable, or a file that is not of this format.
+    """
+    used = 0
+    for path in paths:
+        source = options.source or (path if path.is_dir() else path.parent).resolve().name
+        for name, vehicle_file in _clip_files(path).items():
+            try:
+                clip = _read_clip(source, name, vehicle_file, options, tally)
+            except EmptyTableError as problem:
+                tally.skipped[name] = f"{Path(problem.where).name}: {problem.problem}"
+                continue
+            if clip is not None:
+                used += 1
+                tally.clips += 1
+                yield clip
+    if not used:
+        reasons = "; ".join(f"{name}: {why}" for name, why in tally.skipped.items())
+        raise InputError(str(paths[0]), f"no clip can be used ({reasons})")
+
+
+def _clip_files(path: Path) -> dict[str, Path]:
+    """Vehicle file by clip name; a name used in several subfolders is told apart by its folder."""
+    files = [path] if path.is_file() else sorted(path.rglob(f"*{VEHICLE_END}"))
+    if path.is_file() and not path.name.endswith(VEHICLE_END):
+        raise InputError(str(path), "not a vehicle file of this format", f"*{VEHICLE_END}")
+    if not files:
+        raise InputError(str(path), "folder without clips", f"files named *{VEHICLE_END}")
+    names = [file.name.removesuffix(VEHICLE_END) for file in files]
+    if len(set(names)) < len(names):
+        names = [
+            f"{file.parent.relative_to(path).as_posix()}/{name}"
+            for file, name in zip(files, names, strict=True)
+        ]
+    return dict(sorted(zip(names, files, strict=True)))
+
+
+def _read_clip(
+    source: str, name: str, vehicle_file: Path, options: VciOptions, tally: Tally
+) -> Clip | None:
+    """One clip; None (and a reason in the tally) when it has no usable pedestrians."""
+    stem = vehicle_file.name.removesuffix(VEHICLE_END)
+    ratio = _pixels_per_metre(vehicle_file, stem)
+    pedestrian_file = vehicle_file.with_name(stem + PEDESTRIAN_END)
+    if pedestrian_file.exists():
+        walkers = _records(pedestrian_file, ("x_est", "y_est"), 1.0, options, tally)
+    else:
+        pixel_file = _beside(vehicle_file, "trajectories", f"{stem}_traj_ped.csv")
+        if pixel_file is None or ratio is None:
+            tally.skipped[name] = f"{pedestrian_file.name} is missing"
+            return None
+        walkers = _records(pixel_file, ("x", "y"), ratio, options, tally)
+        tally.note(f"{name}: unfiltered pedestrians (pixels) used, filtered ones are missing")
+    cars = _records(vehicle_file, ("x_est", "y_est"), 1.0, options, tally)
+    lengths = _lengths_m(vehicle_file, stem, ratio)
+    vehicles = {}
+    for key, track in cars.items():
+        length = lengths.get(key)
+        if length is None:
+            length = options.vehicle_length_m
+            tally.default_lengths += 1
+        vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
+    tally.vehicle_tracks += len(vehicles)
+    tally.pedestrian_tracks += len(walkers)
+    return Clip(source, name, vehicles, walkers)
+
+
+def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:
+    """A companion file: in the sibling tree of ``trajectories_filtered``, or in the same folder."""
+    parts = list(vehicle_file.parent.parts)
+    places = [vehicle_file.parent]
+    if "trajectories_filtered" in parts:
+        at = len(parts) - 1 - parts[::-1].index("trajectories_filtered")
+        places.insert(0, Path(*parts[:at], folder, *parts[at + 1 :]))
+    return next((place / name for place in places if (place / name).is_file()), None)
+
+
+def _pixels_per_metre(vehicle_file: Path, stem: str) -> float | None:
+    """The clip's scale; None where no ratio file was published."""
+    path = _beside(vehicle_file, "ratios", f"{stem}_ratio_pixel2meter.txt")
+    if path is None:
+        return None
+    text = path.read_text(encoding="utf-8", errors="replace").strip()
+    try:
+        ratio = float(text)
+    except ValueError:
+        ratio = math.nan
+    if not (math.isfinite(ratio) and ratio > 0):
+        raise InputError(str(path), f"holds {text[:40]!r}", "one number above 0, pixels per metre")
+    return ratio
+
+
+def _lengths_m(vehicle_file: Path, stem: str, ratio: float | None) -> dict[str, float]:
+    """Median length of each vehicle: middle of its front corners to middle of its rear corners."""
+    path = _beside(vehicle_file, "trajectories", f"{stem}_traj_veh.csv")
+    if path is None or ratio is None:
+        return {}
+    table = read_table(path)
+    require_columns(path, table, ("id", *CORNERS))
+    # Records dropped here are no positions, so they stay out of the extraction's counts.
+    table = numbers(path, table, CORNERS, Tally())
+    x = (table["x_fl"] + table["x_fr"] - table["x_rr"] - table["x_rl"]) / 2
+    y = (table["y_fl"] + table["y_fr"] - table["y_rr"] - table["y_rl"]) / 2
+    length = pd.Series(np.hypot(x, y) / ratio, index=table.index)
+    medians = length.groupby(identifiers(table["id"])).median()
+    return {str(key): float(value) for key, value in medians.items() if value > 0}
+
+
+def _records(
+    path: Path, position: tuple[str, str], ratio: float, options: VciOptions, tally: Tally
+) -> dict[str, Track]:
+    """The tracks of one file, by identifier; positions divided by ``ratio``."""
+    table = read_table(path)
+    require_columns(path, table, ("id", "frame", *position))
+    table = numbers(path, table, ("frame", *position), tally)
+    keys = identifiers(table["id"])
+    tally.drop("records", "missing_value", int(keys.isna().sum()))
+    tracks = {}
+    groups = {str(key): records for key, records in table.groupby(keys)}
+    for key in in_order(groups):
+        records = groups[key]
+        tally.out_of_order += int((records["frame"].diff() < 0).sum())
+        records = records.sort_values("frame", kind="stable")
+        repeated = records["frame"].duplicated()
+        tally.drop("records", "duplicated", int(repeated.sum()))
+        records = records.loc[~repeated]
+        if len(records) < 2:
+            tally.drop("tracks", "one_record")
+            continue
+        time_s = records["frame"].to_numpy() / options.frame_rate_hz
+        tracks[key] = Track(time_s, records[list(position)].to_numpy() / ratio)
+    return tracks

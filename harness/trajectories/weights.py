@@ -1,0 +1,73 @@
+"""Weights of rows that belong together."""
+
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+
+from harness.errors import InputError, unknown_name
+from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
+from harness.trajectories.tracks import Floats
+
+Weigh = Literal["row", "encounter", "vehicle"]
+WEIGHINGS: tuple[Weigh, ...] = ("row", "encounter", "vehicle")
+
+
+def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = None) -> Floats:
+    """Weights that sum to the number of encounters, BIC's n.
+
+    Rows of one encounter follow each other within a second and say nearly the same; a few
+    vehicles hold most rows. With E encounters:
+
+    - ``row``: every row counts the same, E / n.
+    - ``encounter``: every encounter counts 1, shared equally by its rows.
+    - ``vehicle``: a vehicle counts as its number of encounters, but at most ``vehicle_cap`` of
+      them, shared equally by its encounters and then by their rows; all scaled to sum to E. A
+      vehicle met once keeps the weight of one encounter instead of being raised to a busy one's,
+      so that no row is blown up; a cap of 1 makes all vehicles count the same.
+
+    Args:
+        rows: as ``extract`` gives them.
+        weigh: one of ``WEIGHINGS``.
+        vehicle_cap: encounters; by default the median over the vehicles. Only for ``vehicle``.
+
+    Returns:
+        (n,) weights above 0. Rows without identifiers count as one encounter each under ``row``.
+
+    Raises:
+        InputError: unknown weighing, a cap below 1, or ``encounter`` and ``vehicle`` for rows that
+            do not say which encounter they are of.
+    """
+    if weigh not in WEIGHINGS:
+        raise unknown_name("weigh", "weighing", str(weigh), WEIGHINGS)
+    if len(rows) == 0:
+        return np.zeros(0)
+    named = all(name in rows for name in ENCOUNTER_KEY)
+    if not named or rows[list(ENCOUNTER_KEY)].isna().any(axis=None):
+        if weigh == "row":
+            return np.ones(len(rows))
+        raise InputError(
+            "rows",
+            f"cannot be weighed by {weigh}",
+            f"no missing value in {', '.join(ENCOUNTER_KEY)}",
+        )
+    encounter = rows.groupby(list(ENCOUNTER_KEY), sort=False).ngroup().to_numpy()
+    rows_of = np.bincount(encounter)
+    if weigh == "row":
+        return np.full(len(rows), len(rows_of) / len(rows))
+    per_encounter = 1.0 / rows_of[encounter]
+    if weigh == "encounter":
+        return np.asarray(per_encounter)
+    return per_encounter * _vehicle_factor(rows, encounter, vehicle_cap)
+
+
+def _vehicle_factor(rows: pd.DataFrame, encounter: np.ndarray, cap: float | None) -> Floats:
+    """(n,) weight of a row's encounter under the capped vehicle weighing."""
+    vehicle = rows.groupby(list(VEHICLE_KEY), sort=False).ngroup().to_numpy()
+    _, first_row = np.unique(encounter, return_index=True)
+    met = np.bincount(vehicle[first_row]).astype(np.float64)
+    limit = float(np.median(met)) if cap is None else float(cap)
+    if not limit >= 1:
+        raise InputError("vehicle_cap", f"got {cap}", "at least 1 encounter")
+    factor = np.minimum(met, limit) / met
+    return np.asarray(factor[vehicle] * (met.sum() / np.minimum(met, limit).sum()))
