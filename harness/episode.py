@@ -115,12 +115,12 @@ def run_episode(
         record there.  An error of engine or strategy ends it as ``engine_failed``.
     """
     episode = _Episode(engine, strategy, arrivals, choose_speed, rules)
-    reason = None
+    reason, collided = None, None
     try:
         ending = episode.run()
+        collided = engine.end()
     except EngineError as error:
         ending, reason = Ending.ENGINE_FAILED, str(error)
-    collided = engine.end()
     return Trace(
         vehicle=rules.vehicle,
         crossing=rules.crossing,

@@ -67,9 +67,9 @@ def sumo_engine(scenario: Scenario, sumo_seed: int = 1) -> Callable[[], Engine]:
     net = network_of(scenario)
 
     def make() -> Engine:
-        from harness.engine.sumo import SumoEngine
+        from harness.engine.sumo import libsumo_engine
 
-        return SumoEngine(
+        return libsumo_engine(
             net, scenario.vehicle(), scenario.crosswalk(), scenario.experiment.step_s, sumo_seed
         )
 

@@ -1,13 +1,8 @@
-"""Crosswalk geometry → SUMO plain XML → network, and back to plain numbers for an engine.
+"""Crosswalk geometry → SUMO plain XML → network.
 
-A site is one straight two-lane road with one unsignalized crosswalk across it. Its network lies
-in a transverse Mercator projection whose origin is the crosswalk's centre: there one metre of the
-network is one metre on the ground and the network's north is true north, so neither a UTM zone's
-scale (up to 0.1 %) nor its grid convergence (1.8° in Ann Arbor) enters a distance or a bearing.
-The network's point (0, 0) is the crosswalk's centre.
-
-Road frame: x along the ego's direction, 0 at the crosswalk's centre line; y across the road, from
-the kerb on the ego's right (0) to the other kerb. Right-hand traffic, two lanes.
+A site is one straight two-lane road with one unsignalized crosswalk across it. Its sources place
+the nodes in longitude and latitude; netconvert lays them out in the projection of `harness.site`,
+whose origin is the crosswalk's centre. `harness.site` reads the network back.
 """
 
 import hashlib
@@ -16,12 +11,13 @@ import os
 import re
 import subprocess
 import tempfile
-import xml.etree.ElementTree as ET
 from dataclasses import dataclass, fields
+from decimal import Decimal
 from importlib import metadata
 from pathlib import Path
 
 from harness.errors import EngineError, InputError
+from harness.site import TOLERANCE_M, offset_deg, projection, read_site
 
 APPROACH_M = 300.0
 """Road before the crosswalk's centre line: the largest trigger range a site offers."""
@@ -41,8 +37,6 @@ _BOUNDS = {
     "length_m": (4.0, 40.0),
     "width_m": (1.0, 20.0),
 }
-# What netconvert may differ from the geometry asked for: it keeps node coordinates to a micrometre.
-_TOLERANCE_M = 2e-6
 _TOLERANCE_DEG = 1e-5
 _NETCONVERT_LIMIT_S = 120.0
 
@@ -89,68 +83,6 @@ class NetworkFiles:
     sources: tuple[Path, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Site:
-    """A network in numbers: what an engine needs to drive and walk in the road frame.
-
-    ``origin_x_m``/``origin_y_m`` are the network coordinates of the road frame's (0, 0);
-    ``along_x``/``along_y`` the unit vector of the ego's direction in the network. Footpath
-    positions lie about 1 m outside the junction, for inserting a pedestrian and as his goal.
-    """
-
-    latitude_deg: float
-    longitude_deg: float
-    bearing_deg: float
-    length_m: float
-    width_m: float
-    lane_centre_m: float
-    approach_edge: str
-    exit_edge: str
-    near_edge: str
-    far_edge: str
-    crossing_edge: str
-    near_position_m: float
-    far_position_m: float
-    max_range_m: float
-    min_range_m: float
-    exit_m: float
-    origin_x_m: float
-    origin_y_m: float
-    along_x: float
-    along_y: float
-
-    def to_network(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Network coordinates (m) of a point of the road frame (m)."""
-        return (
-            self.origin_x_m + x_m * self.along_x - y_m * self.along_y,
-            self.origin_y_m + x_m * self.along_y + y_m * self.along_x,
-        )
-
-    def to_road(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Road-frame coordinates (m) of a point of the network (m); inverse of `to_network`."""
-        dx = x_m - self.origin_x_m
-        dy = y_m - self.origin_y_m
-        return dx * self.along_x + dy * self.along_y, dy * self.along_x - dx * self.along_y
-
-    def depart_position_m(self, range_m: float) -> float:
-        """SUMO's ``departPos`` that puts the ego's front bumper `range_m` before x = 0.
-
-        Args:
-            range_m: from the front bumper to the crosswalk's centre line, m.
-
-        Returns:
-            Position on the approach lane, m, from 0 to the lane's length.
-
-        Raises:
-            InputError: the point is not on the approach lane.
-        """
-        # A range of exactly APPROACH_M must not fail by the last digit of the network's file.
-        if not self.min_range_m <= range_m <= self.max_range_m + _TOLERANCE_M:
-            allowed = f"{self.min_range_m:.3g} to {self.max_range_m:.6g} at this site"
-            raise InputError("ego.trigger_range_m", f"{range_m!r}", allowed)
-        return max(0.0, self.max_range_m - range_m)
-
-
 def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
     """The plain-XML sources of a site, netconvert's configuration among them.
 
@@ -174,7 +106,7 @@ def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
         f"{name}.edg.xml": _EDGES,
         f"{name}.typ.xml": _types(geometry),
         f"{name}.con.xml": _connections(geometry),
-        f"{name}.netccfg": _CONFIGURATION.format(name=name),
+        f"{name}.netccfg": _configuration(geometry, name),
     }
 
 
@@ -245,25 +177,6 @@ def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
     return build_network(geometry, directory, "site").net
 
 
-def read_site(net_path: Path) -> Site:
-    """Read a network built by `build_network`.
-
-    The crosswalk's own shape, not the junction's node, sets x = 0 and y; the ego's lane, the
-    longest line there is, sets the direction.
-
-    Raises:
-        InputError: the file is missing, is no XML, or holds no site of this package.
-    """
-    try:
-        root = ET.parse(net_path).getroot()
-        return _site(root)
-    except OSError as error:
-        raise InputError(str(net_path), f"cannot be read ({error.strerror})") from error
-    except (ET.ParseError, KeyError, ValueError) as error:
-        allowed = "a network made by `harness network`"
-        raise InputError(str(net_path), f"no crosswalk site ({error})", allowed) from error
-
-
 _EDGES = """<edges>
     <!-- Right-hand traffic: both directions lie right of the axis between the nodes. -->
     <edge id="approach" from="start" to="crosswalk" type="road" spreadType="right"/>
@@ -276,8 +189,10 @@ _EDGES = """<edges>
 </edges>
 """
 
-# Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9 m.
-_CONFIGURATION = """<configuration>
+
+def _configuration(geometry: CrossingGeometry, name: str) -> str:
+    """netconvert's options; it keeps nodes to a micrometre, whatever the precision."""
+    return f"""<configuration>
     <input>
         <node-files value="{name}.nod.xml"/>
         <edge-files value="{name}.edg.xml"/>
@@ -289,6 +204,9 @@ _CONFIGURATION = """<configuration>
         <precision value="9"/>
         <precision.geo value="8"/>
     </output>
+    <projection>
+        <proj value="{projection(geometry.latitude_deg, geometry.longitude_deg)}"/>
+    </projection>
     <processing>
         <no-turnarounds value="true"/>
         <offset.disable-normalization value="true"/>
@@ -298,7 +216,7 @@ _CONFIGURATION = """<configuration>
 
 
 def _nodes(geometry: CrossingGeometry) -> str:
-    """Nodes in the projection around the crosswalk's centre."""
+    """Nodes in longitude and latitude; a unit of the last decimal is at most 1.2e-8 m."""
     bearing = math.radians(geometry.bearing_deg)
     east, north = math.sin(bearing), math.cos(bearing)
     reach = FOOTPATH_M + geometry.length_m / 2
@@ -311,23 +229,18 @@ def _nodes(geometry: CrossingGeometry) -> str:
     }
     lines = []
     for node, (along, left) in places.items():
-        # Adding 0.0 turns -0.0 into 0.0.
-        x = round(along * east - left * north, 9) + 0.0
-        y = round(along * north + left * east, 9) + 0.0
-        lines.append(f'    <node id="{node}" x="{x:.9f}" y="{y:.9f}" type="priority"/>\n')
-    latitude, longitude = f"{geometry.latitude_deg:.9f}", f"{geometry.longitude_deg:.9f}"
-    # netconvert asks for both boundaries, replaces the first and copies the second.
-    point = f"{longitude},{latitude}"
-    projection = (
-        f"+proj=tmerc +lat_0={latitude} +lon_0={longitude} +k=1 +x_0=0 +y_0=0"
-        " +datum=WGS84 +units=m +no_defs"
-    )
+        x, y = along * east - left * north, along * north + left * east
+        # Decimals: added to some 80°, an offset would lose its last digits, which then depend on
+        # the machine's sine, and the text with them.
+        offsets = offset_deg(geometry.latitude_deg, x, y)
+        dx, dy = (Decimal(f"{offset:.13f}") for offset in offsets)
+        longitude = Decimal(f"{geometry.longitude_deg:.9f}") + dx
+        longitude -= 360 * round(longitude / 360)  # beyond the date line
+        latitude = Decimal(f"{geometry.latitude_deg:.9f}") + dy
+        lines.append(f'    <node id="{node}" x="{longitude}" y="{latitude}" type="priority"/>\n')
     return (
-        f"<nodes>\n    <!-- The ego drives along bearing {geometry.bearing_deg!r}. Metres east and"
-        " north of the crosswalk's centre. -->\n"
-        '    <location netOffset="0.00,0.00" convBoundary="0.00,0.00,0.00,0.00"\n'
-        f'        origBoundary="{point},{point}"\n        projParameter="{projection}"/>\n'
-        f"{''.join(lines)}</nodes>\n"
+        f"<nodes>\n    <!-- The ego drives along bearing {geometry.bearing_deg!r}. x: longitude,"
+        f" y: latitude, WGS84. -->\n{''.join(lines)}</nodes>\n"
     )
 
 
@@ -402,80 +315,15 @@ def _check(net: Path, geometry: CrossingGeometry) -> None:
         raise EngineError(f"netconvert: {error.problem} for {geometry}") from error
     turn = (site.bearing_deg - geometry.bearing_deg + 180.0) % 360.0 - 180.0
     errors = {
-        "length_m": abs(site.length_m - geometry.length_m) / _TOLERANCE_M,
-        "width_m": abs(site.width_m - geometry.width_m) / _TOLERANCE_M,
-        "lane centre": abs(site.lane_centre_m - geometry.length_m / 4) / _TOLERANCE_M,
+        "length_m": abs(site.length_m - geometry.length_m) / TOLERANCE_M,
+        "width_m": abs(site.width_m - geometry.width_m) / TOLERANCE_M,
+        "lane centre": abs(site.lane_centre_m - geometry.length_m / 4) / TOLERANCE_M,
         "bearing_deg": abs(turn) / _TOLERANCE_DEG,
-        "max_range_m": abs(site.max_range_m - APPROACH_M) / _TOLERANCE_M,
+        "max_range_m": abs(site.max_range_m - APPROACH_M) / TOLERANCE_M,
     }
     wrong = [what for what, error in errors.items() if not error <= 1.0]
     if wrong:
         raise EngineError(f"netconvert: the network differs in {', '.join(wrong)} from {geometry}")
-
-
-def _site(root: ET.Element) -> Site:
-    """The numbers of a site from its network; KeyError or ValueError if it is none."""
-    lanes = {lane.attrib["id"]: lane for lane in root.iter("lane")}
-    crossings = [edge for edge in root.iter("edge") if edge.get("function") == "crossing"]
-    if len(crossings) != 1:
-        raise ValueError(f"{len(crossings)} crossings")
-    crossing_id = crossings[0].attrib["id"]
-    crossing = lanes[f"{crossing_id}_0"]
-    start, stop = _line(lanes["approach_0"])
-    exit_start, exit_end = _line(lanes["exit_0"])
-    direction = exit_end - start
-    along = direction / abs(direction)
-    # netconvert draws a crossing in either direction; y grows to the left of the ego.
-    kerbs = sorted(_line(crossing), key=lambda point: (point * along.conjugate()).imag)
-    walk = (kerbs[1] - kerbs[0]) * along.conjugate()
-    if abs(walk.real) > _TOLERANCE_M:
-        raise ValueError("the crosswalk is not perpendicular to the road")
-    centre = (kerbs[0] + kerbs[1]) / 2
-    origin = centre - along * 1j * walk.imag / 2
-    ego = [(point - origin) * along.conjugate() for point in (start, stop, exit_start, exit_end)]
-    if max(point.imag for point in ego) - min(point.imag for point in ego) > _TOLERANCE_M:
-        raise ValueError("the ego's lane is not straight")
-    latitude, longitude = _projection_centre(root)
-    return Site(
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        bearing_deg=math.degrees(math.atan2(along.real, along.imag)) % 360.0,
-        length_m=walk.imag,
-        width_m=float(crossing.attrib["width"]),
-        lane_centre_m=sum(point.imag for point in ego) / len(ego),
-        approach_edge="approach",
-        exit_edge="exit",
-        near_edge="near",
-        far_edge="far",
-        crossing_edge=crossing_id,
-        near_position_m=float(lanes["near_0"].attrib["length"]) - 1.0,
-        far_position_m=1.0,
-        max_range_m=-ego[0].real,
-        min_range_m=-ego[1].real,
-        exit_m=ego[3].real,
-        origin_x_m=origin.real,
-        origin_y_m=origin.imag,
-        along_x=along.real,
-        along_y=along.imag,
-    )
-
-
-def _line(lane: ET.Element) -> tuple[complex, complex]:
-    """Both ends of a straight lane as complex numbers, east + i north."""
-    points = [complex(*map(float, point.split(","))) for point in lane.attrib["shape"].split()]
-    if len(points) != 2:
-        raise ValueError(f"lane {lane.attrib['id']} is not straight")
-    return points[0], points[1]
-
-
-def _projection_centre(root: ET.Element) -> tuple[float, float]:
-    """Latitude and longitude of the projection's origin, which is the network's (0, 0)."""
-    location = next(root.iter("location")).attrib
-    words = dict(word.partition("=")[::2] for word in location["projParameter"].split())
-    offset = [float(number) for number in location["netOffset"].split(",")]
-    if words["+proj"] != "tmerc" or any(offset):
-        raise ValueError("its projection is not centred on the crosswalk")
-    return float(words["+lat_0"]), float(words["+lon_0"])
 
 
 def _cache_dir() -> Path:

@@ -1,38 +1,25 @@
 """SUMO through libsumo: one simulation per process, kept open over all episodes.
 
-The only module that imports libsumo.  The choices below are explained, with the measurements
-behind them, in docs/sumo.md.
+The only module that imports libsumo.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
-from xml.sax.saxutils import quoteattr
 
 import libsumo
 
-from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.encounter import Crossing, Vehicle
+from harness.engine.control import SumoEngine, start_command, vehicle_type
 from harness.errors import EngineError
-from harness.network import read_site
+from harness.site import read_site
 
-SPEED_MODE_EXTERNAL = 32
-"""SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
-
-COLLISION_REACH_M = 5.0
-"""SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
-
-_KEEP_ROUTE_FREE = 2
-_MATCH_THRESHOLD_M = 1.0
-_NO_ANGLE = libsumo.INVALID_DOUBLE_VALUE
+_running: list[SumoEngine] = []
 
 
-class SumoEngine:
-    """Drives episodes in SUMO, one after another in the same simulation.
-
-    The ego is set by ``setSpeed`` under ballistic steps, so that SUMO's state follows constant
-    accelerations in closed form.  Pedestrians are placed by ``moveToXY`` at every step, waiting
-    ones too: SUMO's own pedestrians would stop for the vehicle and hide crashes.
+def libsumo_engine(
+    net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, sumo_seed: int = 1
+) -> SumoEngine:
+    """Start SUMO in this process.
 
     Args:
         net: the crosswalk's network, as ``network.build_network`` writes it.
@@ -42,213 +29,24 @@ class SumoEngine:
         sumo_seed: seed of SUMO's own generators, which nothing here uses.
 
     Raises:
-        EngineError: SUMO does not start, or one is already running in this process.
+        EngineError: SUMO does not start, or one is already running in this process (libsumo
+            itself gives no error then).
     """
-
-    _running = False
-
-    def __init__(
-        self, net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, sumo_seed: int = 1
-    ) -> None:
-        if SumoEngine._running:
-            raise EngineError("only one SUMO simulation can run in a process; close the first")
-        self._net, self._vehicle, self._crossing, self._step_s = net, vehicle, crossing, step_s
-        self._site = site = read_site(net)
-        self._depart_position = repr(site.depart_position_m(vehicle.trigger_range_m))
-        self._start_x_m = -vehicle.trigger_range_m
-        self._episode = 0
-        self._ego = ""
-        self._ids: dict[int, str] = {}
-        self._kerbs = {
-            Side.NEAR: site.to_network(0.0, 0.0),
-            Side.FAR: site.to_network(0.0, crossing.length_m),
-        }
-        # Network coordinates of (0, y) are origin + y · across.
-        self._origin, self._across = self._kerbs[Side.NEAR], (-site.along_y, site.along_x)
-        self._footpaths = {
-            Side.NEAR: (site.near_edge, site.near_position_m),
-            Side.FAR: (site.far_edge, site.far_position_m),
-        }
-        self._start_sumo(sumo_seed)
-        SumoEngine._running = True
-
-    def _start_sumo(self, sumo_seed: int) -> None:
-        with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
-            types = Path(folder) / "types.add.xml"
-            types.write_text(_vehicle_type(self._vehicle), encoding="utf-8")
-            try:
-                libsumo.start(start_command(self._net, types, self._step_s, sumo_seed))
-            except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-                raise EngineError(f"SUMO did not start: {error}") from None
-        libsumo.route.add("drive", [self._site.approach_edge, self._site.exit_edge])
-
-    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
-        """See ``Engine.begin``."""
-        self._arrivals = arrivals
-        self._announced = 0
-        self._steps = 0
-        self._waiting: dict[int, tuple[float, float]] = {}
-        self._collided = False
-        self._ego = f"ego-{self._episode}"
+    if _running:
+        raise EngineError("only one SUMO simulation can run in a process; close the first")
+    with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
+        types = Path(folder) / "types.add.xml"
+        types.write_text(vehicle_type(vehicle), encoding="utf-8")
         try:
-            # A person exists only after the step that follows its insertion, and moving one that
-            # does not exist crashes the process: one step ahead of the ego.
-            coming = self._announce_until(2 * self._step_s)
-            libsumo.simulationStep()
-            self._waiting.update(coming)
-            self._insert_ego()
-            self._hold_waiting()
-            libsumo.simulationStep()
-            return self._state()
-        except libsumo.TraCIException as error:
-            raise EngineError(f"SUMO could not set up the episode: {error}") from None
-
-    def step(
-        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
-    ) -> tuple[float, float]:
-        """See ``Engine.step``."""
-        if speed_mps is None:
-            raise EngineError("no strategy may hand over to SUMO's own driver yet")
-        try:
-            libsumo.vehicle.setSpeed(self._ego, speed_mps)
-            if pedestrians:
-                self._place(pedestrians)
-            if self._waiting:
-                self._hold_waiting()
-            coming = None
-            if self._announced < len(self._arrivals):
-                coming = self._announce_until((self._steps + 3) * self._step_s)
-            libsumo.simulationStep()
-            self._steps += 1
-            if coming:
-                self._waiting.update(coming)
-            x, speed = self._state()
-            if self._ids and -COLLISION_REACH_M - self._crossing.width_m / 2 < x:
-                self._note_collisions()
-            return x, speed
-        except libsumo.TraCIException as error:
-            raise EngineError(f"SUMO lost the episode: {error}") from None
-
-    def remove(self, index: int) -> None:
-        """See ``Engine.remove``."""
-        libsumo.person.remove(self._ids.pop(index))
-
-    def end(self) -> bool | None:
-        """See ``Engine.end``."""
-        for person in self._ids.values():
-            libsumo.person.remove(person)
-        self._ids.clear()
-        if self._ego in libsumo.vehicle.getIDList():
-            libsumo.vehicle.remove(self._ego)
-        self._episode += 1
-        return self._collided
-
-    def close(self) -> None:
-        """Close SUMO; its output files are complete only then."""
-        libsumo.close()
-        SumoEngine._running = False
-
-    def _state(self) -> tuple[float, float]:
-        distance = libsumo.vehicle.getDistance(self._ego)
-        return self._start_x_m + distance, libsumo.vehicle.getSpeed(self._ego)
-
-    def _insert_ego(self) -> None:
-        libsumo.vehicle.add(
-            self._ego,
-            "drive",
-            typeID="ego",
-            depart="now",
-            departLane="0",
-            departPos=self._depart_position,
-            departSpeed=repr(self._vehicle.initial_speed_mps),
-        )
-        libsumo.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-        libsumo.vehicle.setLaneChangeMode(self._ego, 0)
-
-    def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
-        """Add everyone who arrives by then; returns where they will have to be held."""
-        coming: dict[int, tuple[float, float]] = {}
-        while self._announced < len(self._arrivals):
-            arrival = self._arrivals[self._announced]
-            if arrival.arrival_s > time_s:
-                break
-            name = f"pedestrian-{self._episode}-{arrival.index}"
-            other = Side.FAR if arrival.side is Side.NEAR else Side.NEAR
-            (origin, start_m), (goal, goal_m) = (
-                self._footpaths[arrival.side],
-                self._footpaths[other],
-            )
-            libsumo.person.add(name, origin, start_m)
-            libsumo.person.appendWalkingStage(name, [origin, goal], goal_m)
-            self._ids[arrival.index] = name
-            coming[arrival.index] = self._kerbs[arrival.side]
-            self._announced += 1
-        return coming
-
-    def _place(self, pedestrians: Sequence[tuple[int, float]]) -> None:
-        (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
-        move = libsumo.person.moveToXY
-        for index, y in pedestrians:
-            if self._waiting:
-                self._waiting.pop(index, None)
-            move(
-                self._ids[index],
-                "",
-                origin_x + across_x * y,
-                origin_y + across_y * y,
-                _NO_ANGLE,
-                _KEEP_ROUTE_FREE,
-                _MATCH_THRESHOLD_M,
-            )
-
-    def _hold_waiting(self) -> None:
-        for index, (x, y) in self._waiting.items():
-            libsumo.person.moveToXY(
-                self._ids[index], "", x, y, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M
-            )
-
-    def _note_collisions(self) -> None:
-        # Two persons who pass each other are listed too; only the ego's hits count.
-        for collision in libsumo.simulation.getCollisions():
-            if collision.collider == self._ego:
-                self._collided = True
+            libsumo.start(start_command(net, types, step_s, sumo_seed))
+        except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
+            raise EngineError(f"SUMO did not start: {error}") from None
+    engine = SumoEngine(libsumo, _close, read_site(net), vehicle, crossing, step_s)
+    _running.append(engine)
+    return engine
 
 
-def start_command(net: Path, types: Path, step_s: float, sumo_seed: int) -> list[str]:
-    """The command line SUMO is started with."""
-    options: dict[str, Any] = {
-        "--net-file": net,
-        "--additional-files": types,
-        "--seed": sumo_seed,
-        "--step-length": f"{step_s:.3f}",
-        "--step-method.ballistic": "true",
-        "--insertion-checks": "none",
-        "--collision.check-junctions": "true",
-        "--collision.mingap-factor": "0",
-        "--collision.action": "warn",
-        "--pedestrian.striping.jamtime": "-1",
-        "--pedestrian.striping.jamtime.crossing": "-1",
-        "--time-to-teleport": "-1",
-        "--no-step-log": "true",
-        "--no-warnings": "true",
-    }
-    return ["sumo", *(str(part) for option in options.items() for part in option)]
-
-
-def _vehicle_type(vehicle: Vehicle) -> str:
-    attributes = {
-        "id": "ego",
-        "vClass": "passenger",
-        "length": vehicle.length_m,
-        "width": vehicle.width_m,
-        "accel": vehicle.max_acceleration_mps2,
-        "decel": vehicle.max_deceleration_mps2,
-        "emergencyDecel": vehicle.max_deceleration_mps2,
-        # No random number may decide anything: no speed factor, no dawdling.
-        "speedDev": 0,
-        "sigma": 0,
-        "minGap": 0,
-        "maxSpeed": 100,
-    }
-    written = " ".join(f"{name}={quoteattr(str(value))}" for name, value in attributes.items())
-    return f"<additional><vType {written}/></additional>\n"
+def _close() -> None:
+    """Close SUMO; its output files are complete only then."""
+    _running.clear()
+    libsumo.close()

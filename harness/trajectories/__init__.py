@@ -1,6 +1,7 @@
 """Raw trajectories to rows of the interaction model's variables."""
 
 from harness.trajectories.counting import REASONS, Counts
+from harness.trajectories.encounters import conflict_point
 from harness.trajectories.extraction import (
     Extraction,
     extract,
@@ -26,6 +27,7 @@ __all__ = [
     "Sighting",
     "Track",
     "VehicleTrack",
+    "conflict_point",
     "extract",
     "model_rows",
     "read_clips",

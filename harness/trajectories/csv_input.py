@@ -90,11 +90,11 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
             raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
     values = pd.DataFrame(converted).astype(np.float64)
     text = (values.isna() & table[list(names)].notna()).any(axis=1)
-    unusable = ~np.isfinite(values.to_numpy()).all(axis=1)
+    usable = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
     tally.drop("records", "not_a_number", int(text.sum()))
-    tally.drop("records", "missing_value", int((unusable & ~text.to_numpy()).sum()))
+    tally.drop("records", "missing_value", int((~usable & ~text).sum()))
     table = table.assign(**{name: values[name] for name in names})
-    return table[~unusable]
+    return table[usable]
 
 
 def identifiers(column: pd.Series) -> pd.Series:

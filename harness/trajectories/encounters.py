@@ -23,7 +23,11 @@ from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTr
 VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
 PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
 
+# The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
+Columns = dict[str, Floats | str | float | None]
 CANDIDATE_COLUMNS = (
+    "source",
+    "clip",
     "vehicle",
     "pedestrian",
     "time_s",
@@ -53,40 +57,58 @@ def candidate_rows(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFr
     them. What is left out is counted in ``tally``.
 
     Yields:
-        Frames with ``CANDIDATE_COLUMNS``, plus ``source`` and ``clip``. A speed is NaN *when
+        Frames with ``CANDIDATE_COLUMNS``. A speed is NaN *when
         undefined* (gap in the track, or a track shorter than half the speed window).
     """
     pairs = _from_paths(clip, rules, tally) if clip.sightings is None else _seen(clip, rules, tally)
-    for rows in pairs:
-        yield rows.assign(source=clip.source, clip=clip.name)
+    for columns in pairs:
+        yield pd.DataFrame({"source": clip.source, "clip": clip.name, **columns})
 
 
-def _from_paths(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+def conflict_point(vehicle: Track, pedestrian: Track, rules: Rules) -> Floats | None:
+    """(2,) where the two paths first cross, along the vehicle's; None when they do not.
+
+    Args:
+        vehicle, pedestrian: tracks of one clip.
+        rules: how far paths go on straight; the angle of the crossing is not looked at.
+    """
+    car, walker = _car(vehicle, rules), _walker(pedestrian, rules)
+    if car is None or walker is None:
+        return None
+    crossing = first_crossing(car.path, walker.path)
+    return None if crossing is None else car.path.at(crossing[0])
+
+
+def _from_paths(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
     """Candidate rows of the pairs whose paths cross."""
     walkers = {}
     for name, track in clip.pedestrians.items():
-        walker = _mover(
-            track,
-            (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m),
-            rules.min_pedestrian_travel_m,
-        )
+        walker = _walker(track, rules)
         if walker is None:
             tally.drop("tracks", "standing_pedestrian")
         else:
             walkers[name] = walker
     for vehicle, vehicle_track in clip.vehicles.items():
-        car = _mover(
-            vehicle_track,
-            (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m),
-            rules.min_vehicle_travel_m,
-        )
+        car = _car(vehicle_track, rules)
         if car is None:
             tally.drop("tracks", "parked_vehicle")
             continue
         for pedestrian, walker in walkers.items():
-            rows = _pair_rows(vehicle_track, car, walker, rules, tally)
-            if rows is not None:
-                yield rows.assign(vehicle=vehicle, pedestrian=pedestrian)
+            columns = _pair_rows(vehicle_track, car, walker, rules, tally)
+            if columns is not None:
+                yield {"vehicle": vehicle, "pedestrian": pedestrian, **columns}
+
+
+def _walker(track: Track, rules: Rules) -> _Mover | None:
+    """A pedestrian with his path; None when he stands."""
+    shape = (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m)
+    return _mover(track, shape, rules.min_pedestrian_travel_m)
+
+
+def _car(track: Track, rules: Rules) -> _Mover | None:
+    """A vehicle with its path; None when it is parked."""
+    shape = (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m)
+    return _mover(track, shape, rules.min_vehicle_travel_m)
 
 
 def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> _Mover | None:
@@ -101,7 +123,7 @@ def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> _
 
 def _pair_rows(
     vehicle: VehicleTrack, car: _Mover, walker: _Mover, rules: Rules, tally: Tally
-) -> pd.DataFrame | None:
+) -> Columns | None:
     """R, L and their rates at the sampling instants of one pair; None when it is no encounter."""
     times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
     if len(times) == 0:
@@ -128,21 +150,19 @@ def _pair_rows(
     passed_first, pet_s = order_of_passing(
         vehicle.time_s, range_m, vehicle.length_m, walker.track.time_s, lateral_m
     )
-    return pd.DataFrame(
-        {
-            "time_s": times,
-            "range_m": np.interp(times, vehicle.time_s, range_m),
-            "lateral_m": np.interp(times, walker.track.time_s, lateral_m),
-            "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
-            "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
-            "crossing_angle_deg": angle,
-            "passed_first": passed_first,
-            "pet_s": math.nan if pet_s is None else pet_s,
-        }
-    )
+    return {
+        "time_s": times,
+        "range_m": np.interp(times, vehicle.time_s, range_m),
+        "lateral_m": np.interp(times, walker.track.time_s, lateral_m),
+        "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
+        "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
+        "crossing_angle_deg": angle,
+        "passed_first": passed_first,
+        "pet_s": math.nan if pet_s is None else pet_s,
+    }
 
 
-def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
     """Candidate rows of the pairs a sensor measured itself."""
     for sighting in clip.sightings or ():
         times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
@@ -155,7 +175,7 @@ def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
         yield _sighting_rows(clip, sighting, times, rules)
 
 
-def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: Rules) -> pd.DataFrame:
+def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: Rules) -> Columns:
     """The sensor's R, L and speeds at the sampling instants."""
     length = clip.vehicles[seen.vehicle].length_m
     passed_first, pet_s = order_of_passing(
@@ -163,20 +183,18 @@ def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: Rules) -> p
     )
     speed = np.interp(times, seen.time_s, seen.vehicle_speed_mps)
     speed[spans_gap(seen.time_s, times, times, rules.max_gap_s)] = np.nan
-    return pd.DataFrame(
-        {
-            "vehicle": seen.vehicle,
-            "pedestrian": seen.pedestrian,
-            "time_s": times,
-            "range_m": np.interp(times, seen.time_s, seen.range_m),
-            "lateral_m": np.interp(times, seen.time_s, seen.lateral_m),
-            "vehicle_speed_mps": speed,
-            "pedestrian_speed_mps": seen.pedestrian_speed_mps,
-            "crossing_angle_deg": seen.crossing_angle_deg,
-            "passed_first": passed_first,
-            "pet_s": math.nan if pet_s is None else pet_s,
-        }
-    )
+    return {
+        "vehicle": seen.vehicle,
+        "pedestrian": seen.pedestrian,
+        "time_s": times,
+        "range_m": np.interp(times, seen.time_s, seen.range_m),
+        "lateral_m": np.interp(times, seen.time_s, seen.lateral_m),
+        "vehicle_speed_mps": speed,
+        "pedestrian_speed_mps": seen.pedestrian_speed_mps,
+        "crossing_angle_deg": seen.crossing_angle_deg,
+        "passed_first": passed_first,
+        "pet_s": math.nan if pet_s is None else pet_s,
+    }
 
 
 def sampling_instants(one: Floats, other: Floats, sample_s: float) -> Floats:

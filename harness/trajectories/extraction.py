@@ -178,7 +178,7 @@ def _known_format(name: str) -> Format:
 def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
     """All candidates in one frame; no pair gives no rows."""
     if not frames:
-        return pd.DataFrame({name: [] for name in ("source", "clip", *CANDIDATE_COLUMNS)})
+        return pd.DataFrame({name: [] for name in CANDIDATE_COLUMNS})
     return pd.concat(frames, ignore_index=True)
 
 

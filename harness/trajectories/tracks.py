@@ -6,7 +6,7 @@ taken from them instead of from the crossing of two paths.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,10 +89,12 @@ class Clip:
         name: the clip's name, unique within the source.
         vehicles, pedestrians: tracks by identifier, in a fixed order.
         sightings: None where the pairs are found from the paths; else the sensor's own pairs.
+        y_down: whether y points down when x points right, as in images; a map must turn the axis.
     """
 
     source: str
     name: str
     vehicles: Mapping[str, VehicleTrack]
     pedestrians: Mapping[str, Track]
-    sightings: tuple[Sighting, ...] | None = field(default=None)
+    sightings: tuple[Sighting, ...] | None = None
+    y_down: bool = False

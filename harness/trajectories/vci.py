@@ -3,8 +3,8 @@
 A clip is a pair of files from a fixed camera, one record per object and video frame:
 ``<clip>_traj_veh_filtered.csv`` (id, frame, label, x_est, y_est, psi_est, vel_est) and
 ``<clip>_traj_ped_filtered.csv`` (id, frame, label, x_est, y_est, vx_est, vy_est); positions in
-metres, vehicles by their centre. Needed are id, frame, x_est and y_est: speeds are taken from the
-positions, so that R, L and their rates belong together.
+metres along the image's axes (y down), vehicles by their centre. Needed are id, frame, x_est and
+y_est: speeds are taken from the positions, so that R, L and their rates belong together.
 
 Beside ``trajectories_filtered`` there may be ``trajectories/<clip>_traj_veh.csv`` (the corner
 points of the vehicles, pixels) and ``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre):
@@ -132,7 +132,7 @@ def _read_clip(
         vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)
-    return Clip(source, name, vehicles, walkers)
+    return Clip(source, name, vehicles, walkers, y_down=True)
 
 
 def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:

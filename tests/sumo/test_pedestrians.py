@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from harness.encounter import Side
-from harness.engine.sumo import SumoEngine
+from harness.engine.control import SumoEngine
+from harness.site import read_site
+from harness.resources import shipped_directory
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario
@@ -35,9 +37,11 @@ class Watched:
         positions = {}
         for index, name in self._engine._ids.items():
             if name in libsumo.person.getIDList():
-                positions[index] = self._engine._site.to_road(*libsumo.person.getPosition(name))
+                positions[index] = SITE.to_road(*libsumo.person.getPosition(name))
         self.seen.append(positions)
 
+
+SITE = read_site(shipped_directory("networks") / "cctc" / "cctc.net.xml")
 
 KERB_BAND_M = 0.011
 """Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/sumo.md)."""
@@ -85,6 +89,6 @@ def test_waiting_pedestrians_stand_still_until_the_vehicle_has_gone(sumo) -> Non
 def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
     engine = sumo(scenario())
     assert engine.begin(()) == (-30.0, 5.0)
-    ego = engine._site.to_road(*libsumo.vehicle.getPosition(engine._ego))
+    ego = SITE.to_road(*libsumo.vehicle.getPosition(engine._ego))
     np.testing.assert_allclose(ego, (-30.0, 2.25), atol=1e-6)
     engine.end()

@@ -92,7 +92,7 @@ def test_resumes_at_a0_up_to_v0() -> None:
     assert trace.speed_mps.max() <= V0 + 1e-12
 
 
-def test_no_answer_where_the_regression_would_accelerate(sumo) -> None:
+def test_no_answer_where_the_regression_would_accelerate() -> None:
     # At 5 m/s from 80 m: a = 0.0169 − 0.6993 + 0.8092 > 0.
     scene = scenario(ego={"trigger_range_m": 80.0})
     trace = play(SoftYield(), [(0.0, Side.NEAR, 0.5)], scene)

@@ -1,0 +1,245 @@
+"""One ego and its pedestrians in SUMO, through libsumo's or TraCI's identical interface.
+
+The choices below are explained, with the measurements behind them, in docs/sumo.md.
+"""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.errors import EngineError
+from harness.site import Site
+
+SPEED_MODE_EXTERNAL = 32
+"""SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
+
+COLLISION_REACH_M = 5.0
+"""SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
+
+_KEEP_ROUTE_FREE = 2
+_MATCH_THRESHOLD_M = 1.0
+_NO_ANGLE = -1073741824.0
+"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
+
+
+class SumoEngine:
+    """Drives episodes in SUMO, one after another in the same simulation.
+
+    The ego is set by ``setSpeed`` under ballistic steps, so that SUMO's state follows constant
+    accelerations in closed form.  Pedestrians are placed by ``moveToXY`` at every step, waiting
+    ones too: SUMO's own pedestrians would stop for the vehicle and hide crashes.
+
+    Args:
+        api: the module ``libsumo`` or ``traci``, connected to a simulation that was
+            started with ``start_command``.
+        close: ends that simulation.
+        site: its crosswalk.
+        vehicle: the ego.
+        crossing: the crosswalk's constants.
+        step_s: length of a step, whole milliseconds.
+    """
+
+    def __init__(
+        self,
+        api: Any,
+        close: Callable[[], None],
+        site: Site,
+        vehicle: Vehicle,
+        crossing: Crossing,
+        step_s: float,
+    ) -> None:
+        self._api, self.close = api, close
+        self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
+        self._advance = api.simulationStep
+        self._set_speed, self._get_speed = api.vehicle.setSpeed, api.vehicle.getSpeed
+        self._get_distance, self._move = api.vehicle.getDistance, api.person.moveToXY
+        self._vehicle, self._step_s = vehicle, step_s
+        self._depart_position = repr(site.depart_position_m(vehicle.trigger_range_m))
+        self._start_x_m = -vehicle.trigger_range_m
+        self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
+        self._episode = 0
+        self._ego = ""
+        self._ids: dict[int, str] = {}
+        self._kerbs = {
+            Side.NEAR: site.to_network(0.0, 0.0),
+            Side.FAR: site.to_network(0.0, crossing.length_m),
+        }
+        # Network coordinates of (0, y) are origin + y · across.
+        self._origin, self._across = self._kerbs[Side.NEAR], (-site.along_y, site.along_x)
+        self._footpaths = {
+            Side.NEAR: (site.near_edge, site.near_position_m),
+            Side.FAR: (site.far_edge, site.far_position_m),
+        }
+        api.route.add("drive", [site.approach_edge, site.exit_edge])
+
+    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
+        """See ``Engine.begin``."""
+        self._arrivals = arrivals
+        self._announced = 0
+        self._steps = 0
+        self._waiting: dict[int, tuple[float, float]] = {}
+        self._collided = False
+        self._ego = f"ego-{self._episode}"
+        try:
+            # A person exists only after the step that follows its insertion, and moving one that
+            # does not exist crashes the process: one step ahead of the ego.
+            coming = self._announce_until(2 * self._step_s)
+            self._advance()
+            self._waiting.update(coming)
+            self._insert_ego()
+            self._hold_waiting()
+            self._advance()
+            return self._state()
+        except self._lost as error:
+            raise EngineError(f"SUMO could not set up the episode: {error}") from None
+
+    def step(
+        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
+    ) -> tuple[float, float]:
+        """See ``Engine.step``."""
+        if speed_mps is None:
+            raise EngineError("no strategy may hand over to SUMO's own driver yet")
+        try:
+            self._set_speed(self._ego, speed_mps)
+            if pedestrians:
+                self._place(pedestrians)
+            if self._waiting:
+                self._hold_waiting()
+            coming = None
+            if self._announced < len(self._arrivals):
+                coming = self._announce_until((self._steps + 3) * self._step_s)
+            self._advance()
+            self._steps += 1
+            if coming:
+                self._waiting.update(coming)
+            x, speed = self._state()
+            if self._ids and x > self._collisions_from_m:
+                self._note_collisions()
+            return x, speed
+        except self._lost as error:
+            raise EngineError(f"SUMO lost the episode: {error}") from None
+
+    def remove(self, index: int) -> None:
+        """See ``Engine.remove``."""
+        try:
+            self._api.person.remove(self._ids.pop(index))
+        except self._lost as error:
+            raise EngineError(f"SUMO lost pedestrian {index}: {error}") from None
+
+    def end(self) -> bool | None:
+        """See ``Engine.end``."""
+        self._episode += 1
+        try:
+            for person in self._ids.values():
+                self._api.person.remove(person)
+            self._ids.clear()
+            if self._ego in self._api.vehicle.getIDList():
+                self._api.vehicle.remove(self._ego)
+        except self._lost as error:
+            raise EngineError(f"SUMO could not clear the road: {error}") from None
+        return self._collided
+
+    def _state(self) -> tuple[float, float]:
+        return self._start_x_m + self._get_distance(self._ego), self._get_speed(self._ego)
+
+    def _insert_ego(self) -> None:
+        self._api.vehicle.add(
+            self._ego,
+            "drive",
+            typeID="ego",
+            depart="now",
+            departLane="0",
+            departPos=self._depart_position,
+            departSpeed=repr(self._vehicle.initial_speed_mps),
+        )
+        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
+        self._api.vehicle.setLaneChangeMode(self._ego, 0)
+
+    def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
+        """Add everyone who arrives by then; returns where they will have to be held."""
+        coming: dict[int, tuple[float, float]] = {}
+        while self._announced < len(self._arrivals):
+            arrival = self._arrivals[self._announced]
+            if arrival.arrival_s > time_s:
+                break
+            name = f"pedestrian-{self._episode}-{arrival.index}"
+            other = Side.FAR if arrival.side is Side.NEAR else Side.NEAR
+            (origin, start_m), (goal, goal_m) = (
+                self._footpaths[arrival.side],
+                self._footpaths[other],
+            )
+            self._api.person.add(name, origin, start_m)
+            self._api.person.appendWalkingStage(name, [origin, goal], goal_m)
+            self._ids[arrival.index] = name
+            coming[arrival.index] = self._kerbs[arrival.side]
+            self._announced += 1
+        return coming
+
+    def _place(self, pedestrians: Sequence[tuple[int, float]]) -> None:
+        (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
+        move = self._move
+        for index, y in pedestrians:
+            if self._waiting:
+                self._waiting.pop(index, None)
+            move(
+                self._ids[index],
+                "",
+                origin_x + across_x * y,
+                origin_y + across_y * y,
+                _NO_ANGLE,
+                _KEEP_ROUTE_FREE,
+                _MATCH_THRESHOLD_M,
+            )
+
+    def _hold_waiting(self) -> None:
+        for index, (x, y) in self._waiting.items():
+            self._move(self._ids[index], "", x, y, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+
+    def _note_collisions(self) -> None:
+        # Two persons who pass each other are listed too; only the ego's hits count.
+        for collision in self._api.simulation.getCollisions():
+            if collision.collider == self._ego:
+                self._collided = True
+
+
+def start_command(net: Path, types: Path, step_s: float, sumo_seed: int) -> list[str]:
+    """The command line SUMO is started with."""
+    options: dict[str, Any] = {
+        "--net-file": net,
+        "--additional-files": types,
+        "--seed": sumo_seed,
+        "--step-length": f"{step_s:.3f}",
+        "--step-method.ballistic": "true",
+        "--insertion-checks": "none",
+        "--collision.check-junctions": "true",
+        "--collision.mingap-factor": "0",
+        "--collision.action": "warn",
+        "--pedestrian.striping.jamtime": "-1",
+        "--pedestrian.striping.jamtime.crossing": "-1",
+        "--time-to-teleport": "-1",
+        "--no-step-log": "true",
+        "--no-warnings": "true",
+    }
+    return ["sumo", *(str(part) for option in options.items() for part in option)]
+
+
+def vehicle_type(vehicle: Vehicle) -> str:
+    """The ego's vType as a SUMO additional file."""
+    attributes = {
+        "id": "ego",
+        "vClass": "passenger",
+        "length": vehicle.length_m,
+        "width": vehicle.width_m,
+        "accel": vehicle.max_acceleration_mps2,
+        "decel": vehicle.max_deceleration_mps2,
+        "emergencyDecel": vehicle.max_deceleration_mps2,
+        # No random number may decide anything: no speed factor, no dawdling.
+        "speedDev": 0,
+        "sigma": 0,
+        "minGap": 0,
+        "maxSpeed": 100,
+    }
+    written = " ".join(f"{name}={quoteattr(str(value))}" for name, value in attributes.items())
+    return f"<additional><vType {written}/></additional>\n"
