@@ -23,9 +23,9 @@ from harness.execution import PairRunner
 from harness.experiment import network_of
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
-from harness.site import read_site
 from harness.plan import planned_arrivals
-from harness.scenario import Scenario, load_scenario
+from harness.scenario import Scenario, Setting, load_scenario
+from harness.site import read_site
 
 
 @dataclass
@@ -78,7 +78,7 @@ def timed_model() -> TimedModel:
 
 def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cost:
     """One arm of the harness: plan, episode, contact and measures."""
-    scenario, _ = load_scenario("cctc", [("arms.av", strategy)])
+    scenario, _ = load_scenario("cctc", [Setting("arms.av", strategy)])
     model = timed_model()
     engine = make()
     runner = PairRunner(scenario, model, lambda: engine)
@@ -209,8 +209,7 @@ def main() -> None:
         ("human arm (human_gmm)", "bare libsumo, same steps as human"),
     ):
         ratios = [
-            a.per_step_us / b.per_step_us
-            for a, b in zip(found[arm], found[reference], strict=True)
+            a.per_step_us / b.per_step_us for a, b in zip(found[arm], found[reference], strict=True)
         ]
         with_model = [
             (a.per_step_us + a.model_us) / b.per_step_us

@@ -146,13 +146,13 @@ def export(
 def _load(
     scenario: str, settings: list[str] | None, pairs: int | None, seed: int | None
 ) -> tuple[Any, str]:
-    from harness.scenario import load_scenario, parse_setting
+    from harness.scenario import Setting, load_scenario, parse_setting
 
     chosen = [parse_setting(text) for text in settings or []]
     if pairs is not None:
-        chosen.append(("experiment.pairs", pairs))
+        chosen.append(Setting("experiment.pairs", pairs, "--pairs"))
     if seed is not None:
-        chosen.append(("experiment.seed", seed))
+        chosen.append(Setting("experiment.seed", seed, "--seed"))
     return load_scenario(scenario, chosen)
 
 
@@ -180,13 +180,15 @@ def _progress(total: int, what: str, hidden: bool) -> Iterator[Any]:
 
     def advance(done: int) -> None:
         # Shown once there is something to show: a refusal is one line and no bar.
-        bar.start()
+        if not hidden:
+            bar.start()
         bar.update(task, completed=done)
 
     try:
         yield advance
     finally:
-        bar.stop()
+        if bar.live.is_started:
+            bar.stop()
 
 
 def _print(text: str) -> None:

@@ -35,6 +35,14 @@ UNDEFINED = Interval(None, None, None)
 
 
 @dataclass(frozen=True, slots=True)
+class Proportion(Interval):
+    """A share of ``trials`` with its interval."""
+
+    successes: int
+    trials: int
+
+
+@dataclass(frozen=True, slots=True)
 class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
@@ -69,9 +77,9 @@ class Summary:
     mu: Interval
     mu_timeout: float | None
     cv: Interval
-    kappa: Interval
+    kappa: Proportion
     kappa_front: float | None
-    kappa_human: Interval
+    kappa_human: Proportion
     mu_without_fallback: float | None
 
 
@@ -147,12 +155,14 @@ def bootstrap_mean_and_cv(
     return _bca(mean, means, left_out_mean), _bca(cv, cvs, left_out_cv)
 
 
-def proportion(successes: int, trials: int) -> Interval:
+def proportion(successes: int, trials: int) -> Proportion:
     """A proportion with its Clopper–Pearson interval; undefined for no trials."""
     if trials == 0:
-        return UNDEFINED
+        return Proportion(None, None, None, 0, 0)
     interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="exact")
-    return Interval(successes / trials, float(interval.low), float(interval.high))
+    return Proportion(
+        successes / trials, float(interval.low), float(interval.high), successes, trials
+    )
 
 
 def zero_bound(trials: int) -> float:

@@ -24,7 +24,7 @@ from harness.encounter import (
     Walk,
 )
 from harness.engine.protocol import Engine
-from harness.errors import EngineError
+from harness.errors import EngineError, StrategyError
 
 ChooseSpeed = Callable[[Arrival, float, float], float]
 """(who, range_m, vehicle_speed_mps) → walking speed in m/s, > 0."""
@@ -155,9 +155,8 @@ class _Episode:
         self.speed_mps: list[float] = []
 
     def run(self) -> Ending:
-        rules, engine, decide = self.rules, self.engine, self.strategy.decide
+        rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
-        limit, brake = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
         detection = vehicle.detection_range_m
         passed_at = vehicle.length_m + crossing.width_m / 2
         steps = math.ceil(rules.timeout_s / step - 1e-9)
@@ -175,20 +174,11 @@ class _Episode:
             seen: tuple[PedestrianView, ...] = ()
             if walkers and -detection <= x <= detection:
                 seen = tuple([walker.view() for walker in walkers])
-            wanted = decide(
-                Observation(now, step, EgoView(-x, speed, acceleration), vehicle, crossing, seen)
-            )
-            target: float | None = None
+            view = EgoView(-x, speed, acceleration)
+            wanted = self._ask(Observation(now, step, view, vehicle, crossing, seen))
+            target = None
             if wanted is not None:
-                if wanted > limit:
-                    wanted = limit
-                elif wanted < brake:
-                    wanted = brake
-                elif wanted != wanted:
-                    raise EngineError(f"the strategy returned {wanted!r} at t = {now:.3f} s")
-                target = speed + wanted * step
-                if target < 0.0:
-                    target = 0.0
+                target = max(0.0, speed + wanted * step)
                 acceleration = (target - speed) / step
             # Those who arrive within this step see the ego where it is at that very moment.
             self._admit(now, then, x, speed, acceleration)
@@ -201,6 +191,24 @@ class _Episode:
             if x >= passed_at:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
+
+    def _ask(self, observation: Observation) -> float | None:
+        """The strategy's command within the vehicle's limits."""
+        vehicle = self.rules.vehicle
+        try:
+            wanted = self.strategy.decide(observation)
+            if wanted is None:
+                return None
+            if wanted > vehicle.max_acceleration_mps2:
+                return vehicle.max_acceleration_mps2
+            if wanted < -vehicle.max_deceleration_mps2:
+                return -vehicle.max_deceleration_mps2
+            if wanted == wanted:
+                return wanted
+        except Exception as error:
+            what = f"raised {type(error).__name__}: {error}"
+            raise StrategyError(f"the strategy {what} at t = {observation.time_s:.3f} s") from error
+        raise StrategyError(f"the strategy returned {wanted!r} at t = {observation.time_s:.3f} s")
 
     def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""

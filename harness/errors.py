@@ -41,6 +41,10 @@ class EngineError(HarnessError):
     """The simulation engine could not carry out an episode (not the user's fault)."""
 
 
+class StrategyError(EngineError):
+    """A strategy raised, or asked for something that is no acceleration."""
+
+
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:
     """The refusal of a name that is not in a known set, with the nearest valid one."""
     names = sorted(valid)

@@ -1,7 +1,6 @@
 """Runs planned pairs: makes the strategies, lets both arms meet the same pedestrians."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
 from itertools import islice
 from typing import Any
 
@@ -12,7 +11,7 @@ from harness.engine.protocol import Engine
 from harness.episode import ChooseSpeed, Rules, run_episode
 from harness.errors import InputError
 from harness.interaction import InteractionModel
-from harness.measures import EpisodeRecord, measure
+from harness.measures import Outcome, measure
 from harness.plan import planned_arrivals
 from harness.scenario import Scenario
 from harness.seeding import stream
@@ -20,17 +19,6 @@ from harness.strategies.registry import check_parameters, find_strategy, needs
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """One episode: which one it was, its record and its trace."""
-
-    pair: int
-    arm: Arm
-    strategy: str
-    record: EpisodeRecord
-    trace: Trace
 
 
 class PairRunner:
@@ -109,7 +97,7 @@ class PairRunner:
 def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
     """A fresh strategy object for one episode."""
     factory = find_strategy(name, "arms")
-    given: dict[str, Any] = {"model": model}
+    given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
     wanted = needs(factory)
     if "rng" in wanted:
         given["rng"] = stream(scenario.experiment.seed, "strategy", pair)

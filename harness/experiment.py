@@ -1,5 +1,6 @@
 """One experiment from scenario to run folder: the way of the data in one page."""
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,17 +11,20 @@ import numpy as np
 from harness.comparison import Summary, summarise
 from harness.encounter import Ending
 from harness.engine.protocol import Engine
-from harness.execution import Outcome, PairRunner
+from harness.execution import PairRunner
 from harness.interaction import InteractionModel, load_model
+from harness.measures import Outcome
 from harness.network import CrossingGeometry, network_for
 from harness.resources import shipped_directory
 from harness.results import (
+    CELLS,
     EPISODES,
     MANIFEST,
     PAIRS,
     PEDESTRIANS,
     SCHEMA,
     TRACES,
+    EventLog,
     episode_rows,
     new_run_folder,
     pair_columns,
@@ -101,16 +105,24 @@ def run_experiment(
     model = load_model(scenario.model.name, scenario.model.path)
     runner = PairRunner(scenario, model, make_engine or sumo_engine(scenario))
     folder = new_run_folder(out, name)
+    log = EventLog(folder)
+    log.write("started", pairs=scenario.experiment.pairs)
+    begin = time.perf_counter()
     try:
         outcomes = _collect(runner, scenario.experiment.pairs, progress)
     finally:
         runner.close()
-    summary = _write(folder, scenario, model, outcomes, traces)
     failures = [
         (outcome.pair, outcome.arm.value, outcome.record.reason or "")
         for outcome in outcomes
         if outcome.record.ending is Ending.ENGINE_FAILED
     ]
+    for pair, arm, reason in failures:
+        log.write("failed", cell=CELL, pair=pair, arm=arm, reason=reason)
+    rate = scenario.experiment.pairs / (time.perf_counter() - begin)
+    log.write("simulated", pairs=scenario.experiment.pairs, pairs_per_s=round(rate, 1))
+    summary = _write(folder, scenario, model, outcomes, traces)
+    log.write("finished")
     return Run(folder, scenario, summary, failures)
 
 
@@ -131,6 +143,7 @@ def _write(
 ) -> Summary:
     """The manifest last: a folder that has one is complete."""
     episodes = episode_rows(CELL, outcomes)
+    write_table(folder / "cells.parquet", CELLS, {"cell": [CELL]})
     write_table(folder / "episodes.parquet", EPISODES, episodes)
     write_table(folder / "pedestrians.parquet", PEDESTRIANS, pedestrian_rows(CELL, outcomes))
     write_table(folder / "pairs.parquet", PAIRS, pair_rows(CELL, episodes))

@@ -14,6 +14,7 @@ import numpy as np
 from harness.contact import first_contact_in_step, gap, time_to_collision
 from harness.encounter import (
     PEDESTRIAN_RADIUS_M,
+    Arm,
     Contact,
     Ending,
     FloatArray,
@@ -53,6 +54,17 @@ class EpisodeRecord:
     max_deceleration_mps2: float
     stopped_s: float
     delay_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One episode: which one it was, its record and its trace."""
+
+    pair: int
+    arm: Arm
+    strategy: str
+    record: EpisodeRecord
+    trace: Trace
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,13 +101,15 @@ def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise InputError("network name", repr(name), "letters, digits, - and _")
-    return {
-        f"{name}.nod.xml": _nodes(geometry),
-        f"{name}.edg.xml": _EDGES,
-        f"{name}.typ.xml": _types(geometry),
-        f"{name}.con.xml": _connections(geometry),
-        f"{name}.netccfg": _configuration(geometry, name),
+    values = {
+        "name": name,
+        "bearing": repr(geometry.bearing_deg),
+        "nodes": "\n".join(_nodes(geometry)),
+        "lane": repr(geometry.length_m / 2),
+        "width": repr(geometry.width_m),
+        "projection": projection(geometry.latitude_deg, geometry.longitude_deg),
     }
+    return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
 
 
 def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> NetworkFiles:
@@ -177,7 +179,13 @@ def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
     return build_network(geometry, directory, "site").net
 
 
-_EDGES = """<edges>
+_TEMPLATES = {
+    "nod.xml": """<nodes>
+    <!-- The ego drives along bearing {bearing}. x: longitude, y: latitude, WGS84. -->
+{nodes}
+</nodes>
+""",
+    "edg.xml": """<edges>
     <!-- Right-hand traffic: both directions lie right of the axis between the nodes. -->
     <edge id="approach" from="start" to="crosswalk" type="road" spreadType="right"/>
     <edge id="exit" from="crosswalk" to="end" type="road" spreadType="right"/>
@@ -187,12 +195,23 @@ _EDGES = """<edges>
     <edge id="near" from="near" to="crosswalk" type="footpath" spreadType="center"/>
     <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
 </edges>
-"""
-
-
-def _configuration(geometry: CrossingGeometry, name: str) -> str:
-    """netconvert's options; it keeps nodes to a micrometre, whatever the precision."""
-    return f"""<configuration>
+""",
+    # The speed limits only keep SUMO from refusing or changing a speed.
+    "typ.xml": """<types>
+    <type id="road" numLanes="1" speed="100" width="{lane}" priority="2" disallow="pedestrian"/>
+    <type id="footpath" numLanes="1" speed="10" width="{width}" priority="1" allow="pedestrian"/>
+</types>
+""",
+    "con.xml": """<connections>
+    <connection from="approach" to="exit" fromLane="0" toLane="0"/>
+    <connection from="oncoming_approach" to="oncoming_exit" fromLane="0" toLane="0"/>
+    <!-- A marked crosswalk: vehicles yield. It binds SUMO's own driver only; the pedestrians and
+         strategies of the harness follow their own rules. -->
+    <crossing node="crosswalk" edges="approach oncoming_exit" priority="true" width="{width}"/>
+</connections>
+""",
+    # Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9.
+    "netccfg": """<configuration>
     <input>
         <node-files value="{name}.nod.xml"/>
         <edge-files value="{name}.edg.xml"/>
@@ -205,18 +224,19 @@ def _configuration(geometry: CrossingGeometry, name: str) -> str:
         <precision.geo value="8"/>
     </output>
     <projection>
-        <proj value="{projection(geometry.latitude_deg, geometry.longitude_deg)}"/>
+        <proj value="{projection}"/>
     </projection>
     <processing>
         <no-turnarounds value="true"/>
         <offset.disable-normalization value="true"/>
     </processing>
 </configuration>
-"""
+""",
+}
 
 
-def _nodes(geometry: CrossingGeometry) -> str:
-    """Nodes in longitude and latitude; a unit of the last decimal is at most 1.2e-8 m."""
+def _nodes(geometry: CrossingGeometry) -> list[str]:
+    """Nodes in longitude and latitude; a unit of the last decimal is at most 1.1e-8 m."""
     bearing = math.radians(geometry.bearing_deg)
     east, north = math.sin(bearing), math.cos(bearing)
     reach = FOOTPATH_M + geometry.length_m / 2
@@ -227,48 +247,20 @@ def _nodes(geometry: CrossingGeometry) -> str:
         "near": (0.0, -reach),
         "far": (0.0, reach),
     }
+    # Decimal sums: in floating point the last digits would depend on the machine's sine, and then
+    # the shipped sources would not be those of their own geometry.
+    longitude, latitude = (
+        Decimal(f"{degrees:.9f}") for degrees in (geometry.longitude_deg, geometry.latitude_deg)
+    )
     lines = []
     for node, (along, left) in places.items():
-        x, y = along * east - left * north, along * north + left * east
-        # Decimals: added to some 80°, an offset would lose its last digits, which then depend on
-        # the machine's sine, and the text with them.
-        offsets = offset_deg(geometry.latitude_deg, x, y)
-        dx, dy = (Decimal(f"{offset:.13f}") for offset in offsets)
-        longitude = Decimal(f"{geometry.longitude_deg:.9f}") + dx
-        longitude -= 360 * round(longitude / 360)  # beyond the date line
-        latitude = Decimal(f"{geometry.latitude_deg:.9f}") + dy
-        lines.append(f'    <node id="{node}" x="{longitude}" y="{latitude}" type="priority"/>\n')
-    return (
-        f"<nodes>\n    <!-- The ego drives along bearing {geometry.bearing_deg!r}. x: longitude,"
-        f" y: latitude, WGS84. -->\n{''.join(lines)}</nodes>\n"
-    )
-
-
-def _types(geometry: CrossingGeometry) -> str:
-    """Edge types; the speed limits only keep SUMO from refusing or changing a speed."""
-    lane = geometry.length_m / 2
-    return (
-        "<types>\n"
-        f'    <type id="road" numLanes="1" speed="100" width="{lane!r}" priority="2"'
-        ' disallow="pedestrian"/>\n'
-        f'    <type id="footpath" numLanes="1" speed="10" width="{geometry.width_m!r}"'
-        ' priority="1" allow="pedestrian"/>\n'
-        "</types>\n"
-    )
-
-
-def _connections(geometry: CrossingGeometry) -> str:
-    """Lanes straight on, and the crosswalk over both of them."""
-    return (
-        "<connections>\n"
-        '    <connection from="approach" to="exit" fromLane="0" toLane="0"/>\n'
-        '    <connection from="oncoming_approach" to="oncoming_exit" fromLane="0" toLane="0"/>\n'
-        "    <!-- A marked crosswalk: vehicles yield. It binds SUMO's own driver only; the"
-        " pedestrians and\n         strategies of the harness follow their own rules. -->\n"
-        '    <crossing node="crosswalk" edges="approach oncoming_exit" priority="true"'
-        f' width="{geometry.width_m!r}"/>\n'
-        "</connections>\n"
-    )
+        offset = offset_deg(
+            float(latitude), along * east - left * north, along * north + left * east
+        )
+        x, y = longitude + Decimal(f"{offset[0]:.13f}"), latitude + Decimal(f"{offset[1]:.13f}")
+        x -= 360 * round(x / 360)  # beyond the date line
+        lines.append(f'    <node id="{node}" x="{x:.13f}" y="{y:.13f}" type="priority"/>')
+    return lines
 
 
 def _netconvert(directory: Path, configuration: str, net_name: str) -> None:

@@ -12,6 +12,7 @@ import os
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,7 @@ import pyarrow.parquet as pq
 from harness.comparison import Interval, PairColumns, Summary
 from harness.encounter import Arm, Contact, Ending, Side
 from harness.errors import InputError
-from harness.execution import Outcome
-from harness.measures import EpisodeRecord
+from harness.measures import EpisodeRecord, Outcome
 
 SCHEMA = 1
 """Version of the run folder's format."""
@@ -83,6 +83,9 @@ PAIRS = pa.schema(
         ("tau", pa.float64()),
     ]
 )
+
+CELLS = pa.schema([("cell", pa.int32())])
+"""Before the varied keys of a sweep, which follow as further columns."""
 
 TRACES = pa.schema(
     [
@@ -331,6 +334,20 @@ def write_summary(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def write_json(path: Path, document: Mapping[str, Any]) -> None:
     """Write a JSON file, keys in the order given."""
     write_file(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
+
+
+class EventLog:
+    """``log.jsonl``: what happened when.  The only file of a run folder with a clock in it."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / "log.jsonl"
+
+    def write(self, event: str, **details: Any) -> None:
+        """Append one line."""
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"time": now, "event": event, **details})
+        with self._path.open("a", encoding="utf-8") as file:
+            file.write(line + "\n")
 
 
 def versions() -> dict[str, str]:

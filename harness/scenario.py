@@ -8,7 +8,7 @@ import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -109,14 +109,22 @@ class Scenario(_Section):
         return Crossing(self.crossing.length_m, self.crossing.width_m)
 
 
+class Setting(NamedTuple):
+    """A dotted key with the value it gets, and the option to name in messages about it."""
+
+    key: str
+    value: Any
+    source: str = "--set"
+
+
 def load_scenario(
-    name_or_path: str | Path, settings: Sequence[tuple[str, Any]] = ()
+    name_or_path: str | Path, settings: Sequence[Setting] = ()
 ) -> tuple[Scenario, str]:
     """Read a scenario file, or a shipped scenario by its name, and apply ``key=value`` settings.
 
     Args:
         name_or_path: a TOML file, or the name of a shipped scenario such as ``cctc``.
-        settings: dotted keys with values, applied in order over the file's.
+        settings: applied in order over the file's values.
 
     Returns:
         The scenario and its name (the file's stem).  A relative ``model.path`` in the file is
@@ -134,22 +142,22 @@ def load_scenario(
         raise InputError(str(path), f"cannot be read ({error.strerror})") from None
     _anchor_model_path(tree, path.parent)
     sources: dict[str, str] = {}
-    for key, value in settings:
-        _assign(tree, key, value)
-        sources[key] = "--set"
+    for setting in settings:
+        _assign(tree, setting)
+        sources[setting.key] = setting.source
     return validate(tree, path.name, sources), path.stem
 
 
-def parse_setting(text: str) -> tuple[str, Any]:
+def parse_setting(text: str) -> Setting:
     """Split ``key=value``; the value is read as TOML, and as a string where it is none."""
     key, equals, raw = text.partition("=")
     key = key.strip()
     if not equals or not key:
         raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
     try:
-        return key, tomllib.loads(f"value = {raw}")["value"]
+        return Setting(key, tomllib.loads(f"value = {raw}")["value"])
     except tomllib.TOMLDecodeError:
-        return key, raw.strip()
+        return Setting(key, raw.strip())
 
 
 def validate(
@@ -195,7 +203,8 @@ def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
         model["path"] = str((folder / model["path"]).resolve())
 
 
-def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
+def _assign(tree: dict[str, Any], setting: Setting) -> None:
+    key = setting.key
     try:
         # TOML's own key syntax, so that quoted parts may contain dots and colons.
         branch = tomllib.loads(f"{key} = 0")
@@ -205,7 +214,7 @@ def _assign(tree: dict[str, Any], key: str, value: Any) -> None:
     while True:
         (name,) = branch
         if not isinstance(branch[name], dict):
-            node[name] = value
+            node[name] = setting.value
             return
         branch = branch[name]
         if not isinstance(node.setdefault(name, {}), dict):
@@ -217,7 +226,9 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
     key = ".".join(path)
-    where = f"{key_sources[key]} {key}" if key in key_sources else f"{source}: {key}"
+    # A misspelt table is wrong in whatever option named a key of it.
+    named = [full for full in key_sources if full == key or full.startswith(f"{key}.")]
+    where = f"{key_sources[named[-1]]} {named[-1]}" if named else f"{source}: {key}"
     if first["type"] == "extra_forbidden":
         return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
     message = first["msg"]
@@ -263,9 +274,10 @@ def _check_consistency(scenario: Scenario, source: str) -> None:
             f"{experiment.step_s!r} s",
             "whole milliseconds, SUMO's resolution",
         )
-    if experiment.timeout_s < experiment.step_s:
+    steps = experiment.timeout_s / experiment.step_s
+    if steps < 1 - 1e-9 or abs(steps - round(steps)) > 1e-6:
         raise InputError(
             f"{source}: experiment.timeout_s",
             f"{experiment.timeout_s:g} s",
-            f"at least experiment.step_s = {experiment.step_s:g} s",
+            f"whole steps of experiment.step_s = {experiment.step_s:g} s",
         )

@@ -1,6 +1,6 @@
 """One variable of a truncated mixture, given some of the others."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -189,14 +189,11 @@ class Conditional:
     def _logpdf(self, x: Array, y: Array) -> Array:
         inside = (x >= self.lower) & (x <= self.upper)
         if self._form is None:
-            tables = self._tables(y)
-            logs = [
-                self._log_unnormalised(x[i : i + 1], y[i : i + 1])[0] - table.log_total
-                if inside[i]
-                else -np.inf
-                for i, table in enumerate(tables)
-            ]
-            return np.array(logs)
+            logs = np.full(x.size, -np.inf)
+            for rows, table in self._tables(y):
+                chosen = rows[inside[rows]]
+                logs[chosen] = self._log_unnormalised(x[chosen], y[rows[:1]]) - table.log_total
+            return logs
         state = self._regression.at(y)
         total = self._form.cumulative(state).total
         weak = total <= self._form.smallest_total
@@ -208,8 +205,10 @@ class Conditional:
 
     def _cdf(self, x: Array, y: Array) -> Array:
         if self._form is None:
-            pairs = zip(x, self._tables(y), strict=True)
-            return np.array([t.cdf(np.clip(v, t.edges[:1], t.edges[-1:]))[0] for v, t in pairs])
+            result = np.empty(x.size)
+            for rows, table in self._tables(y):
+                result[rows] = table.cdf(np.clip(x[rows], table.edges[0], table.edges[-1]))
+            return np.where(x <= self.lower, 0.0, np.where(x >= self.upper, 1.0, result))
         state = self._regression.at(y)
         lower, upper = self._bounds(state)
         cumulative = self._form.cumulative(state)
@@ -220,16 +219,13 @@ class Conditional:
         for i in np.flatnonzero(weak):
             table = self._tabulate(y[i : i + 1])
             result[i] = table.cdf(np.clip(x[i : i + 1], table.edges[0], table.edges[-1]))[0]
-        result = np.where(x <= self.lower, 0.0, np.where(x >= self.upper, 1.0, result))
-        return result
+        return np.where(x <= self.lower, 0.0, np.where(x >= self.upper, 1.0, result))
 
     def _ppf(self, u: Array, y: Array) -> Array:
         if self._form is None:
-            if not self.given:
-                result = self._marginal().ppf(u)
-            else:
-                pairs = zip(u, self._tables(y), strict=True)
-                result = np.array([table.ppf(v[None])[0] for v, table in pairs])
+            result = np.empty(u.size)
+            for rows, table in self._tables(y):
+                result[rows] = table.ppf(u[rows])
         else:
             state = self._regression.at(y)
             lower, upper = self._bounds(state)
@@ -242,7 +238,10 @@ class Conditional:
 
     def _mode(self, _: Array, y: Array) -> Array:
         if self._form is None:
-            return np.array([table.mode() for table in self._tables(y)])
+            result = np.empty(y.shape[0])
+            for rows, table in self._tables(y):
+                result[rows] = table.mode()
+            return result
         state = self._regression.at(y)
         result = highest_point(self._form, state, *self._bounds(state))
         height = self._form.curve(state, result[None])[0][0]
@@ -297,18 +296,14 @@ class Conditional:
         breaks.append(upper)
         return TabulatedDensity(lambda x: self._log_unnormalised(x, y), np.array(breaks))
 
-    def _tables(self, y: Array) -> list[TabulatedDensity]:
-        """One table per row of y (n, g); a row met again in the batch shares its table."""
+    def _tables(self, y: Array) -> Iterator[tuple[NDArray[np.intp], TabulatedDensity]]:
+        """For each distinct row of y (n, g): which rows equal it, and its table."""
         if not self.given:
-            return [self._marginal()] * y.shape[0]
-        known: dict[bytes, TabulatedDensity] = {}
-        tables = []
-        for row in y:
-            key = row.tobytes()
-            if key not in known:
-                known[key] = self._tabulate(row[None])
-            tables.append(known[key])
-        return tables
+            yield np.arange(y.shape[0]), self._marginal()
+            return
+        distinct, which = np.unique(y, axis=0, return_inverse=True)
+        for i, row in enumerate(distinct):
+            yield np.flatnonzero(which == i), self._tabulate(row[None])
 
     def _marginal(self) -> TabulatedDensity:
         """The table for nothing given, made on first use."""

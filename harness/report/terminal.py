@@ -101,9 +101,9 @@ def _check_network() -> None:
 
 def _check_episode() -> None:
     from harness.experiment import run_experiment
-    from harness.scenario import load_scenario
+    from harness.scenario import Setting, load_scenario
 
-    scenario, name = load_scenario("cctc", [("experiment.pairs", 1)])
+    scenario, name = load_scenario("cctc", [Setting("experiment.pairs", 1)])
     with tempfile.TemporaryDirectory() as folder:
         run = run_experiment(scenario, name, out=Path(folder) / "run")
     if run.failures:
@@ -158,15 +158,12 @@ def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
 
 
 def _crash_lines(summary: Summary) -> list[str]:
-    trials = summary.pairs - summary.failed
-    lines = []
-    for who, interval in (("AV", summary.kappa), ("human", summary.kappa_human)):
-        if interval.value == 0 and interval.high is not None:
-            lines.append(
-                f"No crash of the {who} in {trials} episodes: κ below {zero_bound(trials):.1%} "
-                f"with {CONFIDENCE:.0%} confidence, one-sided ({interval.high:.1%} two-sided)."
-            )
-    return lines
+    return [
+        f"No crash of the {who} in {kappa.trials} episodes: κ below {zero_bound(kappa.trials):.1%} "
+        f"with {CONFIDENCE:.0%} confidence, one-sided ({kappa.high:.1%} two-sided)."
+        for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human))
+        if kappa.trials and kappa.successes == 0
+    ]
 
 
 def _count_lines(summary: Summary) -> list[str]:

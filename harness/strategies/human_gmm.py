@@ -19,7 +19,8 @@ class HumanDriver:
     Args:
         model: the interaction model (given by the harness).
         rng: random numbers of this pair (given by the harness); used by ``speed="sampled"``.
-        decision_interval_s: Δt, > 0.
+        step_s: the simulation's step (given by the harness).
+        decision_interval_s: Δt, a whole number of steps.
         reading: condition on the time advantage, or leave it out (``marginal``).
         speed: the mode, or a draw from the density (``sampled``).
     """
@@ -29,13 +30,17 @@ class HumanDriver:
         *,
         model: InteractionModel,
         rng: np.random.Generator,
+        step_s: float,
         decision_interval_s: float = 1.0,
         reading: Literal["given_time_advantage", "marginal"] = "given_time_advantage",
         speed: Literal["mode", "sampled"] = "mode",
     ) -> None:
-        if not decision_interval_s > 0:
+        steps = decision_interval_s / step_s
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-6:
             raise InputError(
-                "human_gmm.decision_interval_s", f"{decision_interval_s!r}", "greater than 0"
+                "human_gmm.decision_interval_s",
+                f"{decision_interval_s!r} s",
+                f"whole steps of experiment.step_s = {step_s:g} s",
             )
         self._model, self._rng = model, rng
         self._interval_s = decision_interval_s

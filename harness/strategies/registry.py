@@ -1,6 +1,7 @@
 """Every strategy that can drive an arm: one line each."""
 
 import inspect
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import NoneType, UnionType
@@ -20,7 +21,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "human_gmm": HumanDriver,
 }
 
-GIVEN_BY_HARNESS = ("model", "rng")
+GIVEN_BY_HARNESS = ("model", "rng", "step_s")
 """Constructor arguments that the harness fills in; never keys of a scenario."""
 
 
@@ -102,8 +103,10 @@ def _fits(value: Any, annotation: Any) -> bool:
     if annotation is NoneType:
         return value is None
     if annotation is float:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return number and abs(value) < float("inf")
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            return False
+        # TOML's integers have no limit, a float's range has.
+        return abs(value) <= sys.float_info.max
     if annotation is int:
         return isinstance(value, int) and not isinstance(value, bool)
     return isinstance(value, annotation) if isinstance(annotation, type) else True

@@ -7,6 +7,7 @@ curvature, written out below; SUMO is only asked to turn its coordinates into de
 import math
 import re
 import shutil
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -20,12 +21,11 @@ from harness import network
 from harness.errors import EngineError, InputError
 from harness.network import (
     CrossingGeometry,
-    Site,
     build_network,
     network_for,
     plain_sources,
-    read_site,
 )
+from harness.site import Site, offset_deg, read_site
 
 SHIPPED = Path(__file__).parents[2] / "networks" / "cctc"
 CCTC = CrossingGeometry()
@@ -109,6 +109,7 @@ def test_the_metric_of_this_file() -> None:
 # --- where it is ---------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("no_simulation")
 def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingGeometry, Path]) -> None:
     geometry, net = case
     site = read_site(net)
@@ -124,6 +125,7 @@ def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingGeometry, Pa
     assert site.to_network(0.0, geometry.length_m / 2) == pytest.approx(centre, abs=1e-8)
 
 
+@pytest.mark.usefixtures("no_simulation")
 def test_road_and_walk_have_their_true_bearings(case: tuple[CrossingGeometry, Path]) -> None:
     geometry, net = case
     site = read_site(net)
@@ -139,6 +141,96 @@ def test_road_and_walk_have_their_true_bearings(case: tuple[CrossingGeometry, Pa
     assert angle_between(site.bearing_deg, geometry.bearing_deg) < 1e-5
     length = math.hypot(*ground_m(*road))
     assert length == pytest.approx(network.APPROACH_M + network.EXIT_M, rel=1e-6)
+
+
+def space_m(place: tuple[float, float]) -> tuple[float, float, float]:
+    """A place of the ellipsoid in Earth-centred Cartesian coordinates."""
+    longitude, latitude = map(math.radians, place)
+    squared = FLATTENING * (2 - FLATTENING)
+    normal = AXIS_M / math.sqrt(1 - squared * math.sin(latitude) ** 2)
+    off_axis = normal * math.cos(latitude)
+    return (
+        off_axis * math.cos(longitude),
+        off_axis * math.sin(longitude),
+        normal * (1 - squared) * math.sin(latitude),
+    )
+
+
+def seen_m(centre: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
+    """East and north components of the straight line from a centre to a place."""
+    longitude, latitude = map(math.radians, centre)
+    dx, dy, dz = (b - a for a, b in zip(space_m(centre), space_m(place), strict=True))
+    outward = dx * math.cos(longitude) + dy * math.sin(longitude)
+    east = dy * math.cos(longitude) - dx * math.sin(longitude)
+    return east, dz * math.cos(latitude) - outward * math.sin(latitude)
+
+
+def source_nodes(net: Path) -> dict[str, tuple[float, float]]:
+    root = ET.parse(net.with_name(net.name.replace(".net.", ".nod."))).getroot()
+    assert {child.tag for child in root} == {"node"}
+    return {node.attrib["id"]: (float(node.attrib["x"]), float(node.attrib["y"])) for node in root}
+
+
+def asked_nodes(geometry: CrossingGeometry) -> dict[str, tuple[float, float]]:
+    """East and north metres of every node by the geometry's own definition."""
+    bearing = math.radians(geometry.bearing_deg)
+    reach = network.FOOTPATH_M + geometry.length_m / 2
+    east_north = {"crosswalk": (0.0, 0.0)}
+    for node, turn, distance in (
+        ("start", math.pi, network.APPROACH_M),
+        ("end", 0.0, network.EXIT_M),
+        ("near", math.pi / 2, reach),
+        ("far", -math.pi / 2, reach),
+    ):
+        course = bearing + turn
+        east_north[node] = (distance * math.sin(course), distance * math.cos(course))
+    return east_north
+
+
+def test_source_nodes_are_longitudes_and_latitudes(case: tuple[CrossingGeometry, Path]) -> None:
+    geometry, net = case
+    nodes, asked = source_nodes(net), asked_nodes(geometry)
+    assert nodes.keys() == asked.keys()
+    centre = (geometry.longitude_deg, geometry.latitude_deg)
+    assert nodes["crosswalk"] == pytest.approx(centre, abs=1e-9, rel=0)
+    for node, (longitude, latitude) in nodes.items():
+        assert -180 <= longitude <= 180
+        # On a sphere of radius r a place s away lies r·sin(s/r) off the vertical, s³/6r² less than
+        # s, and the projection stretches and turns by as little: 1.1e-7 m each at 300 m.
+        assert seen_m(nodes["crosswalk"], (longitude, latitude)) == pytest.approx(
+            asked[node], abs=3e-7, rel=0
+        )
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_sumo_projects_the_source_nodes_to_their_metres(
+    case: tuple[CrossingGeometry, Path],
+) -> None:
+    geometry, net = case
+    asked = asked_nodes(geometry)
+    nodes = source_nodes(net)
+    with simulation(net):
+        for node, place in nodes.items():
+            point = libsumo.simulation.convertGeo(*place, fromGeo=True)
+            assert point == pytest.approx(asked[node], abs=2e-8, rel=0), node
+    # netconvert keeps them to a micrometre.
+    road = sumolib.net.readNet(str(net))
+    for node, point in asked.items():
+        assert road.getNode(node).getCoord() == pytest.approx(point, abs=5.2e-7, rel=0)
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_inverse_projection_agrees_with_sumo(case: tuple[CrossingGeometry, Path]) -> None:
+    _, net = case
+    site = read_site(net)
+    rim = [(400 * math.cos(angle), 400 * math.sin(angle)) for angle in range(0, 63, 5)]
+    with simulation(net):
+        for point in [*rim, (0.0, 400.0), (-400.0, 0.0), (12.5, -3.0)]:
+            east, north = offset_deg(site.latitude_deg, *point)
+            place = (site.longitude_deg + east, site.latitude_deg + north)
+            back = libsumo.simulation.convertGeo(*place, fromGeo=True)
+            # Of this, the doubles of a longitude near 180° take 2e-9 m.
+            assert back == pytest.approx(point, abs=1e-8, rel=0)
 
 
 # --- how it is built -----------------------------------------------------------------------------
@@ -197,6 +289,7 @@ def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
 # --- driving and walking in it -------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
 def test_drive_is_exact(
     case: tuple[CrossingGeometry, Path], range_m: float, speed_mps: float
@@ -234,6 +327,7 @@ def test_drive_is_exact(
     assert junction.pop().startswith(":crosswalk_")
 
 
+@pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize("near_side", [True, False])
 def test_walk_is_straight_and_exact(case: tuple[CrossingGeometry, Path], near_side: bool) -> None:
     geometry, net = case
@@ -319,7 +413,8 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
 def test_netconvert_failure_is_one_line_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(network, "_EDGES", network._EDGES.replace('to="end"', 'to="nowhere"'))
+    edges = network._TEMPLATES["edg.xml"].replace('to="end"', 'to="nowhere"')
+    monkeypatch.setitem(network._TEMPLATES, "edg.xml", edges)
     with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
         build_network(CCTC, tmp_path, "site")
     assert "\n" not in str(caught.value)
@@ -330,7 +425,8 @@ def test_a_network_unlike_its_geometry_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
-    monkeypatch.setattr(network, "_EDGES", network._EDGES.replace(' spreadType="center"', ""))
+    edges = network._TEMPLATES["edg.xml"].replace(' spreadType="center"', "")
+    monkeypatch.setitem(network._TEMPLATES, "edg.xml", edges)
     with pytest.raises(EngineError, match=r"differs in max_range_m"):
         build_network(CCTC, tmp_path, "site")
     assert list(tmp_path.iterdir()) == []

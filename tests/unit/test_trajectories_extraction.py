@@ -1,0 +1,317 @@
+"""Extraction from made-up clips whose R, L, v, v_p and T_adv are known by construction."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness.errors import InputError
+from harness.trajectories import (
+    REASONS,
+    ROW_COLUMNS,
+    Rules,
+    Track,
+    VehicleTrack,
+    conflict_point,
+    extract,
+    model_rows,
+    read_clips,
+    summary,
+)
+
+MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
+RATE = 4.0  # frames per second of the made-up clip, frames 0–32
+
+
+@pytest.fixture(scope="module")
+def made_up():
+    return extract(MADE_UP, "vci", frame_rate_hz=RATE)
+
+
+def write_clip(folder, vehicles, pedestrians, name="clip"):
+    """A clip of id → (frames, x, y) in the format's files; returns the folder."""
+    target = folder / "trajectories_filtered"
+    target.mkdir(exist_ok=True)
+    for kind, tracks in (("veh", vehicles), ("ped", pedestrians)):
+        lines = ["id,frame,label,x_est,y_est"]
+        for key, (frames, x, y) in tracks.items():
+            lines += [
+                f"{key},{f},{kind},{a!r},{b!r}"
+                for f, a, b in zip(frames, map(float, x), map(float, y), strict=True)
+            ]
+        (target / f"{name}_traj_{kind}_filtered.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def test_straight_constant_speed_pair_comes_out_exactly(made_up):
+    # Vehicle centre at x = −20 + 4 t on y = 0, 4 m long: front bumper at −18 + 4 t. Pedestrian 0 at
+    # x = 0, y = −8 + 1.25 t. They cross at (0, 0): R = 18 − 4 t, L = 8 − 1.25 t, v = 4, v_p = 1.25,
+    # R/v = 4.5 − t, L/v_p = 6.4 − t, T_adv = 1.9. R ≥ 0.5 up to t = 4.375: 22 instants 0 … 4.2.
+    rows = made_up.rows[made_up.rows["pedestrian"] == "0"]
+    t = np.arange(22) * 0.2
+    expected = {
+        "time_s": t,
+        "range_m": 18 - 4 * t,
+        "lateral_m": 8 - 1.25 * t,
+        "vehicle_speed_mps": 4.0,
+        "pedestrian_speed_mps": 1.25,
+        "arrival_time_s": 4.5 - t,
+        "time_advantage_s": 1.9,
+        "crossing_angle_deg": 90.0,
+        # Front at 4.5 s, rear at 5.5 s, pedestrian at 6.4 s: 0.9 s between the two.
+        "pet_s": 0.9,
+    }
+    assert len(rows) == 22
+    for name, values in expected.items():
+        np.testing.assert_allclose(rows[name], values, rtol=0, atol=1e-9, err_msg=name)
+    assert set(rows["passed_first"]) == {"vehicle"}
+
+
+def test_oblique_pedestrian_has_distance_from_the_line_not_along_his_way(made_up):
+    # Pedestrian 1 walks 1.5 m/s along (−1/2, −√3/2) and reaches (4, 0) at t = 2: the angle to the
+    # vehicle's (1, 0) is acos(−1/2) = 120°, L = 1.5 · √3/2 · (2 − t), R = 22 − 4 t. L ≥ 0.3 needs
+    # t ≤ 2 − 0.3/1.299 = 1.769: instants 0 … 1.6. He passes at 2 s, the front bumper at 5.5 s.
+    rows = made_up.rows[made_up.rows["pedestrian"] == "1"]
+    t = np.arange(9) * 0.2
+    across = 1.5 * math.sqrt(3) / 2
+    assert len(rows) == 9
+    np.testing.assert_allclose(rows["range_m"], 22 - 4 * t, atol=1e-9)
+    np.testing.assert_allclose(rows["lateral_m"], across * (2 - t), atol=1e-9)
+    np.testing.assert_allclose(rows["pedestrian_speed_mps"], across, atol=1e-9)
+    np.testing.assert_allclose(rows["time_advantage_s"], 3.5, atol=1e-9)
+    np.testing.assert_allclose(rows["crossing_angle_deg"], 120.0, atol=1e-9)
+    np.testing.assert_allclose(rows["pet_s"], 3.5, atol=1e-9)
+    assert set(rows["passed_first"]) == {"pedestrian"}
+
+
+def test_counts_of_the_made_up_clip(made_up):
+    # Vehicle 1 is parked, pedestrian 3 stands, pedestrian 2 walks along the road. Both pairs share
+    # t = 0 … 8: 41 candidates each. Pedestrian 0: 19 instants with R < 0.5 (t ≥ 4.4). Pedestrian 1:
+    # R ≥ 0.5 up to t = 5.375, so 13 with R < 0.5 (t ≥ 5.4 → 5.4 … 8.0: 14) and the rest L < 0.3.
+    counts = made_up.counts
+    assert (counts.clips, counts.vehicles, counts.pairs, counts.rows) == (1, 1, 2, 31)
+    assert (counts.vehicle_tracks, counts.pedestrian_tracks) == (2, 4)
+    assert counts.candidates == 82
+    dropped = {level: {k: n for k, n in of.items() if n} for level, of in counts.dropped.items()}
+    assert dropped == {
+        "records": {},
+        "tracks": {"parked_vehicle": 1, "standing_pedestrian": 1},
+        "pairs": {"paths_do_not_cross": 1},
+        "candidates": {"range_below_min": 19 + 14, "lateral_below_min": 41 - 9 - 14},
+    }
+    assert counts.default_lengths == 0  # corner points: 4 m
+    assert {level: list(of) for level, of in counts.dropped.items()} == {
+        level: list(of) for level, of in REASONS.items()
+    }
+
+
+def test_rows_have_the_documented_columns_and_order(made_up):
+    assert tuple(made_up.rows.columns) == ROW_COLUMNS
+    assert set(made_up.rows["source"]) == {"vci_made_up"}
+    key = made_up.rows[["clip", "vehicle", "pedestrian", "time_s"]]
+    pd.testing.assert_frame_equal(key, key.sort_values(list(key.columns)))
+
+
+def test_same_input_same_rows(made_up):
+    again = extract(str(MADE_UP), "vci", frame_rate_hz=RATE)
+    pd.testing.assert_frame_equal(made_up.rows, again.rows, check_exact=True)
+
+
+def test_moving_and_turning_the_axes_changes_nothing(made_up, tmp_path):
+    turn, shift = math.radians(37.0), np.array([310.0, -42.0])
+    c, s = math.cos(turn), math.sin(turn)
+    clip = read_clips(MADE_UP, "vci", frame_rate_hz=RATE)[0]
+
+    def moved(tracks):
+        out = {}
+        for key, track in tracks.items():
+            xy = track.position_m @ np.array([[c, s], [-s, c]]) + shift
+            out[key] = (np.rint(track.time_s * RATE).astype(int), *xy.T)
+        return out
+
+    folder = write_clip(tmp_path, moved(clip.vehicles), moved(clip.pedestrians), "straight_01")
+    turned = extract(folder, "vci", frame_rate_hz=RATE, vehicle_length_m=4.0)
+    number = list(turned.rows.select_dtypes("float").columns)
+    np.testing.assert_allclose(turned.rows[number], made_up.rows[number], atol=1e-9)
+
+
+def test_range_is_path_length_on_a_bend(tmp_path):
+    # Vehicle on a circle of radius 12 m about the origin, 3 m/s from angle −60°; pedestrian walks
+    # outwards along the x axis, 1 m/s from x = 4: conflict at (12, 0), angle 90°. Path length of
+    # the centre to it: 12 · π/3 − 3 t; half of 4 m less to the bumper. Corners 0.5 m apart shorten
+    # an arc by (0.5/12)²/24 = 7e-5 of its length; the chord to the next corner adds a few mm.
+    frames = np.arange(0, 100)
+    t = frames / 10
+    angle = -math.pi / 3 + 3 * t / 12
+    car = {1: (frames, 12 * np.cos(angle), 12 * np.sin(angle))}
+    walker = {1: (frames, 4 + t, 0 * t)}
+    folder = write_clip(tmp_path, car, walker)
+    rows = extract(folder, "vci", frame_rate_hz=10.0, vehicle_length_m=4.0).rows
+    expected = 12 * math.pi / 3 - 3 * rows["time_s"] - 2
+    assert len(rows) == 17  # R ≥ 0.5 up to t = (12.566 − 2.5) / 3 = 3.355
+    np.testing.assert_allclose(rows["range_m"], expected, atol=0.02)
+    np.testing.assert_allclose(rows["lateral_m"], 8 - rows["time_s"], atol=0.02)
+    np.testing.assert_allclose(rows["vehicle_speed_mps"], 3.0, atol=0.05)
+    np.testing.assert_allclose(rows["crossing_angle_deg"], 90.0, atol=2.0)
+
+
+def test_jitter_of_a_waiting_vehicle_adds_no_path_length(tmp_path):
+    # The vehicle stops at x = −10 from 5 s to 25 s while its recorded centre jumps by ±2 cm
+    # every frame: 250 frames of up to 4 cm would add metres to R if summed up.
+    frames = np.arange(0, 350)
+    t = frames / 10
+    x = np.interp(t, [0, 5, 25, 35], [-20, -10, -10, 10])
+    x = x + np.where((t > 5) & (t < 25), 0.02 * (-1.0) ** frames, 0)
+    walker = {1: (frames, 0 * t, -30 + t)}  # reaches the line at 30 s
+    folder = write_clip(tmp_path, {1: (frames, x, 0 * t)}, walker)
+    rows = extract(
+        folder,
+        "vci",
+        frame_rate_hz=10.0,
+        vehicle_length_m=4.0,
+        max_lateral_m=30,
+        min_vehicle_speed_mps=0,
+    ).rows
+    waiting = rows[(rows["time_s"] > 6) & (rows["time_s"] < 24)]
+    assert len(waiting) > 20
+    np.testing.assert_allclose(waiting["range_m"], 8.0, atol=0.021)
+
+
+@pytest.mark.parametrize(("last_x", "pairs"), [(-13.9, 0), (-12.1, 0), (-11.9, 1), (-6.0, 1)])
+def test_vehicle_path_goes_on_for_twelve_metres(tmp_path, last_x, pairs):
+    # The conflict point is at x = 0; the last recorded centre is at last_x. 12 m reach from −12 on.
+    frames = np.arange(0, 41)
+    x = np.linspace(-30, last_x, 41)
+    folder = write_clip(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, -4 + frames / 8)})
+    assert extract(folder, "vci", frame_rate_hz=10.0).counts.pairs == pairs
+
+
+@pytest.mark.parametrize(("last_y", "pairs"), [(-3.1, 0), (-2.9, 1)])
+def test_pedestrian_path_goes_on_for_three_metres(tmp_path, last_y, pairs):
+    frames = np.arange(0, 81)
+    x = np.linspace(-30, 5, 81)
+    y = np.linspace(-12, last_y, 81)
+    folder = write_clip(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)})
+    assert extract(folder, "vci", frame_rate_hz=10.0).counts.pairs == pairs
+
+
+@pytest.mark.parametrize(("degrees", "kept"), [(48, 0), (52, 1), (128, 1), (132, 0)])
+def test_angles_outside_50_to_130_are_left_out(tmp_path, degrees, kept):
+    frames = np.arange(0, 81)
+    t = frames / 10
+    along = 1.3 * (t - 6)
+    a = math.radians(degrees)
+    walker = {1: (frames, along * math.cos(a), along * math.sin(a))}
+    folder = write_clip(tmp_path, {1: (frames, -20 + 4 * t, 0 * t)}, walker)
+    counts = extract(folder, "vci", frame_rate_hz=10.0).counts
+    assert counts.pairs == kept
+    assert counts.dropped["pairs"]["crossing_angle"] == 1 - kept
+
+
+@pytest.mark.parametrize(
+    ("option", "reason"),
+    [
+        ({"min_range_m": 10}, "range_below_min"),
+        ({"max_range_m": 10}, "range_above_max"),
+        ({"min_lateral_m": 5}, "lateral_below_min"),
+        ({"max_lateral_m": 5}, "lateral_above_max"),
+        ({"min_vehicle_speed_mps": 4.01}, "vehicle_too_slow"),
+        ({"min_pedestrian_speed_mps": 1.26}, "pedestrian_too_slow"),
+        ({"min_time_advantage_s": 2.0}, "time_advantage_below_min"),
+    ],
+)
+def test_each_row_rule_drops_and_counts(made_up, option, reason):
+    strict = extract(MADE_UP, "vci", frame_rate_hz=RATE, **option)
+    assert (
+        strict.counts.dropped["candidates"][reason] > (made_up.counts.dropped["candidates"][reason])
+    )
+    assert strict.counts.rows < made_up.counts.rows
+    total = strict.counts.rows + sum(strict.counts.dropped["candidates"].values())
+    assert total == strict.counts.candidates
+
+
+def test_no_row_across_a_gap(tmp_path):
+    # Vehicle frames 20–39 (2.0–3.9 s) are missing: no speed where the window of ±0.25 s reaches
+    # into the gap between 1.9 and 4.0 s, i.e. for 1.65 < t < 4.25: instants 1.8 … 4.2, 13 of them.
+    frames = np.arange(0, 81)
+    seen = np.r_[0:20, 40:81]
+    vehicle = {1: (seen, -30 + 4 * seen / 10, 0.0 * seen)}
+    walker = {1: (frames, 0.0 * frames, -12 + frames / 8)}
+    folder = write_clip(tmp_path, vehicle, walker)
+    found = extract(folder, "vci", frame_rate_hz=10.0)
+    assert found.counts.dropped["candidates"]["speed_undefined"] == 13
+    assert not found.rows["time_s"].between(1.7, 4.3).any()
+
+
+def test_who_passed_is_null_when_nobody_was_seen_to(tmp_path):
+    frames = np.arange(0, 31)
+    t = frames / 10
+    folder = write_clip(tmp_path, {1: (frames, -25 + 4 * t, 0 * t)}, {1: (frames, 0 * t, -6 + t)})
+    rows = extract(folder, "vci", frame_rate_hz=10.0, pedestrian_extension_m=4.0).rows
+    assert len(rows)
+    assert rows["passed_first"].isna().all()
+    assert rows["pet_s"].isna().all()
+
+
+def test_conflict_point_of_two_tracks():
+    t = np.arange(0, 10, 0.25)
+    car = VehicleTrack(t, np.column_stack([4 * t, 0 * t]), 4.0, 2.0)
+    walker = Track(t, np.column_stack([0 * t + 7, t - 5]))
+    np.testing.assert_allclose(conflict_point(car, walker, Rules()), [7, 0], atol=1e-12)
+    away = Track(t, np.column_stack([0 * t + 7, t + 5]))
+    assert conflict_point(car, away, Rules()) is None
+
+
+def test_model_rows_in_the_order_of_the_model():
+    rows = pd.DataFrame(
+        {
+            "time_advantage_s": [2.0, 0.5],
+            "pedestrian_speed_mps": [1.2, 1.5],
+            "range_m": [10.0, 4.0],
+            "vehicle_speed_mps": [5.0, 3.0],
+        }
+    )
+    np.testing.assert_array_equal(model_rows(rows), [[0.1, 5, 1.2, 0.5], [0.25, 3, 1.5, 2]])
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
+def test_model_rows_refuse_what_has_no_reciprocal(made_up, value):
+    rows = made_up.rows.copy()
+    rows.loc[3, "range_m"] = value
+    with pytest.raises(InputError, match="range_m"):
+        model_rows(rows)
+    with pytest.raises(InputError, match="time_advantage_s"):
+        model_rows(rows.drop(columns="time_advantage_s"))
+
+
+def test_summary_is_plain_data(made_up):
+    # One vehicle, 22 + 9 rows; R over both pairs from 1.2 m (18 − 4·4.2) to 22 m.
+    plain = summary(made_up)
+    assert json.loads(json.dumps(plain)) == plain
+    assert (plain["rows"], plain["vehicles"], plain["encounters"]) == (31, 1, 2)
+    assert plain["quartiles"]["range_m"]["min"] == pytest.approx(1.2)
+    assert plain["quartiles"]["range_m"]["max"] == pytest.approx(22.0)
+    assert plain["quartiles"]["vehicle_speed_mps"]["median"] == pytest.approx(4.0)
+    assert plain["rows_per_vehicle"] == {"min": 31, "median": 31, "max": 31}
+    assert plain["five_busiest_vehicles"] == {"rows": 1.0, "encounters": 1.0}
+    assert plain["passed_first"] == {"vehicle": 1, "pedestrian": 1, "unknown": 0}
+
+
+def test_nothing_left_is_an_empty_result_not_an_error():
+    nothing = extract(MADE_UP, "vci", frame_rate_hz=RATE, min_range_m=59)
+    assert len(nothing.rows) == 0
+    assert tuple(nothing.rows.columns) == ROW_COLUMNS
+    assert (nothing.counts.pairs, nothing.counts.vehicles) == (0, 0)
+    assert nothing.counts.dropped["pairs"]["no_row_kept"] == 2
+    assert model_rows(nothing.rows).shape == (0, 4)
+    assert summary(nothing)["quartiles"]["range_m"] == {
+        "n": 0,
+        "min": None,
+        "q25": None,
+        "median": None,
+        "q75": None,
+        "max": None,
+    }
