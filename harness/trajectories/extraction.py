@@ -126,7 +126,7 @@ def model_rows(rows: pd.DataFrame) -> Floats:
     for name in needed:
         if name not in rows:
             raise InputError("rows", f"column {name!r} is missing", ", ".join(needed))
-    values = rows[list(needed)].to_numpy(dtype=np.float64, na_value=np.nan)
+    values = np.array(rows[list(needed)].to_numpy(dtype=np.float64, na_value=np.nan))
     for column, name in ((0, "range_m"), (3, "time_advantage_s")):
         if not (values[:, column] > 0).all():
             raise InputError(f"rows: {name}", "a value is missing or not above 0", "above 0")

@@ -1,0 +1,104 @@
+"""Extraction of the DUT set against the figures of the project's data page.
+
+The page's figures come from a first extraction made independently of this code: 532 pairs and
+9,600 rows from 35 vehicles, quartiles as below, up to 1,527 rows of one vehicle, 45 % of the events
+from the five busiest vehicles. The set is not part of the project.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.trajectories import extract, model_rows, row_weights, summary
+
+DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
+pytestmark = pytest.mark.skipif(
+    not (DUT / "data" / "trajectories_filtered").is_dir(),
+    reason="needs the DUT set in ../shared/data/dut beside the repository",
+)
+
+
+@pytest.fixture(scope="module")
+def timed():
+    start = time.perf_counter()
+    extraction = extract(DUT, "vci")
+    return extraction, time.perf_counter() - start
+
+
+@pytest.fixture(scope="module")
+def dut(timed):
+    return timed[0]
+
+
+def test_counts_agree_with_the_data_page(dut):
+    assert dut.counts.pairs == pytest.approx(532, rel=0.03)
+    assert dut.counts.rows == pytest.approx(9600, rel=0.03)
+    assert dut.counts.vehicles == 35
+
+
+@pytest.mark.parametrize(
+    ("column", "quartiles"),
+    [
+        ("range_m", (4.1, 8.1, 22.0)),
+        ("vehicle_speed_mps", (1.2, 1.8, 3.9)),
+        ("pedestrian_speed_mps", (1.05, 1.23, 1.39)),
+        ("time_advantage_s", (2.2, 3.8, 6.2)),
+    ],
+)
+def test_quartiles_agree_with_the_data_page(dut, column, quartiles):
+    found = summary(dut)["quartiles"][column]
+    # The page gives two digits; 3.5 % covers their rounding and a few per cent.
+    np.testing.assert_allclose([found[q] for q in ("q25", "median", "q75")], quartiles, rtol=0.035)
+
+
+def test_rows_are_spread_over_vehicles_as_on_the_data_page(dut):
+    plain = summary(dut)
+    assert plain["rows_per_vehicle"]["max"] == pytest.approx(1527, rel=0.03)
+    assert plain["rows_per_vehicle"]["min"] <= 2
+    assert plain["five_busiest_vehicles"]["encounters"] == pytest.approx(0.45, abs=0.02)
+
+
+def test_rows_outside_the_models_box_are_as_many_as_on_the_data_page(dut):
+    # The page: about 16 % lie outside 1/R 1/60–0.5, v 0.3–8, v_p 0.3–3, 1/T_adv 0–2.
+    rows = model_rows(dut.rows)
+    inside = ((rows >= [1 / 60, 0.3, 0.3, 0]) & (rows <= [0.5, 8, 3, 2])).all(axis=1)
+    assert 1 - inside.mean() == pytest.approx(0.16, abs=0.02)
+
+
+def test_clips_missing_pedestrians_are_named(dut):
+    # 28 clips; roundabout_03 has no pedestrians, roundabout_05 only unfiltered ones.
+    assert dut.counts.clips == 27
+    assert list(dut.counts.skipped) == ["roundabout_03"]
+    assert [note.split(":")[0] for note in dut.counts.notes] == ["roundabout_05"]
+
+
+def test_counts_add_up(dut):
+    counts = dut.counts
+    assert counts.rows + sum(counts.dropped["candidates"].values()) == counts.candidates
+    assert row_weights(dut.rows, "encounter").sum() == pytest.approx(counts.pairs)
+
+
+def test_every_row_keeps_the_rules_and_the_definition_of_the_time_advantage(dut):
+    rows = dut.rows
+    assert rows["range_m"].between(0.5, 60).all()
+    assert rows["lateral_m"].between(0.3, 15).all()
+    assert (rows["vehicle_speed_mps"] >= 0.3).all()
+    assert (rows["pedestrian_speed_mps"] >= 0.3).all()
+    assert rows["crossing_angle_deg"].between(50, 130).all()
+    arrival = rows["range_m"] / rows["vehicle_speed_mps"]
+    walking = rows["lateral_m"] / rows["pedestrian_speed_mps"]
+    np.testing.assert_allclose(rows["time_advantage_s"], (arrival - walking).abs(), atol=1e-9)
+
+
+def test_walking_speeds_are_those_of_people(dut):
+    # Published: mean 1.34 m/s (Tarawneh 2001), 15th percentiles 0.92–1.15 m/s (Fitzpatrick 2006).
+    # The speed across the vehicle's line is a part of the walking speed, so at most that.
+    speed = dut.rows["pedestrian_speed_mps"]
+    assert 1.0 < speed.mean() < 1.34
+    assert 0.7 < speed.quantile(0.15) < 1.15
+
+
+def test_the_whole_set_takes_well_under_a_minute(timed):
+    assert timed[1] < 40

@@ -1,0 +1,423 @@
+"""Readers: what the formats mean, and everything awkward in a file."""
+
+import math
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness.errors import InputError
+from harness.trajectories import FORMATS, extract, read_clips
+from harness.trajectories.counting import Tally
+
+DATA = Path(__file__).parents[1] / "data"
+MADE_UP = DATA / "vci_made_up"
+SENSOR = DATA / "mobileye_made_up.csv"
+TABLE = DATA / "rows_made_up.csv"
+RATE = 4.0
+STEM = "straight_01"
+HEAD = "Device,Trip,Time,ObstacleId,Range,Transversal,Speed,GpsHeading,Longitude,Latitude\n"
+
+
+@pytest.fixture
+def clip(tmp_path):
+    """A writable copy of the made-up clip."""
+    return Path(shutil.copytree(MADE_UP, tmp_path / "vci_made_up"))
+
+
+def filtered(folder, kind):
+    return folder / "trajectories_filtered" / f"{STEM}_traj_{kind}_filtered.csv"
+
+
+def change(path, edit):
+    """Rewrite a csv file's lines."""
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join(edit(lines)) + "\n")
+
+
+def rows_of(folder, **options):
+    return extract(folder, "vci", frame_rate_hz=RATE, **options)
+
+
+def assert_same_rows(found, folder=MADE_UP):
+    pd.testing.assert_frame_equal(found.rows, rows_of(folder).rows)
+
+
+# ---- vci ---------------------------------------------------------------------------------------
+
+
+def test_vci_lengths_come_from_corner_points_and_ratio():
+    # Corners 2 m before and behind the centre, 20 pixels per metre: 4 m; the centre is recorded.
+    track = read_clips(MADE_UP, "vci", frame_rate_hz=RATE)[0].vehicles["0"]
+    assert track.length_m == pytest.approx(4.0, abs=1e-12)
+    assert track.front_offset_m == pytest.approx(2.0, abs=1e-12)
+    np.testing.assert_allclose(track.time_s, np.arange(33) / 4)
+
+
+@pytest.mark.parametrize("folder", ["trajectories", "ratios"])
+def test_vci_without_corners_or_ratio_takes_the_length_from_the_options(clip, folder):
+    shutil.rmtree(clip / folder)
+    found = rows_of(clip, vehicle_length_m=5.0)
+    assert found.counts.default_lengths == 2
+    first = found.rows[found.rows["pedestrian"] == "0"].iloc[0]
+    assert first["range_m"] == pytest.approx(20 - 2.5)  # centre at −20, half of 5 m
+    assert read_clips(clip, "vci")[0].vehicles["0"].length_m == 4.5  # the documented default
+
+
+def test_vci_unfiltered_pedestrians_in_pixels_stand_in_for_filtered_ones(clip):
+    table = pd.read_csv(filtered(clip, "ped"))
+    pixels = pd.DataFrame(
+        {"id": table["id"], "x": table["x_est"] * 20, "y": table["y_est"] * 20,
+         "frame": table["frame"], "label": "ped"}
+    )  # fmt: skip
+    pixels.to_csv(clip / "trajectories" / f"{STEM}_traj_ped.csv", index=False)
+    filtered(clip, "ped").unlink()
+    found = rows_of(clip)
+    number = list(found.rows.select_dtypes("float").columns)
+    np.testing.assert_allclose(found.rows[number], rows_of(MADE_UP).rows[number], atol=1e-9)
+    assert any("unfiltered" in note for note in found.counts.notes)
+
+
+def test_vci_clip_without_pedestrians_is_skipped_with_its_reason(clip):
+    for path in list(clip.rglob(f"{STEM}*")):
+        shutil.copy(path, path.with_name(path.name.replace("01", "02")))
+    filtered(clip, "ped").with_name("straight_02_traj_ped_filtered.csv").unlink()
+    found = rows_of(clip)
+    assert found.counts.clips == 1
+    assert list(found.counts.skipped) == ["straight_02"]
+    assert "missing" in found.counts.skipped["straight_02"]
+    assert_same_rows(found)
+
+
+@pytest.mark.parametrize("text", ["", "id,frame,label,x_est,y_est,vx_est,vy_est\n"])
+@pytest.mark.parametrize("kind", ["veh", "ped"])
+def test_vci_empty_file_skips_its_clip_and_alone_is_refused(clip, kind, text):
+    shutil.copytree(clip / "trajectories_filtered", clip / "more" / "trajectories_filtered")
+    filtered(clip, kind).write_text(text)
+    found = rows_of(clip)
+    assert found.counts.clips == 1
+    assert len(found.counts.skipped) == 1
+    shutil.rmtree(clip / "more")
+    with pytest.raises(InputError, match="no clip can be used"):
+        rows_of(clip)
+
+
+def test_vci_records_out_of_order_and_twice_change_nothing(clip):
+    change(filtered(clip, "veh"), lambda lines: [lines[0], *lines[:0:-1]])
+    change(filtered(clip, "ped"), lambda lines: [*lines, lines[5], lines[9]])
+    found = rows_of(clip)
+    assert_same_rows(found)
+    assert found.counts.out_of_order == 2 * 32 + 2  # every step back, per object
+    assert found.counts.dropped["records"]["duplicated"] == 2
+
+
+@pytest.mark.parametrize(
+    ("cell", "reason"),
+    [("nan", "missing_value"), ("", "missing_value"), ("inf", "missing_value"),
+     ("fast", "not_a_number")],
+)  # fmt: skip
+def test_vci_unusable_cell_drops_its_record_only(clip, cell, reason):
+    def edit(lines):
+        fields = lines[41].split(",")  # pedestrian 0 at frame 10; the track is straight
+        fields[3] = cell
+        return [*lines[:41], ",".join(fields), *lines[42:]]
+
+    change(filtered(clip, "ped"), edit)
+    found = rows_of(clip)
+    assert found.counts.dropped["records"][reason] == 1
+    assert sum(found.counts.dropped["records"].values()) == 1
+    number = list(found.rows.select_dtypes("float").columns)
+    np.testing.assert_allclose(found.rows[number], rows_of(MADE_UP).rows[number], atol=1e-9)
+
+
+def test_vci_object_seen_once_is_counted(clip):
+    change(filtered(clip, "ped"), lambda lines: [*lines, "9,3,ped,1.0,1.0,0,0"])
+    found = rows_of(clip)
+    assert found.counts.dropped["tracks"]["one_record"] == 1
+    assert_same_rows(found)
+
+
+def test_vci_missing_column_names_file_column_and_nearest(clip):
+    path = filtered(clip, "veh")
+    change(path, lambda lines: [lines[0].replace("x_est", "X_EST"), *lines[1:]])
+    with pytest.raises(InputError) as refused:
+        rows_of(clip)
+    message = str(refused.value)
+    for part in (str(path), "'x_est'", "'X_EST'", "id, frame, x_est, y_est"):
+        assert part in message
+    assert "\n" not in message
+
+
+def test_vci_column_of_words_is_refused(clip):
+    path = filtered(clip, "ped")
+    table = pd.read_csv(path)
+    table.assign(x_est="left").to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"x_est.*left"):
+        rows_of(clip)
+
+
+@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\x00\xff\xfe", b'a,b\n1,2,3,4\n"'])
+def test_vci_file_that_is_no_table_is_refused(clip, content):
+    filtered(clip, "veh").write_bytes(content)
+    with pytest.raises(InputError, match="veh_filtered"):
+        rows_of(clip)
+
+
+@pytest.mark.parametrize("text", ["", "many", "0", "-3", "nan"])
+def test_vci_bad_ratio_is_refused(clip, text):
+    (clip / "ratios" / f"{STEM}_ratio_pixel2meter.txt").write_text(text)
+    with pytest.raises(InputError, match="pixels per metre"):
+        rows_of(clip)
+
+
+def test_vci_folder_without_clips_and_other_paths_are_refused(tmp_path):
+    with pytest.raises(InputError, match="folder without clips"):
+        extract(tmp_path, "vci")
+    with pytest.raises(InputError, match="no such file or folder"):
+        extract(tmp_path / "nowhere", "vci")
+    with pytest.raises(InputError, match="not a vehicle file"):
+        extract(SENSOR, "vci")
+    with pytest.raises(InputError, match="no file or folder given"):
+        extract([], "vci")
+
+
+def test_vci_one_file_and_equal_names_in_subfolders(clip):
+    alone = rows_of(filtered(clip, "veh"))
+    assert alone.counts.pairs == 2
+    shutil.copytree(clip / "trajectories_filtered", clip / "again")
+    both = rows_of(clip)
+    assert both.counts.pairs == 4
+    assert both.rows["clip"].unique().tolist() == [
+        f"again/{STEM}", f"trajectories_filtered/{STEM}"
+    ]  # fmt: skip
+
+
+# ---- options -----------------------------------------------------------------------------------
+
+
+def test_misspelt_format_and_option_name_the_nearest():
+    with pytest.raises(InputError, match="did you mean 'mobileye'"):
+        extract(MADE_UP, "mobilye")
+    with pytest.raises(InputError, match="did you mean 'max_range_m'"):
+        extract(MADE_UP, "vci", max_range=40)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"sample_s": 0},
+        {"frame_rate_hz": 0},
+        {"frame_rate_hz": "fast"},
+        {"max_range_m": math.inf},
+        {"min_range_m": -1},
+        {"min_range_m": 61},
+        {"min_angle_deg": True},
+    ],
+)
+def test_option_out_of_range_is_refused(options):
+    with pytest.raises(InputError, match=next(iter(options))):
+        extract(MADE_UP, "vci", **options)
+
+
+def test_every_format_has_exactly_one_kind_of_reader():
+    for known in FORMATS.values():
+        assert (known.clips is None) != (known.rows is None)
+        known.options()  # defaults are valid
+
+
+def test_a_reason_that_is_not_in_the_table_is_a_bug():
+    with pytest.raises(KeyError):
+        Tally().drop("records", "because")
+
+
+# ---- mobileye ----------------------------------------------------------------------------------
+
+
+def test_mobileye_sequence_comes_out_as_constructed():
+    # Bus at 316.5°, 5 m/s, 40 m before the crossing at t = 1000 s. Pedestrian 7: Range 41 − 5 s
+    # (s since then), 6 − 1.2 s to the bus's left: L = 6 − 1.2 s, v_p = 1.2, v = 5,
+    # T_adv = |8.2 − s − 5 + s| = 3.2, at a right angle. s runs to 4; all of it is in bounds.
+    found = extract(SENSOR, "mobileye")
+    s = np.arange(21) * 0.2
+    rows = found.rows
+    assert len(rows) == 21
+    assert rows[["source", "clip", "vehicle", "pedestrian"]].drop_duplicates().to_numpy().tolist() == [
+        ["mobileye_made_up", "17101-4", "17101", "7-1"]
+    ]  # fmt: skip
+    expected = {
+        "time_s": 1000 + s,
+        "range_m": 41 - 5 * s,
+        "lateral_m": 6 - 1.2 * s,
+        "vehicle_speed_mps": 5.0,
+        "pedestrian_speed_mps": 1.2,
+        "arrival_time_s": 8.2 - s,
+        "time_advantage_s": 3.2,
+        "crossing_angle_deg": 90.0,
+    }
+    for name, values in expected.items():
+        # Positions pass through degrees: 1e-14 of a longitude is about 1e-9 m.
+        np.testing.assert_allclose(rows[name], values, atol=5e-8, err_msg=name)
+    assert rows["passed_first"].isna().all()
+    assert found.counts.dropped["records"]["bus_heading_other_way"] == 6
+    assert found.counts.dropped["tracks"]["sequence_too_short"] == 1
+
+
+def test_mobileye_axes_bus_drives_along_minus_x_and_left_is_minus_y():
+    # Turned by −46.5°, the x axis points to compass 90 + 46.5 = 136.5°, the bus's 316.5° is −x,
+    # and y points to 46.5°. The bus starts 40 m before the origin, the pedestrian stands 1 m
+    # beyond it, 6 m to the bus's left, i.e. towards 226.5° = −y.
+    clip = read_clips(SENSOR, "mobileye")[0]
+    bus, walker = clip.vehicles["17101"].position_m, clip.pedestrians["7-1"].position_m
+    np.testing.assert_allclose(bus[0], [40, 0], atol=1e-6)
+    np.testing.assert_allclose(bus[40], [20, 0], atol=1e-6)
+    np.testing.assert_allclose(walker[0], [-1, -6], atol=1e-6)
+
+
+def test_mobileye_position_from_heading_range_and_transversal(tmp_path):
+    # Heading 360° (north), Range 10, Transversal 2 (left: west), axes not turned: the pedestrian
+    # is at (−2, 10) from the bus; the bus is 0.001° north of the origin: 6371 km · π/180 · 0.001.
+    north = 6_371_000 * math.pi / 180 * 0.001
+    lines = [f"1,1,{k},1,10,{2 - k / 100},3,360,-83.735580,42.279414" for k in range(0, 101, 10)]
+    path = tmp_path / "north.csv"
+    path.write_text(HEAD + "\n".join(lines) + "\n")
+    clip = read_clips(path, "mobileye", axes_turn_deg=0)[0]
+    np.testing.assert_allclose(clip.vehicles["1"].position_m[0], [0, north], atol=1e-6)
+    np.testing.assert_allclose(clip.pedestrians["1-1"].position_m[0], [-2, north + 10], atol=1e-6)
+
+
+def sensor_lines(times, obstacle=1):
+    # Bus standing 10 m before the origin, pedestrian 10 m ahead at 1 m/s from 5 m on the left.
+    half = 10 / (6_371_000 * math.pi / 180)
+    lat = 42.278414 - half * math.cos(math.radians(316.5))
+    lon = -83.735580 - half * math.sin(math.radians(316.5)) / math.cos(math.radians(42.278414))
+    return [
+        f"1,1,{round(100 * t)},{obstacle},10,{5 - (t - times[0])},3,316.5,{lon!r},{lat!r}"
+        for t in times
+    ]
+
+
+@pytest.mark.parametrize(("pause", "sequences"), [(2.0, 1), (2.1, 2)])
+def test_mobileye_sequences_are_cut_at_pauses_over_two_seconds(tmp_path, pause, sequences):
+    first = np.arange(0, 1.01, 0.1)
+    path = tmp_path / "pause.csv"
+    path.write_text(HEAD + "\n".join(sensor_lines([*first, *(first + 1 + pause)])) + "\n")
+    clip = read_clips(path, "mobileye")[0]
+    assert list(clip.pedestrians) == [f"1-{k + 1}" for k in range(sequences)]
+
+
+@pytest.mark.parametrize(("seconds", "kept"), [(0.4, 0), (0.5, 1)])
+def test_mobileye_sequences_last_half_a_second(tmp_path, seconds, kept):
+    path = tmp_path / "short.csv"
+    path.write_text(HEAD + "\n".join(sensor_lines(np.arange(0, seconds + 0.01, 0.1))) + "\n")
+    assert len(read_clips(path, "mobileye")[0].pedestrians) == kept
+
+
+def test_mobileye_awkward_records_are_counted(tmp_path):
+    lines = sensor_lines(np.arange(0, 2.01, 0.1))
+    lines = [*lines[10:], *lines[:10], lines[3], sensor_lines([9.0], obstacle=2)[0]]
+    lines += ["1,1,20,1,,1,3,316.5,-83.7,42.2", "1,1,30,1,near,1,3,316.5,-83.7,42.2"]
+    path = tmp_path / "awkward.csv"
+    path.write_text(HEAD + "\n".join(lines) + "\n")
+    counts = extract(path, "mobileye").counts
+    assert counts.dropped["records"] == {
+        "missing_value": 1, "not_a_number": 1, "duplicated": 1, "bus_heading_other_way": 0
+    }  # fmt: skip
+    assert counts.dropped["tracks"]["one_record"] == 1
+    assert counts.out_of_order == 2
+
+
+def test_mobileye_refusals(tmp_path):
+    path = tmp_path / "bus.csv"
+    path.write_text(HEAD.replace("GpsHeading", "GPSHeading") + "1,1,1,1,1,1,1,200,1,1\n")
+    with pytest.raises(InputError, match=r"'GpsHeading' is missing .*'GPSHeading'"):
+        extract(path, "mobileye")
+    path.write_text(HEAD)
+    with pytest.raises(InputError, match="no trip can be used"):
+        extract(path, "mobileye")
+    path.write_text(HEAD + "1,1,1,1,1,1,1,90,1,1\n")  # every bus the other way
+    with pytest.raises(InputError, match="no trip can be used"):
+        extract(path, "mobileye")
+    path.unlink()
+    with pytest.raises(InputError, match="folder without clips"):
+        extract(tmp_path, "mobileye")
+    with pytest.raises(InputError, match="latitude_deg"):
+        extract(SENSOR, "mobileye", latitude_deg=95)
+
+
+# ---- table -------------------------------------------------------------------------------------
+
+
+def test_table_rows_are_taken_bounded_and_counted():
+    # Row 1: |20/5 − 3/1.5| = 2; row 2: |3.8 − 1.8| = 2; row 3: |3.8 − 5| = 1.2. Row 4 has neither
+    # L nor T_adv, row 5 has R = 80 m, row 6 L = 0.1 m.
+    found = extract(TABLE, "table")
+    np.testing.assert_allclose(found.rows["time_advantage_s"], [2, 2, 1.2], atol=1e-12)
+    np.testing.assert_allclose(found.rows["arrival_time_s"], [4, 3.8, 3.8], atol=1e-12)
+    assert (found.counts.rows, found.counts.pairs, found.counts.vehicles) == (3, 2, 1)
+    dropped = {k: n for k, n in found.counts.dropped["candidates"].items() if n}
+    assert dropped == {"incomplete": 1, "range_above_max": 1, "lateral_below_min": 1}
+    assert found.counts.candidates == 6
+    assert found.counts.clips is None
+    assert any("weather" in note for note in found.counts.notes)
+    assert set(found.rows["source"]) == {"rows_made_up"}
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet"])
+def test_table_reads_what_an_extraction_wrote(tmp_path, kind):
+    rows = rows_of(MADE_UP).rows
+    path = tmp_path / f"rows.{kind}"
+    if kind == "csv":
+        rows.to_csv(path, index=False)
+    else:
+        rows.to_parquet(path)
+    pd.testing.assert_frame_equal(extract(path, "table").rows, rows, rtol=1e-12)
+    pd.testing.assert_frame_equal(extract(tmp_path, "table").rows, rows, rtol=1e-12)
+
+
+def test_table_without_lateral_distance_or_identifiers(tmp_path):
+    path = tmp_path / "bare.csv"
+    path.write_text(
+        "range_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n10,5,1.2,0.7\n"
+    )
+    found = extract(path, "table")
+    assert found.rows["time_advantage_s"].tolist() == [0.7]
+    assert found.rows["lateral_m"].isna().all()
+    assert (found.counts.pairs, found.counts.vehicles) == (None, None)
+
+
+def test_table_contradictory_time_advantage_is_counted(tmp_path):
+    path = tmp_path / "wrong.csv"
+    path.write_text(
+        "range_m,lateral_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n"
+        "20,3,5,1.5,2.04\n20,3,5,1.5,6.0\n"  # |4 − 2| = 2: rounding passes, 4 + 2 does not
+    )
+    found = extract(path, "table")
+    assert len(found.rows) == 1
+    assert found.counts.dropped["candidates"]["contradictory"] == 1
+
+
+def test_table_refusals(tmp_path):
+    path = tmp_path / "rows.csv"
+    with pytest.raises(InputError, match="folder without tables"):
+        extract(tmp_path, "table")
+    path.write_text("range_m,vehicle_speed,pedestrian_speed_mps,lateral_m\n1,1,1,1\n")
+    with pytest.raises(InputError, match=r"'vehicle_speed_mps' is missing .*'vehicle_speed'"):
+        extract(path, "table")
+    path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps\n1,1,1\n")
+    with pytest.raises(InputError, match="time_advantage_s"):
+        extract(path, "table")
+    path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m\nfar,1,1,1\n")
+    with pytest.raises(InputError, match=r"range_m.*far"):
+        extract(path, "table")
+    path.write_text(
+        "range_m,vehicle_speed_mps,pedestrian_speed_mps,lateral_m,passed_first\n9,1,1,1,car\n"
+    )
+    with pytest.raises(InputError, match=r"passed_first.*car"):
+        extract(path, "table")
+    with pytest.raises(InputError, match="rows, not tracks"):
+        read_clips(path, "table")
+    (tmp_path / "bad.parquet").write_bytes(b"not parquet")
+    with pytest.raises(InputError, match=r"bad\.parquet"):
+        extract(tmp_path / "bad.parquet", "table")
