@@ -14,14 +14,14 @@ import numpy as np
 from harness.comparison import Interval, bootstrap_mean_and_cv, proportion
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
-from harness.execution import PairRunner
 from harness.interaction import load_model
+from harness.pairing import PairRunner
 from harness.scenario import Scenario, load_scenario
 
 
 def population(scenario_name: str, pairs: range) -> list[tuple[float, bool]]:
     """(τ or NaN, AV crashed) of every pair."""
-    scenario, _ = load_scenario(scenario_name)
+    scenario = load_scenario(scenario_name)
     model = load_model(scenario.model.name, scenario.model.path)
     runner = PairRunner(scenario, model, lambda: plain_engine(scenario))
     rows: dict[int, dict[Arm, tuple[float, bool]]] = {}

@@ -19,13 +19,13 @@ from harness.encounter import Arm, Trace
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
-from harness.execution import PairRunner
-from harness.experiment import network_of
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
+from harness.pairing import PairRunner
 from harness.plan import planned_arrivals
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.site import read_site
+from harness.sites import network_of
 
 
 @dataclass
@@ -78,7 +78,7 @@ def timed_model() -> TimedModel:
 
 def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cost:
     """One arm of the harness: plan, episode, contact and measures."""
-    scenario, _ = load_scenario("cctc", [Setting("arms.av", strategy)])
+    scenario = load_scenario("cctc", [Setting("arms.av", strategy)])
     model = timed_model()
     engine = make()
     runner = PairRunner(scenario, model, lambda: engine)
@@ -92,13 +92,13 @@ def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cos
         traces.append(runner._run_arm(Arm.AV, pair, arrivals, runner._speeds))
     measure(traces)
     seconds = time.perf_counter() - begin
-    runner.close()
+    engine.close()
     return Cost(seconds, episodes, sum(len(t.x_m) - 1 for t in traces), model.spent_s)
 
 
 def bare(episodes: int, steps: int) -> Cost:
     """libsumo stepping one vehicle and one walking person, no call in between."""
-    scenario, _ = load_scenario("cctc")
+    scenario = load_scenario("cctc")
     net = network_of(scenario)
     engine = libsumo_engine(net, scenario.vehicle(), scenario.crosswalk(), 0.1)
     site = read_site(net)
@@ -133,7 +133,7 @@ def bare(episodes: int, steps: int) -> Cost:
 
 def restarted(episodes: int, start: Callable[[], Engine]) -> Cost:
     """The harness's AV arm with a SUMO of its own for every episode."""
-    scenario, _ = load_scenario("cctc")
+    scenario = load_scenario("cctc")
     model = timed_model()
     planned = {pair: planned_arrivals(scenario, pair) for pair in range(episodes)}
     runner = PairRunner(scenario, model, start)
@@ -153,7 +153,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--episodes", type=int, default=200)
     options = parser.parse_args()
-    scenario, _ = load_scenario("cctc")
+    scenario = load_scenario("cctc")
     net, vehicle, crossing = network_of(scenario), scenario.vehicle(), scenario.crosswalk()
 
     def local() -> Engine:

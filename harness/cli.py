@@ -1,6 +1,7 @@
 """The command line: thin; what it calls is imported when it is called."""
 
 import json
+import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,8 +23,10 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-ScenarioArgument = Annotated[
-    str, typer.Argument(help="A scenario file (TOML), or the name of a shipped one: cctc.")
+_SCENARIO_HELP = "A scenario file (TOML), or the name of a shipped one: cctc, cctc_flow."
+ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO_HELP)]
+OptionalScenarioArgument = Annotated[
+    str | None, typer.Argument(help=_SCENARIO_HELP, show_default=False)
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -33,6 +36,39 @@ SetOption = Annotated[
         metavar="KEY=VALUE",
     ),
 ]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        help="Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
+        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: the grid of all.",
+        metavar="KEY=V1,V2,…",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the results; default runs/<scenario>-<next number>."),
+]
+PairsOption = Annotated[
+    int | None, typer.Option(help="Number of pairs of each cell, instead of the scenario's.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")]
+UntilOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Stop when every cell's interval is this narrow (half-width), or at --pairs: "
+        "mu=0.01 or kappa=0.005. Looks at 1,000 pairs and at each doubling.",
+        metavar="MEASURE=WIDTH",
+    ),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Worker processes; default: all cores.")
+]
+ResumeOption = Annotated[
+    Path | None,
+    typer.Option(help="Go on with an interrupted run; stands alone.", metavar="DIR"),
+]
+TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
 ]
@@ -62,39 +98,56 @@ def main() -> None:
 
 @app.command()
 def run(
-    scenario: ScenarioArgument,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="Folder for the results; default runs/<scenario>-<next number>."),
-    ] = None,
-    pairs: Annotated[
-        int | None, typer.Option(help="Number of pairs, instead of the scenario's.")
-    ] = None,
-    seed: Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")] = None,
+    scenario: OptionalScenarioArgument = None,
+    out: OutOption = None,
+    pairs: PairsOption = None,
+    seed: SeedOption = None,
     settings: SetOption = None,
-    traces: Annotated[
-        bool, typer.Option("--traces", help="Keep every step in traces.parquet.")
-    ] = False,
+    until: UntilOption = None,
+    workers: WorkersOption = None,
+    resume: ResumeOption = None,
+    traces: TracesOption = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run one experiment: every pair once with the AV, once with the human driver."""
-    loaded, name = _load(scenario, settings, pairs, seed)
-    from harness.experiment import run_experiment
-    from harness.report.terminal import print_run, run_document
+    from harness.scenario import read_scenario_file
+    from harness.study import single_cell
 
-    with _progress(loaded.experiment.pairs, "pairs", hidden=quiet or as_json) as advance:
-        finished = run_experiment(loaded, name, out=out, traces=traces, progress=advance)
-    if as_json:
-        _print(json.dumps(run_document(finished), indent=1))
-    elif quiet:
-        _print(str(finished.folder))
-    else:
-        print_run(finished)
-    if finished.failures:
-        shown = "; ".join(f"pair {pair} {arm}: {why}" for pair, arm, why in finished.failures[:3])
-        _say(f"harness: {len(finished.failures)} episodes failed in the engine: {shown}")
-        raise typer.Exit(1)
+    if resume is not None:
+        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces)
+        _resume(resume, workers, quiet, as_json)
+        return
+    file = read_scenario_file(_required(scenario), _settings(settings, pairs, seed))
+    _start(single_cell(file), out, until, workers, traces, quiet, as_json)
+
+
+@app.command()
+def sweep(
+    scenario: OptionalScenarioArgument = None,
+    vary: VaryOption = None,
+    out: OutOption = None,
+    pairs: PairsOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    until: UntilOption = None,
+    workers: WorkersOption = None,
+    resume: ResumeOption = None,
+    traces: TracesOption = False,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a grid of cells, e.g. over the pedestrian flow and several strategies."""
+    from harness.scenario import read_scenario_file
+    from harness.study import parse_variation, study_of
+
+    if resume is not None:
+        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, vary)
+        _resume(resume, workers, quiet, as_json)
+        return
+    file = read_scenario_file(_required(scenario), _settings(settings, pairs, seed))
+    study = study_of(file, [parse_variation(text) for text in vary or []])
+    _start(study, out, until, workers, traces, quiet, as_json)
 
 
 @app.command()
@@ -104,11 +157,14 @@ def network(
     settings: SetOption = None,
 ) -> None:
     """Build the scenario's SUMO network: plain-XML sources and the .net.xml."""
-    loaded, name = _load(scenario, settings, None, None)
-    from harness.experiment import geometry_of
-    from harness.network import build_network
+    from harness.scenario import read_scenario_file
 
-    files = build_network(geometry_of(loaded), out, name)
+    file = read_scenario_file(scenario, _settings(settings, None, None))
+    loaded = file.scenario()
+    from harness.network import build_network
+    from harness.sites import geometry_of
+
+    files = build_network(geometry_of(loaded), out, file.name)
     _print(str(files.net))
 
 
@@ -135,7 +191,7 @@ def export(
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
 ) -> None:
     """Write the tables of a run folder in another format, beside the originals."""
-    from harness.results import export_csv
+    from harness.run_folder import export_csv
 
     if not csv:
         raise InputError("export", "no format given", "--csv")
@@ -143,22 +199,102 @@ def export(
         _print(str(path))
 
 
-def _load(
-    scenario: str, settings: list[str] | None, pairs: int | None, seed: int | None
-) -> tuple[Any, str]:
-    from harness.scenario import Setting, load_scenario, parse_setting
+def _settings(settings: list[str] | None, pairs: int | None, seed: int | None) -> list[Any]:
+    from harness.scenario import Setting, parse_setting
 
     chosen = [parse_setting(text) for text in settings or []]
     if pairs is not None:
         chosen.append(Setting("experiment.pairs", pairs, "--pairs"))
     if seed is not None:
         chosen.append(Setting("experiment.seed", seed, "--seed"))
-    return load_scenario(scenario, chosen)
+    return chosen
+
+
+def _required(scenario: str | None) -> str:
+    if scenario is None:
+        raise InputError("SCENARIO", "is missing", "a scenario file (TOML), or a name such as cctc")
+    return scenario
+
+
+def _refuse_beside_resume(*others: object) -> None:
+    if any(other not in (None, False) for other in others):
+        raise InputError(
+            "--resume", "stands beside other options", "--workers, --quiet and --json alone"
+        )
+
+
+def _start(
+    study: Any,
+    out: Path | None,
+    until: str | None,
+    workers: int | None,
+    traces: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    from harness.experiment import Options, run_study
+
+    options = Options(traces=traces, until=_precision(until), workers=workers)
+    with _progress("pairs", hidden=quiet or as_json) as advance, _termination():
+        finished = run_study(study, options, out=out, progress=advance)
+    _report(finished, quiet, as_json)
+
+
+def _resume(folder: Path, workers: int | None, quiet: bool, as_json: bool) -> None:
+    from harness.experiment import resume
+
+    with _progress("pairs", hidden=quiet or as_json) as advance, _termination():
+        finished = resume(folder, workers=workers, progress=advance)
+    _report(finished, quiet, as_json)
+
+
+def _precision(text: str | None) -> Any:
+    if text is None:
+        return None
+    from harness.experiment import Precision
+
+    measure, _, number = text.partition("=")
+    try:
+        width = float(number)
+    except ValueError:
+        width = 0.0
+    if measure not in ("mu", "kappa") or not 0 < width < 1:
+        raise InputError(f"--until {text}", "is not accepted", "mu=WIDTH or kappa=WIDTH, 0 to 1")
+    return Precision(measure, width)
+
+
+def _report(finished: Any, quiet: bool, as_json: bool) -> None:
+    from harness.report.terminal import print_run, run_document
+
+    if as_json:
+        _print(json.dumps(run_document(finished), indent=1))
+    elif quiet:
+        _print(str(finished.folder))
+    else:
+        print_run(finished)
+    failures = finished.failures
+    if failures:
+        shown = "; ".join(
+            f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
+        )
+        more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
+        _say(f"harness: {len(failures)} episodes failed in the engine: {shown}{more}")
+        raise typer.Exit(1)
 
 
 @contextmanager
-def _progress(total: int, what: str, hidden: bool) -> Iterator[Any]:
-    """A bar on stderr that takes the number of finished items."""
+def _termination() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: workers stopped, folder resumable."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+@contextmanager
+def _progress(what: str, hidden: bool) -> Iterator[Any]:
+    """A bar on stderr that takes (done, planned)."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -172,17 +308,21 @@ def _progress(total: int, what: str, hidden: bool) -> Iterator[Any]:
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
         console=Console(stderr=True),
         disable=hidden,
     )
-    task = bar.add_task(what, total=total)
+    task = bar.add_task(what, rate="")
 
-    def advance(done: int) -> None:
+    def advance(done: int, planned: int) -> None:
         # Shown once there is something to show: a refusal is one line and no bar.
         if not hidden:
             bar.start()
-        bar.update(task, completed=done)
+        speed = bar.tasks[0].speed
+        bar.update(
+            task, completed=done, total=planned, rate=f"{speed:.0f}/s" if speed is not None else ""
+        )
 
     try:
         yield advance

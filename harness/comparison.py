@@ -13,7 +13,7 @@ from harness.encounter import FloatArray
 
 CONFIDENCE = 0.95
 
-RESAMPLES = 9_999
+RESAMPLES = 4_999
 """Bootstrap resamples; fewer above 2,000 pairs, see ``_resamples``."""
 
 INDICATIVE_BELOW = {"mu": 1_000, "cv": 1_000}
@@ -42,31 +42,38 @@ class Proportion(Interval):
     trials: int
 
 
+BothArms = tuple[np.ndarray, np.ndarray]
+"""Aligned columns of the AV's and the human's arm, one entry for each pair."""
+
+
 @dataclass(frozen=True, slots=True)
 class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
-    Times are NaN where the arm did not cross.  ``*_crashed``, ``*_timed_out`` and ``*_failed``
-    are booleans; ``av_front`` marks contacts with the front; ``met`` is the number of
-    pedestrians on the crossing over both arms.
+    ``time_s`` and ``delay_s`` are NaN where the arm did not cross, ``stops`` and ``stopped_s``
+    where it failed; ``front`` marks contacts with the front; ``met`` is the number of pedestrians
+    on the crossing over both arms.
     """
 
-    av_time_s: FloatArray
-    human_time_s: FloatArray
-    av_crashed: np.ndarray
-    av_front: np.ndarray
-    av_timed_out: np.ndarray
-    av_failed: np.ndarray
-    human_crashed: np.ndarray
-    human_timed_out: np.ndarray
-    human_failed: np.ndarray
+    time_s: BothArms
+    delay_s: BothArms
+    stops: BothArms
+    stopped_s: BothArms
+    crashed: BothArms
+    front: BothArms
+    timed_out: BothArms
+    failed: BothArms
     av_fallback: np.ndarray
     met: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What is reported of a cell; the columns of ``summary.csv``."""
+    """What is reported of a cell; the columns of ``summary.csv``.
+
+    Delays are means over the episodes that crossed, stops and stopped times over those that did
+    not fail.
+    """
 
     pairs: int
     defined_pairs: int
@@ -81,10 +88,21 @@ class Summary:
     kappa_front: float | None
     kappa_human: Proportion
     mu_without_fallback: float | None
+    delay_s: Interval
+    delay_human_s: Interval
+    stops: float | None
+    stops_human: float | None
+    stopped_s: float | None
+    stopped_human_s: float | None
 
 
-def summarise(pairs: PairColumns, timeout_s: float, rng: np.random.Generator) -> Summary:
-    """μ, c_v, κ and the counts that say how far to trust them.
+def summarise(
+    pairs: PairColumns,
+    timeout_s: float,
+    rng: np.random.Generator,
+    confidence: float = CONFIDENCE,
+) -> Summary:
+    """μ, c_v, κ, delays, and the counts that say how far to trust them.
 
     τ = AV time / human time of each pair in which both crossed; μ its mean, c_v its population
     standard deviation over μ (paper, section III-E).  ``mu_timeout`` counts timed-out arms at
@@ -94,29 +112,39 @@ def summarise(pairs: PairColumns, timeout_s: float, rng: np.random.Generator) ->
         pairs: the columns.
         timeout_s: the experiment's time-out.
         rng: for the bootstrap.
+        confidence: of the intervals, two-sided.
     """
-    tau = pairs.av_time_s / pairs.human_time_s
+    (av_time, human_time), (av_out, human_out) = pairs.time_s, pairs.timed_out
+    av_ran, human_ran = ~pairs.failed[0], ~pairs.failed[1]
+    tau = av_time / human_time
     defined = ~np.isnan(tau)
-    mu, cv = bootstrap_mean_and_cv(tau[defined], rng)
-    av_ran, human_ran = ~pairs.av_failed, ~pairs.human_failed
-    with_timeout = np.where(pairs.av_timed_out, timeout_s, pairs.av_time_s) / np.where(
-        pairs.human_timed_out, timeout_s, pairs.human_time_s
-    )
-    kappa = proportion(int(pairs.av_crashed.sum()), int(av_ran.sum()))
+    mu, cv = bootstrap_mean_and_cv(tau[defined], rng, confidence)
+    delays = [
+        bootstrap_mean_and_cv(delay[~np.isnan(delay)], rng, confidence)[0]
+        for delay in pairs.delay_s
+    ]
+    with_timeout = np.where(av_out, timeout_s, av_time) / np.where(human_out, timeout_s, human_time)
+    kappa = proportion(int(pairs.crashed[0].sum()), int(av_ran.sum()), confidence)
     return Summary(
         pairs=len(tau),
         defined_pairs=int(defined.sum()),
-        timed_out=int((pairs.av_timed_out | pairs.human_timed_out).sum()),
-        failed=int((pairs.av_failed | pairs.human_failed).sum()),
+        timed_out=int((av_out | human_out).sum()),
+        failed=int((~av_ran | ~human_ran).sum()),
         fallbacks=int(pairs.av_fallback.sum()),
         met_nobody=int((pairs.met == 0).sum()),
         mu=mu,
         mu_timeout=_mean(with_timeout[~np.isnan(with_timeout)]),
-        mu_without_fallback=_mean(tau[defined & ~pairs.av_fallback]),
         cv=cv,
         kappa=kappa,
-        kappa_front=None if kappa.value is None else int(pairs.av_front.sum()) / int(av_ran.sum()),
-        kappa_human=proportion(int(pairs.human_crashed.sum()), int(human_ran.sum())),
+        kappa_front=int(pairs.front[0].sum()) / kappa.trials if kappa.trials else None,
+        kappa_human=proportion(int(pairs.crashed[1].sum()), int(human_ran.sum()), confidence),
+        mu_without_fallback=_mean(tau[defined & ~pairs.av_fallback]),
+        delay_s=delays[0],
+        delay_human_s=delays[1],
+        stops=_mean(pairs.stops[0][av_ran]),
+        stops_human=_mean(pairs.stops[1][human_ran]),
+        stopped_s=_mean(pairs.stopped_s[0][av_ran]),
+        stopped_human_s=_mean(pairs.stopped_s[1][human_ran]),
     )
 
 
@@ -127,13 +155,14 @@ def coefficient_of_variation(values: FloatArray) -> FloatArray:
 
 
 def bootstrap_mean_and_cv(
-    values: FloatArray, rng: np.random.Generator
+    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
 ) -> tuple[Interval, Interval]:
     """Mean and coefficient of variation with BCa intervals from the same resamples.
 
     Args:
-        values: shape (n,), positive, finite.
+        values: shape (n,), finite, of positive mean where c_v is wanted.
         rng: draws the resamples, in batches of bounded memory.
+        confidence: of the intervals, two-sided.
 
     Returns:
         Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
@@ -151,15 +180,19 @@ def bootstrap_mean_and_cv(
     left_out_mean = mean - deviation / (n - 1)
     # Variance without value i, from Σd² of the whole: no n × n table.
     left_out_variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
-    left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
-    return _bca(mean, means, left_out_mean), _bca(cv, cvs, left_out_cv)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
+    return (
+        _bca(mean, means, left_out_mean, confidence),
+        _bca(cv, cvs, left_out_cv, confidence),
+    )
 
 
-def proportion(successes: int, trials: int) -> Proportion:
+def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
     """A proportion with its Clopper–Pearson interval; undefined for no trials."""
     if trials == 0:
         return Proportion(None, None, None, 0, 0)
-    interval = stats.binomtest(successes, trials).proportion_ci(CONFIDENCE, method="exact")
+    interval = stats.binomtest(successes, trials).proportion_ci(confidence, method="exact")
     return Proportion(
         successes / trials, float(interval.low), float(interval.high), successes, trials
     )
@@ -171,7 +204,7 @@ def zero_bound(trials: int) -> float:
 
 
 def _resamples(n: int) -> int:
-    """So many that the work stays bounded: 9,999 up to 2,000 values, 1,999 from 10,000 on."""
+    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on."""
     return max(1_999, min(RESAMPLES, 20_000_000 // n))
 
 
@@ -183,18 +216,21 @@ def _resample(values: FloatArray, rng: np.random.Generator) -> tuple[FloatArray,
         end = min(total, begin + batch)
         sample = values[rng.integers(0, n, size=(end - begin, n))]
         means[begin:end] = np.mean(sample, axis=-1)
-        cvs[begin:end] = np.std(sample, axis=-1) / means[begin:end]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cvs[begin:end] = np.std(sample, axis=-1) / means[begin:end]
     return means, cvs
 
 
-def _bca(estimate: float, resampled: FloatArray, left_out: FloatArray) -> Interval:
+def _bca(
+    estimate: float, resampled: FloatArray, left_out: FloatArray, confidence: float
+) -> Interval:
     """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
     below = (np.mean(resampled < estimate) + np.mean(resampled <= estimate)) / 2
     bias = special.ndtri(below)
     influence = np.mean(left_out) - left_out
     scale = np.sum(influence**2) ** 1.5
     acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
-    tail = (1 - CONFIDENCE) / 2
+    tail = (1 - confidence) / 2
     z = bias + special.ndtri(np.array([tail, 1 - tail]))
     levels = special.ndtr(bias + z / (1 - acceleration * z))
     if not np.isfinite(levels).all():

@@ -45,6 +45,13 @@ class StrategyError(EngineError):
     """A strategy raised, or asked for something that is no acceleration."""
 
 
+class InterruptedRunError(HarnessError):
+    """A run was stopped from outside; what is finished is kept in its folder."""
+
+    def __init__(self, folder: object) -> None:
+        super().__init__(f"interrupted; go on with: harness run --resume {folder}")
+
+
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:
     """The refusal of a name that is not in a known set, with the nearest valid one."""
     names = sorted(valid)

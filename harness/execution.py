@@ -1,176 +1,172 @@
-"""Runs planned pairs: makes the strategies, lets both arms meet the same pedestrians."""
+"""Tasks on executors: retries, culprits, a bounded number under way.
 
+One code path for every executor: tasks are futures.  A worker that dies costs its task a retry; a
+task that fails twice is run pair by pair, and a pair that fails twice again gets the ending
+``engine_failed`` with the reason, so that everything else keeps its results.
+"""
+
+import os
 from collections.abc import Callable, Iterable, Iterator
-from itertools import islice
-from typing import Any
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import replace
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, Protocol
 
-import numpy as np
+from pebble import ProcessExpired, ProcessPool
 
-from harness.encounter import Arm, Arrival, Ending, Strategy, Trace, Vehicle, Walk
-from harness.engine.protocol import Engine
-from harness.episode import ChooseSpeed, Rules, run_episode
-from harness.errors import InputError
-from harness.interaction import InteractionModel
-from harness.measures import Outcome, measure
-from harness.plan import planned_arrivals
-from harness.scenario import Scenario
-from harness.seeding import stream
-from harness.strategies.registry import check_parameters, find_strategy, needs
+from harness.encounter import Arm, Ending
+from harness.worker import Task, TaskResult, run_task, start_worker
 
-CHUNK_PAIRS = 50
-"""Pairs measured together; results do not depend on it."""
+ATTEMPTS = 2
+"""How often a task may fail before it is taken apart, or a single pair before it is given up."""
+
+Note = Callable[..., None]
+"""Writes an event with its details to the log."""
 
 
-class PairRunner:
-    """Runs pairs of one cell on one engine, one after another.
+class Executor(Protocol):
+    """Runs tasks somewhere."""
+
+    workers: int
+
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        """Start a task; the future raises if the task or its worker failed."""
+        ...
+
+    def stop(self) -> None:
+        """End everything at once."""
+        ...
+
+
+class LocalPool:
+    """Worker processes on this machine, one libsumo simulation in each.
 
     Args:
-        scenario: the cell.
-        model: the interaction model, for walking speeds and for strategies that ask for it.
-        make_engine: makes an engine for this scenario; called again after an engine failed.
-
-    Raises:
-        InputError: an arm names no strategy, or its parameters are refused.
+        workers: how many processes.
     """
 
-    def __init__(
-        self, scenario: Scenario, model: InteractionModel, make_engine: Callable[[], Engine]
-    ) -> None:
-        self._scenario, self._model, self._make_engine = scenario, model, make_engine
-        self._engine: Engine | None = None
-        self._rules = Rules(
-            vehicle=scenario.vehicle(),
-            crossing=scenario.crosswalk(),
-            kerb_wait_s=scenario.pedestrians.kerb_wait_s,
-            step_s=scenario.experiment.step_s,
-            timeout_s=scenario.experiment.timeout_s,
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        # Spawned, not forked: a libsumo simulation does not survive a fork.
+        self._pool = ProcessPool(
+            max_workers=workers, context=get_context("spawn"), initializer=start_worker
         )
-        self._speeds = _WalkingSpeeds(model, self._rules.vehicle)
-        check_arms(scenario, model)
 
-    def run(self, pairs: Iterable[int]) -> Iterator[Outcome]:
-        """Both arms of every pair, AV first, in the order asked for."""
-        remaining = iter(pairs)
-        while chunk := list(islice(remaining, CHUNK_PAIRS)):
-            planned = {pair: planned_arrivals(self._scenario, pair) for pair in chunk}
-            self._speeds.foresee(planned.values())
-            episodes = [
-                (pair, arm, trace)
-                for pair, arrivals in planned.items()
-                for arm, trace in self._run_pair(pair, arrivals)
-            ]
-            records = measure([trace for _, _, trace in episodes])
-            for (pair, arm, trace), record in zip(episodes, records, strict=True):
-                yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        """See ``Executor.submit``."""
+        return self._pool.schedule(run_task, args=(task,))
 
-    def close(self) -> None:
-        """Release the engine."""
-        if self._engine is not None:
-            self._engine.close()
-            self._engine = None
-
-    def _run_pair(self, pair: int, arrivals: tuple[Arrival, ...]) -> list[tuple[Arm, Trace]]:
-        automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
-        choose: ChooseSpeed = self._speeds
-        if self._scenario.pedestrians.pairing == "speed":
-            choose = _SpeedsOfOtherArm(automated.walks, self._model)
-        human = self._run_arm(Arm.HUMAN, pair, arrivals, choose)
-        return [(Arm.AV, automated), (Arm.HUMAN, human)]
-
-    def _run_arm(
-        self, arm: Arm, pair: int, arrivals: tuple[Arrival, ...], choose: ChooseSpeed
-    ) -> Trace:
-        if self._engine is None:
-            self._engine = self._make_engine()
-        strategy = make_strategy(self._scenario, self._strategy_name(arm), pair, self._model)
-        trace = run_episode(self._engine, strategy, arrivals, choose, self._rules)
-        if trace.ending is Ending.ENGINE_FAILED:
-            # Nothing of a broken simulation may reach the next episode.
-            self.close()
-        return trace
-
-    def _strategy_name(self, arm: Arm) -> str:
-        arms = self._scenario.arms
-        return arms.av if arm is Arm.AV else arms.human
+    def stop(self) -> None:
+        """See ``Executor.stop``."""
+        self._pool.stop()  # type: ignore[no-untyped-call]
+        self._pool.join()
 
 
-def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
-    """A fresh strategy object for one episode."""
-    factory = find_strategy(name, "arms")
-    given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
-    wanted = needs(factory)
-    if "rng" in wanted:
-        given["rng"] = stream(scenario.experiment.seed, "strategy", pair)
-    return factory(**{key: given[key] for key in wanted}, **scenario.strategies.get(name, {}))
+def default_workers() -> int:
+    """All cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def check_arms(scenario: Scenario, model: InteractionModel) -> None:
-    """Refuse unknown strategies and parameters before anything runs.
+def run_tasks(
+    executor: Executor, tasks: Iterable[Task], note: Note
+) -> Iterator[tuple[Task, TaskResult]]:
+    """Run all tasks; yields each as it finishes, in whatever order.
 
-    Raises:
-        InputError: naming the key of the scenario.
+    A task that had to be taken apart comes out as its single pairs.
+
+    Args:
+        executor: where they run.
+        tasks: read as needed: only a few per worker are under way at a time.
+        note: told of retries and of pairs given up.
     """
-    for name in scenario.strategies:
-        check_parameters(
-            find_strategy(name, f"strategies.{name}"),
-            scenario.strategies[name],
-            f"strategies.{name}",
-        )
-    for key, name in scenario.arms.model_dump().items():
-        find_strategy(name, f"arms.{key}")
-        try:
-            make_strategy(scenario, name, 0, model)
-        except InputError as error:
-            raise InputError(f"strategies.{error.where}", error.problem, error.allowed) from None
+    waiting = iter(tasks)
+    again: list[Task] = []
+    failures: dict[str, int] = {}
+    running: dict[Future[TaskResult], Task] = {}
+    while True:
+        while len(running) < 2 * executor.workers:
+            task = again.pop() if again else next(waiting, None)
+            if task is None:
+                break
+            running[executor.submit(task)] = task
+        if not running:
+            return
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        for future in done:
+            task = running.pop(future)
+            try:
+                yield task, future.result()
+            except (Exception, CancelledError) as error:
+                reason = _reason(error, task)
+                failures[task.name] = failures.get(task.name, 0) + 1
+                last = failures[task.name] >= ATTEMPTS
+                note("task failed", task=task.name, reason=reason, stack=_stack(task))
+                if not last:
+                    again.append(task)
+                elif task.count > 1:
+                    again += [
+                        _part(task, pair)
+                        for pair in range(task.first_pair, task.first_pair + task.count)
+                    ]
+                else:
+                    note("pair given up", cell=task.cell, pair=task.first_pair, reason=reason)
+                    yield task, _given_up(task, reason)
 
 
-class _WalkingSpeeds:
-    """f(v_p | 1/R, v) at each pedestrian's quantile.
-
-    Whoever steps off at the trigger sees (R0, v0) in every episode: those speeds are worked out
-    together, which is many times faster and gives the same bits.
-    """
-
-    def __init__(self, model: InteractionModel, vehicle: Vehicle) -> None:
-        self._model = model
-        self._at_trigger = (vehicle.trigger_range_m, vehicle.initial_speed_mps)
-        self._foreseen: dict[float, float] = {}
-
-    def foresee(self, planned: Iterable[tuple[Arrival, ...]]) -> None:
-        quantiles = [
-            arrival.quantile
-            for arrivals in planned
-            for arrival in arrivals
-            if arrival.arrival_s == 0
-        ]
-        range_m, speed = self._at_trigger
-        count = len(quantiles)
-        speeds = self._model.walking_speed(
-            np.array(quantiles), np.full(count, range_m), np.full(count, speed)
-        )
-        self._foreseen = dict(zip(quantiles, speeds.tolist(), strict=True))
-
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
-        if (range_m, speed_mps) == self._at_trigger and arrival.quantile in self._foreseen:
-            return self._foreseen[arrival.quantile]
-        if range_m <= 0:
-            return self._model.walking_speed_unconditional(arrival.quantile)
-        return float(
-            self._model.walking_speed(
-                np.array([arrival.quantile]), np.array([range_m]), np.array([speed_mps])
-            )[0]
-        )
+def _part(task: Task, pair: int) -> Task:
+    single = replace(task, first_pair=pair, count=1)
+    if task.stack_file is None:
+        return single
+    return replace(single, stack_file=task.stack_file.with_name(f"stack-{single.name}.txt"))
 
 
-class _SpeedsOfOtherArm:
-    """Pairing by speed: what the pedestrian did in the AV's arm, whoever comes now."""
+def _reason(error: BaseException, task: Task) -> str:
+    if isinstance(error, ProcessExpired):
+        if task.stack_file is not None and _has_text(task.stack_file):
+            return f"the worker was ended: no pair finished within {task.hang_after_s:g} s"
+        return f"the worker process died (exit code {error.exitcode})"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
-    def __init__(self, walks: tuple[Walk, ...], model: InteractionModel) -> None:
-        self._speeds = {walk.arrival.index: walk.speed_mps for walk in walks}
-        self._model = model
 
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:  # noqa: ARG002
-        speed = self._speeds.get(arrival.index)
-        if speed is None:
-            return self._model.walking_speed_unconditional(arrival.quantile)
-        return speed
+def _has_text(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size > 0
+
+
+def _stack(task: Task) -> str | None:
+    """The Python stack a hung worker left, for the log."""
+    path = task.stack_file
+    if path is None or not path.is_file():
+        return None
+    text = path.read_text(encoding="utf-8", errors="replace")
+    path.unlink()
+    return text or None
+
+
+def _given_up(task: Task, reason: str) -> TaskResult:
+    """Rows of a pair that no worker survived."""
+    from harness.results import EPISODES, PEDESTRIANS, TRACES
+
+    arms = task.scenario.arms
+    strategies = {Arm.AV: arms.av, Arm.HUMAN: arms.human}
+    known: list[dict[str, Any]] = [
+        {
+            "cell": task.cell,
+            "pair": task.first_pair,
+            "arm": arm.value,
+            "strategy": strategy,
+            "ending": Ending.ENGINE_FAILED.value,
+            "reason": reason,
+            "fallback": False,
+            "steps": 0,
+            "pedestrians": 0,
+        }
+        for arm, strategy in strategies.items()
+    ]
+    rows: dict[str, dict[str, list[Any]]] = {
+        "episodes": {name: [row.get(name) for row in known] for name in EPISODES.names},
+        "pedestrians": {name: [] for name in PEDESTRIANS.names},
+    }
+    if task.traces:
+        rows["traces"] = {name: [] for name in TRACES.names}
+    return TaskResult(rows)

@@ -1,177 +1,398 @@
-"""One experiment from scenario to run folder: the way of the data in one page."""
+"""A study from scenario to run folder: the way of the data in one page."""
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
-from harness.comparison import Summary, summarise
+from harness.comparison import CONFIDENCE, Interval, Summary, summarise
 from harness.encounter import Ending
-from harness.engine.protocol import Engine
-from harness.execution import PairRunner
+from harness.errors import InputError, InterruptedRunError
+from harness.execution import Executor, LocalPool, default_workers, run_tasks
 from harness.interaction import InteractionModel, load_model
-from harness.measures import Outcome
-from harness.network import CrossingGeometry, network_for
-from harness.resources import shipped_directory
-from harness.results import (
-    CELLS,
-    EPISODES,
-    MANIFEST,
-    PAIRS,
-    PEDESTRIANS,
-    SCHEMA,
-    TRACES,
-    EventLog,
-    episode_rows,
-    new_run_folder,
-    pair_columns,
-    pair_rows,
-    pedestrian_rows,
-    summary_row,
-    trace_rows,
-    versions,
-    write_json,
-    write_summary,
-    write_table,
-)
-from harness.scenario import Scenario
+from harness.pairing import check_arms
+from harness.results import SCHEMA, pair_columns, summary_row, versions
+from harness.run_folder import RunFolder, claim_folder, write_csv, write_parquet
+from harness.sites import network_of
+from harness.study import Cell, Study, study_from
+from harness.worker import Task
+
+TASK_PAIRS = 50
+"""Pairs in a task; results do not depend on it."""
+
+HANG_AFTER_S = 120.0
+"""A worker that finishes no pair for so long is ended."""
+
+FIRST_LOOK = 1_000
+"""Pairs at the first look of ``--until``; each further look is at twice as many."""
 
 _BOOTSTRAP = 5
 """Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""
 
-CELL = 0
+MakeExecutor = Callable[[int], Executor]
+Progress = Callable[[int, int], None]
+"""(pairs done, pairs planned)."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """``--until``: go on until the half-width of every cell's interval is this small.
+
+    ``measure`` is ``mu`` or ``kappa``.
+    """
+
+    measure: str
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Options:
+    """How a run is carried out; nothing of it changes what one pair gives.
+
+    ``workers`` None means all cores.
+    """
+
+    traces: bool = False
+    until: Precision | None = None
+    workers: int | None = None
+    hang_after_s: float = HANG_AFTER_S
+    task_pairs: int = TASK_PAIRS
 
 
 @dataclass(frozen=True)
 class Run:
-    """A finished run: where it lies and what came out."""
+    """A finished run: where it lies and what came out, by cell."""
 
     folder: Path
-    scenario: Scenario
-    summary: Summary
-    failures: list[tuple[int, str, str]]
-    """(pair, arm, reason) of every episode the engine failed in."""
+    study: Study
+    summaries: tuple[Summary, ...]
+    failures: tuple[tuple[int, int, str, str], ...]
+    """(cell, pair, arm, reason) of every episode the engine failed in."""
 
 
-def geometry_of(scenario: Scenario) -> CrossingGeometry:
-    """The crosswalk a scenario takes place at."""
-    return CrossingGeometry(**scenario.crossing.model_dump())
-
-
-def network_of(scenario: Scenario) -> Path:
-    """The SUMO network of a scenario: the shipped one, or built into the cache."""
-    return network_for(geometry_of(scenario), shipped_directory("networks") / "cctc")
-
-
-def sumo_engine(scenario: Scenario, sumo_seed: int = 1) -> Callable[[], Engine]:
-    """Makes SUMO engines for a scenario; SUMO is imported when the first one is made."""
-    net = network_of(scenario)
-
-    def make() -> Engine:
-        from harness.engine.sumo import libsumo_engine
-
-        return libsumo_engine(
-            net, scenario.vehicle(), scenario.crosswalk(), scenario.experiment.step_s, sumo_seed
-        )
-
-    return make
-
-
-def run_experiment(
-    scenario: Scenario,
-    name: str,
+def run_study(
+    study: Study,
+    options: Options,
     *,
     out: Path | None = None,
-    traces: bool = False,
-    progress: Callable[[int], None] = lambda _: None,
-    make_engine: Callable[[], Engine] | None = None,
+    progress: Progress = lambda _done, _planned: None,
+    make_executor: MakeExecutor = LocalPool,
 ) -> Run:
-    """Run one cell and write its run folder.
+    """Run every cell and write the run folder.
 
     Args:
-        scenario: what to run.
-        name: names the default folder.
+        study: what to run.
+        options: how.
         out: the folder; default ``runs/<name>-<next free number>``.
-        traces: keep every step in ``traces.parquet``.
-        progress: called with the number of finished pairs.
-        make_engine: another engine than SUMO (tests).
+        progress: told how far it is.
+        make_executor: makes the executor for a number of workers.
 
     Raises:
         InputError: model, strategies or folder are refused; nothing has been written then.
+        HarnessError: the folder cannot be written any more; the run can be resumed.
     """
-    model = load_model(scenario.model.name, scenario.model.path)
-    runner = PairRunner(scenario, model, make_engine or sumo_engine(scenario))
-    folder = new_run_folder(out, name)
-    log = EventLog(folder)
-    log.write("started", pairs=scenario.experiment.pairs)
-    begin = time.perf_counter()
+    models = _prepare(study)
+    folder = RunFolder(claim_folder(out, study.name))
     try:
-        outcomes = _collect(runner, scenario.experiment.pairs, progress)
+        folder.write_manifest(_manifest(study, models, options, None))
+        return _carry_out(folder, study, models, options, progress, make_executor)
+    except KeyboardInterrupt:
+        raise InterruptedRunError(folder.path) from None
     finally:
-        runner.close()
-    failures = [
-        (outcome.pair, outcome.arm.value, outcome.record.reason or "")
-        for outcome in outcomes
-        if outcome.record.ending is Ending.ENGINE_FAILED
-    ]
-    for pair, arm, reason in failures:
-        log.write("failed", cell=CELL, pair=pair, arm=arm, reason=reason)
-    rate = scenario.experiment.pairs / (time.perf_counter() - begin)
-    log.write("simulated", pairs=scenario.experiment.pairs, pairs_per_s=round(rate, 1))
-    summary = _write(folder, scenario, model, outcomes, traces)
-    log.write("finished")
-    return Run(folder, scenario, summary, failures)
+        folder.close()
 
 
-def _collect(runner: PairRunner, pairs: int, progress: Callable[[int], None]) -> list[Outcome]:
-    outcomes = []
-    for outcome in runner.run(range(pairs)):
-        outcomes.append(outcome)
-        progress(outcome.pair + 1)
-    return outcomes
+def resume(
+    path: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda _done, _planned: None,
+    make_executor: MakeExecutor = LocalPool,
+) -> Run:
+    """Go on with an interrupted run; a finished one is only read.
+
+    Raises:
+        InputError: no run folder, another process works on it, or versions or model differ.
+    """
+    if not path.is_dir():
+        raise InputError(f"--resume {path}", "is no folder", "a run folder")
+    folder = RunFolder(path)
+    try:
+        document = folder.read_manifest()
+        study, models, options = _recall(document, workers)
+        if document["counts"] is not None and not folder.done_pairs():
+            raise InputError(f"--resume {path}", "is finished", "an interrupted run")
+        folder.note("resumed")
+        return _carry_out(folder, study, models, options, progress, make_executor)
+    except KeyboardInterrupt:
+        raise InterruptedRunError(folder.path) from None
+    finally:
+        folder.close()
 
 
-def _write(
-    folder: Path,
-    scenario: Scenario,
-    model: InteractionModel,
-    outcomes: list[Outcome],
-    traces: bool,
-) -> Summary:
-    """The manifest last: a folder that has one is complete."""
-    episodes = episode_rows(CELL, outcomes)
-    write_table(folder / "cells.parquet", CELLS, {"cell": [CELL]})
-    write_table(folder / "episodes.parquet", EPISODES, episodes)
-    write_table(folder / "pedestrians.parquet", PEDESTRIANS, pedestrian_rows(CELL, outcomes))
-    write_table(folder / "pairs.parquet", PAIRS, pair_rows(CELL, episodes))
-    if traces:
-        write_table(folder / "traces.parquet", TRACES, trace_rows(CELL, outcomes))
-    summary = summarise(
-        pair_columns(episodes),
-        scenario.experiment.timeout_s,
-        np.random.default_rng((scenario.experiment.seed, _BOOTSTRAP)),
-    )
-    write_summary(folder / "summary.csv", [summary_row(summary)])
-    write_json(folder / MANIFEST, _manifest(scenario, model, outcomes))
-    return summary
+def _prepare(study: Study) -> dict[int, InteractionModel]:
+    """The model of every cell; everything a user may have got wrong is found here."""
+    loaded: dict[tuple[str, str | None], InteractionModel] = {}
+    models = {}
+    for cell in study.cells:
+        section = cell.scenario.model
+        key = (section.name, section.path)
+        if key not in loaded:
+            loaded[key] = load_model(*key)
+        models[cell.number] = loaded[key]
+        check_arms(cell.scenario, models[cell.number])
+        network_of(cell.scenario)
+    return models
 
 
 def _manifest(
-    scenario: Scenario, model: InteractionModel, outcomes: list[Outcome]
+    study: Study,
+    models: dict[int, InteractionModel],
+    options: Options,
+    counts: dict[str, int] | None,
 ) -> dict[str, Any]:
-    endings = [outcome.record.ending for outcome in outcomes]
+    """Everything a run depends on; ``counts`` is null until it is finished."""
+    until = options.until
+    used = {model.name: model.sha256 for model in models.values()}
     return {
         "schema": SCHEMA,
-        "scenario": scenario.model_dump(),
-        "seed": scenario.experiment.seed,
+        "name": study.name,
+        "scenario": study.base.model_dump(),
+        "cells": [cell.varied for cell in study.cells],
+        "traces": options.traces,
+        "until": None if until is None else {until.measure: until.half_width},
+        "seed": study.base.experiment.seed,
         "versions": versions(),
-        "model": {"name": model.name, "sha256": model.sha256},
-        "counts": {
-            "pairs": scenario.experiment.pairs,
-            "episodes": len(outcomes),
-            **{ending.value: endings.count(ending) for ending in Ending},
-        },
+        "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
+        "counts": counts,
     }
+
+
+def _recall(
+    document: dict[str, Any], workers: int | None
+) -> tuple[Study, dict[int, InteractionModel], Options]:
+    try:
+        if document["schema"] != SCHEMA:
+            raise InputError("manifest.json", f"format version {document['schema']!r}", str(SCHEMA))
+        study = study_from(document)
+        until = document["until"]
+        options = Options(
+            traces=bool(document["traces"]),
+            until=None if until is None else Precision(*next(iter(until.items()))),
+            workers=workers,
+        )
+        then, models_then = document["versions"], document["models"]
+        _ = document["counts"]
+    except (KeyError, TypeError, AttributeError, ValueError, StopIteration):
+        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+    models = _prepare(study)
+    now = _manifest(study, models, options, None)
+    for name, version in now["versions"].items():
+        if then.get(name) != version:
+            raise InputError(
+                "--resume",
+                f"the run was begun with {name} {then.get(name)}, this is {version}",
+                "the same versions",
+            )
+    if models_then != now["models"]:
+        raise InputError("--resume", "the interaction model has changed", "the same model")
+    return study, models, options
+
+
+def _carry_out(
+    folder: RunFolder,
+    study: Study,
+    models: dict[int, InteractionModel],
+    options: Options,
+    progress: Progress,
+    make_executor: MakeExecutor,
+) -> Run:
+    work = _Work(folder, study, models, options, progress, make_executor)
+    planned = {cell.number: cell.scenario.experiment.pairs for cell in study.cells}
+    if options.until is None:
+        work.reach(planned)
+        confidence = CONFIDENCE
+    else:
+        confidence = _reach_precision(work, study, planned, options.until)
+    folder.note("simulated")
+    return _finish(folder, study, models, options, confidence)
+
+
+class _Work:
+    """Brings cells to a number of pairs, skipping what is done."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        study: Study,
+        models: dict[int, InteractionModel],
+        options: Options,
+        progress: Progress,
+        make_executor: MakeExecutor,
+    ) -> None:
+        self.folder, self.study, self.models = folder, study, models
+        self.options, self.progress, self.make_executor = options, progress, make_executor
+        self.done = folder.done_pairs()
+
+    def reach(self, goals: dict[int, int]) -> None:
+        """Run what is missing up to ``goals`` pairs of each cell."""
+        tasks = list(self._missing(goals))
+        if not tasks:
+            return
+        workers = min(self.options.workers or default_workers(), len(tasks))
+        begin, todo = time.perf_counter(), sum(task.count for task in tasks)
+        total = sum(goals.values())
+        finished = total - todo
+        self.folder.note("started", pairs=todo, workers=workers)
+        executor = self.make_executor(workers)
+        try:
+            for task, result in run_tasks(executor, iter(tasks), self.folder.note):
+                self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
+                pairs = range(task.first_pair, task.first_pair + task.count)
+                self.done.setdefault(task.cell, set()).update(pairs)
+                finished += task.count
+                self.progress(finished, total)
+        finally:
+            executor.stop()
+        rate = todo / (time.perf_counter() - begin)
+        self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
+
+    def _missing(self, goals: dict[int, int]) -> Iterator[Task]:
+        for cell in self.study.cells:
+            done = self.done.get(cell.number, set())
+            missing = [pair for pair in range(goals[cell.number]) if pair not in done]
+            begin = 0
+            while begin < len(missing):
+                end = begin + 1
+                while (
+                    end < len(missing)
+                    and missing[end] == missing[end - 1] + 1
+                    and end - begin < self.options.task_pairs
+                ):
+                    end += 1
+                yield self._task(cell, missing[begin], end - begin)
+                begin = end
+
+    def _task(self, cell: Cell, first: int, count: int) -> Task:
+        return Task(
+            cell=cell.number,
+            first_pair=first,
+            count=count,
+            scenario=cell.scenario,
+            model=self.models[cell.number],
+            traces=self.options.traces,
+            hang_after_s=self.options.hang_after_s,
+            stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
+        )
+
+
+def looks(pairs: int) -> list[int]:
+    """Numbers of pairs at which ``--until`` looks: 1,000, 2,000, 4,000 … and at last ``pairs``."""
+    numbers = []
+    look = FIRST_LOOK
+    while look < pairs:
+        numbers.append(look)
+        look *= 2
+    return [*numbers, pairs]
+
+
+def _reach_precision(work: _Work, study: Study, planned: dict[int, int], until: Precision) -> float:
+    """Go on until every cell's interval is narrow enough; returns the intervals' confidence.
+
+    Looking L times and stopping at the best moment would spoil a 95 % interval, so each look uses
+    1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
+    """
+    most = looks(max(planned.values()))
+    confidence = 1 - (1 - CONFIDENCE) / len(most)
+    goals = dict.fromkeys(planned, 0)
+    open_cells = list(study.cells)
+    for look in most:
+        for cell in open_cells:
+            goals[cell.number] = min(look, planned[cell.number])
+        work.reach(goals)
+        open_cells = [
+            cell
+            for cell in open_cells
+            if goals[cell.number] < planned[cell.number]
+            and not _narrow(work.folder, cell, until, confidence)
+        ]
+        if not open_cells:
+            break
+    return confidence
+
+
+def _narrow(folder: RunFolder, cell: Cell, until: Precision, confidence: float) -> bool:
+    summary = _summarise(folder.episodes_of(cell.number), cell, confidence)
+    interval: Interval = getattr(summary, until.measure)
+    if interval.low is None or interval.high is None:
+        return False
+    return (interval.high - interval.low) / 2 <= until.half_width
+
+
+def _summarise(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    experiment = cell.scenario.experiment
+    rng = np.random.default_rng((experiment.seed, _BOOTSTRAP))
+    return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
+
+
+def _finish(
+    folder: RunFolder,
+    study: Study,
+    models: dict[int, InteractionModel],
+    options: Options,
+    confidence: float,
+) -> Run:
+    """Tables, summary and, last of all, the manifest with its counts."""
+    folder.finish_tables(options.traces)
+    write_parquet(folder.path / "cells.parquet", *_cells_table(study))
+    summaries, rows, failures = [], [], []
+    counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
+    for cell in study.cells:
+        episodes = folder.episodes_of(cell.number)
+        summary = _summarise(episodes, cell, confidence)
+        summaries.append(summary)
+        rows.append({**cell.varied, **summary_row(summary)})
+        counts["pairs"] += summary.pairs
+        counts["episodes"] += episodes.num_rows
+        endings = episodes["ending"].to_pylist()
+        for ending in Ending:
+            counts[ending.value] += endings.count(ending.value)
+        failures += _failures(episodes, cell.number)
+    write_csv(folder.path / "summary.csv", rows)
+    folder.write_manifest(_manifest(study, models, options, counts))
+    folder.drop_shards()
+    folder.note("finished")
+    return Run(folder.path, study, tuple(summaries), tuple(failures))
+
+
+def _failures(episodes: pa.Table, cell: int) -> list[tuple[int, int, str, str]]:
+    columns = (episodes[name].to_pylist() for name in ("ending", "pair", "arm", "reason"))
+    return [
+        (cell, pair, arm, reason or "")
+        for ending, pair, arm, reason in zip(*columns, strict=True)
+        if ending == Ending.ENGINE_FAILED
+    ]
+
+
+def _cells_table(study: Study) -> tuple[pa.Schema, Iterator[pa.Table]]:
+    """``cells.parquet``: number and varied keys; mixed types of a key become text."""
+    columns: dict[str, pa.Array] = {
+        "cell": pa.array([cell.number for cell in study.cells], type=pa.int32())
+    }
+    for key in study.varied_keys:
+        values = [cell.varied[key] for cell in study.cells]
+        if any(isinstance(value, float) and math.isfinite(value) for value in values) and all(
+            isinstance(value, int | float) and not isinstance(value, bool) for value in values
+        ):
+            values = [float(value) for value in values]
+        try:
+            columns[key] = pa.array(values)
+        except (pa.ArrowInvalid, pa.ArrowTypeError):
+            columns[key] = pa.array([None if value is None else str(value) for value in values])
+    table = pa.table(columns)
+    return table.schema, iter([table])

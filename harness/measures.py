@@ -52,6 +52,7 @@ class EpisodeRecord:
     min_time_advantage_s: float | None
     pet_s: float | None
     max_deceleration_mps2: float
+    stops: int
     stopped_s: float
     delay_s: float | None
 
@@ -313,6 +314,7 @@ def _record(
     steps = min(math.ceil(end_s / trace.step_s - 1e-9), max(0, len(trace.x_m) - 1))
     speeds = trace.speed_mps[: steps + 1]
     braking = float(np.max(speeds[:-1] - speeds[1:], initial=0.0)) / trace.step_s
+    standing = speeds < STANDING_MPS
     started = [w for w in trace.walks if w.start_s is not None and w.start_s < end_s]
     failed = trace.ending is Ending.ENGINE_FAILED
     crashed = strike is not None and not failed
@@ -341,6 +343,7 @@ def _record(
         min_time_advantage_s=advantage,
         pet_s=min(defined) if defined else None,
         max_deceleration_mps2=braking,
-        stopped_s=int(np.count_nonzero(speeds[1:] < STANDING_MPS)) * trace.step_s,
+        stops=int(np.count_nonzero(standing[1:] & ~standing[:-1])),
+        stopped_s=int(np.count_nonzero(standing[1:])) * trace.step_s,
         delay_s=None if pass_time is None else pass_time - free_s,
     )

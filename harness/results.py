@@ -1,36 +1,23 @@
-"""The run folder: tables, summary, manifest, log.  The one place that knows its files.
+"""The tables of a run: schemas, and how outcomes become rows.  Columns: docs/files.md.
 
-Files appear complete or not at all (written beside, then renamed).  Tables have fixed schemas and
-row groups, so equal results are equal bytes on one set of versions.  Columns: docs/files.md.
+Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 """
 
-import csv
 import importlib.metadata
-import io
-import json
-import os
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable
 from dataclasses import fields
-from datetime import UTC, datetime
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from harness.comparison import Interval, PairColumns, Summary
 from harness.encounter import Arm, Contact, Ending, Side
-from harness.errors import InputError
 from harness.measures import EpisodeRecord, Outcome
 
 SCHEMA = 1
 """Version of the run folder's format."""
-
-MANIFEST = "manifest.json"
-
-_ROW_GROUP = 100_000
 
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
 
@@ -54,6 +41,7 @@ EPISODES = pa.schema(
         ("min_time_advantage_s", pa.float64()),
         ("pet_s", pa.float64()),
         ("max_deceleration_mps2", pa.float64()),
+        ("stops", pa.int32()),
         ("stopped_s", pa.float64()),
         ("delay_s", pa.float64()),
     ]
@@ -84,9 +72,6 @@ PAIRS = pa.schema(
     ]
 )
 
-CELLS = pa.schema([("cell", pa.int32())])
-"""Before the varied keys of a sweep, which follow as further columns."""
-
 TRACES = pa.schema(
     [
         *_KEYS,
@@ -99,66 +84,15 @@ TRACES = pa.schema(
     ]
 )
 
+TABLES = {
+    "episodes": EPISODES,
+    "pedestrians": PEDESTRIANS,
+    "pairs": PAIRS,
+    "traces": TRACES,
+}
+"""Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
+
 _RECORD_COLUMNS = [field.name for field in fields(EpisodeRecord) if field.name in EPISODES.names]
-
-
-def new_run_folder(out: Path | None, scenario_name: str) -> Path:
-    """The folder a run may write into; made if it is missing.
-
-    Args:
-        out: the user's choice, or None for ``runs/<scenario>-<next free number>``.
-        scenario_name: used for the default.
-
-    Raises:
-        InputError: it holds a run already, is a file, or cannot be written.
-    """
-    if out is not None:
-        _claim(out, exist_ok=True)
-        return out
-    number = 1
-    while True:
-        folder = Path("runs") / f"{scenario_name}-{number}"
-        if not folder.exists():
-            _claim(folder, exist_ok=False)
-            return folder
-        number += 1
-
-
-def _claim(folder: Path, exist_ok: bool) -> None:
-    where = f"--out {folder}"
-    if folder.exists() and not folder.is_dir():
-        raise InputError(where, "is a file", "a new or empty folder")
-    if (folder / MANIFEST).exists():
-        raise InputError(where, "holds a run already", "a new or empty folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=exist_ok)
-        probe = folder / f".{os.getpid()}.probe"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise InputError(
-            where, f"cannot be written ({error.strerror})", "a writable folder"
-        ) from None
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write beside, then rename."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        beside.write_bytes(content)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def write_table(path: Path, schema: pa.Schema, rows: Mapping[str, Sequence[Any]]) -> None:
-    """Write one Parquet table with a fixed schema and row groups."""
-    table = pa.table(
-        [pa.array(rows[name], type=schema.field(name).type) for name in schema.names], schema=schema
-    )
-    buffer = io.BytesIO()
-    pq.write_table(table, buffer, row_group_size=_ROW_GROUP)
-    write_file(path, buffer.getvalue())
 
 
 def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
@@ -206,13 +140,12 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
     return rows
 
 
-def pair_rows(cell: int, episodes: Mapping[str, Sequence[Any]]) -> dict[str, list[Any]]:
-    """Columns of ``pairs.parquet`` from those of ``episodes.parquet``."""
+def pair_rows(cell: int, episodes: pa.Table) -> dict[str, list[Any]]:
+    """Columns of ``pairs.parquet`` from the episodes of one cell."""
     rows: dict[str, list[Any]] = {name: [] for name in PAIRS.names}
     times: dict[int, dict[str, float | None]] = {}
-    for pair, arm, time in zip(
-        episodes["pair"], episodes["arm"], episodes["pass_time_s"], strict=True
-    ):
+    columns = (episodes[name].to_pylist() for name in ("pair", "arm", "pass_time_s"))
+    for pair, arm, time in zip(*columns, strict=True):
         times.setdefault(pair, {})[arm] = time
     for pair, arms in times.items():
         av, human = arms[Arm.AV], arms[Arm.HUMAN]
@@ -284,27 +217,31 @@ def _extend(
         rows[key] += column
 
 
-def pair_columns(episodes: Mapping[str, Sequence[Any]]) -> PairColumns:
-    """What the comparison needs, from the columns of ``episodes.parquet``."""
-    arms = np.array(episodes["arm"])
-    ending = np.array(episodes["ending"])
-    contact = np.array(episodes["contact"], dtype=object)
-    passed = np.array(episodes["pass_time_s"], dtype=float)
-    av, human = arms == Arm.AV, arms == Arm.HUMAN
+def pair_columns(episodes: pa.Table) -> PairColumns:
+    """What the comparison needs, from the episodes of one cell (rows in order of pairs)."""
+    arm = np.array(episodes["arm"].to_pylist())
+    ending = np.array(episodes["ending"].to_pylist())
+    front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
     crashed = ending == Ending.CRASHED
-    pedestrians = np.array(episodes["pedestrians"], dtype=np.int64)
+
+    def numbers(name: str) -> Any:
+        return episodes[name].to_numpy().astype(float)
+
+    def both(values: Any) -> tuple[Any, Any]:
+        return values[arm == Arm.AV], values[arm == Arm.HUMAN]
+
+    met = both(numbers("pedestrians"))
     return PairColumns(
-        av_time_s=passed[av],
-        human_time_s=passed[human],
-        av_crashed=crashed[av],
-        av_front=crashed[av] & (contact[av] == Contact.FRONT),
-        av_timed_out=ending[av] == Ending.TIMED_OUT,
-        av_failed=ending[av] == Ending.ENGINE_FAILED,
-        human_crashed=crashed[human],
-        human_timed_out=ending[human] == Ending.TIMED_OUT,
-        human_failed=ending[human] == Ending.ENGINE_FAILED,
-        av_fallback=np.array(episodes["fallback"], dtype=bool)[av],
-        met=pedestrians[av] + pedestrians[human],
+        time_s=both(numbers("pass_time_s")),
+        delay_s=both(numbers("delay_s")),
+        stops=both(numbers("stops")),
+        stopped_s=both(numbers("stopped_s")),
+        crashed=both(crashed),
+        front=both(crashed & front),
+        timed_out=both(ending == Ending.TIMED_OUT),
+        failed=both(ending == Ending.ENGINE_FAILED),
+        av_fallback=both(numbers("fallback") > 0)[0],
+        met=met[0] + met[1],
     )
 
 
@@ -322,34 +259,6 @@ def summary_row(summary: Summary) -> dict[str, float | int | None]:
     return row
 
 
-def write_summary(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write ``summary.csv``; undefined values are empty."""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_file(path, text.getvalue().encode())
-
-
-def write_json(path: Path, document: Mapping[str, Any]) -> None:
-    """Write a JSON file, keys in the order given."""
-    write_file(path, (json.dumps(document, indent=1, allow_nan=False) + "\n").encode())
-
-
-class EventLog:
-    """``log.jsonl``: what happened when.  The only file of a run folder with a clock in it."""
-
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / "log.jsonl"
-
-    def write(self, event: str, **details: Any) -> None:
-        """Append one line."""
-        now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        line = json.dumps({"time": now, "event": event, **details})
-        with self._path.open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
-
-
 def versions() -> dict[str, str]:
     """Versions that decide what a run computes."""
     packages = ("crosswalk-harness", "libsumo", "numpy", "scipy", "pandas", "pyarrow")
@@ -360,23 +269,3 @@ def versions() -> dict[str, str]:
         "python": platform.python_version(),
         **found,
     }
-
-
-def export_csv(folder: Path) -> list[Path]:
-    """Write every table of a run folder as CSV beside it.
-
-    Raises:
-        InputError: no run folder, or a table cannot be read.
-    """
-    if not (folder / MANIFEST).is_file():
-        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
-    written = []
-    for source in sorted(folder.glob("*.parquet")):
-        try:
-            table = pq.read_table(source)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(str(source), f"cannot be read ({error})") from None
-        target = source.with_suffix(".csv")
-        write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
-        written.append(target)
-    return written

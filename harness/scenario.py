@@ -4,9 +4,11 @@ Every key has a default and unknown keys are refused, so a scenario file says on
 Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
 """
 
+import copy
 import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -117,35 +119,61 @@ class Setting(NamedTuple):
     source: str = "--set"
 
 
-def load_scenario(
-    name_or_path: str | Path, settings: Sequence[Setting] = ()
-) -> tuple[Scenario, str]:
-    """Read a scenario file, or a shipped scenario by its name, and apply ``key=value`` settings.
+@dataclass(frozen=True)
+class ScenarioFile:
+    """A scenario file as read: nothing checked yet but that it is TOML.
+
+    ``sweep`` is its ``[sweep]`` table, None where there is none.  A relative ``model.path`` has
+    been taken from the file's folder.
+    """
+
+    name: str
+    source: str
+    tree: dict[str, Any]
+    sweep: dict[str, Any] | None
+    settings: tuple[Setting, ...]
+
+    def scenario(self, more: Sequence[Setting] = ()) -> Scenario:
+        """The checked scenario with all settings applied, later ones over earlier ones.
+
+        Raises:
+            InputError: a key or value is not accepted.
+        """
+        tree = copy.deepcopy(self.tree)
+        sources = {}
+        for setting in (*self.settings, *more):
+            apply_setting(tree, setting)
+            sources[setting.key] = setting.source
+        return validate(tree, self.source, sources)
+
+
+def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> ScenarioFile:
+    """Read a scenario file, or a shipped scenario by its name (``cctc``).
 
     Args:
-        name_or_path: a TOML file, or the name of a shipped scenario such as ``cctc``.
-        settings: applied in order over the file's values.
-
-    Returns:
-        The scenario and its name (the file's stem).  A relative ``model.path`` in the file is
-        taken from the file's folder and comes out absolute.
+        name_or_path: a TOML file, or the name of a shipped scenario.
+        settings: to be applied over the file's values.
 
     Raises:
-        InputError: the file is missing or no TOML, or a key or value is not accepted.
+        InputError: the file is missing or no TOML.
     """
     path = _find(name_or_path)
     try:
         tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(str(path), f"not a TOML file ({error})") from None
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})") from None
     _anchor_model_path(tree, path.parent)
-    sources: dict[str, str] = {}
-    for setting in settings:
-        _assign(tree, setting)
-        sources[setting.key] = setting.source
-    return validate(tree, path.name, sources), path.stem
+    sweep = tree.pop("sweep", None)
+    if sweep is not None and not isinstance(sweep, dict):
+        raise InputError(f"{path.name}: sweep", f"{_shorten(sweep)} is not accepted", "a table")
+    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings))
+
+
+def load_scenario(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> Scenario:
+    """The scenario of a file without its sweep, checked; see ``read_scenario_file``."""
+    return read_scenario_file(name_or_path, settings).scenario()
 
 
 def parse_setting(text: str) -> Setting:
@@ -203,13 +231,21 @@ def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
         model["path"] = str((folder / model["path"]).resolve())
 
 
-def _assign(tree: dict[str, Any], setting: Setting) -> None:
+def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
+    """Set one dotted key of a nested table, making the tables on its way.
+
+    Raises:
+        InputError: not a dotted key (TOML's syntax, parts may be quoted), or it leads through a
+            value that is no table.
+    """
     key = setting.key
     try:
         # TOML's own key syntax, so that quoted parts may contain dots and colons.
         branch = tomllib.loads(f"{key} = 0")
     except tomllib.TOMLDecodeError:
-        raise InputError(f"--set {key}", "not a dotted key", "e.g. ego.initial_speed_mps") from None
+        raise InputError(
+            f"{setting.source} {key}", "not a dotted key", "e.g. ego.initial_speed_mps"
+        ) from None
     node = tree
     while True:
         (name,) = branch
@@ -218,7 +254,7 @@ def _assign(tree: dict[str, Any], setting: Setting) -> None:
             return
         branch = branch[name]
         if not isinstance(node.setdefault(name, {}), dict):
-            raise InputError(f"--set {key}", f"{name!r} is not a table")
+            raise InputError(f"{setting.source} {key}", f"{name!r} is not a table")
         node = node[name]
 
 

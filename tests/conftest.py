@@ -5,9 +5,10 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from harness.engine.protocol import Engine
-from harness.experiment import sumo_engine
+from harness.engine.sumo import libsumo_engine
 from harness.interaction import InteractionModel, load_model
 from harness.scenario import Scenario
+from harness.sites import network_of
 
 MakeEngine = Callable[[Scenario], Engine]
 
@@ -35,7 +36,12 @@ def sumo() -> MakeEngine:
         key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
         if key not in _open:
             _close_all()
-            _open[key] = sumo_engine(scenario)()
+            _open[key] = libsumo_engine(
+                network_of(scenario),
+                scenario.vehicle(),
+                scenario.crosswalk(),
+                scenario.experiment.step_s,
+            )
         return _open[key]
 
     return make

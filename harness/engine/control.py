@@ -50,7 +50,8 @@ class SumoEngine:
         crossing: Crossing,
         step_s: float,
     ) -> None:
-        self._api, self.close = api, close
+        self._api, self._close = api, close
+        self.closed = False
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         self._advance = api.simulationStep
         self._set_speed, self._get_speed = api.vehicle.setSpeed, api.vehicle.getSpeed
@@ -140,6 +141,11 @@ class SumoEngine:
         except self._lost as error:
             raise EngineError(f"SUMO could not clear the road: {error}") from None
         return self._collided
+
+    def close(self) -> None:
+        """End the simulation; its output files are complete only then."""
+        self.closed = True
+        self._close()
 
     def _state(self) -> tuple[float, float]:
         return self._start_x_m + self._get_distance(self._ego), self._get_speed(self._ego)

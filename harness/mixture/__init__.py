@@ -2,5 +2,6 @@
 
 from harness.mixture.conditional import Conditional
 from harness.mixture.distribution import TruncatedGaussianMixture
+from harness.mixture.fitting import FitResult, fit_mixture
 
-__all__ = ["Conditional", "TruncatedGaussianMixture"]
+__all__ = ["Conditional", "FitResult", "TruncatedGaussianMixture", "fit_mixture"]

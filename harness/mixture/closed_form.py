@@ -1,8 +1,11 @@
-"""Density, derivatives and distribution function of the target, component by component.
+"""Density, derivatives and distribution function of the target, summed over the components.
 
 Two cases have closed forms: nothing integrated out (`Direct`), and one variable integrated out
-over its bounds (`OneIntegrated`, with normal rectangles by Owen's T). Both take the state of the
-components at n given points and evaluate at positions x of shape (c, n).
+over its bounds (`OneIntegrated`, with normal rectangles by Owen's T).
+
+The same arithmetic serves many points and one. For many, the arrays of the components are
+(K, 1, n) and positions x are (c, n); for one, made `flat`, they are (K,) and x is a number, which
+spares most of numpy's overhead. Each result is the same to the last bit either way.
 """
 
 from typing import NamedTuple, Protocol
@@ -20,42 +23,39 @@ _TINY = 1e-30
 
 
 class Cumulative(NamedTuple):
-    """What a distribution function needs at n given points, before any x is known.
+    """What the running mass needs at the given points, before any x is known.
 
     Attributes:
-        parts: arrays (K or more, n) that only the form that made them reads.
-        start, total: (n,), the running sum at the lower bound and from there to the upper one.
+        parts: arrays that only the form that made them reads, components first, points last.
     """
 
     parts: tuple[Array, ...]
-    start: Array
-    total: Array
 
 
 class Form(Protocol):
-    """The arithmetic of one case; all arrays (c, n) unless said otherwise."""
+    """The arithmetic of one case, up to a factor exp(shift) common to each point."""
 
     # A total below this, relative to the heaviest component, has lost its digits.
     smallest_total: float
 
-    def curve(self, state: State, x: Array) -> tuple[Array, Array, Array]:
-        """Density at x up to a factor common to each point, and its first two derivatives."""
+    def density(self, state: State, x: Array | float) -> Array:
+        """Density at x."""
         ...
 
-    def log_density(self, state: State, x: Array) -> Array:
-        """Log of the density at x (n,) up to `shift`, safe far in the tails, (n,)."""
+    def curve(self, state: State, x: Array | float) -> tuple[Array, Array, Array]:
+        """Density at x and its first two derivatives."""
+        ...
+
+    def log_density(self, state: State, x: Array | float) -> Array:
+        """Log of the density at x, safe far in the tails."""
         ...
 
     def cumulative(self, state: State) -> Cumulative:
-        """The parts of the distribution function at the given points."""
+        """The parts of the running mass."""
         ...
 
-    def running(self, parts: tuple[Array, ...], x: Array) -> Array:
-        """Running sum of the mass up to x, counted from an arbitrary start."""
-        ...
-
-    def density(self, state: State, x: Array) -> Array:
-        """The derivative of `running` in x."""
+    def running(self, cumulative: Cumulative, x: Array | float) -> Array:
+        """Mass up to x, counted from an arbitrary start; its derivative is `density`."""
         ...
 
 
@@ -64,144 +64,142 @@ class Direct:
 
     smallest_total = 1e-200
 
-    def __init__(self, regression: Regression, lower: float, upper: float) -> None:
+    def __init__(self, regression: Regression, lower: float, upper: float, flat: bool) -> None:
+        shape = (-1,) if flat else (-1, 1, 1)
+        spread = regression.spread.reshape(shape)
         self._lower, self._upper = lower, upper
-        self._inverse = (1.0 / regression.spread)[:, None]
-        self._curvature = (-(regression.spread**-2.0))[:, None, None]
-        self._height = (1.0 / (_ROOT_TWO_PI * regression.spread))[:, None, None]
-        self._log_height = np.log(self._height[:, :, 0])
+        self._inverse = 1.0 / spread
+        self._curvature = -(spread**-2.0)
+        self._log_height = -np.log(_ROOT_TWO_PI * spread)
 
-    def curve(self, state: State, x: Array) -> tuple[Array, Array, Array]:
-        away = x - state.means[:, None]
+    def _logs(self, state: State, x: Array | float) -> tuple[Array, Array]:
+        """Log density of each component and its slope."""
+        away = x - state.means
         slope = away * self._curvature
-        terms = self._height * np.exp(state.log_weights[:, None] + 0.5 * away * slope)
-        return (
-            component_sum(terms),
-            component_sum(terms * slope),
-            component_sum(terms * (slope * slope + self._curvature)),
-        )
+        away *= slope
+        away *= 0.5
+        away += state.log_weights + self._log_height
+        return away, slope
 
-    def log_density(self, state: State, x: Array) -> Array:
-        z = (x - state.means) * self._inverse
-        terms = state.log_weights + self._log_height - 0.5 * z * z
-        largest = np.maximum.reduce(terms, axis=0)
-        result: Array = largest + np.log(component_sum(np.exp(terms - largest)))
-        return result
+    def density(self, state: State, x: Array | float) -> Array:
+        logs, _ = self._logs(state, x)
+        return component_sum(np.exp(logs, out=logs))
 
-    def density(self, state: State, x: Array) -> Array:
-        away = x - state.means[:, None]
-        terms = np.exp(state.log_weights[:, None] + 0.5 * away * away * self._curvature)
-        return component_sum(terms * self._height)
+    def curve(self, state: State, x: Array | float) -> tuple[Array, Array, Array]:
+        logs, slope = self._logs(state, x)
+        terms = np.exp(logs, out=logs)
+        bend = slope * slope
+        bend += self._curvature
+        bend *= terms
+        slope *= terms
+        return component_sum(terms), component_sum(slope), component_sum(bend)
+
+    def log_density(self, state: State, x: Array | float) -> Array:
+        return _log_sum(self._logs(state, x)[0])
 
     def cumulative(self, state: State) -> Cumulative:
-        a = (self._lower - state.means) * self._inverse
-        b = (self._upper - state.means) * self._inverse
         # In the upper tail Φ(b) − Φ(a) loses its digits and Φ(−a) − Φ(−b) does not.
-        sign = np.where(a + b > 0.0, -1.0, 1.0)
-        weights = np.exp(state.log_weights) * sign
-        start = component_sum(weights * ndtr(a * sign))
-        end = component_sum(weights * ndtr(b * sign))
-        parts = (weights[:, None], (self._inverse * sign)[:, None], state.means[:, None])
-        return Cumulative(parts, start, end - start)
+        nearer = (self._lower - state.means) + (self._upper - state.means)
+        sign = np.where(nearer > 0.0, -1.0, 1.0)
+        weights = np.exp(state.log_weights)
+        return Cumulative((weights * sign, self._inverse * sign, state.means))
 
-    def running(self, parts: tuple[Array, ...], x: Array) -> Array:
-        weights, scale, means = parts
-        return component_sum(weights * ndtr((x - means) * scale))
+    def running(self, cumulative: Cumulative, x: Array | float) -> Array:
+        weights, scale, means = cumulative.parts
+        z = x - means
+        z *= scale
+        below = ndtr(z, out=z)
+        below *= weights
+        return component_sum(below)
 
 
 class OneIntegrated:
-    """One variable integrated out over [rest_lower, rest_upper]: normal rectangles."""
+    """One variable integrated out over its bounds (`edges`, finite): normal rectangles."""
 
     smallest_total = 1e-7
 
-    def __init__(
-        self,
-        regression: Regression,
-        lower: float,
-        upper: float,
-        rest_lower: float,
-        rest_upper: float,
-    ) -> None:
-        self._lower, self._upper = lower, upper
+    def __init__(self, regression: Regression, edges: tuple[float, float], flat: bool) -> None:
+        shape = (-1,) if flat else (-1, 1, 1)
         spread, slope = regression.spread, regression.rest_slopes[:, 0]
         rest_spread = np.sqrt(regression.rest_covariances[:, 0, 0])
-        self._inverse = (1.0 / spread)[:, None, None]
-        self._curvature = (-(spread**-2.0))[:, None, None]
-        self._height = (1.0 / (_ROOT_TWO_PI * spread))[:, None, None]
-        self._edges = (rest_lower, rest_upper)
-        self._rest_inverse = (1.0 / rest_spread)[:, None]
-        self._turn = (slope / rest_spread)[:, None, None]
+        self._edges = edges
+        self._inverse = (1.0 / spread).reshape(shape)
+        self._curvature = (-(spread**-2.0)).reshape(shape)
+        self._log_height = (-np.log(_ROOT_TWO_PI * spread)).reshape(shape)
+        self._rest_inverse = (1.0 / rest_spread).reshape(shape)
+        self._turn = (slope / rest_spread).reshape(shape)
         # Spread and correlation of the integrated variable with the target not yet known.
         loose = np.sqrt(rest_spread**2 + (slope * spread) ** 2)
-        self._loose_inverse = (1.0 / loose)[:, None]
-        self._rho = np.tile(slope * spread / loose, 2)[:, None, None]
-        self._root = np.tile(rest_spread / loose, 2)[:, None, None]
+        self._loose_inverse = (1.0 / loose).reshape(shape)
+        root = np.tile(rest_spread / loose, 2).reshape(shape)
+        self._rho = np.tile(slope * spread / loose, 2).reshape(shape)
+        self._rho_over_root, self._inverse_root = self._rho / root, 1.0 / root
 
-    def _bounds(self, state: State, away: Array) -> tuple[Array, Array]:
-        """Standardised bounds (K, c, n) of the integrated variable with the target at x."""
+    def _logs(self, state: State, x: Array | float) -> tuple[Array, Array, Array, Array]:
+        """Log density and slope of each component, and the integrated variable's bounds there."""
+        away = x - state.means
+        slope = away * self._curvature
         centre = state.rest_means[0]
         turned = away * self._turn
-        lo = ((self._edges[0] - centre) * self._rest_inverse)[:, None] - turned
-        hi = ((self._edges[1] - centre) * self._rest_inverse)[:, None] - turned
-        return lo, hi
+        lo = (self._edges[0] - centre) * self._rest_inverse - turned
+        hi = (self._edges[1] - centre) * self._rest_inverse - turned
+        away *= slope
+        away *= 0.5
+        away += state.log_weights + self._log_height
+        return away, slope, lo, hi
 
-    def curve(self, state: State, x: Array) -> tuple[Array, Array, Array]:
-        away = x - state.means[:, None]
-        slope = away * self._curvature
-        terms = self._height * np.exp(state.log_weights[:, None] + 0.5 * away * slope)
-        lo, hi = self._bounds(state, away)
+    def density(self, state: State, x: Array | float) -> Array:
+        logs, _, lo, hi = self._logs(state, x)
+        return component_sum(np.exp(logs) * _interval(lo, hi))
+
+    def curve(self, state: State, x: Array | float) -> tuple[Array, Array, Array]:
+        logs, slope, lo, hi = self._logs(state, x)
+        terms = np.exp(logs)
         inside = _interval(lo, hi)
-        at_lo = np.exp(-0.5 * lo * lo) / _ROOT_TWO_PI
-        at_hi = np.exp(-0.5 * hi * hi) / _ROOT_TWO_PI
-        first = self._turn * (at_lo - at_hi)
-        second = self._turn * self._turn * (lo * at_lo - hi * at_hi)
+        at_lo = np.exp(-0.5 * lo * lo) * (self._turn / _ROOT_TWO_PI)
+        at_hi = np.exp(-0.5 * hi * hi) * (self._turn / _ROOT_TWO_PI)
+        first = at_lo - at_hi
+        bend = (slope * slope + self._curvature) * inside + 2.0 * slope * first
+        bend += self._turn * (lo * at_lo - hi * at_hi)
         return (
             component_sum(terms * inside),
             component_sum(terms * (slope * inside + first)),
-            component_sum(
-                terms * ((slope * slope + self._curvature) * inside + 2.0 * slope * first + second)
-            ),
+            component_sum(terms * bend),
         )
 
-    def log_density(self, state: State, x: Array) -> Array:
-        away = (x - state.means)[:, None]
-        lo, hi = self._bounds(state, away)
-        terms = state.log_weights[:, None] + 0.5 * away * away * self._curvature
-        terms = (terms + np.log(self._height) + _log_interval(lo, hi))[:, 0]
-        largest = np.maximum.reduce(terms, axis=0)
-        result: Array = largest + np.log(component_sum(np.exp(terms - largest)))
-        return result
-
-    def density(self, state: State, x: Array) -> Array:
-        away = x - state.means[:, None]
-        terms = np.exp(state.log_weights[:, None] + 0.5 * away * away * self._curvature)
-        return component_sum(terms * self._height * _interval(*self._bounds(state, away)))
+    def log_density(self, state: State, x: Array | float) -> Array:
+        logs, _, lo, hi = self._logs(state, x)
+        return _log_sum(logs + _log_interval(lo, hi))
 
     def cumulative(self, state: State) -> Cumulative:
         weights = np.exp(state.log_weights)
         centre = state.rest_means[0]
         lo = (self._edges[0] - centre) * self._loose_inverse
         hi = (self._edges[1] - centre) * self._loose_inverse
-        k = np.concatenate((hi, lo))[:, None]
+        k = np.concatenate((hi, lo))
         k = np.where(k == 0.0, _TINY, k)
-        signed = np.concatenate((weights, -weights))[:, None]
-        parts = (signed, state.means[:, None], k, 1.0 / k)
-        ends = np.empty((2, weights.shape[1]))
-        ends[0], ends[1] = self._lower, self._upper
-        sums = self.running(parts, ends)
-        return Cumulative(parts, sums[0], sums[1] - sums[0])
+        signed = np.concatenate((-weights, weights))
+        return Cumulative((signed, state.means, k, self._inverse_root / k))
 
-    def running(self, parts: tuple[Array, ...], x: Array) -> Array:
-        signed, means, k, inverse_k = parts
-        single = (x - means) * self._inverse
-        single = np.where(single == 0.0, _TINY, single)
-        h = np.concatenate((single, single))
+    def running(self, cumulative: Cumulative, x: Array | float) -> Array:
+        signed, means, k, scaled_inverse = cumulative.parts
+        z = (x - means) * self._inverse
+        z = np.where(z == 0.0, _TINY, z)
+        h = np.concatenate((z, z))
         ratio = k / h
         # Φ2(h, k) less the halves of Φ(h) and Φ(k), which cancel in differences (Owen 1956).
-        corner = owens_t(h, (ratio - self._rho) / self._root)
-        corner += owens_t(k, (h * inverse_k - self._rho) / self._root)
+        corner = owens_t(h, ratio * self._inverse_root - self._rho_over_root)
+        corner += owens_t(k, h * scaled_inverse - self._rho_over_root)
         corner += 0.5 * (ratio < 0.0)
-        return component_sum(signed * -corner)
+        corner *= signed
+        return component_sum(corner)
+
+
+def _log_sum(logs: Array) -> Array:
+    """Log of the sum of exponentials over the components."""
+    largest = np.maximum.reduce(logs, axis=0)
+    result: Array = largest + np.log(component_sum(np.exp(logs - largest)))
+    return result
 
 
 def _interval(a: Array, b: Array) -> Array:

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from harness.errors import InputError
 from harness.mixture.boxes import box_probability
-from harness.mixture.closed_form import Direct, Form, OneIntegrated
+from harness.mixture.closed_form import Direct, OneIntegrated
 from harness.mixture.drawing import draw
 from harness.mixture.regression import Regression, State, component_sum
-from harness.mixture.search import highest_point, inverse
+from harness.mixture.search import Forms, highest_point, inverse
 from harness.mixture.tabulated import TabulatedDensity
 
 if TYPE_CHECKING:
@@ -80,15 +80,16 @@ class Conditional:
         high = mixture.locations[:, rest].max(axis=0) + reach
         self._rest_lower = np.where(np.isinf(mixture.lower[rest]), low, mixture.lower[rest])
         self._rest_upper = np.where(np.isinf(mixture.upper[rest]), high, mixture.upper[rest])
-        self._form = self._closed_form()
+        self._forms = self._closed_forms()
         self._table: TabulatedDensity | None = None
 
-    def _closed_form(self) -> Form | None:
+    def _closed_forms(self) -> Forms | None:
         if self._rest_lower.size == 0:
-            return Direct(self._regression, self.lower, self.upper)
+            bounds = self.lower, self.upper
+            return Forms(*(Direct(self._regression, *bounds, flat=flat) for flat in (False, True)))
         if self._rest_lower.size == 1:
             edges = float(self._rest_lower[0]), float(self._rest_upper[0])
-            return OneIntegrated(self._regression, self.lower, self.upper, *edges)
+            return Forms(*(OneIntegrated(self._regression, edges, flat) for flat in (False, True)))
         return None
 
     def logpdf(self, x: ArrayLike, y: ArrayLike) -> Array:
@@ -178,76 +179,84 @@ class Conditional:
     def _bounds(self, state: State) -> tuple[Array, Array]:
         """Finite bounds (n,): an infinite one is put where no component has any density."""
         reach = _BEYOND * self._regression.spread[:, None]
-        count = state.means.shape[1]
+        count = state.means.shape[2]
         lower, upper = np.full(count, self.lower), np.full(count, self.upper)
         if np.isinf(self.lower):
-            lower = np.minimum.reduce(state.means - reach, axis=0)
+            lower = np.minimum.reduce(state.means[:, 0] - reach, axis=0)
         if np.isinf(self.upper):
-            upper = np.maximum.reduce(state.means + reach, axis=0)
+            upper = np.maximum.reduce(state.means[:, 0] + reach, axis=0)
         return lower, upper
 
     def _logpdf(self, x: Array, y: Array) -> Array:
         inside = (x >= self.lower) & (x <= self.upper)
-        if self._form is None:
+        if self._forms is None:
             logs = np.full(x.size, -np.inf)
             for rows, table in self._tables(y):
                 chosen = rows[inside[rows]]
                 logs[chosen] = self._log_unnormalised(x[chosen], y[rows[:1]]) - table.log_total
             return logs
         state = self._regression.at(y)
-        total = self._form.cumulative(state).total
-        weak = total <= self._form.smallest_total
-        log_total = np.log(np.where(weak, 1.0, total))
-        for i in np.flatnonzero(weak):
+        lower, upper = self._bounds(state)
+        cumulative = self._forms.many.cumulative(state)
+        sums = self._forms.many.running(cumulative, np.stack((lower, upper)))
+        total = sums[1] - sums[0]
+        weak = self._weak(total)
+        log_total = np.log(np.where(total > 0.0, total, 1.0))
+        for i in weak:
             log_total[i] = self._tabulate(y[i : i + 1]).log_total
-        at = np.where(inside, x, self.lower if np.isfinite(self.lower) else 0.0)
-        return np.where(inside, self._form.log_density(state, at) - log_total, -np.inf)
+        at = np.where(inside, x, lower)
+        return np.where(
+            inside, self._forms.many.log_density(state, at[None])[0] - log_total, -np.inf
+        )
 
     def _cdf(self, x: Array, y: Array) -> Array:
-        if self._form is None:
+        if self._forms is None:
             result = np.empty(x.size)
             for rows, table in self._tables(y):
                 result[rows] = table.cdf(np.clip(x[rows], table.edges[0], table.edges[-1]))
-            return np.where(x <= self.lower, 0.0, np.where(x >= self.upper, 1.0, result))
-        state = self._regression.at(y)
-        lower, upper = self._bounds(state)
-        cumulative = self._form.cumulative(state)
-        clipped = np.minimum(np.maximum(x, lower), upper)
-        sums = self._form.running(cumulative.parts, clipped[None])[0] - cumulative.start
-        weak = cumulative.total <= self._form.smallest_total
-        result = np.clip(sums / np.where(weak, 1.0, cumulative.total), 0.0, 1.0)
-        for i in np.flatnonzero(weak):
-            table = self._tabulate(y[i : i + 1])
-            result[i] = table.cdf(np.clip(x[i : i + 1], table.edges[0], table.edges[-1]))[0]
+        else:
+            state = self._regression.at(y)
+            lower, upper = self._bounds(state)
+            clipped = np.minimum(np.maximum(x, lower), upper)
+            cumulative = self._forms.many.cumulative(state)
+            sums = self._forms.many.running(cumulative, np.stack((lower, clipped, upper)))
+            total = sums[2] - sums[0]
+            result = np.clip((sums[1] - sums[0]) / np.where(total > 0.0, total, 1.0), 0.0, 1.0)
+            for i in self._weak(total):
+                table = self._tabulate(y[i : i + 1])
+                result[i] = table.cdf(np.clip(x[i : i + 1], table.edges[0], table.edges[-1]))[0]
         return np.where(x <= self.lower, 0.0, np.where(x >= self.upper, 1.0, result))
 
     def _ppf(self, u: Array, y: Array) -> Array:
-        if self._form is None:
+        if self._forms is None:
             result = np.empty(u.size)
             for rows, table in self._tables(y):
                 result[rows] = table.ppf(u[rows])
         else:
             state = self._regression.at(y)
-            lower, upper = self._bounds(state)
-            cumulative = self._form.cumulative(state)
-            weak = cumulative.total <= self._form.smallest_total
-            result = inverse(self._form, state, cumulative, u, lower, upper)
-            for i in np.flatnonzero(weak):
+            cumulative = self._forms.many.cumulative(state)
+            result, total = inverse(self._forms, state, cumulative, u, *self._bounds(state))
+            for i in self._weak(total):
                 result[i] = self._tabulate(y[i : i + 1]).ppf(u[i : i + 1])[0]
         return np.where(u == 0.0, self.lower, np.where(u == 1.0, self.upper, result))
 
     def _mode(self, _: Array, y: Array) -> Array:
-        if self._form is None:
+        if self._forms is None:
             result = np.empty(y.shape[0])
             for rows, table in self._tables(y):
                 result[rows] = table.mode()
             return result
         state = self._regression.at(y)
-        result = highest_point(self._form, state, *self._bounds(state))
-        height = self._form.curve(state, result[None])[0][0]
-        for i in np.flatnonzero(height <= self._form.smallest_total):
+        result = highest_point(self._forms, state, *self._bounds(state))
+        # Where everything has underflowed there is nothing to climb.
+        for i in np.flatnonzero(self._forms.many.density(state, result[None])[0] <= 1e-280):
             result[i] = self._tabulate(y[i : i + 1]).mode()
         return result
+
+    def _weak(self, total: Array) -> NDArray[np.intp]:
+        """Points whose closed form has lost its digits, for the table to take over."""
+        smallest = self._forms.many.smallest_total if self._forms else 0.0
+        return np.flatnonzero(~(total > smallest))
 
     def _drawn(self, y: Array, u: Array) -> Array:
         """Draws (n,) with nothing integrated out, from uniforms (4, n)."""
@@ -260,15 +269,11 @@ class Conditional:
     def _log_unnormalised(self, x: Array, y: Array) -> Array:
         """Log density at x (m,) given the one row y (1, g), up to a constant of that row."""
         state = self._regression.at(y)
-        if self._form is not None:
-            state = State(
-                *(np.repeat(part, x.size, axis=-1) for part in state[:3]),
-                [np.repeat(part, x.size, axis=1) for part in state.rest_means],
-            )
-            return self._form.log_density(state, x)
+        if self._forms is not None:
+            return self._forms.many.log_density(state, x[:, None])[:, 0]
         regression = self._regression
-        away = x - state.means
-        centre = np.stack(state.rest_means, axis=2) + (
+        away = x - state.means[:, 0]
+        centre = np.stack(state.rest_means, axis=-1)[:, 0] + (
             away[:, :, None] * regression.rest_slopes[:, None]
         )
         lower, upper = self._rest_lower - centre, self._rest_upper - centre
@@ -276,7 +281,7 @@ class Conditional:
         covariances = np.repeat(regression.rest_covariances, x.size, axis=0)
         inside = box_probability(covariances, lower.reshape(shape), upper.reshape(shape))
         z = away / regression.spread[:, None]
-        logs = state.log_weights - np.log(regression.spread)[:, None] - 0.5 * z * z
+        logs = state.log_weights[:, 0] - np.log(regression.spread)[:, None] - 0.5 * z * z
         terms = logs + np.log(np.maximum(inside.reshape(away.shape), 1e-300))
         largest = np.maximum.reduce(terms, axis=0)
         result: Array = largest + np.log(component_sum(np.exp(terms - largest)))
@@ -286,7 +291,7 @@ class Conditional:
         """The density given the one row y (1, g)."""
         state = self._regression.at(y)
         (lower,), (upper,) = self._bounds(state)
-        marks = state.means + self._regression.spread[:, None] * _MARKS
+        marks = state.means[:, 0] + self._regression.spread[:, None] * _MARKS
         marks = np.sort(np.concatenate((marks.ravel(), np.linspace(lower, upper, 9)[1:-1])))
         apart = 1e-3 * (upper - lower) / marks.size
         breaks = [lower]

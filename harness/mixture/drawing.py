@@ -16,13 +16,13 @@ def draw(state: State, spread: Array, lower: float, upper: float, u: Array) -> A
     outside are drawn again, exactly, from the truncated components, whose masses cost more. nan
     where no component has a mass that double precision can hold.
     """
-    weights = np.exp(state.log_weights)
+    weights, centres = np.exp(state.log_weights[:, 0]), state.means[:, 0]
     chosen = _chosen(weights, u[0])
     columns = np.arange(chosen.size)
-    x = state.means[chosen, columns] + spread[chosen] * ndtri(u[1])
+    x = centres[chosen, columns] + spread[chosen] * ndtri(u[1])
     outside = np.flatnonzero(~((x >= lower) & (x <= upper)))
     if outside.size:
-        means, heights = state.means[:, outside], weights[:, outside]
+        means, heights = centres[:, outside], weights[:, outside]
         x[outside] = _inside(means, heights, spread[:, None], lower, upper, u[2:, outside])
     return x
 

@@ -16,20 +16,34 @@ Array = NDArray[np.float64]
 
 
 class State(NamedTuple):
-    """The components at n given points.
+    """The components at n given points, as (K, 1, n), or at one point, flat, as (K,).
 
     Attributes:
-        log_weights: (K, n), log of weight times density of the given values over the component's
-            mass, less the largest over the components.
-        shift: (n,), what was subtracted.
-        means: (K, n), of the target.
-        rest_means: r arrays (K, n), of the integrated variables.
+        log_weights: log of weight times density of the given values over the component's mass,
+            less the largest over the components.
+        means: of the target.
+        rest_means: of the integrated variables, one array each.
     """
 
     log_weights: Array
-    shift: Array
     means: Array
-    rest_means: list[Array]
+    rest_means: tuple[Array, ...]
+
+    def flat(self) -> "State":
+        """The components at the only point."""
+        return State(
+            self.log_weights.reshape(-1),
+            self.means.reshape(-1),
+            tuple(part.reshape(-1) for part in self.rest_means),
+        )
+
+    def take(self, chosen: NDArray[np.intp]) -> "State":
+        """Some of the points; the arrays keep their order in memory, which sums depend on."""
+        return State(
+            self.log_weights.take(chosen, axis=-1),
+            self.means.take(chosen, axis=-1),
+            tuple(part.take(chosen, axis=-1) for part in self.rest_means),
+        )
 
 
 class Regression:
@@ -68,7 +82,7 @@ class Regression:
         self._offset = np.ascontiguousarray(offset.T).reshape(-1, 1)
         diagonal = np.diagonal(known_factor, axis1=1, axis2=2)
         constant = np.log(weights) - np.log(masses) - 0.5 * known * np.log(2.0 * np.pi)
-        self._constant = (constant - np.sum(np.log(diagonal), axis=1))[:, None]
+        self._constant = (constant - np.sum(np.log(diagonal), axis=1)).reshape(-1, 1, 1)
         self.count, self.known, self.integrated = count, known, len(rest)
         # Given everything known, the target's spread and the rest's slope on it and covariance.
         self.spread = np.ascontiguousarray(factors[:, known, known])
@@ -77,21 +91,21 @@ class Regression:
         self.rest_covariances = tail @ np.swapaxes(tail, 1, 2)
 
     def at(self, y: Array) -> State:
-        """The components at given points y (n, g)."""
+        """The components at given points y (n, g), arrays (K, 1, n)."""
         rows = self._offset
-        for j, coefficient in enumerate(self._coefficients):
-            rows = rows + coefficient * y[:, j]
-        if not self._coefficients:
+        for coefficient, values in zip(self._coefficients, y.T, strict=True):
+            rows = rows + coefficient * values
+        if not self.known:
             rows = np.repeat(rows, y.shape[0], axis=1)
-        k = self.count
-        log_weights = np.repeat(self._constant, y.shape[0], axis=1)
-        for j in range(self.known):
-            z = rows[j * k : (j + 1) * k]
-            log_weights = log_weights - z * z
-        shift = np.maximum.reduce(log_weights, axis=0)
-        first = self.known * k
-        rest = [rows[first + i * k : first + (i + 1) * k] for i in range(1, self.integrated + 1)]
-        return State(log_weights - shift, shift, rows[first : first + k], rest)
+        parts = rows.reshape(-1, self.count, 1, rows.shape[1])
+        log_weights = self._constant
+        whitened = parts[: self.known]
+        for z in whitened * whitened:
+            log_weights = log_weights - z
+        if not self.known:
+            log_weights = np.repeat(log_weights, y.shape[0], axis=2)
+        log_weights = log_weights - np.maximum.reduce(log_weights, axis=0)
+        return State(log_weights, parts[self.known], tuple(parts[self.known + 1 :]))
 
 
 def component_sum(values: Array) -> Array:

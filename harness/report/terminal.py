@@ -1,9 +1,11 @@
 """What the command line prints: the table of a run, the strategies, the checks."""
 
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -13,6 +15,8 @@ from harness.experiment import Run
 from harness.results import summary_row, versions
 from harness.scenario import Scenario
 from harness.strategies.registry import STRATEGIES, describe, parameters_of
+
+PIPE_COLUMNS = 120
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
 """Chen, Zhao, Peng 2017, section III-E; N = 50."""
@@ -25,12 +29,24 @@ _PAPER_REMARK = (
 
 
 def print_run(run: Run) -> None:
-    """The table of a finished run, on stdout."""
-    console = Console(soft_wrap=False, highlight=False)
-    summary, scenario = run.summary, run.scenario
+    """The results of a finished run, on stdout: one cell in full, or a table over cells."""
+    # Rich takes 80 columns for a pipe, where nothing limits the width.
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
+    if run.study.varied_keys:
+        console.print(_table_over_cells(run))
+        for line in _sweep_lines(run):
+            console.print(line)
+    else:
+        _print_cell(console, run.summaries[0], run.study.base)
+    console.print(f"Run folder: {run.folder}", soft_wrap=True)
+
+
+def _print_cell(console: Console, summary: Summary, scenario: Scenario) -> None:
     paper = is_the_papers(scenario)
-    table = Table(title=f"{scenario.arms.av} against {scenario.arms.human}, N = {summary.pairs}")
-    for heading in ("measure", "value", "95 % interval", *(["paper"] if paper else []), "remark"):
+    title = f"{scenario.arms.av} against {scenario.arms.human}, N = {summary.pairs}"
+    table = Table(title=title, box=box.SIMPLE_HEAD)
+    table.add_column("measure", no_wrap=True)
+    for heading in ("value", "95 % interval", *(["paper"] if paper else []), "remark"):
         table.add_column(heading, overflow="fold")
     for cells in _measure_rows(summary, paper):
         table.add_row(*cells)
@@ -39,16 +55,65 @@ def print_run(run: Run) -> None:
         console.print(line)
     if paper:
         console.print(_PAPER_REMARK)
-    console.print(f"Run folder: {run.folder}", soft_wrap=True)
+
+
+def _table_over_cells(run: Run) -> Table:
+    """μ, κ and delay of every cell with their intervals."""
+    title = f"{run.study.name}: {len(run.summaries)} cells, 95 % intervals"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    keys = run.study.varied_keys
+    headings = [key.split(".")[-1] for key in keys]
+    for heading in (*headings, "N", "μ", "κ AV", "κ human", "delay AV s", "delay human s"):
+        table.add_column(heading, overflow="fold")
+    for cell, summary in zip(run.study.cells, run.summaries, strict=True):
+        few = "*" if summary.defined_pairs < INDICATIVE_BELOW["mu"] else ""
+        table.add_row(
+            *(_plain(cell.varied[key]) for key in keys),
+            str(summary.pairs),
+            _with_range(summary.mu, 3) + few,
+            _with_range(summary.kappa, 4),
+            _with_range(summary.kappa_human, 4),
+            _with_range(summary.delay_s, 2),
+            _with_range(summary.delay_human_s, 2),
+        )
+    return table
+
+
+def _sweep_lines(run: Run) -> list[str]:
+    lines = []
+    if any(summary.defined_pairs < INDICATIVE_BELOW["mu"] for summary in run.summaries):
+        lines.append("* indicative: N too small")
+    pairs = sum(summary.pairs for summary in run.summaries)
+    out = sum(summary.timed_out for summary in run.summaries)
+    nobody = sum(summary.met_nobody for summary in run.summaries)
+    failed = sum(summary.failed for summary in run.summaries)
+    lines.append(
+        f"Of {pairs} pairs {out} ({out / pairs:.1%}) timed out, {nobody} ({nobody / pairs:.1%}) "
+        f"met nobody, {failed} failed in the engine. Everything else: summary.csv."
+    )
+    return lines
 
 
 def run_document(run: Run) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
         "folder": str(run.folder),
-        "summary": summary_row(run.summary),
-        "indicative": [name for name, limit in INDICATIVE_BELOW.items() if _few(run, limit)],
-        "failures": [{"pair": pair, "arm": arm, "reason": why} for pair, arm, why in run.failures],
+        "cells": [
+            {
+                "varied": cell.varied,
+                "summary": summary_row(summary),
+                "indicative": [
+                    name
+                    for name, limit in INDICATIVE_BELOW.items()
+                    if summary.defined_pairs < limit
+                ],
+            }
+            for cell, summary in zip(run.study.cells, run.summaries, strict=True)
+        ],
+        "failures": [
+            {"cell": cell, "pair": pair, "arm": arm, "reason": why}
+            for cell, pair, arm, why in run.failures
+        ],
     }
 
 
@@ -100,14 +165,15 @@ def _check_network() -> None:
 
 
 def _check_episode() -> None:
-    from harness.experiment import run_experiment
-    from harness.scenario import Setting, load_scenario
+    from harness.experiment import Options, run_study
+    from harness.scenario import Setting, read_scenario_file
+    from harness.study import single_cell
 
-    scenario, name = load_scenario("cctc", [Setting("experiment.pairs", 1)])
+    study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
     with tempfile.TemporaryDirectory() as folder:
-        run = run_experiment(scenario, name, out=Path(folder) / "run")
+        run = run_study(study, Options(), out=Path(folder) / "run")
     if run.failures:
-        raise HarnessError(run.failures[0][2])
+        raise HarnessError(run.failures[0][-1])
 
 
 def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
@@ -154,6 +220,28 @@ def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
             "",
             "",
         ),
+        row("delay AV, s", _seconds(summary.delay_s.value), _range(summary.delay_s), "", ""),
+        row(
+            "delay human, s",
+            _seconds(summary.delay_human_s.value),
+            _range(summary.delay_human_s),
+            "",
+            "",
+        ),
+        row(
+            "stops, AV / human",
+            f"{_seconds(summary.stops)} / {_seconds(summary.stops_human)}",
+            "",
+            "",
+            "per episode",
+        ),
+        row(
+            "stopped s, AV / human",
+            f"{_seconds(summary.stopped_s)} / {_seconds(summary.stopped_human_s)}",
+            "",
+            "",
+            "per episode",
+        ),
     ]
 
 
@@ -175,16 +263,16 @@ def _count_lines(summary: Summary) -> list[str]:
     ]
 
 
-def _few(run: Run, limit: int) -> bool:
-    return run.summary.defined_pairs < limit
-
-
 def _indicative(n: int, key: str) -> str:
     return "indicative: N too small" if n < INDICATIVE_BELOW[key] else ""
 
 
 def _number(value: float | None) -> str:
     return "undefined" if value is None else f"{value:.4f}"
+
+
+def _seconds(value: float | None) -> str:
+    return "undefined" if value is None else f"{value:.2f}"
 
 
 def _percent(value: float | None) -> str:
@@ -197,3 +285,16 @@ def _range(interval: Interval, percent: bool = False) -> str:
     if percent:
         return f"{100 * interval.low:.2f} … {100 * interval.high:.2f} %"
     return f"{interval.low:.4f} … {interval.high:.4f}"
+
+
+def _with_range(interval: Interval, digits: int) -> str:
+    if interval.value is None:
+        return "undefined"
+    text = f"{interval.value:.{digits}f}"
+    if interval.low is None or interval.high is None:
+        return text
+    return f"{text} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
+
+
+def _plain(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -10,6 +10,9 @@ import pandas as pd
 from harness.errors import InputError
 from harness.trajectories.counting import Tally
 
+# No coordinate, speed or clock reading of such data is larger; what is would only overflow later.
+LARGEST_NUMBER = 1e12
+
 
 class EmptyTableError(InputError):
     """A file without any record; a folder's reader skips its clip and says so."""
@@ -75,7 +78,7 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
         path: the file, for messages.
         table: as read.
         names: columns that must hold numbers.
-        tally: counts ``not_a_number`` and ``missing_value``.
+        tally: counts ``not_a_number``, ``missing_value`` and ``out_of_scale``.
 
     Returns:
         The remaining records, other columns unchanged, original order and index.
@@ -90,9 +93,11 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
             raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
     values = pd.DataFrame(converted).astype(np.float64)
     text = (values.isna() & table[list(names)].notna()).any(axis=1)
-    usable = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
+    finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
+    usable = finite & (values.abs() <= LARGEST_NUMBER).all(axis=1)
     tally.drop("records", "not_a_number", int(text.sum()))
-    tally.drop("records", "missing_value", int((~usable & ~text).sum()))
+    tally.drop("records", "missing_value", int((~finite & ~text).sum()))
+    tally.drop("records", "out_of_scale", int((finite & ~usable).sum()))
     table = table.assign(**{name: values[name] for name in names})
     return table[usable]
 
@@ -102,8 +107,10 @@ def identifiers(column: pd.Series) -> pd.Series:
 
     A missing identifier stays missing.
     """
-    if pd.api.types.is_float_dtype(column) and (column.dropna() % 1 == 0).all():
-        column = column.astype("Int64")
+    if pd.api.types.is_float_dtype(column):
+        whole = column.dropna()
+        if np.isfinite(whole).all() and (whole % 1 == 0).all() and (whole.abs() < 2**53).all():
+            column = column.astype("Int64")
     return column.astype("str").where(column.notna())
 
 

@@ -23,6 +23,8 @@ from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTr
 VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
 PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
 
+LONG_PAUSE_S = 10.0
+
 # The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
 Columns = dict[str, Floats | str | float | None]
 CANDIDATE_COLUMNS = (
@@ -206,11 +208,19 @@ def sampling_instants(one: Floats, other: Floats, sample_s: float) -> Floats:
 
     Returns:
         Increasing times; empty when there is none. An end that is a multiple up to rounding counts.
+        None lie within a pause of the first track longer than ``LONG_PAUSE_S``, so that one wrong
+        clock reading cannot call for millions of instants.
     """
-    start, end = max(one[0], other[0]), min(one[-1], other[-1])
-    first = math.ceil(start / sample_s - 1e-9)
-    last = math.floor(end / sample_s + 1e-9)
-    return np.clip(np.arange(first, last + 1) * sample_s, start, end)
+    pauses = np.flatnonzero(np.diff(one) > LONG_PAUSE_S)
+    starts = np.maximum(one[np.concatenate([[0], pauses + 1])], other[0])
+    ends = np.minimum(one[np.concatenate([pauses, [len(one) - 1]])], other[-1])
+    stretches = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        first = math.ceil(start / sample_s - 1e-9)
+        last = math.floor(end / sample_s + 1e-9)
+        if end >= start:
+            stretches.append(np.clip(np.arange(first, last + 1) * sample_s, start, end))
+    return np.concatenate([np.empty(0), *stretches])
 
 
 def spans_gap(time_s: Floats, start: Floats, end: Floats, max_gap_s: float) -> np.ndarray:

@@ -29,8 +29,15 @@ class Path:
         return np.array([x, y])
 
     def direction(self, arc_m: float, half_chord_m: float) -> Floats:
-        """(2,) unit direction of motion about a path length, over a chord of the path."""
+        """(2,) unit direction of motion about a path length, over a chord of the path.
+
+        Where the path turns back on itself and the chord has no length, the piece there counts.
+        """
         chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
+        if np.hypot(*chord) == 0.0:
+            piece = int(np.searchsorted(self.arc_m, arc_m, side="right")) - 1
+            piece = min(max(piece, 0), len(self.points) - 2)
+            chord = self.points[piece + 1] - self.points[piece]
         return np.asarray(chord / np.hypot(*chord))
 
 
@@ -78,7 +85,7 @@ def build_path(
     ahead = (last - start) / np.hypot(*(last - start))
     # The last record lies up to a step beyond the last corner; the extension starts there.
     beyond = max(0.0, float((position_m[-1] - last) @ ahead))
-    points = np.vstack([corners, last + ahead * (beyond + max(extension_m, 1e-6))])
+    points = np.vstack([corners, last + ahead * (beyond + max(extension_m, 1e-3))])
     pieces = np.hypot(*np.diff(points, axis=0).T)
     return Path(read_only(points), read_only(np.concatenate([[0.0], np.cumsum(pieces)])), kept)
 

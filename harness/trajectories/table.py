@@ -18,6 +18,7 @@ import pandas as pd
 from harness.errors import InputError
 from harness.trajectories.counting import Tally
 from harness.trajectories.csv_input import (
+    LARGEST_NUMBER,
     EmptyTableError,
     identifiers,
     read_table,
@@ -102,7 +103,7 @@ def _number(path: Path, table: pd.DataFrame, name: str) -> pd.Series:
     if values.isna().all() and table[name].notna().any():
         sample = table[name].dropna().iloc[0]
         raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
-    return values.where(np.isfinite(values))
+    return values.where(values.abs() <= LARGEST_NUMBER)
 
 
 def _check_passed_first(path: Path, passed: pd.Series) -> None:

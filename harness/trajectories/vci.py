@@ -36,6 +36,7 @@ from harness.trajectories.tracks import Clip, Track, VehicleTrack
 
 VEHICLE_END = "_traj_veh_filtered.csv"
 PEDESTRIAN_END = "_traj_ped_filtered.csv"
+SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1e5
 CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
 
 
@@ -155,8 +156,9 @@ def _pixels_per_metre(vehicle_file: Path, stem: str) -> float | None:
         ratio = float(text)
     except ValueError:
         ratio = math.nan
-    if not (math.isfinite(ratio) and ratio > 0):
-        raise InputError(str(path), f"holds {text[:40]!r}", "one number above 0, pixels per metre")
+    if not SMALLEST_RATIO <= ratio <= LARGEST_RATIO:
+        allowed = f"one number from {SMALLEST_RATIO:g} to {LARGEST_RATIO:g}, pixels per metre"
+        raise InputError(str(path), f"holds {text[:40]!r}", allowed)
     return ratio
 
 

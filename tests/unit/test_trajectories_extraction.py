@@ -260,6 +260,17 @@ def test_conflict_point_of_two_tracks():
     assert conflict_point(car, away, Rules()) is None
 
 
+def test_first_of_two_crossings_counts_along_the_vehicles_way():
+    # The pedestrian crosses y = 0 at x = 5 first and comes back over it at x = 0, which the vehicle
+    # from x = −20 meets first.
+    t = np.arange(0, 24, 0.25)
+    corners = [0, 9, 14, 23]
+    x, y = np.interp(t, corners, [5, 5, 0, 0]), np.interp(t, corners, [6, -3, -3, 6])
+    car = VehicleTrack(t, np.column_stack([-20 + 2 * t, 0 * t]), 4.0, 2.0)
+    walker = Track(t, np.column_stack([x, y]))
+    np.testing.assert_allclose(conflict_point(car, walker, Rules()), [0, 0], atol=1e-9)
+
+
 def test_model_rows_in_the_order_of_the_model():
     rows = pd.DataFrame(
         {

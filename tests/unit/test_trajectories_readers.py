@@ -109,14 +109,22 @@ def test_vci_records_out_of_order_and_twice_change_nothing(clip):
     change(filtered(clip, "ped"), lambda lines: [*lines, lines[5], lines[9]])
     found = rows_of(clip)
     assert_same_rows(found)
-    assert found.counts.out_of_order == 2 * 32 + 2  # every step back, per object
+    assert found.counts.out_of_order == 2 * 32 + 1  # both vehicles backwards, frame 32 → 1 once
     assert found.counts.dropped["records"]["duplicated"] == 2
+
+
+def test_vci_of_two_records_of_one_instant_the_first_counts(clip):
+    # Pedestrian 0 at frame 1 is at y = −8 + 1.25/4; the later record puts him elsewhere.
+    change(filtered(clip, "ped"), lambda lines: [*lines, "0,1,ped,99.0,99.0,0,0"])
+    track = read_clips(clip, "vci", frame_rate_hz=RATE)[0].pedestrians["0"]
+    np.testing.assert_allclose(track.time_s, np.arange(33) / 4)
+    np.testing.assert_allclose(track.position_m[1], [0, -7.6875])
 
 
 @pytest.mark.parametrize(
     ("cell", "reason"),
     [("nan", "missing_value"), ("", "missing_value"), ("inf", "missing_value"),
-     ("fast", "not_a_number")],
+     ("fast", "not_a_number"), ("1e200", "out_of_scale")],
 )  # fmt: skip
 def test_vci_unusable_cell_drops_its_record_only(clip, cell, reason):
     def edit(lines):
@@ -130,6 +138,13 @@ def test_vci_unusable_cell_drops_its_record_only(clip, cell, reason):
     assert sum(found.counts.dropped["records"].values()) == 1
     number = list(found.rows.select_dtypes("float").columns)
     np.testing.assert_allclose(found.rows[number], rows_of(MADE_UP).rows[number], atol=1e-9)
+
+
+def test_vci_wrong_clock_readings_do_not_call_for_endless_instants(clip):
+    # One frame number is 4e9: 3e10 instants of 0.2 s would lie between it and the record before.
+    change(filtered(clip, "veh"), lambda lines: [*lines, "0,4000000000,veh,12.0,0.0,0,0"])
+    change(filtered(clip, "ped"), lambda lines: [*lines, "0,4000000000,ped,0.0,2.0,0,0"])
+    assert_same_rows(rows_of(clip))
 
 
 def test_vci_object_seen_once_is_counted(clip):
@@ -243,9 +258,8 @@ def test_mobileye_sequence_comes_out_as_constructed():
     s = np.arange(21) * 0.2
     rows = found.rows
     assert len(rows) == 21
-    assert rows[["source", "clip", "vehicle", "pedestrian"]].drop_duplicates().to_numpy().tolist() == [
-        ["mobileye_made_up", "17101-4", "17101", "7-1"]
-    ]  # fmt: skip
+    names = rows[["source", "clip", "vehicle", "pedestrian"]].drop_duplicates()
+    assert names.to_numpy().tolist() == [["mobileye_made_up", "17101-4", "17101", "7-1"]]
     expected = {
         "time_s": 1000 + s,
         "range_m": 41 - 5 * s,
@@ -276,15 +290,16 @@ def test_mobileye_axes_bus_drives_along_minus_x_and_left_is_minus_y():
 
 
 def test_mobileye_position_from_heading_range_and_transversal(tmp_path):
-    # Heading 360° (north), Range 10, Transversal 2 (left: west), axes not turned: the pedestrian
-    # is at (−2, 10) from the bus; the bus is 0.001° north of the origin: 6371 km · π/180 · 0.001.
+    # Heading 360° (north), Range 10, Transversal 2 (left: west): the pedestrian is 2 m west and
+    # 10 m north of the bus, which is 6371 km · π/180 · 0.001 north of the origin. Axes turned by
+    # −90°: x points south, y east.
     north = 6_371_000 * math.pi / 180 * 0.001
     lines = [f"1,1,{k},1,10,{2 - k / 100},3,360,-83.735580,42.279414" for k in range(0, 101, 10)]
     path = tmp_path / "north.csv"
     path.write_text(HEAD + "\n".join(lines) + "\n")
-    clip = read_clips(path, "mobileye", axes_turn_deg=0)[0]
-    np.testing.assert_allclose(clip.vehicles["1"].position_m[0], [0, north], atol=1e-6)
-    np.testing.assert_allclose(clip.pedestrians["1-1"].position_m[0], [-2, north + 10], atol=1e-6)
+    clip = read_clips(path, "mobileye", axes_turn_deg=-90)[0]
+    np.testing.assert_allclose(clip.vehicles["1"].position_m[0], [-north, 0], atol=1e-6)
+    np.testing.assert_allclose(clip.pedestrians["1-1"].position_m[0], [-north - 10, -2], atol=1e-6)
 
 
 def sensor_lines(times, obstacle=1):
@@ -321,11 +336,13 @@ def test_mobileye_awkward_records_are_counted(tmp_path):
     path = tmp_path / "awkward.csv"
     path.write_text(HEAD + "\n".join(lines) + "\n")
     counts = extract(path, "mobileye").counts
-    assert counts.dropped["records"] == {
-        "missing_value": 1, "not_a_number": 1, "duplicated": 1, "bus_heading_other_way": 0
-    }  # fmt: skip
+    records = {reason: n for reason, n in counts.dropped["records"].items() if n}
+    assert records == {"missing_value": 1, "not_a_number": 1, "duplicated": 1}
     assert counts.dropped["tracks"]["one_record"] == 1
     assert counts.out_of_order == 2
+    for clip in read_clips(path, "mobileye"):
+        for track in [*clip.vehicles.values(), *clip.pedestrians.values()]:
+            assert (np.diff(track.time_s) > 0).all()
 
 
 def test_mobileye_refusals(tmp_path):

@@ -1,0 +1,234 @@
+"""Fitting a truncated Gaussian mixture to rows inside a box."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from harness.errors import InputError
+from harness.mixture.climbing import Climb, climb, start
+from harness.mixture.distribution import TruncatedGaussianMixture
+from harness.mixture.em import Problem
+
+Array = NDArray[np.float64]
+
+_WHERE = "fit"
+# A column that the others predict to this share of its variance adds nothing but rounding.
+_COLLINEAR = 1e-10
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """What a fit found.
+
+    Attributes:
+        mixture: the truncated mixture, in the units of the data.
+        converged: whether the steps became small before they ran out.
+        n_iter: steps taken from the start that was kept.
+        log_likelihoods: (n_iter + 1,), the penalised log-likelihood after each step, in the units
+            of the data; never falls.
+        log_likelihood: final log-likelihood without the penalty, weighted.
+        bic: −2 log_likelihood + p log n, p = K − 1 + K d + K d (d + 1)/2, n the sum of weights.
+    """
+
+    mixture: TruncatedGaussianMixture
+    converged: bool
+    n_iter: int
+    log_likelihoods: Array
+    log_likelihood: float
+    bic: float
+
+
+def fit_mixture(
+    data: ArrayLike,
+    n_components: int,
+    lower: ArrayLike,
+    upper: ArrayLike,
+    *,
+    seed: int | np.random.SeedSequence,
+    sample_weight: ArrayLike | None = None,
+    tol: float = 1e-6,
+    n_init: int = 5,
+    max_iter: int = 1000,
+    mass_penalty: float = 1.0,
+    scale_floor: float = 1e-4,
+    names: Sequence[str] | None = None,
+) -> FitResult:
+    """Maximum penalised likelihood by EM for truncated Gaussians (Lee and Scott 2012).
+
+    Maximises Σ w_i log f(x_i) + λ Σ log α_k with α_k the mass of component k inside the box:
+    without the prior a location can run away from the box for ever, its mass going to 0. Scale
+    matrices whose smallest eigenvalue, with all columns at unit spread, is under `scale_floor`
+    are not allowed: rows that repeat would make a component singular.
+
+    The same seed gives the same numbers on one machine, one set of versions and one number of
+    BLAS threads; another number of threads may change the last digits of each step.
+
+    Args:
+        data: (n, d) rows inside the box, d from 1 to 4; values on a bound are inside.
+        n_components: K ≥ 1.
+        lower, upper: (d,), may be infinite.
+        seed: of the starts; an integer or a SeedSequence.
+        sample_weight: (n,) ≥ 0; 1 each when not given. Their sum counts as the number of rows.
+        tol: stop when two steps in a row gain less than this per unit of weight.
+        n_init: number of k-means++ starts; the highest penalised likelihood is kept.
+        max_iter: most steps from each start.
+        mass_penalty: λ ≥ 0.
+        scale_floor: ≥ 0.
+        names: of the columns, for messages.
+
+    Returns:
+        A `FitResult`; see there.
+
+    Raises:
+        InputError: bad arguments; rows that are not finite or outside the box; fewer rows than
+            components; constant or collinear columns; negative weights; no start that works.
+    """
+    rows = np.array(data, dtype=np.float64)
+    if rows.ndim != 2 or not 1 <= rows.shape[1] <= 4:
+        raise InputError(_WHERE, f"data of shape {rows.shape}", "(n, d) with d from 1 to 4")
+    labels = list(names) if names is not None else [f"column {i}" for i in range(rows.shape[1])]
+    low, high = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
+    _check_arguments(rows, low, high, labels, n_components, tol, n_init, max_iter)
+    _check_prior(mass_penalty, scale_floor)
+    _check_rows(rows, low, high, labels)
+    weights = _weights(sample_weight, rows.shape[0])
+    rows, weights = rows[weights > 0.0], weights[weights > 0.0]
+    if rows.shape[0] < n_components:
+        raise InputError(
+            _WHERE, f"{rows.shape[0]} rows for {n_components} components", "at least one row each"
+        )
+    centre, spread = _standards(rows, weights, labels)
+    rows = (rows - centre) / spread
+    problem = Problem(
+        rows, weights, (low - centre) / spread, (high - centre) / spread, mass_penalty, scale_floor
+    )
+    best: Climb | None = None
+    root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
+    # Made by hand so that a SeedSequence can be used again with the same result.
+    for i in range(n_init):
+        child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
+        first = start(rows, weights, n_components, np.random.default_rng(child))
+        found = climb(problem, first, tol, max_iter)
+        if found is not None and (best is None or found.best.objective > best.best.objective):
+            best = found
+    if best is None:
+        raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
+    return _result(best, centre, spread, low, high, problem.total)
+
+
+def _result(
+    climbed: Climb, centre: Array, spread: Array, lower: Array, upper: Array, total: float
+) -> FitResult:
+    """The end of a climb in the units of the data."""
+    found = climbed.best.parameters
+    count, dimension = found.locations.shape
+    mixture = TruncatedGaussianMixture(
+        found.weights,
+        centre + spread * found.locations,
+        found.scales * spread[:, None] * spread,
+        lower,
+        upper,
+    )
+    units = total * float(np.log(spread).sum())
+    log_likelihood = climbed.best.log_likelihood - units
+    parameters = count - 1 + count * dimension + count * dimension * (dimension + 1) // 2
+    trace = climbed.trace - units
+    trace.setflags(write=False)
+    return FitResult(
+        mixture=mixture,
+        converged=climbed.converged,
+        n_iter=trace.size - 1,
+        log_likelihoods=trace,
+        log_likelihood=log_likelihood,
+        bic=-2.0 * log_likelihood + parameters * float(np.log(total)),
+    )
+
+
+def _check_arguments(
+    rows: Array,
+    lower: Array,
+    upper: Array,
+    labels: list[str],
+    n_components: int,
+    tol: float,
+    n_init: int,
+    max_iter: int,
+) -> None:
+    dimension = rows.shape[1]
+    if len(labels) != dimension:
+        raise InputError(f"{_WHERE}: names", f"{len(labels)} names", f"{dimension}")
+    for name, bound in (("lower", lower), ("upper", upper)):
+        if bound.shape != (dimension,):
+            raise InputError(f"{_WHERE}: {name}", f"shape {bound.shape}", f"({dimension},)")
+    for i in np.flatnonzero(~(lower < upper)):
+        raise InputError(
+            f"{_WHERE}: {labels[i]}", f"bounds {lower[i]:g} and {upper[i]:g}", "lower < upper"
+        )
+    for name, value in (("n_components", n_components), ("n_init", n_init), ("max_iter", max_iter)):
+        if value < 1:
+            raise InputError(f"{_WHERE}: {name}", f"{value}", "1 or more")
+    if not tol > 0.0:
+        raise InputError(f"{_WHERE}: tol", f"{tol}", "above 0")
+
+
+def _check_prior(mass_penalty: float, scale_floor: float) -> None:
+    for name, value in (("mass_penalty", mass_penalty), ("scale_floor", scale_floor)):
+        if not (np.isfinite(value) and value >= 0.0):
+            raise InputError(f"{_WHERE}: {name}", f"{value}", "0 or more")
+
+
+def _check_rows(rows: Array, lower: Array, upper: Array, labels: list[str]) -> None:
+    for i, label in enumerate(labels):
+        column = rows[:, i]
+        lost = int((~np.isfinite(column)).sum())
+        if lost:
+            raise InputError(f"{_WHERE}: {label}", f"{lost} rows are nan or inf", "finite numbers")
+        outside = int(((column < lower[i]) | (column > upper[i])).sum())
+        if outside:
+            raise InputError(
+                f"{_WHERE}: {label}",
+                f"{outside} rows are outside the box",
+                f"{lower[i]:g} to {upper[i]:g}",
+            )
+
+
+def _weights(sample_weight: ArrayLike | None, count: int) -> Array:
+    if sample_weight is None:
+        return np.ones(count)
+    weights = np.array(sample_weight, dtype=np.float64)
+    where = f"{_WHERE}: sample_weight"
+    if weights.shape != (count,):
+        raise InputError(where, f"shape {weights.shape}", f"({count},)")
+    wrong = int((~(np.isfinite(weights) & (weights >= 0.0))).sum())
+    if wrong:
+        raise InputError(where, f"{wrong} weights are negative, nan or inf", "0 or more")
+    if not weights.any():
+        raise InputError(where, "all weights are 0", "some above 0")
+    return weights
+
+
+def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:
+    """Mean and spread of each column, refusing columns without information of their own."""
+    share = weights / weights.sum()
+    centre = share @ rows
+    spread = np.sqrt(share @ (rows - centre) ** 2)
+    size = np.abs(rows).max(axis=0, initial=0.0)
+    for i in np.flatnonzero(spread <= 1e-12 * size):
+        raise InputError(
+            f"{_WHERE}: {labels[i]}",
+            f"constant: all {rows.shape[0]} rows are {rows[0, i]:g}",
+            "a column that varies",
+        )
+    standard = (rows - centre) / spread
+    correlations = (standard * share[:, None]).T @ standard
+    values, vectors = np.linalg.eigh(correlations)
+    if values[0] < _COLLINEAR:
+        involved = [labels[i] for i in np.flatnonzero(np.abs(vectors[:, 0]) > 1e-3)]
+        raise InputError(
+            f"{_WHERE}: {involved[-1]}",
+            f"collinear with {', '.join(involved[:-1])} in all {rows.shape[0]} rows",
+            "columns that are no linear combination of the others",
+        )
+    return centre, spread

@@ -1,0 +1,177 @@
+"""Runs pairs of one cell: makes the strategies, lets both arms meet the same pedestrians."""
+
+from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from harness.encounter import Arm, Arrival, Ending, Strategy, Trace, Vehicle, Walk
+from harness.engine.protocol import Engine
+from harness.episode import ChooseSpeed, Rules, run_episode
+from harness.errors import InputError
+from harness.interaction import InteractionModel
+from harness.measures import Outcome, measure
+from harness.plan import planned_arrivals
+from harness.scenario import Scenario
+from harness.seeding import stream
+from harness.strategies.registry import check_parameters, find_strategy, needs
+
+CHUNK_PAIRS = 50
+"""Pairs measured together; results do not depend on it."""
+
+
+class PairRunner:
+    """Runs pairs of one cell on one engine, one after another.
+
+    Args:
+        scenario: the cell.
+        model: the interaction model, for walking speeds and for strategies that ask for it.
+        get_engine: gives an open engine for this scenario; asked at the beginning of a run and
+            again after an engine failed (that one has been closed).  The caller closes the last.
+
+    Raises:
+        InputError: an arm names no strategy, or its parameters are refused.
+    """
+
+    def __init__(
+        self, scenario: Scenario, model: InteractionModel, get_engine: Callable[[], Engine]
+    ) -> None:
+        self._scenario, self._model, self._get_engine = scenario, model, get_engine
+        self._engine: Engine | None = None
+        self._rules = Rules(
+            vehicle=scenario.vehicle(),
+            crossing=scenario.crosswalk(),
+            kerb_wait_s=scenario.pedestrians.kerb_wait_s,
+            step_s=scenario.experiment.step_s,
+            timeout_s=scenario.experiment.timeout_s,
+        )
+        self._speeds = _WalkingSpeeds(model, self._rules.vehicle)
+        check_arms(scenario, model)
+
+    def run(
+        self, pairs: Iterable[int], on_pair: Callable[[], None] = lambda: None
+    ) -> Iterator[Outcome]:
+        """Both arms of every pair, AV first, in the order asked for.
+
+        ``on_pair`` is called whenever a pair has been simulated: outcomes come a chunk at a time.
+        """
+        remaining = iter(pairs)
+        self._engine = None
+        while chunk := list(islice(remaining, CHUNK_PAIRS)):
+            planned = {pair: planned_arrivals(self._scenario, pair) for pair in chunk}
+            self._speeds.foresee(planned.values())
+            episodes = []
+            for pair, arrivals in planned.items():
+                episodes += [(pair, arm, trace) for arm, trace in self._run_pair(pair, arrivals)]
+                on_pair()
+            records = measure([trace for _, _, trace in episodes])
+            for (pair, arm, trace), record in zip(episodes, records, strict=True):
+                yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+
+    def _run_pair(self, pair: int, arrivals: tuple[Arrival, ...]) -> list[tuple[Arm, Trace]]:
+        automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
+        choose: ChooseSpeed = self._speeds
+        if self._scenario.pedestrians.pairing == "speed":
+            choose = _SpeedsOfOtherArm(automated.walks, self._model)
+        human = self._run_arm(Arm.HUMAN, pair, arrivals, choose)
+        return [(Arm.AV, automated), (Arm.HUMAN, human)]
+
+    def _run_arm(
+        self, arm: Arm, pair: int, arrivals: tuple[Arrival, ...], choose: ChooseSpeed
+    ) -> Trace:
+        if self._engine is None:
+            self._engine = self._get_engine()
+        strategy = make_strategy(self._scenario, self._strategy_name(arm), pair, self._model)
+        trace = run_episode(self._engine, strategy, arrivals, choose, self._rules)
+        if trace.ending is Ending.ENGINE_FAILED:
+            # Nothing of a broken simulation may reach the next episode.
+            self._engine.close()
+            self._engine = None
+        return trace
+
+    def _strategy_name(self, arm: Arm) -> str:
+        arms = self._scenario.arms
+        return arms.av if arm is Arm.AV else arms.human
+
+
+def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
+    """A fresh strategy object for one episode."""
+    factory = find_strategy(name, "arms")
+    given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
+    wanted = needs(factory)
+    if "rng" in wanted:
+        given["rng"] = stream(scenario.experiment.seed, "strategy", pair)
+    return factory(**{key: given[key] for key in wanted}, **scenario.strategies.get(name, {}))
+
+
+def check_arms(scenario: Scenario, model: InteractionModel) -> None:
+    """Refuse unknown strategies and parameters before anything runs.
+
+    Raises:
+        InputError: naming the key of the scenario.
+    """
+    for name in scenario.strategies:
+        check_parameters(
+            find_strategy(name, f"strategies.{name}"),
+            scenario.strategies[name],
+            f"strategies.{name}",
+        )
+    for key, name in scenario.arms.model_dump().items():
+        find_strategy(name, f"arms.{key}")
+        try:
+            make_strategy(scenario, name, 0, model)
+        except InputError as error:
+            raise InputError(f"strategies.{error.where}", error.problem, error.allowed) from None
+
+
+class _WalkingSpeeds:
+    """f(v_p | 1/R, v) at each pedestrian's quantile.
+
+    Whoever steps off at the trigger sees (R0, v0) in every episode: those speeds are worked out
+    together, which is many times faster and gives the same bits.
+    """
+
+    def __init__(self, model: InteractionModel, vehicle: Vehicle) -> None:
+        self._model = model
+        self._at_trigger = (vehicle.trigger_range_m, vehicle.initial_speed_mps)
+        self._foreseen: dict[float, float] = {}
+
+    def foresee(self, planned: Iterable[tuple[Arrival, ...]]) -> None:
+        quantiles = [
+            arrival.quantile
+            for arrivals in planned
+            for arrival in arrivals
+            if arrival.arrival_s == 0
+        ]
+        range_m, speed = self._at_trigger
+        count = len(quantiles)
+        speeds = self._model.walking_speed(
+            np.array(quantiles), np.full(count, range_m), np.full(count, speed)
+        )
+        self._foreseen = dict(zip(quantiles, speeds.tolist(), strict=True))
+
+    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
+        if (range_m, speed_mps) == self._at_trigger and arrival.quantile in self._foreseen:
+            return self._foreseen[arrival.quantile]
+        if range_m <= 0:
+            return self._model.walking_speed_unconditional(arrival.quantile)
+        return float(
+            self._model.walking_speed(
+                np.array([arrival.quantile]), np.array([range_m]), np.array([speed_mps])
+            )[0]
+        )
+
+
+class _SpeedsOfOtherArm:
+    """Pairing by speed: what the pedestrian did in the AV's arm, whoever comes now."""
+
+    def __init__(self, walks: tuple[Walk, ...], model: InteractionModel) -> None:
+        self._speeds = {walk.arrival.index: walk.speed_mps for walk in walks}
+        self._model = model
+
+    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:  # noqa: ARG002
+        speed = self._speeds.get(arrival.index)
+        if speed is None:
+            return self._model.walking_speed_unconditional(arrival.quantile)
+        return speed

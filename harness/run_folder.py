@@ -1,0 +1,275 @@
+"""The run folder on disk: claimed, locked, filled shard by shard, finished.
+
+Finished work is written as it comes, one shard (an Arrow file) for each task, so that nothing is
+lost and nothing runs twice after an interruption.  At the end the shards become the tables, in
+fixed order and row groups: equal results are equal bytes whatever the tasks were.  Files appear
+complete or not at all (written beside, synced, then renamed).  Columns: docs/files.md.
+"""
+
+import csv
+import io
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import filelock
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from harness.errors import HarnessError, InputError
+from harness.results import TABLES, pair_rows
+
+MANIFEST = "manifest.json"
+
+_LOCK = ".lock"
+_SHARDS = "shards"
+_SHARD_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
+_ROW_GROUP = 100_000
+
+
+class RunFolder:
+    """One run's folder, held by this process alone until ``close``.
+
+    Args:
+        path: an existing folder.
+
+    Raises:
+        InputError: another process works on it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = filelock.FileLock(path / _LOCK, timeout=0)
+        try:
+            # The operating system lets go of it when the process dies, however it dies.
+            self._lock.acquire()
+        except filelock.Timeout:
+            raise InputError(str(path), "another process is working on this run") from None
+        except OSError as error:
+            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self._lock.release()
+        (self.path / _LOCK).unlink(missing_ok=True)
+
+    def note(self, event: str, **details: Any) -> None:
+        """Append a line to ``log.jsonl``, the only file of a run with a clock in it."""
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"time": now, "event": event, **details})
+        try:
+            with (self.path / "log.jsonl").open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+        except OSError as error:
+            raise _cannot_write(self.path, error) from None
+
+    def read_manifest(self) -> dict[str, Any]:
+        """See ``read_manifest``."""
+        return read_manifest(self.path)
+
+    def write_manifest(self, document: Mapping[str, Any]) -> None:
+        """Write ``manifest.json``, keys in the order given."""
+        content = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        write_file(self.path / MANIFEST, content.encode())
+
+    def stack_file(self, task: str) -> Path:
+        """Where a hung worker of that task leaves its stack."""
+        (self.path / _SHARDS).mkdir(exist_ok=True)
+        return self.path / _SHARDS / f"stack-{task}.txt"
+
+    def write_shard(
+        self, cell: int, first: int, count: int, rows: Mapping[str, Mapping[str, Sequence[Any]]]
+    ) -> None:
+        """Keep the results of one task."""
+        buffer = io.BytesIO()
+        for name, columns in rows.items():
+            table = _table(name, columns)
+            with pa.ipc.new_stream(buffer, table.schema) as stream:
+                stream.write_table(table)
+        (self.path / _SHARDS).mkdir(exist_ok=True)
+        write_file(self.path / _SHARDS / f"{cell}-{first}-{count}.arrows", buffer.getvalue())
+
+    def done_pairs(self) -> dict[int, set[int]]:
+        """Which pairs of which cell are finished; a shard that cannot be read does not count."""
+        done: dict[int, set[int]] = {}
+        for cell, first, count, path in self._shards():
+            try:
+                self._read_shard(path)
+            except (OSError, pa.ArrowException):
+                path.unlink()
+                continue
+            done.setdefault(cell, set()).update(range(first, first + count))
+        return done
+
+    def episodes_of(self, cell: int) -> pa.Table:
+        """The ``episodes`` rows of a cell so far, by pair."""
+        parts = [self._read_shard(path)["episodes"] for c, *_, path in self._shards() if c == cell]
+        return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
+
+    def finish_tables(self, traces: bool) -> None:
+        """Turn the shards into the run's tables."""
+        names = ["episodes", "pedestrians", *(["traces"] if traces else [])]
+        for name in names:
+            parts = (self._read_shard(path)[name] for *_, path in self._shards())
+            write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
+        cells = sorted({cell for cell, *_ in self._shards()})
+        pairs = (_table("pairs", pair_rows(cell, self.episodes_of(cell))) for cell in cells)
+        write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
+
+    def drop_shards(self) -> None:
+        """Remove the shards; their content is in the tables."""
+        shutil.rmtree(self.path / _SHARDS, ignore_errors=True)
+
+    def _shards(self) -> list[tuple[int, int, int, Path]]:
+        """(cell, first pair, number of pairs, file), in the order of the tables."""
+        found = []
+        for path in (self.path / _SHARDS).glob("*.arrows"):
+            match = _SHARD_NAME.fullmatch(path.name)
+            if match:
+                found.append((*(int(part) for part in match.groups()), path))
+        return sorted(found)  # type: ignore[arg-type]
+
+    def _read_shard(self, path: Path) -> dict[str, pa.Table]:
+        tables = {}
+        with path.open("rb") as file:
+            for name in ("episodes", "pedestrians", "traces"):
+                if file.peek(1):
+                    tables[name] = pa.ipc.open_stream(file).read_all()
+        return tables
+
+
+def claim_folder(out: Path | None, name: str) -> Path:
+    """Make the folder of a new run.
+
+    Args:
+        out: the user's choice, or None for ``runs/<name>-<next free number>``.
+        name: of the scenario.
+
+    Raises:
+        InputError: it holds a run already, is a file, or cannot be written.
+    """
+    if out is not None:
+        _make(out, exist_ok=True)
+        return out
+    number = 1
+    while True:
+        folder = Path("runs") / f"{name}-{number}"
+        if not folder.exists():
+            _make(folder, exist_ok=False)
+            return folder
+        number += 1
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run folder.
+
+    Raises:
+        InputError: the folder holds no run, or its manifest is damaged.
+    """
+    path = folder / MANIFEST
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except OSError:
+        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}") from None
+    except (ValueError, RecursionError):
+        raise InputError(str(path), "is damaged", "a manifest as a run writes it") from None
+    if not isinstance(document, dict):
+        raise InputError(str(path), "is damaged", "a manifest as a run writes it")
+    return document
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write beside, sync, then rename.
+
+    Raises:
+        HarnessError: the file system refuses (full, read-only).
+    """
+    beside = path.with_name(f".{path.name}.partial")
+    try:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True)
+        raise _cannot_write(path, error) from None
+
+
+def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> None:
+    """Write one Parquet table from parts of any size, in row groups of a fixed size."""
+    beside = path.with_name(f".{path.name}.partial")
+    try:
+        with pq.ParquetWriter(beside, schema) as writer:
+            rest = schema.empty_table()
+            for part in parts:
+                rest = pa.concat_tables([rest, part.cast(schema)])
+                while rest.num_rows >= _ROW_GROUP:
+                    writer.write_table(rest.slice(0, _ROW_GROUP).combine_chunks())
+                    rest = rest.slice(_ROW_GROUP)
+            if rest.num_rows:
+                writer.write_table(rest.combine_chunks())
+        beside.replace(path)
+    except OSError as error:
+        raise _cannot_write(path, error) from None
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a CSV file; undefined values are empty."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_file(path, text.getvalue().encode())
+
+
+def export_csv(folder: Path) -> list[Path]:
+    """Write every table of a run folder as CSV beside it.
+
+    Raises:
+        InputError: no run folder, or a table cannot be read.
+    """
+    read_manifest(folder)
+    written = []
+    for source in sorted(folder.glob("*.parquet")):
+        try:
+            table = pq.read_table(source)
+        except (OSError, pa.ArrowException) as error:
+            raise InputError(str(source), f"cannot be read ({error})") from None
+        target = source.with_suffix(".csv")
+        write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
+        written.append(target)
+    return written
+
+
+def _make(folder: Path, exist_ok: bool) -> None:
+    where = f"--out {folder}"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(where, "is a file", "a new or empty folder")
+    if (folder / MANIFEST).exists():
+        raise InputError(where, "holds a run already", "a new or empty folder, or --resume")
+    try:
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+        probe = folder / f".{os.getpid()}.probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(where, why, "a writable folder") from None
+
+
+def _table(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
+    schema = TABLES[name]
+    columns = [pa.array(rows[field.name], type=field.type) for field in schema]
+    return pa.table(columns, schema=schema)
+
+
+def _cannot_write(path: Path, error: OSError) -> HarnessError:
+    return HarnessError(f"{path}: cannot be written ({error.strerror})")

@@ -1,0 +1,135 @@
+"""What runs inside a worker process: one task, on the one SUMO simulation of the process.
+
+A task is a pickled function call, the same for a local pool and for a Dask cluster.
+"""
+
+import faulthandler
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.engine.control import SumoEngine
+from harness.engine.protocol import Engine
+from harness.interaction import InteractionModel
+from harness.measures import Outcome
+from harness.pairing import PairRunner
+from harness.results import episode_rows, pedestrian_rows, trace_rows
+from harness.scenario import Scenario
+from harness.sites import network_of
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some pairs of one cell.
+
+    ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
+    stack before it ends itself; None writes it to stderr.
+    """
+
+    cell: int
+    first_pair: int
+    count: int
+    scenario: Scenario
+    model: InteractionModel
+    traces: bool
+    hang_after_s: float
+    stack_file: Path | None
+
+    @property
+    def name(self) -> str:
+        """Identifies the task among all of a run."""
+        return f"{self.cell}-{self.first_pair}-{self.count}"
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """Columns of the tables, by table name."""
+
+    rows: dict[str, dict[str, list[Any]]]
+
+
+_engine: tuple[str, SumoEngine] | None = None
+_runner: tuple[str, PairRunner] | None = None
+
+
+def start_worker() -> None:
+    """Leave interruptions to the parent: it stops its workers itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run_task(task: Task) -> TaskResult:
+    """Run every pair of a task."""
+    runner = _runner_for(task)
+    with _watchdog(task) as alive:
+        pairs = range(task.first_pair, task.first_pair + task.count)
+        outcomes = list(runner.run(pairs, alive))
+    return _result_of(task, outcomes)
+
+
+def _result_of(task: Task, outcomes: list[Outcome]) -> TaskResult:
+    rows = {
+        "episodes": episode_rows(task.cell, outcomes),
+        "pedestrians": pedestrian_rows(task.cell, outcomes),
+    }
+    if task.traces:
+        rows["traces"] = trace_rows(task.cell, outcomes)
+    return TaskResult(rows)
+
+
+@contextmanager
+def _watchdog(task: Task) -> Iterator[Callable[[], None]]:
+    """Ends the process when no pair is finished for too long, hung C code included.
+
+    faulthandler's watchdog is a thread of its own that needs no interpreter lock; it writes the
+    Python stack and exits the process, which the parent then sees as a dead worker.
+    """
+    path = task.stack_file or Path(os.devnull)
+    with path.open("w", encoding="utf-8") as file:
+
+        def alive() -> None:
+            faulthandler.dump_traceback_later(task.hang_after_s, exit=True, file=file)
+
+        alive()
+        try:
+            yield alive
+        finally:
+            faulthandler.cancel_dump_traceback_later()
+    if task.stack_file:
+        path.unlink(missing_ok=True)
+
+
+def _runner_for(task: Task) -> PairRunner:
+    """The runner of a cell; made again only when the cell changes."""
+    global _runner
+    key = repr((task.scenario, task.model.sha256))
+    if _runner is None or _runner[0] != key:
+        runner = PairRunner(task.scenario, task.model, lambda: engine_for(task.scenario))
+        _runner = (key, runner)
+    return _runner[1]
+
+
+def engine_for(scenario: Scenario) -> Engine:
+    """This process's SUMO simulation, started again only for another site, vehicle or step."""
+    global _engine
+    from harness.engine.sumo import libsumo_engine
+
+    key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
+    if _engine is not None and (_engine[0] != key or _engine[1].closed):
+        close_engine()
+    if _engine is None:
+        vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+        step_s = scenario.experiment.step_s
+        _engine = (key, libsumo_engine(network_of(scenario), vehicle, crossing, step_s))
+    return _engine[1]
+
+
+def close_engine() -> None:
+    """Close this process's simulation, if there is one."""
+    global _engine
+    if _engine is not None and not _engine[1].closed:
+        _engine[1].close()
+    _engine = None
