@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.exceptions import Abort, Exit, TyperException
 
+from harness.cli_model import register
 from harness.errors import HarnessError, InputError
 
 app = typer.Typer(
@@ -151,6 +152,42 @@ def sweep(
 
 
 @app.command()
+def replay(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
+    pair: Annotated[int, typer.Option(help="Which pair.")],
+    out: Annotated[Path, typer.Option(help="A new folder for SUMO's output files.")],
+    cell: Annotated[int, typer.Option(help="Which cell of a sweep.")] = 0,
+    arm: Annotated[str, typer.Option(help="av, human or both.")] = "both",
+) -> None:
+    """Run one episode again in a fresh SUMO, with SUMO's own outputs on."""
+    from harness.encounter import Arm
+    from harness.replay import replay as run_again
+
+    if arm not in ("av", "human", "both"):
+        raise InputError(f"--arm {arm}", "no such arm", "av, human or both")
+    arms = list(Arm) if arm == "both" else [Arm(arm)]
+    replayed = run_again(run_folder, pair, arms, cell, out)
+    for episode in replayed:
+        verdict = "differs from" if episode.differences else "is identical to"
+        _print(f"{episode.folder}: the record {verdict} the stored one")
+        for difference in episode.differences:
+            _print(f"    {difference}")
+    if any(episode.differences for episode in replayed):
+        raise typer.Exit(1)
+
+
+@app.command()
+def score(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run with --traces.")],
+    out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
+) -> None:
+    """Recompute measures and summary from kept traces, without simulating."""
+    from harness.scoring import score as recompute
+
+    _print(str(recompute(run_folder, out)))
+
+
+@app.command()
 def network(
     scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option(help="Folder for the sources and the network.")],
@@ -197,6 +234,9 @@ def export(
         raise InputError("export", "no format given", "--csv")
     for path in export_csv(run_folder):
         _print(str(path))
+
+
+register(app)
 
 
 def _settings(settings: list[str] | None, pairs: int | None, seed: int | None) -> list[Any]:

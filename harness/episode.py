@@ -26,6 +26,9 @@ from harness.encounter import (
 from harness.engine.protocol import Engine
 from harness.errors import EngineError, StrategyError
 
+ROUNDING_M = 1e-9
+"""An ego this near a threshold is on it: engines differ in the last bits of their sums."""
+
 ChooseSpeed = Callable[[Arrival, float, float], float]
 """(who, range_m, vehicle_speed_mps) → walking speed in m/s, > 0."""
 
@@ -157,8 +160,8 @@ class _Episode:
     def run(self) -> Ending:
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
-        detection = vehicle.detection_range_m
-        passed_at = vehicle.length_m + crossing.width_m / 2
+        detection = vehicle.detection_range_m + ROUNDING_M
+        passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         walkers = self.walkers
@@ -172,7 +175,7 @@ class _Episode:
             if walkers:
                 self._update_walkers(now, -x, speed)
             seen: tuple[PedestrianView, ...] = ()
-            if walkers and -detection <= x <= detection:
+            if walkers and abs(x) <= detection:
                 seen = tuple([walker.view() for walker in walkers])
             view = EgoView(-x, speed, acceleration)
             wanted = self._ask(Observation(now, step, view, vehicle, crossing, seen))
@@ -238,7 +241,7 @@ class _Episode:
         """Kerb rule: step off now, or wait for the next step."""
         rules = self.rules
         to_edge = range_m - rules.crossing.width_m / 2
-        if to_edge <= speed * rules.kerb_wait_s:
+        if to_edge <= speed * rules.kerb_wait_s + ROUNDING_M:
             return
         walking_speed = self.choose_speed(walker.walk.arrival, range_m, speed)
         walker.step_off(time_s, walking_speed, (range_m, speed))

@@ -96,7 +96,7 @@ def run_study(
         InputError: model, strategies or folder are refused; nothing has been written then.
         HarnessError: the folder cannot be written any more; the run can be resumed.
     """
-    models = _prepare(study)
+    models = recall_models(study)
     folder = RunFolder(claim_folder(out, study.name))
     try:
         folder.write_manifest(_manifest(study, models, options, None))
@@ -124,8 +124,10 @@ def resume(
     folder = RunFolder(path)
     try:
         document = folder.read_manifest()
-        study, models, options = _recall(document, workers)
-        if document["counts"] is not None and not folder.done_pairs():
+        study, options = recall_study(document), options_of(document, workers)
+        models = recall_models(study)
+        _refuse_other_versions(document, _manifest(study, models, options, None))
+        if document.get("counts") is not None and not folder.done_pairs():
             raise InputError(f"--resume {path}", "is finished", "an interrupted run")
         folder.note("resumed")
         return _carry_out(folder, study, models, options, progress, make_executor)
@@ -135,8 +137,8 @@ def resume(
         folder.close()
 
 
-def _prepare(study: Study) -> dict[int, InteractionModel]:
-    """The model of every cell; everything a user may have got wrong is found here."""
+def recall_models(study: Study) -> dict[int, InteractionModel]:
+    """The model of every cell, by number; all that a user may have got wrong is found here."""
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
     models = {}
     for cell in study.cells:
@@ -173,35 +175,50 @@ def _manifest(
     }
 
 
-def _recall(
-    document: dict[str, Any], workers: int | None
-) -> tuple[Study, dict[int, InteractionModel], Options]:
+def recall_study(document: dict[str, Any]) -> Study:
+    """The study of a manifest.
+
+    Raises:
+        InputError: the manifest is of another format, or damaged.
+    """
     try:
         if document["schema"] != SCHEMA:
             raise InputError("manifest.json", f"format version {document['schema']!r}", str(SCHEMA))
-        study = study_from(document)
+        return study_from(document)
+    except (KeyError, TypeError, AttributeError, ValueError):
+        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+
+
+def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
+    """The options of a manifest that decide what a run holds.
+
+    Raises:
+        InputError: the manifest is damaged.
+    """
+    try:
         until = document["until"]
-        options = Options(
+        return Options(
             traces=bool(document["traces"]),
             until=None if until is None else Precision(*next(iter(until.items()))),
             workers=workers,
         )
-        then, models_then = document["versions"], document["models"]
-        _ = document["counts"]
-    except (KeyError, TypeError, AttributeError, ValueError, StopIteration):
+    except (KeyError, TypeError, AttributeError, StopIteration):
         raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
-    models = _prepare(study)
-    now = _manifest(study, models, options, None)
+
+
+def _refuse_other_versions(then: dict[str, Any], now: dict[str, Any]) -> None:
+    """Half a run under one version and half under another would be neither."""
+    versions_then = then.get("versions")
     for name, version in now["versions"].items():
-        if then.get(name) != version:
+        before = versions_then.get(name) if isinstance(versions_then, dict) else None
+        if before != version:
             raise InputError(
                 "--resume",
-                f"the run was begun with {name} {then.get(name)}, this is {version}",
+                f"the run was begun with {name} {before}, this is {version}",
                 "the same versions",
             )
-    if models_then != now["models"]:
+    if then.get("models") != now["models"]:
         raise InputError("--resume", "the interaction model has changed", "the same model")
-    return study, models, options
 
 
 def _carry_out(
@@ -216,11 +233,10 @@ def _carry_out(
     planned = {cell.number: cell.scenario.experiment.pairs for cell in study.cells}
     if options.until is None:
         work.reach(planned)
-        confidence = CONFIDENCE
     else:
-        confidence = _reach_precision(work, study, planned, options.until)
+        _reach_precision(work, study, planned, options.until)
     folder.note("simulated")
-    return _finish(folder, study, models, options, confidence)
+    return finish(folder, study, models, options)
 
 
 class _Work:
@@ -301,14 +317,22 @@ def looks(pairs: int) -> list[int]:
     return [*numbers, pairs]
 
 
-def _reach_precision(work: _Work, study: Study, planned: dict[int, int], until: Precision) -> float:
-    """Go on until every cell's interval is narrow enough; returns the intervals' confidence.
+def confidence_of(study: Study, options: Options) -> float:
+    """Confidence of each interval.
 
-    Looking L times and stopping at the best moment would spoil a 95 % interval, so each look uses
-    1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
+    Looking L times and stopping at the best moment would spoil a 95 % interval, so with
+    ``--until`` each look uses 1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
     """
+    if options.until is None:
+        return CONFIDENCE
+    most = max(cell.scenario.experiment.pairs for cell in study.cells)
+    return 1 - (1 - CONFIDENCE) / len(looks(most))
+
+
+def _reach_precision(work: _Work, study: Study, planned: dict[int, int], until: Precision) -> None:
+    """Go on until every cell's interval is narrow enough, or all its pairs are done."""
     most = looks(max(planned.values()))
-    confidence = 1 - (1 - CONFIDENCE) / len(most)
+    confidence = confidence_of(study, work.options)
     goals = dict.fromkeys(planned, 0)
     open_cells = list(study.cells)
     for look in most:
@@ -322,8 +346,7 @@ def _reach_precision(work: _Work, study: Study, planned: dict[int, int], until: 
             and not _narrow(work.folder, cell, until, confidence)
         ]
         if not open_cells:
-            break
-    return confidence
+            return
 
 
 def _narrow(folder: RunFolder, cell: Cell, until: Precision, confidence: float) -> bool:
@@ -340,14 +363,11 @@ def _summarise(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
     return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
 
 
-def _finish(
-    folder: RunFolder,
-    study: Study,
-    models: dict[int, InteractionModel],
-    options: Options,
-    confidence: float,
+def finish(
+    folder: RunFolder, study: Study, models: dict[int, InteractionModel], options: Options
 ) -> Run:
-    """Tables, summary and, last of all, the manifest with its counts."""
+    """Turn a folder's shards into tables, summary and, last of all, the manifest with counts."""
+    confidence = confidence_of(study, options)
     folder.finish_tables(options.traces)
     write_parquet(folder.path / "cells.parquet", *_cells_table(study))
     summaries, rows, failures = [], [], []

@@ -7,6 +7,7 @@ who sees this pedestrian.
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -183,6 +184,45 @@ def read_model(path: Path) -> InteractionModel:
         document.get("provenance") or {},
         hashlib.sha256(content).hexdigest(),
     )
+
+
+def write_model(
+    path: Path, mixture: TruncatedGaussianMixture, name: str, provenance: Mapping[str, Any]
+) -> InteractionModel:
+    """Write a model file, complete or not at all, and read it back.
+
+    Args:
+        path: written beside and renamed; an earlier file of that name is replaced.
+        mixture: of dimension 4, variables in the order of ``VARIABLES``.
+        name: what to call it.
+        provenance: its card, plain data.
+
+    Raises:
+        InputError: the place cannot be written, or a model file must not say this (see
+            ``read_model``).
+    """
+    document = {
+        "schema": SCHEMA,
+        "name": name,
+        "variables": list(VARIABLES),
+        "lower": mixture.lower.tolist(),
+        "upper": mixture.upper.tolist(),
+        "weights": mixture.weights.tolist(),
+        "locations": mixture.locations.tolist(),
+        "scale_matrices": mixture.scale_matrices.tolist(),
+        "provenance": dict(provenance),
+    }
+    _mixture(document, str(path))
+    content = (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        beside.write_bytes(content)
+        beside.replace(path)
+    except OSError as error:
+        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    finally:
+        beside.unlink(missing_ok=True)
+    return read_model(path)
 
 
 def _mixture(document: dict[str, Any], where: str) -> TruncatedGaussianMixture:

@@ -187,7 +187,9 @@ def body_of(trace: Trace) -> tuple[float, float, float]:
 def _pass_time(trace: Trace) -> float | None:
     if trace.ending is not Ending.CROSSED:
         return None
-    return crossing_time(trace, trace.vehicle.length_m + trace.crossing.width_m / 2)
+    # The episode ends within rounding of that point.
+    passed_at = trace.vehicle.length_m + trace.crossing.width_m / 2
+    return crossing_time(trace, min(passed_at, float(trace.x_m[-1])))
 
 
 def _end(trace: Trace, strike: _Strike | None, pass_time_s: float | None) -> float:

@@ -69,6 +69,26 @@ class PairRunner:
             for (pair, arm, trace), record in zip(episodes, records, strict=True):
                 yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
 
+    def run_arm(self, pair: int, arm: Arm, other_engine: Engine) -> Outcome:
+        """One arm of a pair alone, exactly as in ``run``.
+
+        Args:
+            pair: index of the pair.
+            arm: which arm.
+            other_engine: where the AV's arm runs first if the human's needs its walking speeds.
+        """
+        self._engine = None
+        arrivals = planned_arrivals(self._scenario, pair)
+        self._speeds.foresee([arrivals])
+        choose: ChooseSpeed = self._speeds
+        if arm is Arm.HUMAN and self._scenario.pedestrians.pairing == "speed":
+            self._engine = other_engine
+            automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
+            choose = _SpeedsOfOtherArm(automated.walks, self._model)
+            self._engine = None
+        trace = self._run_arm(arm, pair, arrivals, choose)
+        return Outcome(pair, arm, self._strategy_name(arm), measure([trace])[0], trace)
+
     def _run_pair(self, pair: int, arrivals: tuple[Arrival, ...]) -> list[tuple[Arm, Trace]]:
         automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
         choose: ChooseSpeed = self._speeds
@@ -144,6 +164,12 @@ class _WalkingSpeeds:
             for arrival in arrivals
             if arrival.arrival_s == 0
         ]
+        self._foreseen = {}
+        if not quantiles:
+            return
+        self._foreseen = {}
+        if not quantiles:
+            return
         range_m, speed = self._at_trigger
         count = len(quantiles)
         speeds = self._model.walking_speed(

@@ -183,6 +183,24 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return document
 
 
+def read_table(folder: Path, name: str, cell: int | None = None) -> pa.Table:
+    """One table of a finished run, all of it or one cell's rows.
+
+    Raises:
+        InputError: the table is missing, damaged, or of another format.
+    """
+    path = folder / f"{name}.parquet"
+    try:
+        filters = None if cell is None else [("cell", "=", cell)]
+        table = pq.read_table(path, filters=filters)
+        return table.cast(TABLES[name]) if name in TABLES else table
+    except FileNotFoundError:
+        raise InputError(str(path), "is missing", "a finished run's table") from None
+    except (OSError, pa.ArrowException, ValueError) as error:
+        why = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputError(str(path), f"cannot be read ({why})", "a run's table") from None
+
+
 def write_file(path: Path, content: bytes) -> None:
     """Write beside, sync, then rename.
 
@@ -239,10 +257,7 @@ def export_csv(folder: Path) -> list[Path]:
     read_manifest(folder)
     written = []
     for source in sorted(folder.glob("*.parquet")):
-        try:
-            table = pq.read_table(source)
-        except (OSError, pa.ArrowException) as error:
-            raise InputError(str(source), f"cannot be read ({error})") from None
+        table = read_table(folder, source.stem)
         target = source.with_suffix(".csv")
         write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
         written.append(target)

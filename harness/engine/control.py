@@ -3,7 +3,7 @@
 The choices below are explained, with the measurements behind them, in docs/sumo.md.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -176,7 +176,7 @@ class SumoEngine:
                 self._footpaths[arrival.side],
                 self._footpaths[other],
             )
-            self._api.person.add(name, origin, start_m)
+            self._api.person.add(name, origin, start_m, typeID="walker")
             self._api.person.appendWalkingStage(name, [origin, goal], goal_m)
             self._ids[arrival.index] = name
             coming[arrival.index] = self._kerbs[arrival.side]
@@ -210,8 +210,10 @@ class SumoEngine:
                 self._collided = True
 
 
-def start_command(net: Path, types: Path, step_s: float, sumo_seed: int) -> list[str]:
-    """The command line SUMO is started with."""
+def start_command(
+    net: Path, types: Path, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None = None
+) -> list[str]:
+    """The command line SUMO is started with, ``outputs`` being further options."""
     options: dict[str, Any] = {
         "--net-file": net,
         "--additional-files": types,
@@ -227,12 +229,13 @@ def start_command(net: Path, types: Path, step_s: float, sumo_seed: int) -> list
         "--time-to-teleport": "-1",
         "--no-step-log": "true",
         "--no-warnings": "true",
+        **(outputs or {}),
     }
     return ["sumo", *(str(part) for option in options.items() for part in option)]
 
 
-def vehicle_type(vehicle: Vehicle) -> str:
-    """The ego's vType as a SUMO additional file."""
+def types_file(vehicle: Vehicle) -> str:
+    """The types of ego and pedestrians as a SUMO additional file; nothing in them is random."""
     attributes = {
         "id": "ego",
         "vClass": "passenger",
@@ -248,4 +251,5 @@ def vehicle_type(vehicle: Vehicle) -> str:
         "maxSpeed": 100,
     }
     written = " ".join(f"{name}={quoteattr(str(value))}" for name, value in attributes.items())
-    return f"<additional><vType {written}/></additional>\n"
+    walker = '<vType id="walker" vClass="pedestrian" speedDev="0" sigma="0"/>'
+    return f"<additional><vType {written}/>{walker}</additional>\n"

@@ -3,13 +3,14 @@
 The only module that imports libsumo.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import libsumo
 
 from harness.encounter import Crossing, Vehicle
-from harness.engine.control import SumoEngine, start_command, vehicle_type
+from harness.engine.control import SumoEngine, start_command, types_file
 from harness.errors import EngineError
 from harness.site import read_site
 
@@ -17,7 +18,12 @@ _running: list[SumoEngine] = []
 
 
 def libsumo_engine(
-    net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, sumo_seed: int = 1
+    net: Path,
+    vehicle: Vehicle,
+    crossing: Crossing,
+    step_s: float,
+    sumo_seed: int = 1,
+    outputs: Mapping[str, str] | None = None,
 ) -> SumoEngine:
     """Start SUMO in this process.
 
@@ -27,6 +33,7 @@ def libsumo_engine(
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
         sumo_seed: seed of SUMO's own generators, which nothing here uses.
+        outputs: options that switch SUMO's output files on.
 
     Raises:
         EngineError: SUMO does not start, or one is already running in this process (libsumo
@@ -36,9 +43,9 @@ def libsumo_engine(
         raise EngineError("only one SUMO simulation can run in a process; close the first")
     with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
         types = Path(folder) / "types.add.xml"
-        types.write_text(vehicle_type(vehicle), encoding="utf-8")
+        types.write_text(types_file(vehicle), encoding="utf-8")
         try:
-            libsumo.start(start_command(net, types, step_s, sumo_seed))
+            libsumo.start(start_command(net, types, step_s, sumo_seed, outputs))
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise EngineError(f"SUMO did not start: {error}") from None
     engine = SumoEngine(libsumo, _close, read_site(net), vehicle, crossing, step_s)

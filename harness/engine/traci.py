@@ -11,7 +11,7 @@ import sumo
 import traci
 
 from harness.encounter import Crossing, Vehicle
-from harness.engine.control import SumoEngine, start_command, vehicle_type
+from harness.engine.control import SumoEngine, start_command, types_file
 from harness.errors import EngineError
 from harness.site import read_site
 
@@ -26,7 +26,7 @@ def traci_engine(
     """
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = Path(folder.name) / "types.add.xml"
-    types.write_text(vehicle_type(vehicle), encoding="utf-8")
+    types.write_text(types_file(vehicle), encoding="utf-8")
     _, *options = start_command(net, types, step_s, sumo_seed)
     binary = os.path.join(sumo.SUMO_HOME, "bin", "sumo")  # noqa: PTH118
     try:

@@ -148,7 +148,8 @@ def _joining(
     inner = _given_corner(
         correlations[n], a[n], b[n], t[n, m], edges[n, i, p], edges[n, j, q], i, j
     )
-    return np.bincount(n, factor[n, p, q, m] * inner, minlength=a.shape[0])
+    total: Array = np.bincount(n, factor[n, p, q, m] * inner, minlength=a.shape[0]).astype(float)
+    return total
 
 
 def _given_corner(

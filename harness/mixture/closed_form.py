@@ -67,7 +67,8 @@ class Direct:
     def __init__(self, regression: Regression, lower: float, upper: float, flat: bool) -> None:
         shape = (-1,) if flat else (-1, 1, 1)
         spread = regression.spread.reshape(shape)
-        self._lower, self._upper = lower, upper
+        # Between infinite bounds either tail will do.
+        self._middle = 0.0 if np.isinf(lower) and np.isinf(upper) else 0.5 * (lower + upper)
         self._inverse = 1.0 / spread
         self._curvature = -(spread**-2.0)
         self._log_height = -np.log(_ROOT_TWO_PI * spread)
@@ -99,8 +100,7 @@ class Direct:
 
     def cumulative(self, state: State) -> Cumulative:
         # In the upper tail Φ(b) − Φ(a) loses its digits and Φ(−a) − Φ(−b) does not.
-        nearer = (self._lower - state.means) + (self._upper - state.means)
-        sign = np.where(nearer > 0.0, -1.0, 1.0)
+        sign = np.copysign(1.0, state.means - self._middle)
         weights = np.exp(state.log_weights)
         return Cumulative((weights * sign, self._inverse * sign, state.means))
 
@@ -204,7 +204,7 @@ def _log_sum(logs: Array) -> Array:
 
 def _interval(a: Array, b: Array) -> Array:
     """Φ(b) − Φ(a), a ≤ b, accurate in both tails."""
-    sign = np.where(a + b > 0.0, -1.0, 1.0)
+    sign = np.copysign(1.0, -a - b)
     probability: Array = (ndtr(b * sign) - ndtr(a * sign)) * sign
     return probability
 

@@ -1,6 +1,7 @@
 """One variable of a truncated mixture, given some of the others."""
 
 from collections.abc import Callable, Iterator, Sequence
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,13 @@ from harness.mixture.boxes import box_probability
 from harness.mixture.closed_form import Direct, OneIntegrated
 from harness.mixture.drawing import draw
 from harness.mixture.regression import Regression, State, component_sum
-from harness.mixture.search import Forms, highest_point, inverse
+from harness.mixture.search import (
+    Forms,
+    highest_point,
+    highest_point_one,
+    inverse,
+    inverse_one,
+)
 from harness.mixture.tabulated import TabulatedDensity
 
 if TYPE_CHECKING:
@@ -21,8 +28,12 @@ Array = NDArray[np.float64]
 
 # Points handled at once; small enough for the temporary arrays to stay in the cache.
 _CHUNK = 512
+_MODES = 128
+_DRAWS = 1024
 # An infinite bound is replaced by one this many spreads beyond every component.
 _BEYOND = 12.0
+# Where the highest density found is below this, everything has underflowed.
+_UNDERFLOWED = 1e-280
 # First panels of a table end at each component's mean and this many spreads from it.
 _MARKS = np.array([-8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0])
 
@@ -65,6 +76,8 @@ class Conditional:
         rest = [i for i in range(dimension) if i not in chosen]
         self.target, self.given = target, tuple(given)
         self.lower, self.upper = float(mixture.lower[target]), float(mixture.upper[target])
+        self._lower, self._upper = np.array([self.lower]), np.array([self.upper])
+        self._bounded = bool(np.isfinite(self._lower + self._upper)[0])
         self._regression = Regression(
             mixture.weights,
             mixture.masses,
@@ -116,32 +129,36 @@ class Conditional:
             InputError: u outside [0, 1] or nan.
         """
         values, points = self._aligned(u, y)
-        wrong = ~((values >= 0.0) & (values <= 1.0))
-        if wrong.any():
-            raise InputError("ppf", f"probability {values[wrong][0]}", "0 to 1")
+        if not (values.min(initial=0.0) >= 0.0 and values.max(initial=1.0) <= 1.0):
+            wrong = values[~((values >= 0.0) & (values <= 1.0))]
+            raise InputError("ppf", f"probability {wrong[0]}", "0 to 1")
+        if values.size == 1 and self._forms is not None:
+            return self._ppf_one(self._forms, values, points)
         return self._chunked(self._ppf, values, points)
 
     def mode(self, y: ArrayLike) -> Array:
         """Position (n,) of the highest density given y (n, g); it may lie on a bound."""
         points = self._points(y)
-        return self._chunked(self._mode, np.zeros(points.shape[0]), points)
+        if points.shape[0] == 1 and self._forms is not None:
+            return self._mode_one(self._forms, points)
+        return self._chunked(self._mode, np.zeros(points.shape[0]), points, _MODES)
 
     def sample(self, y: ArrayLike, rng: np.random.Generator) -> Array:
         """One draw (n,) per row of y (n, g); the generator moves on by 4 n uniforms at most."""
         points = self._points(y)
         if self._rest_lower.size:
-            return self._chunked(self._ppf, rng.random(points.shape[0]), points)
+            return self._chunked(self._ppf, rng.random((points.shape[0],)), points)
         result = np.empty(points.shape[0])
-        for at in range(0, result.size, _CHUNK):
-            part = points[at : at + _CHUNK]
-            result[at : at + _CHUNK] = self._drawn(part, rng.random((part.shape[0], 4)).T)
+        for at in range(0, result.size, _DRAWS):
+            part = points[at : at + _DRAWS]
+            result[at : at + _DRAWS] = self._drawn(part, rng.random((part.shape[0], 4)).T)
         return result
 
     def _points(self, y: ArrayLike) -> Array:
         points = np.asarray(y, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != len(self.given):
             raise InputError("conditional", f"y of shape {points.shape}", f"(n, {len(self.given)})")
-        if not np.isfinite(points).all():
+        if not isfinite(np.add.reduce(points, axis=None)) and not np.isfinite(points).all():
             raise InputError("conditional", "y has values that are not finite", "finite numbers")
         return points
 
@@ -166,25 +183,30 @@ class Conditional:
         return values, points
 
     def _chunked(
-        self, function: Callable[[Array, Array], Array], values: Array, points: Array
+        self,
+        function: Callable[[Array, Array], Array],
+        values: Array,
+        points: Array,
+        size: int = _CHUNK,
     ) -> Array:
-        if values.size <= _CHUNK:
+        if values.size <= size:
             return function(values, points)
         parts = [
-            function(values[at : at + _CHUNK], points[at : at + _CHUNK])
-            for at in range(0, values.size, _CHUNK)
+            function(values[at : at + size], points[at : at + size])
+            for at in range(0, values.size, size)
         ]
         return np.concatenate(parts)
 
-    def _bounds(self, state: State) -> tuple[Array, Array]:
+    def _bounds(self, state: State, count: int) -> tuple[Array, Array]:
         """Finite bounds (n,): an infinite one is put where no component has any density."""
-        reach = _BEYOND * self._regression.spread[:, None]
-        count = state.means.shape[2]
-        lower, upper = np.full(count, self.lower), np.full(count, self.upper)
-        if np.isinf(self.lower):
-            lower = np.minimum.reduce(state.means[:, 0] - reach, axis=0)
-        if np.isinf(self.upper):
-            upper = np.maximum.reduce(state.means[:, 0] + reach, axis=0)
+        lower, upper = self._lower.repeat(count), self._upper.repeat(count)
+        if not self._bounded:
+            means = state.means.reshape(-1, count)
+            reach = _BEYOND * self._regression.spread[:, None]
+            if np.isinf(self.lower):
+                lower = np.minimum.reduce(means - reach, axis=0)
+            if np.isinf(self.upper):
+                upper = np.maximum.reduce(means + reach, axis=0)
         return lower, upper
 
     def _logpdf(self, x: Array, y: Array) -> Array:
@@ -196,7 +218,7 @@ class Conditional:
                 logs[chosen] = self._log_unnormalised(x[chosen], y[rows[:1]]) - table.log_total
             return logs
         state = self._regression.at(y)
-        lower, upper = self._bounds(state)
+        lower, upper = self._bounds(state, x.size)
         cumulative = self._forms.many.cumulative(state)
         sums = self._forms.many.running(cumulative, np.stack((lower, upper)))
         total = sums[1] - sums[0]
@@ -216,7 +238,7 @@ class Conditional:
                 result[rows] = table.cdf(np.clip(x[rows], table.edges[0], table.edges[-1]))
         else:
             state = self._regression.at(y)
-            lower, upper = self._bounds(state)
+            lower, upper = self._bounds(state, x.size)
             clipped = np.minimum(np.maximum(x, lower), upper)
             cumulative = self._forms.many.cumulative(state)
             sums = self._forms.many.running(cumulative, np.stack((lower, clipped, upper)))
@@ -233,25 +255,42 @@ class Conditional:
             for rows, table in self._tables(y):
                 result[rows] = table.ppf(u[rows])
         else:
-            state = self._regression.at(y)
-            cumulative = self._forms.many.cumulative(state)
-            result, total = inverse(self._forms, state, cumulative, u, *self._bounds(state))
+            form, state = self._forms.many, self._regression.at(y)
+            bounds = self._bounds(state, u.size)
+            result, total = inverse(form, state, form.cumulative(state), u, *bounds)
             for i in self._weak(total):
                 result[i] = self._tabulate(y[i : i + 1]).ppf(u[i : i + 1])[0]
         return np.where(u == 0.0, self.lower, np.where(u == 1.0, self.upper, result))
 
+    def _ppf_one(self, forms: Forms, u: Array, y: Array) -> Array:
+        probability = float(u[0])
+        if probability in (0.0, 1.0):
+            return self._upper.copy() if probability else self._lower.copy()
+        state = self._regression.at_one(y[0].tolist())
+        x, total = inverse_one(forms, state, probability, *self._bounds(state, 1))
+        if not total > forms.one.smallest_total:
+            return self._tabulate(y).ppf(u)
+        return np.array([x])
+
     def _mode(self, _: Array, y: Array) -> Array:
+        result = np.empty(y.shape[0])
         if self._forms is None:
-            result = np.empty(y.shape[0])
             for rows, table in self._tables(y):
-                result[rows] = table.mode()
+                result[rows] = table.mode
             return result
         state = self._regression.at(y)
-        result = highest_point(self._forms, state, *self._bounds(state))
-        # Where everything has underflowed there is nothing to climb.
-        for i in np.flatnonzero(self._forms.many.density(state, result[None])[0] <= 1e-280):
-            result[i] = self._tabulate(y[i : i + 1]).mode()
+        bounds = self._bounds(state, y.shape[0])
+        result, height = highest_point(self._forms.many, state, *bounds)
+        for i in np.flatnonzero(height <= _UNDERFLOWED):
+            result[i] = self._tabulate(y[i : i + 1]).mode
         return result
+
+    def _mode_one(self, forms: Forms, y: Array) -> Array:
+        state = self._regression.at_one(y[0].tolist())
+        x, height = highest_point_one(forms, state, *self._bounds(state, 1))
+        if height <= _UNDERFLOWED:
+            x = self._tabulate(y).mode
+        return np.array([x])
 
     def _weak(self, total: Array) -> NDArray[np.intp]:
         """Points whose closed form has lost its digits, for the table to take over."""
@@ -290,7 +329,7 @@ class Conditional:
     def _tabulate(self, y: Array) -> TabulatedDensity:
         """The density given the one row y (1, g)."""
         state = self._regression.at(y)
-        (lower,), (upper,) = self._bounds(state)
+        (lower,), (upper,) = self._bounds(state, 1)
         marks = state.means[:, 0] + self._regression.spread[:, None] * _MARKS
         marks = np.sort(np.concatenate((marks.ravel(), np.linspace(lower, upper, 9)[1:-1])))
         apart = 1e-3 * (upper - lower) / marks.size

@@ -40,6 +40,14 @@ class TruncatedGaussianMixture:
         InputError: any of the above is violated, or a component has no mass inside the box.
     """
 
+    weights: Array
+    locations: Array
+    scale_matrices: Array
+    lower: Array
+    upper: Array
+    masses: Array
+    _factors: Array
+
     def __init__(
         self,
         weights: ArrayLike,
@@ -48,23 +56,32 @@ class TruncatedGaussianMixture:
         lower: ArrayLike,
         upper: ArrayLike,
     ) -> None:
-        self.weights = _array("weights", weights, 1)
-        self.locations = _array("locations", locations, 2)
-        self.scale_matrices = _array("scale_matrices", scale_matrices, 3)
-        self.lower = _array("lower", lower, 1)
-        self.upper = _array("upper", upper, 1)
-        _check_shapes(self)
-        _check_values(self)
-        self.weights = self.weights / self.weights.sum()
-        self.scale_matrices = 0.5 * (self.scale_matrices + np.swapaxes(self.scale_matrices, 1, 2))
-        self._factors = _factors(self.scale_matrices)
-        self.masses = truncation.masses(self.locations, self.scale_matrices, self.lower, self.upper)
-        for k in np.flatnonzero(~(self.masses > 0.0)):
+        parts = {
+            "weights": _array("weights", weights, 1),
+            "locations": _array("locations", locations, 2),
+            "scale_matrices": _array("scale_matrices", scale_matrices, 3),
+            "lower": _array("lower", lower, 1),
+            "upper": _array("upper", upper, 1),
+        }
+        _check_shapes(parts)
+        _check_values(parts)
+        parts["weights"] /= parts["weights"].sum()
+        scales = parts["scale_matrices"]
+        parts["scale_matrices"] = 0.5 * (scales + np.swapaxes(scales, 1, 2))
+        parts["_factors"] = _factors(parts["scale_matrices"])
+        parts["masses"] = truncation.masses(
+            parts["locations"], parts["scale_matrices"], parts["lower"], parts["upper"]
+        )
+        for k in np.flatnonzero(~(parts["masses"] > 0.0)):
             raise InputError(
                 _WHERE, f"component {k} has no mass inside the box", "locations nearer to the box"
             )
-        for value in vars(self).values():
-            value.setflags(write=False)
+        for name, array in parts.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"{type(self).__name__} is immutable: {name} cannot be set")
 
     def logpdf(self, x: ArrayLike) -> Array:
         """Log density at x (n, d), (n,); −inf outside the box."""
@@ -131,8 +148,9 @@ class TruncatedGaussianMixture:
         """Covariance of the truncated mixture, (d, d)."""
         means, covariances = self._moments
         away = means - self.mean()
-        within = np.einsum("k,kij->ij", self.weights, covariances)
-        return within + np.einsum("k,ki,kj->ij", self.weights, away, away)
+        spread = covariances + away[:, :, None] * away[:, None, :]
+        result: Array = np.einsum("k,kij->ij", self.weights, spread)
+        return result
 
     @cached_property
     def _moments(self) -> tuple[Array, Array]:
@@ -156,8 +174,8 @@ def _array(name: str, values: ArrayLike, dimensions: int) -> Array:
     return array
 
 
-def _check_shapes(mixture: TruncatedGaussianMixture) -> None:
-    count, dimension = mixture.locations.shape
+def _check_shapes(parts: dict[str, Array]) -> None:
+    count, dimension = parts["locations"].shape
     if not 1 <= dimension <= _MOST_VARIABLES:
         raise InputError(
             f"{_WHERE}: locations", f"{dimension} variables", f"1 to {_MOST_VARIABLES}"
@@ -169,25 +187,29 @@ def _check_shapes(mixture: TruncatedGaussianMixture) -> None:
         "upper": (dimension,),
     }
     for name, shape in wanted.items():
-        found = getattr(mixture, name).shape
+        found = parts[name].shape
         if found != shape or count == 0:
             raise InputError(f"{_WHERE}: {name}", f"shape {found}", f"shape {shape}, K ≥ 1")
 
 
-def _check_values(mixture: TruncatedGaussianMixture) -> None:
+def _check_values(parts: dict[str, Array]) -> None:
     for name in ("weights", "locations", "scale_matrices"):
-        if not np.isfinite(getattr(mixture, name)).all():
+        if not np.isfinite(parts[name]).all():
             raise InputError(f"{_WHERE}: {name}", "values that are not finite", "finite numbers")
-    if not (mixture.weights > 0.0).all() or abs(mixture.weights.sum() - 1.0) > 1e-6:
+    weights, scales = parts["weights"], parts["scale_matrices"]
+    if not (weights > 0.0).all() or abs(weights.sum() - 1.0) > 1e-6:
         raise InputError(
             f"{_WHERE}: weights",
-            f"smallest {mixture.weights.min():.6g}, sum {mixture.weights.sum():.9g}",
+            f"smallest {weights.min():.6g}, sum {weights.sum():.9g}",
             "positive numbers that sum to 1 within 1e-6",
         )
-    for i in np.flatnonzero(~(mixture.lower < mixture.upper)):
+    for k, matrix in enumerate(scales):
+        if np.abs(matrix - matrix.T).max() > 1e-8 * np.abs(matrix).max():
+            raise InputError(f"{_WHERE}: scale_matrices", f"number {k} is not symmetric")
+    for i in np.flatnonzero(~(parts["lower"] < parts["upper"])):
         raise InputError(
             f"{_WHERE}: lower",
-            f"variable {i} has bounds {mixture.lower[i]:g} and {mixture.upper[i]:g}",
+            f"variable {i} has bounds {parts['lower'][i]:g} and {parts['upper'][i]:g}",
             "lower < upper",
         )
 

@@ -19,7 +19,7 @@ def draw(state: State, spread: Array, lower: float, upper: float, u: Array) -> A
     weights, centres = np.exp(state.log_weights[:, 0]), state.means[:, 0]
     chosen = _chosen(weights, u[0])
     columns = np.arange(chosen.size)
-    x = centres[chosen, columns] + spread[chosen] * ndtri(u[1])
+    x: Array = centres[chosen, columns] + spread[chosen] * ndtri(u[1])
     outside = np.flatnonzero(~((x >= lower) & (x <= upper)))
     if outside.size:
         means, heights = centres[:, outside], weights[:, outside]

@@ -29,12 +29,12 @@ class State(NamedTuple):
     means: Array
     rest_means: tuple[Array, ...]
 
-    def flat(self) -> "State":
-        """The components at the only point."""
+    def many(self) -> "State":
+        """The flat components of one point as those of a batch of one."""
         return State(
-            self.log_weights.reshape(-1),
-            self.means.reshape(-1),
-            tuple(part.reshape(-1) for part in self.rest_means),
+            self.log_weights.reshape(-1, 1, 1),
+            self.means.reshape(-1, 1, 1),
+            tuple(part.reshape(-1, 1, 1) for part in self.rest_means),
         )
 
     def take(self, chosen: NDArray[np.intp]) -> "State":
@@ -83,7 +83,10 @@ class Regression:
         diagonal = np.diagonal(known_factor, axis1=1, axis2=2)
         constant = np.log(weights) - np.log(masses) - 0.5 * known * np.log(2.0 * np.pi)
         self._constant = (constant - np.sum(np.log(diagonal), axis=1)).reshape(-1, 1, 1)
-        self.count, self.known, self.integrated = count, known, len(rest)
+        self._flat_coefficients = [c.reshape(-1) for c in self._coefficients]
+        self._flat_offset = self._offset.reshape(-1)
+        self._flat_constant = self._constant.reshape(-1)
+        self.count, self.known = count, known
         # Given everything known, the target's spread and the rest's slope on it and covariance.
         self.spread = np.ascontiguousarray(factors[:, known, known])
         self.rest_slopes = factors[:, known + 1 :, known] / self.spread[:, None]
@@ -91,21 +94,27 @@ class Regression:
         self.rest_covariances = tail @ np.swapaxes(tail, 1, 2)
 
     def at(self, y: Array) -> State:
-        """The components at given points y (n, g), arrays (K, 1, n)."""
-        rows = self._offset
+        """The components at given points y (n, g)."""
+        count = y.shape[0]
+        rows = self._offset if self.known else np.repeat(self._offset, count, axis=1)
         for coefficient, values in zip(self._coefficients, y.T, strict=True):
             rows = rows + coefficient * values
-        if not self.known:
-            rows = np.repeat(rows, y.shape[0], axis=1)
-        parts = rows.reshape(-1, self.count, 1, rows.shape[1])
-        log_weights = self._constant
-        whitened = parts[: self.known]
-        for z in whitened * whitened:
-            log_weights = log_weights - z
-        if not self.known:
-            log_weights = np.repeat(log_weights, y.shape[0], axis=2)
+        return self._state(rows.reshape(-1, self.count, 1, count), self._constant)
+
+    def at_one(self, y: list[float]) -> State:
+        """The components at one point (g,), flat."""
+        rows = self._flat_offset
+        for coefficient, value in zip(self._flat_coefficients, y, strict=True):
+            rows = rows + coefficient * value
+        return self._state(rows.reshape(-1, self.count), self._flat_constant)
+
+    def _state(self, rows: Array, constant: Array) -> State:
+        """From whitened given values and means, one row of components each."""
+        log_weights = constant if self.known else np.broadcast_to(constant, rows.shape[1:])
+        for z in rows[: self.known]:
+            log_weights = log_weights - z * z
         log_weights = log_weights - np.maximum.reduce(log_weights, axis=0)
-        return State(log_weights, parts[self.known], tuple(parts[self.known + 1 :]))
+        return State(log_weights, rows[self.known], tuple(rows[self.known + 1 :]))
 
 
 def component_sum(values: Array) -> Array:

@@ -20,7 +20,7 @@ _COARSE = np.linspace(0.0, 1.0, 7)[:, None]
 _MOST_STEPS = 60
 # Keeps divisions defined where a density has underflowed; steps are 0 there.
 _TINY = 1e-300
-_SMALLEST_STEP = 1e-9
+_SMALLEST_STEP = 1e-5
 
 
 class Forms(NamedTuple):
@@ -30,25 +30,37 @@ class Forms(NamedTuple):
     one: Form
 
 
-def highest_point(forms: Forms, state: State, lower: Array, upper: Array) -> Array:
-    """Position of the global maximum of the density on [lower, upper], all (n,).
+def highest_point(form: Form, state: State, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Position and height of the global maximum of the density on [lower, upper], all (n,).
 
     One Newton step is taken from every candidate (a grid with the bounds, and the component
     means), and the best of what it reaches is polished. Comparing after a step rather than before
     keeps two nearly equal peaks apart, of which the grid may see one better than the other.
     """
+    x, reach = _candidates(form, state, lower, upper)
+    best = form.density(state, x).argmax(axis=0)
+    return _polished(form, state, x[best, np.arange(reach.size)], lower, upper, reach)
+
+
+def highest_point_one(
+    forms: Forms, state: State, lower: Array, upper: Array
+) -> tuple[float, float]:
+    """`highest_point` for one point, from its flat state; lower, upper (1,)."""
+    many = state.many()
+    x, reach = _candidates(forms.many, many, lower, upper)
+    best = int(forms.many.density(many, x).argmax())
+    at, width = float(x[best, 0]), float(reach[0])
+    return _polished_one(forms.one, state, at, float(lower[0]), float(upper[0]), width)
+
+
+def _candidates(form: Form, state: State, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Where one step from every candidate leads (c, n), and the longest step allowed (n,)."""
     width = upper - lower
     reach = width / (_GRID.size - 1)
-    means = np.minimum(np.maximum(state.means[:, 0], lower), upper)
-    x = np.concatenate((lower + width * _GRID, means))
-    x += _ascent(*forms.many.curve(state, x), reach)
+    x = np.concatenate((lower + width * _GRID, state.means[:, 0]))
     x = np.minimum(np.maximum(x, lower, out=x), upper, out=x)
-    best = forms.many.density(state, x).argmax(axis=0)
-    if width.size == 1:
-        at = float(x[best[0], 0])
-        bounds = float(lower[0]), float(upper[0])
-        return np.array([_polished_one(forms.one, state.flat(), at, *bounds, float(reach[0]))])
-    return _polished(forms.many, state, x[best, np.arange(width.size)], lower, upper, reach)
+    x += _ascent(*form.curve(state, x), reach)
+    return np.minimum(np.maximum(x, lower, out=x), upper, out=x), reach
 
 
 def _ascent(value: Array, first: Array, second: Array, reach: Array) -> Array:
@@ -64,9 +76,12 @@ def _ascent(value: Array, first: Array, second: Array, reach: Array) -> Array:
 
 def _polished(
     form: Form, state: State, x: Array, lower: Array, upper: Array, reach: Array
-) -> Array:
-    """Newton steps from x (n,) until they stop moving; a step that loses height is quartered."""
-    result = x.copy()
+) -> tuple[Array, Array]:
+    """Newton steps from x (n,) until they are small; a step that loses height is quartered.
+
+    The last step is taken unseen: after it the error is of the order of its square.
+    """
+    result, height = x.copy(), np.empty(x.size)
     left = np.arange(x.size)
     step = np.zeros(x.size)
     value = np.full(x.size, -1.0)
@@ -78,7 +93,7 @@ def _polished(
         onward = x + _ascent(new, first, second, reach)
         onward = np.minimum(np.maximum(onward, lower), upper) - x
         step = np.where(better, onward, 0.25 * step)
-        result[left] = x
+        result[left], height[left] = x + step, value
         moving = np.flatnonzero(np.abs(step) > _SMALLEST_STEP * reach)
         if not moving.size:
             break
@@ -86,12 +101,12 @@ def _polished(
             left, x, step, value = left[moving], x[moving], step[moving], value[moving]
             state = state.take(moving)
             lower, upper, reach = lower[moving], upper[moving], reach[moving]
-    return result
+    return result, height
 
 
 def _polished_one(
     form: Form, state: State, x: float, lower: float, upper: float, reach: float
-) -> float:
+) -> tuple[float, float]:
     """`_polished` for one point."""
     step, value = 0.0, -1.0
     for _ in range(_MOST_STEPS):
@@ -108,11 +123,11 @@ def _polished_one(
             step = 0.25 * step
         if not abs(step) > _SMALLEST_STEP * reach:
             break
-    return x
+    return x + step, value
 
 
 def inverse(
-    forms: Forms,
+    form: Form,
     state: State,
     cumulative: Cumulative,
     u: Array,
@@ -124,8 +139,9 @@ def inverse(
     Newton's method inside a bracket from a coarse grid, bisecting where it would leave it.
     """
     columns = np.arange(u.size)
-    grid = lower + (upper - lower) * _COARSE
-    sums = forms.many.running(cumulative, grid)
+    width = upper - lower
+    grid = lower + width * _COARSE
+    sums = form.running(cumulative, grid)
     total = sums[-1] - sums[0]
     target = sums[0] + u * total
     cell = (sums[1:-1] <= target).sum(axis=0)
@@ -133,13 +149,28 @@ def inverse(
     below, above = sums[cell, columns], sums[cell + 1, columns]
     share = (target - below) / np.maximum(above - below, _TINY)
     x = lo + (hi - lo) * np.minimum(np.maximum(share, 0.0), 1.0)
-    smallest = 1e-13 * (upper - lower)
-    enough = 1e-14 * total
-    if u.size == 1:
-        flat = Cumulative(tuple(part.reshape(-1) for part in cumulative.parts))
-        numbers = (float(a[0]) for a in (x, lo, hi, target, enough, smallest))
-        return np.array([_inverse_one(forms.one, state.flat(), flat, *numbers)]), total
-    return _inverse(forms.many, state, cumulative, x, lo, hi, target, enough, smallest), total
+    enough, smallest = 1e-14 * total, 1e-13 * width
+    return _inverse(form, state, cumulative, x, lo, hi, target, enough, smallest), total
+
+
+def inverse_one(
+    forms: Forms, state: State, u: float, lower: Array, upper: Array
+) -> tuple[float, float]:
+    """`inverse` for one point, from its flat state; lower, upper (1,)."""
+    cumulative = forms.one.cumulative(state)
+    many = Cumulative(tuple(part.reshape(-1, 1, 1) for part in cumulative.parts))
+    width = upper - lower
+    positions = lower + width * _COARSE
+    sums = forms.many.running(many, positions)[:, 0].tolist()
+    grid = positions[:, 0].tolist()
+    total = sums[-1] - sums[0]
+    target = sums[0] + u * total
+    cell = sum(value <= target for value in sums[1:-1])
+    lo, hi, below = grid[cell], grid[cell + 1], sums[cell]
+    share = (target - below) / max(sums[cell + 1] - below, _TINY)
+    x = lo + (hi - lo) * min(max(share, 0.0), 1.0)
+    enough, smallest = 1e-14 * total, 1e-13 * float(width[0])
+    return _inverse_one(forms.one, state, cumulative, x, lo, hi, target, enough, smallest), total
 
 
 def _inverse(

@@ -6,6 +6,7 @@ then cost a few operations.
 """
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 _DEGREE = 15
 _TOLERANCE = 1e-13
 _MOST_ROUNDS = 6
+_MOST_STEPS = 60
 _NODES = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
 _TO_COEFFICIENTS = np.linalg.inv(chebyshev.chebvander(_NODES, _DEGREE))
 
@@ -45,6 +47,10 @@ class TabulatedDensity:
         self._slope = chebyshev.chebder(self._density, axis=0)
         self._bend = chebyshev.chebder(self._slope, axis=0)
 
+        # Coefficients of panels met by `ppf`, as plain numbers: one look-up is then quicker than
+        # numpy's overhead would be.
+        self._numbers: dict[int, tuple[list[float], list[float]]] = {}
+
     def cdf(self, x: Array) -> Array:
         """Distribution function at x (n,) inside the bounds, in [0, 1]."""
         panel = self._panel(x)
@@ -56,31 +62,40 @@ class TabulatedDensity:
     def ppf(self, u: Array) -> Array:
         """Inverse of `cdf` at u (n,) in [0, 1], by Newton inside the panel that holds u."""
         last = self._half.size - 1
-        panel = np.clip(np.searchsorted(self._reached, u, side="right") - 1, 0, last)
-        cumulative, density = self._cumulative[:, panel], self._density[:, panel]
-        reached, half = self._reached[panel], self._half[panel]
-        target = u - reached
-        lo, hi = np.full(u.shape, -1.0), np.full(u.shape, 1.0)
-        mass = self._reached[panel + 1] - reached
-        z = np.where(mass > 0.0, -1.0 + 2.0 * target / np.where(mass > 0.0, mass, 1.0), -1.0)
-        active = np.ones(u.shape, dtype=bool)
-        for _ in range(60):
-            excess = _clenshaw(cumulative, z) - target
-            lo = np.where(excess < 0.0, z, lo)
-            hi = np.where(excess > 0.0, z, hi)
-            slope = _clenshaw(density, z) * half
-            step = np.where(slope > 0.0, excess / np.where(slope > 0.0, slope, 1.0), np.inf)
-            wanted = z - step
-            moved = np.where((wanted > lo) & (wanted < hi), wanted, 0.5 * (lo + hi))
-            moved = np.where(excess == 0.0, z, moved)
-            change = np.abs(moved - z)
-            z = np.where(active, moved, z)
-            active &= change > 1e-13
-            if not active.any():
-                break
-        result: Array = np.clip(self._middle[panel] + half * z, self.edges[0], self.edges[-1])
-        return result
+        panels = np.clip(np.searchsorted(self._reached, u, side="right") - 1, 0, last)
+        return np.array(
+            [self._ppf_one(*at) for at in zip(u.tolist(), panels.tolist(), strict=True)]
+        )
 
+    def _ppf_one(self, u: float, panel: int) -> float:
+        if panel not in self._numbers:
+            self._numbers[panel] = (
+                self._cumulative[:, panel].tolist(),
+                (self._density[:, panel] * self._half[panel]).tolist(),
+            )
+        cumulative, density = self._numbers[panel]
+        target = u - float(self._reached[panel])
+        mass = float(self._reached[panel + 1]) - float(self._reached[panel])
+        lo, hi = -1.0, 1.0
+        z = 2.0 * target / mass - 1.0 if mass > 0.0 else -1.0
+        for _ in range(_MOST_STEPS):
+            excess = _series(cumulative, z) - target
+            if excess == 0.0:
+                break
+            if excess < 0.0:
+                lo = z
+            else:
+                hi = z
+            slope = _series(density, z)
+            wanted = z - excess / slope if slope > 0.0 else lo
+            moved = wanted if lo < wanted < hi else 0.5 * (lo + hi)
+            change, z = abs(moved - z), moved
+            if change <= 1e-13:
+                break
+        x = float(self._middle[panel]) + float(self._half[panel]) * z
+        return min(max(x, float(self.edges[0])), float(self.edges[-1]))
+
+    @cached_property
     def mode(self) -> float:
         """Position of the highest density, by Newton from the highest point of a fine grid."""
         grid = np.linspace(-1.0, 1.0, 33)
@@ -133,4 +148,14 @@ def _clenshaw(coefficients: Array, z: Array) -> Array:
     beyond = np.zeros_like(ahead)
     for row in coefficients[-2:0:-1]:
         ahead, beyond = row + doubled * ahead - beyond, ahead
+    value: Array = coefficients[0] + z * ahead - beyond
+    return value
+
+
+def _series(coefficients: list[float], z: float) -> float:
+    """Chebyshev series at one position."""
+    doubled = 2.0 * z
+    ahead, beyond = coefficients[-1], 0.0
+    for value in coefficients[-2:0:-1]:
+        ahead, beyond = value + doubled * ahead - beyond, ahead
     return coefficients[0] + z * ahead - beyond

@@ -154,4 +154,5 @@ def _edge(correlations: Array, a: Array, b: Array, edges: Array, i: int, j: int)
     corner = np.stack((edges[k, i, p], edges[k, j, q]), axis=1)
     centre = np.einsum("kij,kj->ki", slopes[k], corner)
     inside = box_probability(conditional[k], a[k][:, others] - centre, b[k][:, others] - centre)
-    return np.bincount(k, density[k, p, q] * inside, minlength=a.shape[0])
+    total: Array = np.bincount(k, density[k, p, q] * inside, minlength=a.shape[0]).astype(float)
+    return total

@@ -77,22 +77,11 @@ def draw_passing_event(
     start = max(car.time_s[0], walker.time_s[0])
     end = max(min(car.time_s[-1], walker.time_s[-1]), start)
     centred = clip.vehicles[vehicle].front_offset_m > 0
-    shapes = (
-        (car, "s", 30, f"vehicle ({'centre' if centred else 'front'})"),
-        (walker, "o", 22, "pedestrian"),
-    )
-    marks, handles = [], []
-    for track, marker, size, words in shapes:
-        axes.plot(*track.position_m.T, color=PATH_COLOUR, lw=1.2, zorder=1)
-        times, xy = _drawn(track, start, end)
-        dots = axes.scatter(
-            xy[:, 0], xy[:, 1], s=size, c=times - start, marker=marker, linewidths=0, zorder=3
-        )
-        dots.set_cmap("viridis")
-        dots.set_clim(0, max(end - start, DRAWN_EVERY_S))
-        marks.append(dots)
-        label = f"{words}, n = {len(times)}"
-        handles.append(Line2D([], [], ls="", marker=marker, color="#31688e", ms=6, label=label))
+    marks, handle = _draw_timed(axes, car, "s", (start, end))
+    _, other = _draw_timed(axes, walker, "o", (start, end))
+    handle.set_label(f"vehicle ({'centre' if centred else 'front'}), {handle.get_label()}")
+    other.set_label(f"pedestrian, {other.get_label()}")
+    handles = [handle, other]
     point = conflict_point(car, walker, Rules())
     if point is not None:
         axes.plot(*point, "x", color=VEHICLE_COLOUR, ms=10, mew=2.2, zorder=4)
@@ -100,13 +89,28 @@ def draw_passing_event(
         cross.set_label("conflict point")
         handles.append(cross)
     # An inset keeps the bar as high as the axes, whatever shape equal scales give them.
-    bar = axes.figure.colorbar(marks[0], cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)))
+    bar = axes.figure.colorbar(marks, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)))
     bar.set_label("time since both were in view (s)")
     default = f"{clip.name}: vehicle {vehicle}, pedestrian {pedestrian}"
     counted = f"{end - start:.1f} s in common, one mark every {DRAWN_EVERY_S:g} s"
     _finish(axes, [clip], title or default, counted)
     _legend(axes, handles, columns=len(handles))
-    return marks[0]
+    return marks
+
+
+def _draw_timed(
+    axes: Axes, track: Track, marker: str, span_s: tuple[float, float]
+) -> tuple[PathCollection, Line2D]:
+    """A whole path in grey, its marks within the span coloured by time; marks and legend entry."""
+    axes.plot(*track.position_m.T, color=PATH_COLOUR, lw=1.2, zorder=1)
+    times, xy = _drawn(track, *span_s)
+    dots = axes.scatter(
+        xy[:, 0], xy[:, 1], s=26, c=times - span_s[0], marker=marker, linewidths=0, zorder=3
+    )
+    dots.set_cmap("viridis")
+    dots.set_clim(0, max(span_s[1] - span_s[0], DRAWN_EVERY_S))
+    label = f"n = {len(times)}"
+    return dots, Line2D([], [], ls="", marker=marker, color="#31688e", ms=6, label=label)
 
 
 def _named(clip: Clip, kind: str, name: str, tracks: Mapping[str, Track]) -> Track:

@@ -164,11 +164,9 @@ def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[Floats, Floats]
 
 def _trips(records: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """The records of each Device and Trip, in a fixed order."""
-    names = identifiers(records["Device"]) + "-" + identifiers(records["Trip"])
-    groups = records.groupby(names)
-    first = records.groupby(["Device", "Trip"]).head(1).sort_values(["Device", "Trip"])
-    for name in names.loc[first.index]:
-        yield str(name), groups.get_group(name)
+    for _, trip in records.groupby(["Device", "Trip"], sort=True):
+        device, number = (identifiers(trip[name]).iloc[0] for name in ("Device", "Trip"))
+        yield f"{device}-{number}", trip
 
 
 def _read_trip(

@@ -34,7 +34,7 @@ class Path:
         Where the path turns back on itself and the chord has no length, the piece there counts.
         """
         chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
-        if np.hypot(*chord) == 0.0:
+        if np.hypot(*chord) <= 1e-9 * half_chord_m:
             piece = int(np.searchsorted(self.arc_m, arc_m, side="right")) - 1
             piece = min(max(piece, 0), len(self.points) - 2)
             chord = self.points[piece + 1] - self.points[piece]

@@ -21,10 +21,9 @@ def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = No
 
     - ``row``: every row counts the same, E / n.
     - ``encounter``: every encounter counts 1, shared equally by its rows.
-    - ``vehicle``: a vehicle counts as its number of encounters, but at most ``vehicle_cap`` of
-      them, shared equally by its encounters and then by their rows; all scaled to sum to E. A
-      vehicle met once keeps the weight of one encounter instead of being raised to a busy one's,
-      so that no row is blown up; a cap of 1 makes all vehicles count the same.
+    - ``vehicle``: a vehicle counts as its number of encounters, at most ``vehicle_cap``, shared
+      by its encounters and then their rows; all scaled to sum to E. A vehicle met once is not
+      raised to a busy one's weight, so no row is blown up; a cap of 1 makes all count the same.
 
     Args:
         rows: as ``extract`` gives them.

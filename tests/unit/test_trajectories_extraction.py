@@ -21,6 +21,7 @@ from harness.trajectories import (
     read_clips,
     summary,
 )
+from harness.trajectories.paths import build_path
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
 RATE = 4.0  # frames per second of the made-up clip, frames 0–32
@@ -269,6 +270,14 @@ def test_first_of_two_crossings_counts_along_the_vehicles_way():
     car = VehicleTrack(t, np.column_stack([-20 + 2 * t, 0 * t]), 4.0, 2.0)
     walker = Track(t, np.column_stack([x, y]))
     np.testing.assert_allclose(conflict_point(car, walker, Rules()), [0, 0], atol=1e-9)
+
+
+def test_path_that_turns_back_on_itself_still_has_a_direction():
+    # Out to x = 2 and back in steps of a quarter (exact in binary): both ends of the chord about
+    # the turn lie on the same point.
+    t = np.arange(0.0, 17.0)
+    path = build_path(np.column_stack([2 - np.abs(t - 8) / 4, 0 * t]), 0.25, 1.0, 3.0)
+    np.testing.assert_array_equal(np.abs(path.direction(2.0, 0.5)), [1, 0])
 
 
 def test_model_rows_in_the_order_of_the_model():

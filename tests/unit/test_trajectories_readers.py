@@ -345,6 +345,14 @@ def test_mobileye_awkward_records_are_counted(tmp_path):
             assert (np.diff(track.time_s) > 0).all()
 
 
+def test_mobileye_file_of_one_record_gives_no_rows(tmp_path):
+    path = tmp_path / "one.csv"
+    path.write_text(HEAD + sensor_lines([1.0])[0] + "\n")
+    found = extract(path, "mobileye")
+    assert len(found.rows) == 0
+    assert found.counts.dropped["tracks"]["one_record"] == 1
+
+
 def test_mobileye_refusals(tmp_path):
     path = tmp_path / "bus.csv"
     path.write_text(HEAD.replace("GpsHeading", "GPSHeading") + "1,1,1,1,1,1,1,200,1,1\n")

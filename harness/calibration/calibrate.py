@@ -1,0 +1,320 @@
+"""Fits every K, scores it on vehicles it has not seen, chooses one.
+
+Every fit is a job of its own with its own seed, run in worker processes of one BLAS thread each:
+the numbers are the same however many of them there are.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.calibration.choice import Choice, by_bic, by_held_out, by_rule
+from harness.calibration.sample import LABELS, Sample
+from harness.calibration.scores import HeldOut, by_vehicle, speed_log_scores, vehicle_folds
+from harness.errors import InputError
+from harness.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to fit.
+
+    Attributes:
+        components: every K to fit, ascending.
+        choose: how one of them is chosen; a single K is taken as given.
+        starts: k-means++ starts of every fit, the best kept.
+        folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
+        seed: of starts and folds.
+        tol: EM stops at two gains below this per unit of weight.
+    """
+
+    components: tuple[int, ...]
+    choose: Choice = "held-out"
+    starts: int = 3
+    folds: int = 5
+    seed: int = 1
+    tol: float = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One K.
+
+    Attributes:
+        components: K.
+        mixture: the fit to all rows.
+        log_likelihood, bic: of that fit, weighted; BIC's n is the sum of the weights.
+        converged, steps: of the start that was kept.
+        held_out: scores by vehicle; None when a fold could not be fitted or none was asked for.
+    """
+
+    components: int
+    mixture: TruncatedGaussianMixture
+    log_likelihood: float
+    bic: float
+    converged: bool
+    steps: int
+    held_out: HeldOut | None
+
+    @property
+    def parameters(self) -> int:
+        """Free parameters: K − 1 weights, 4 K locations, 10 K scales."""
+        return 15 * self.components - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What was fitted and which K was chosen.
+
+    Attributes:
+        candidates: by K, ascending.
+        chosen: the candidate of the model.
+        by: ``bic``, ``rule``, ``held-out`` or ``given``.
+        folds: used; 0 for none.
+        warnings: what a reader should know.
+    """
+
+    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    by: str
+    folds: int
+    warnings: tuple[str, ...]
+
+
+def calibrate(
+    sample: Sample, settings: Settings, workers: int = 1, progress: Progress | None = None
+) -> Calibration:
+    """Fit every K to the sample and choose one.
+
+    Args:
+        sample: rows in their box, weighted.
+        settings: what to fit and how to choose.
+        workers: processes; the result does not depend on it.
+        progress: told how many of ``job_count`` fits are done.
+
+    Raises:
+        InputError: fewer rows than components, constant or collinear columns, nothing to choose by.
+    """
+    _check(sample, settings)
+    folds = fold_count(sample, settings)
+    jobs = _jobs(settings, folds)
+    fold_of = _folds(sample, settings, folds)
+    results: dict[_Job, _Answer] = {}
+    with _pool(_Shared(sample, settings, fold_of), workers) as pool:
+        waiting = {pool.submit(_run, job): job for job in jobs}
+        try:
+            for future in as_completed(waiting):
+                results[waiting[future]] = future.result()
+                if progress:
+                    progress(len(results))
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    return _conclude(settings, folds, results)
+
+
+def job_count(sample: Sample, settings: Settings) -> int:
+    """How many fits ``calibrate`` makes."""
+    return len(settings.components) * (1 + fold_count(sample, settings))
+
+
+def fold_count(sample: Sample, settings: Settings) -> int:
+    """Folds that the sample allows; 0 without identifiers or with fewer than two vehicles."""
+    if settings.folds < 2 or not sample.vehicles or sample.vehicles < 2:
+        return 0
+    return min(settings.folds, sample.vehicles)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One fit: to all rows (fold None), or to those outside a fold."""
+
+    components: int
+    fold: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Answer:
+    """A fit to all rows, the scores of a fold, or why there is none."""
+
+    fit: FitResult | None = None
+    scores: HeldOut | None = None
+    refusal: tuple[str, str, str | None] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Shared:
+    sample: Sample
+    settings: Settings
+    fold_of: np.ndarray | None
+
+
+_shared: _Shared | None = None
+
+
+def _receive(shared: _Shared) -> None:
+    """Runs once in every worker process."""
+    global _shared
+    _shared = shared
+
+
+@contextmanager
+def _pool(shared: _Shared, workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh processes with one BLAS thread: another number changes the last digits of a fit."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        with ProcessPoolExecutor(
+            max_workers=max(workers, 1),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_receive,
+            initargs=(shared,),
+        ) as pool:
+            yield pool
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _jobs(settings: Settings, folds: int) -> list[_Job]:
+    """The slowest first, so that no worker is left with one at the end."""
+    falling = sorted(settings.components, reverse=True)
+    return [_Job(k, fold) for k in falling for fold in (None, *range(folds))]
+
+
+def _run(job: _Job) -> _Answer:
+    """One fit in a worker; a refusal comes back as words, an exception would lose its parts."""
+    assert _shared is not None
+    try:
+        return _fit(job, _shared)
+    except InputError as error:
+        return _Answer(refusal=(error.where, error.problem, error.allowed))
+
+
+def _fit(job: _Job, shared: _Shared) -> _Answer:
+    sample, settings = shared.sample, shared.settings
+    held = np.zeros(sample.weights.size, dtype=bool)
+    if job.fold is not None and shared.fold_of is not None:
+        held = shared.fold_of == job.fold
+    fit = fit_mixture(
+        sample.data[~held],
+        job.components,
+        sample.lower,
+        sample.upper,
+        sample_weight=sample.weights[~held],
+        tol=settings.tol,
+        n_init=settings.starts,
+        seed=np.random.SeedSequence(
+            settings.seed, spawn_key=(job.components, 0 if job.fold is None else job.fold + 1)
+        ),
+        names=LABELS,
+    )
+    if job.fold is None or sample.vehicle is None or sample.vehicles is None:
+        return _Answer(fit=fit)
+    scores = speed_log_scores(fit.mixture, sample.data[held])
+    return _Answer(
+        scores=by_vehicle(scores, sample.weights[held], sample.vehicle[held], sample.vehicles)
+    )
+
+
+def _check(sample: Sample, settings: Settings) -> None:
+    """Refuse in this process, before any other is started, what every fit would refuse."""
+    if not settings.components or min(settings.components) < 1:
+        raise InputError("--components", f"{settings.components}", "1 or more")
+    most, rows = max(settings.components), int((sample.weights > 0).sum())
+    if rows < most:
+        raise InputError("rows", f"{rows} rows for {most} components", "at least one row each")
+    fit_mixture(
+        sample.data,
+        1,
+        sample.lower,
+        sample.upper,
+        sample_weight=sample.weights,
+        n_init=1,
+        max_iter=1,
+        seed=settings.seed,
+        names=LABELS,
+    )
+    if len(settings.components) > 1:
+        if settings.choose == "held-out" and not fold_count(sample, settings):
+            by_held_out({})
+        if settings.choose == "rule":
+            by_rule(dict.fromkeys(settings.components, 0.0))
+
+
+def _folds(sample: Sample, settings: Settings, folds: int) -> np.ndarray | None:
+    if sample.vehicle is None or not folds:
+        return None
+    return vehicle_folds(sample.vehicle, sample.weights, folds, settings.seed)
+
+
+def _conclude(settings: Settings, folds: int, results: dict[_Job, _Answer]) -> Calibration:
+    warnings: list[str] = []
+    candidates = []
+    for k in sorted(settings.components):
+        answer = results[_Job(k, None)]
+        if answer.fit is None:
+            raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
+        held_out = _joined([results[_Job(k, fold)] for fold in range(folds)])
+        if folds and held_out is None:
+            warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")
+        if not answer.fit.converged:
+            warnings.append(f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps.")
+        candidates.append(_candidate(k, answer.fit, held_out))
+    chosen, by = _choose(candidates, settings, warnings)
+    return Calibration(tuple(candidates), chosen, by, folds, tuple(warnings))
+
+
+def _candidate(k: int, fit: FitResult, held_out: HeldOut | None) -> Candidate:
+    # Arrays that came from another process are writable again; the mixture's own are not.
+    found = fit.mixture
+    mixture = TruncatedGaussianMixture(
+        found.weights, found.locations, found.scale_matrices, found.lower, found.upper
+    )
+    return Candidate(k, mixture, fit.log_likelihood, fit.bic, fit.converged, fit.n_iter, held_out)
+
+
+def _joined(answers: Sequence[_Answer]) -> HeldOut | None:
+    """The scores of all folds; every vehicle is in one of them."""
+    parts = [answer.scores for answer in answers if answer.scores is not None]
+    if not parts or len(parts) < len(answers):
+        return None
+    joined = HeldOut(
+        np.sum([part.totals for part in parts], axis=0),
+        np.sum([part.weights for part in parts], axis=0),
+    )
+    # A row that a model calls impossible leaves no finite mean to compare.
+    return joined if np.isfinite(joined.mean) else None
+
+
+def _choose(
+    candidates: list[Candidate], settings: Settings, warnings: list[str]
+) -> tuple[Candidate, str]:
+    by_k = {candidate.components: candidate for candidate in candidates}
+    if len(by_k) == 1:
+        return candidates[0], "given"
+    bic = {k: candidate.bic for k, candidate in by_k.items()}
+    if settings.choose == "bic":
+        k = by_bic(bic)
+    elif settings.choose == "rule":
+        found = by_rule(bic)
+        if found is None:
+            warnings.append("BIC's gain has not fallen under the rule's 10 % within the range.")
+        k = max(by_k) if found is None else found
+    else:
+        k = by_held_out({k: c.held_out for k, c in by_k.items() if c.held_out is not None})
+    if k == max(by_k):
+        warnings.append(f"K = {k} is the largest that was fitted: a larger one may be better.")
+    return by_k[k], settings.choose

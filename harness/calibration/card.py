@@ -1,0 +1,176 @@
+"""A model's card: what it was fitted on, how, and what to beware of."""
+
+import importlib.metadata
+import platform
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from harness.calibration.calibrate import Calibration, Candidate, Settings
+from harness.calibration.choice import RULE_SHARE, by_rule, relative_gain
+from harness.calibration.sample import RowFile, Sample, effective_number
+from harness.errors import InputError
+from harness.interaction import INVERSE_RANGE, VARIABLES, VEHICLE_SPEED
+
+NEAR_RANGE_M = 5.0
+NEAR_SPEED_MPS = 1.0
+"""A row is near a state (R, v) when it is no further from it than this in both."""
+
+FEW = 10
+"""Fewer vehicles, or effective rows, near the scenario's state earn a warning."""
+
+_PACKAGES = ("numpy", "scipy", "pandas", "pyarrow")
+
+
+def card(
+    sample: Sample,
+    settings: Settings,
+    calibration: Calibration,
+    file: RowFile,
+    command: str,
+    state: tuple[float, float],
+) -> dict[str, Any]:
+    """The card as plain data, for the model file's ``provenance``.
+
+    Args:
+        sample, settings, calibration: what was fitted, how, and the outcome.
+        file: where the rows came from.
+        command: the exact command of the fit; that of the extraction is taken from the file.
+        state: (R in m, v in m/s) of the scenario the model is meant for.
+    """
+    near = near_state(sample, state)
+    chosen = calibration.chosen
+    return {
+        "source": list(sample.sources),
+        "commands": [*_extraction_command(file), command],
+        "rows_sha256": file.sha256,
+        "rows_read": sample.rows_read,
+        "rows_outside_box": {**sample.outside, "any": sample.rows_read - len(sample.data)},
+        "rows": len(sample.data),
+        "effective_rows": effective_number(sample.weights),
+        "encounters": sample.encounters,
+        "vehicles": sample.vehicles,
+        "effective_vehicles": _effective_vehicles(sample, np.ones(len(sample.data), dtype=bool)),
+        "near_state": near,
+        "weigh": sample.weigh + (", times the rows' own weight" if sample.factor else ""),
+        "weight_sum": float(sample.weights.sum()),
+        "bounds": {
+            name: [float(sample.lower[i]), float(sample.upper[i])]
+            for i, name in enumerate(VARIABLES)
+        },
+        "components": chosen.components,
+        "chosen_by": calibration.by,
+        "log_likelihood": chosen.log_likelihood,
+        "bic": chosen.bic,
+        "held_out": _scored(chosen),
+        "candidates": _table(calibration),
+        "rule": _rule(calibration),
+        "folds_of_vehicles": calibration.folds,
+        "starts": settings.starts,
+        "seed": settings.seed,
+        "tol": settings.tol,
+        "extraction": file.extraction.get("counts"),
+        "warnings": [*_near_warnings(near), *calibration.warnings],
+        "versions": _versions(),
+    }
+
+
+def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
+    """Rows, encounters and vehicles with |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.
+
+    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw² over the rows' weights and over
+    the vehicles' sums of them: 7 vehicles of which one holds nearly all weight are hardly more
+    than one.
+    """
+    range_m = 1.0 / sample.data[:, INVERSE_RANGE]
+    near = np.abs(range_m - state[0]) <= NEAR_RANGE_M
+    near &= np.abs(sample.data[:, VEHICLE_SPEED] - state[1]) <= NEAR_SPEED_MPS
+    return {
+        "range_m": state[0],
+        "vehicle_speed_mps": state[1],
+        "within_m": NEAR_RANGE_M,
+        "within_mps": NEAR_SPEED_MPS,
+        "rows": int(near.sum()),
+        "effective_rows": effective_number(sample.weights[near]),
+        "encounters": None if sample.encounter is None else len(np.unique(sample.encounter[near])),
+        "vehicles": None if sample.vehicle is None else len(np.unique(sample.vehicle[near])),
+        "effective_vehicles": _effective_vehicles(sample, near),
+    }
+
+
+def _effective_vehicles(sample: Sample, chosen: np.ndarray) -> float | None:
+    if sample.vehicle is None:
+        return None
+    mass = np.bincount(sample.vehicle[chosen], sample.weights[chosen])
+    return effective_number(mass.astype(float))
+
+
+def _near_warnings(near: dict[str, Any]) -> list[str]:
+    place = f"({near['range_m']:g} m, {near['vehicle_speed_mps']:g} m/s)"
+    return [
+        f"Near {place} the model rests on {near[key]:.3g} {words}: fewer than {FEW}."
+        for key, words in (("vehicles", "vehicles"), ("effective_rows", "effective rows"))
+        if near[key] is not None and near[key] < FEW
+    ]
+
+
+def _scored(candidate: Candidate) -> dict[str, Any] | None:
+    if candidate.held_out is None:
+        return None
+    return {
+        "score": "mean log f(v_p | 1/R, v) per encounter weight on vehicles not fitted on, nats",
+        "mean": candidate.held_out.mean,
+        "standard_error": candidate.held_out.standard_error,
+    }
+
+
+def _table(calibration: Calibration) -> list[dict[str, Any]]:
+    """One entry per K."""
+    gain = relative_gain({c.components: c.bic for c in calibration.candidates})
+    chosen = calibration.chosen.held_out
+    rows = []
+    for candidate in calibration.candidates:
+        held_out = candidate.held_out
+        less = held_out.less(chosen) if held_out is not None and chosen is not None else None
+        rows.append(
+            {
+                "components": candidate.components,
+                "parameters": candidate.parameters,
+                "log_likelihood": candidate.log_likelihood,
+                "bic": candidate.bic,
+                "bic_gain_share": gain.get(candidate.components),
+                "converged": candidate.converged,
+                "steps": candidate.steps,
+                "held_out": None if held_out is None else held_out.mean,
+                "held_out_se": None if held_out is None else held_out.standard_error,
+                "held_out_less_chosen": None if less is None else less.mean,
+                "held_out_less_chosen_se": None if less is None else less.standard_error,
+            }
+        )
+    return rows
+
+
+def _rule(calibration: Calibration) -> dict[str, Any]:
+    """What the paper's rule would have chosen; null where it cannot be applied."""
+    try:
+        found = by_rule({c.components: c.bic for c in calibration.candidates})
+    except InputError:
+        found = None
+    return {
+        "words": f"smallest K with BIC_K - BIC_K+1 < {RULE_SHARE:g} (BIC_1 - BIC_2)",
+        "components": found,
+    }
+
+
+def _extraction_command(file: RowFile) -> Sequence[str]:
+    command = file.extraction.get("command")
+    return [command] if isinstance(command, str) else []
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "harness": importlib.metadata.version("crosswalk-harness"),
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in _PACKAGES},
+    }

@@ -1,0 +1,246 @@
+"""The rows a model is fitted on: read, checked, cut to the box, weighted."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from harness.encounter import FloatArray
+from harness.errors import InputError
+from harness.interaction import VARIABLES
+from harness.trajectories import WEIGHINGS, row_weights
+from harness.trajectories.csv_input import EmptyTableError, read_table, require_columns
+from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
+from harness.trajectories.weights import Weigh
+
+# R up to 60 m and 1/T_adv up to 2 per s: what a sensor resolves; the floors of the speeds are the
+# extraction's, and keep E[1/T_adv] and passing times finite.
+BOX_LOWER = (1 / 60, 0.3, 0.3, 0.0)
+BOX_UPPER = (0.5, 8.0, 3.0, 2.0)
+
+COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
+# How messages call the model's variables: by the column a user knows.
+LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
+FACTOR_COLUMN = "weight"
+EXTRACTION_KEY = b"harness.extraction"
+"""Where ``harness extract`` leaves its command and counts in the Parquet file's metadata."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowFile:
+    """A file of rows.
+
+    Attributes:
+        name: the file's name without its folder.
+        rows: as read.
+        sha256: of the file.
+        extraction: what ``harness extract`` left in it; empty for other files.
+    """
+
+    name: str
+    rows: pd.DataFrame
+    sha256: str
+    extraction: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Weighted rows inside a box.
+
+    Attributes:
+        data: (n, 4), variables in the model's order.
+        weights: (n,) ≥ 0, summing to ``encounters`` (to n for rows without identifiers).
+        vehicle, encounter: (n,) index of each row's; None when a row does not say which.
+        vehicles, encounters: how many are in the box; None when not known.
+        lower, upper: (4,) the box.
+        rows_read: before the box was applied.
+        outside: column → rows outside the box there; a row may count in several.
+        weigh: how the rows were weighted.
+        factor: whether the rows' own ``weight`` column entered.
+        sources: names of the data sets.
+    """
+
+    data: FloatArray
+    weights: FloatArray
+    vehicle: np.ndarray | None
+    encounter: np.ndarray | None
+    vehicles: int | None
+    encounters: int | None
+    lower: FloatArray
+    upper: FloatArray
+    rows_read: int
+    outside: Mapping[str, int]
+    weigh: str
+    factor: bool
+    sources: tuple[str, ...]
+
+
+def read_rows(path: Path) -> RowFile:
+    """Read rows as ``harness extract`` writes them (Parquet), or the same columns as CSV.
+
+    Raises:
+        InputError: missing, unreadable, empty, or a needed column is missing.
+    """
+    if not path.is_file():
+        raise InputError(str(path), "no such file of rows", "a file `harness extract` wrote")
+    try:
+        rows = read_table(path)
+    except EmptyTableError as error:
+        raise InputError(str(path), error.problem, "at least one row") from None
+    require_columns(path, rows, COLUMNS)
+    for name in COLUMNS:
+        if not pd.api.types.is_numeric_dtype(rows[name]):
+            raise InputError(f"{path}: {name}", "holds text", "numbers")
+    return RowFile(
+        path.name, rows, hashlib.sha256(path.read_bytes()).hexdigest(), _extraction(path)
+    )
+
+
+def _extraction(path: Path) -> Mapping[str, Any]:
+    """What the extraction wrote about itself, {} where it did not."""
+    try:
+        metadata = pq.read_schema(path).metadata or {}
+        found = json.loads(metadata.get(EXTRACTION_KEY, b"{}"))
+    except (OSError, ValueError, pa.ArrowException):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def make_sample(
+    rows: pd.DataFrame,
+    *,
+    weigh: Weigh = "encounter",
+    lower: FloatArray | None = None,
+    upper: FloatArray | None = None,
+    strict: bool = False,
+) -> Sample:
+    """Check the rows, leave out those outside the box and weigh the rest.
+
+    Args:
+        rows: with ``COLUMNS``; the identifiers ``source, clip, vehicle, pedestrian`` are needed to
+            weigh by encounter or vehicle.  A column ``weight`` (≥ 0) multiplies the weights.
+        weigh: ``row``, ``encounter`` or ``vehicle``, see ``harness.trajectories.row_weights``.
+        lower, upper: (4,) the box in the model's variables; by default ``BOX_LOWER`` and
+            ``BOX_UPPER``.
+        strict: refuse rows outside the box instead of leaving them out.
+
+    Raises:
+        InputError: a value that is not finite, R or T_adv not above 0, a negative weight, rows
+            outside the box under ``strict``, no row left; says which column and how many rows.
+    """
+    lower = np.array(BOX_LOWER if lower is None else lower, dtype=float)
+    upper = np.array(BOX_UPPER if upper is None else upper, dtype=float)
+    _check_box(lower, upper)
+    data = _variables(rows)
+    outside = (data < lower) | (data > upper)
+    counts = {name: int(outside[:, i].sum()) for i, name in enumerate(COLUMNS)}
+    if strict and outside.any():
+        told = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+        raise InputError(
+            "rows",
+            f"{int(outside.any(axis=1).sum())} of {len(rows)} rows lie outside the box ({told})",
+            "rows inside it, or no --strict to leave them out",
+        )
+    inside = np.flatnonzero(~outside.any(axis=1))
+    kept = rows.iloc[inside].reset_index(drop=True)
+    if kept.empty:
+        raise InputError(
+            "rows", f"none of {len(rows)} rows lies inside the box", _box(lower, upper)
+        )
+    factor = _factor(kept)
+    weights = row_weights(kept, _known_weighing(weigh))
+    if factor is not None:
+        weights = weights * factor * (weights.sum() / (weights @ factor))
+    vehicle, encounter = _codes(kept, VEHICLE_KEY), _codes(kept, ENCOUNTER_KEY)
+    return Sample(
+        data=data[inside],
+        weights=np.asarray(weights, dtype=float),
+        vehicle=vehicle,
+        encounter=encounter,
+        vehicles=None if vehicle is None else int(vehicle.max()) + 1,
+        encounters=None if encounter is None else int(encounter.max()) + 1,
+        lower=lower,
+        upper=upper,
+        rows_read=len(rows),
+        outside=counts,
+        weigh=weigh,
+        factor=factor is not None,
+        sources=tuple(sorted(set(kept["source"].dropna()))) if "source" in kept else (),
+    )
+
+
+def effective_number(weights: FloatArray) -> float:
+    """(Σw)² / Σw², Kish's effective number of the weighted items; 0 for none."""
+    squares = float(weights @ weights)
+    return float(weights.sum() ** 2 / squares) if squares > 0 else 0.0
+
+
+def _variables(rows: pd.DataFrame) -> FloatArray:
+    """(n, 4) in the model's order, or a refusal that names the column."""
+    values = np.array(rows[list(COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
+    for i, name in enumerate(COLUMNS):
+        lost = int((~np.isfinite(values[:, i])).sum())
+        if lost:
+            raise InputError(
+                f"rows: {name}", f"{lost} rows are missing, NaN or infinite", "numbers"
+            )
+        if i in (0, 3):
+            wrong = int((values[:, i] <= 0).sum())
+            if wrong:
+                raise InputError(f"rows: {name}", f"{wrong} rows are not above 0", "above 0")
+    values[:, [0, 3]] = 1.0 / values[:, [0, 3]]
+    return values
+
+
+def _factor(rows: pd.DataFrame) -> FloatArray | None:
+    if FACTOR_COLUMN not in rows:
+        return None
+    where = f"rows: {FACTOR_COLUMN}"
+    if not pd.api.types.is_numeric_dtype(rows[FACTOR_COLUMN]):
+        raise InputError(where, "holds text", "numbers of 0 or more")
+    factor = np.array(rows[FACTOR_COLUMN].to_numpy(dtype=float, na_value=np.nan))
+    wrong = int((~(np.isfinite(factor) & (factor >= 0))).sum())
+    if wrong:
+        raise InputError(where, f"{wrong} rows are negative, NaN or infinite", "0 or more")
+    if not factor.any():
+        raise InputError(where, f"all {len(rows)} rows are 0", "some above 0")
+    return factor
+
+
+def _known_weighing(weigh: str) -> Weigh:
+    for known in WEIGHINGS:
+        if weigh == known:
+            return known
+    raise InputError("--weigh", f"unknown weighing {weigh!r}", ", ".join(WEIGHINGS))
+
+
+def _codes(rows: pd.DataFrame, key: tuple[str, ...]) -> np.ndarray | None:
+    """Index of each row's group in order of first appearance; None without identifiers."""
+    if not all(name in rows for name in key) or rows[list(key)].isna().any(axis=None):
+        return None
+    return np.asarray(rows.groupby(list(key), sort=False).ngroup().to_numpy())
+
+
+def _check_box(lower: FloatArray, upper: FloatArray) -> None:
+    for i, name in enumerate(VARIABLES):
+        where = f"--bounds {name}"
+        if not (np.isfinite(lower[i]) and np.isfinite(upper[i]) and lower[i] < upper[i]):
+            raise InputError(where, f"{lower[i]:g}:{upper[i]:g}", "finite, lower < upper")
+        if lower[i] < 0 or (i in (0, 2) and lower[i] == 0):
+            raise InputError(
+                where, f"lower bound {lower[i]:g}", "above 0" if i in (0, 2) else "0 or more"
+            )
+
+
+def _box(lower: FloatArray, upper: FloatArray) -> str:
+    return ", ".join(
+        f"{name} {low:.4g} to {high:.4g}"
+        for name, low, high in zip(VARIABLES, lower, upper, strict=True)
+    )

@@ -1,0 +1,407 @@
+"""Commands of the interaction model: ``extract``, ``fit``, ``model show``.
+
+Thin like ``cli``; what a command needs is imported when it is called.
+"""
+
+import json
+import os
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from harness.errors import InputError, unknown_name
+
+_STATE = "30,5"
+_MOST_COMPONENTS = 100
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print only the path of what was written.")
+]
+PlotsOption = Annotated[
+    Path | None, typer.Option(help="Folder for the figures, PNG and PDF.", metavar="DIR")
+]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command()(extract)
+    app.command()(fit)
+    group = typer.Typer(
+        help="What a fitted interaction model says.", no_args_is_help=True, rich_markup_mode=None
+    )
+    group.command()(show)
+    # A callback keeps `show` a name of its own while it is the only one.
+    group.callback()(_model_group)
+    app.add_typer(group, name="model")
+
+
+def _model_group() -> None:
+    """What a fitted interaction model says."""
+
+
+def extract(
+    paths: Annotated[
+        list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="PATH…")
+    ],
+    format_: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="vci: fixed camera, DUT and sets like it; mobileye: the paper's sensor; "
+            "table: rows you already have (columns: docs/model.md).",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="The rows are written here (.parquet).")],
+    plots: PlotsOption = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Change a rule or an option of the format, e.g. --set min_angle_deg=60. "
+            "Repeatable.",
+            metavar="KEY=VALUE",
+        ),
+    ] = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Extract rows of the model's variables from raw trajectories."""
+    options = _options(settings)
+    _check_target(out, "--out", ".parquet")
+    _check_folder(plots)
+    from harness import trajectories
+    from harness.report.model_terminal import print_extraction
+
+    if plots is not None and format_ in trajectories.FORMATS:
+        _refuse_rows_without_tracks(trajectories.FORMATS[format_], format_)
+    extraction = trajectories.extract(paths, format_, **options)
+    if extraction.rows.empty:
+        raise InputError(str(paths[0]), f"no row passes the rules{_most_frequent(extraction)}")
+    command = ["extract", *map(str, paths), "--format", format_]
+    for text in settings or []:
+        command += ["--set", text]
+    _write_rows(out, extraction, _command([*command, "--out", str(out)]))
+    figures = []
+    if plots is not None:
+        from harness.report.model_pages import plot_trajectories
+
+        clips = trajectories.read_clips(paths, format_, **options)
+        figures = plot_trajectories(clips, extraction.rows, format_, plots)
+    summary = trajectories.summary(extraction)
+    if as_json:
+        _print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
+    elif quiet:
+        _print(str(out))
+    else:
+        print_extraction(summary, out, figures)
+
+
+def fit(
+    rows: Annotated[
+        Path, typer.Argument(help="Rows as `harness extract` writes them.", metavar="ROWS")
+    ],
+    out: Annotated[Path, typer.Option(help="The model file is written here (.json).")],
+    components: Annotated[
+        str, typer.Option(help="Numbers of components: 1..20, 10 (the paper's), or 2,5,10.")
+    ] = "1..20",
+    choose: Annotated[
+        str,
+        typer.Option(help="How K is chosen among them: held-out, bic, or rule (the paper's)."),
+    ] = "held-out",
+    weigh: Annotated[
+        str, typer.Option(help="What counts the same: every row, encounter or vehicle.")
+    ] = "encounter",
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Bounds of a variable of the model, e.g. vehicle_speed_mps=0.3:8 or "
+            "inverse_range_per_m=1/60:0.5. Repeatable.",
+            metavar="NAME=LOW:HIGH",
+        ),
+    ] = None,
+    strict: Annotated[
+        bool,
+        typer.Option("--strict", help="Refuse rows outside the bounds; else they are left out."),
+    ] = False,
+    starts: Annotated[int, typer.Option(min=1, help="Starts of every fit; the best is kept.")] = 3,
+    folds: Annotated[
+        int, typer.Option(min=0, help="Folds of vehicles for the held-out scores; 0: none.")
+    ] = 5,
+    seed: Annotated[int, typer.Option(min=0, help="Of starts and folds.")] = 1,
+    near: Annotated[
+        str,
+        typer.Option(help="The scenario's state R,v in m and m/s: the card says what is near."),
+    ] = _STATE,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the model; by default that of its file.")
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(min=1, help="Processes; by default one per core. No result depends on it."),
+    ] = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit the interaction model to rows for each number of components and choose one."""
+    ks, state, box = _components(components), _state(near), _bounds(bounds)
+    _check_target(out, "--out", ".json")
+    from harness import calibration
+    from harness.calibration.calibrate import fold_count, job_count
+    from harness.interaction import VARIABLES, write_model
+    from harness.report.model_terminal import fit_document, print_fit
+
+    if choose not in calibration.CHOICES:
+        raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
+    file = calibration.read_rows(rows)
+    sample = calibration.make_sample(
+        file.rows, weigh=_weighing(weigh), lower=box[0], upper=box[1], strict=strict
+    )
+    settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
+    command = ["fit", str(rows), "--components", components, "--choose", choose, "--weigh", weigh]
+    for i, variable in enumerate(VARIABLES):
+        command += ["--bounds", f"{variable}={_number(box[0][i])}:{_number(box[1][i])}"]
+    command += ["--strict"] if strict else []
+    command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
+    command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
+    with _progress(job_count(sample, settings), quiet or as_json) as advance:
+        fitted = calibration.calibrate(sample, settings, workers or _cores(), advance)
+    card = calibration.card(sample, settings, fitted, file, _command(command), state)
+    if fold_count(sample, settings) < folds:
+        card["folds_wanted"] = folds
+    model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
+    if as_json:
+        _print_json(fit_document(model, out))
+    elif quiet:
+        _print(str(out))
+    else:
+        print_fit(model, out)
+
+
+def show(
+    model: Annotated[
+        str, typer.Argument(help="A model file, or the name of a shipped model.", metavar="MODEL")
+    ],
+    plots: PlotsOption = None,
+    rows: Annotated[
+        Path | None,
+        typer.Option(help="Rows the model was fitted on, to be drawn beside it with --plots."),
+    ] = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Show a model's card, moments and marginals; with --plots the paper's figures of it."""
+    _check_folder(plots)
+    if rows is not None and plots is None:
+        raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
+    from harness.interaction import load_model
+    from harness.report.model_terminal import model_document, print_model
+
+    is_file = Path(model).suffix == ".json" or Path(model).exists()
+    loaded = load_model(model, model if is_file else None)
+    figures: list[Path] = []
+    if plots is not None:
+        from harness.calibration import make_sample, read_rows
+        from harness.report.model_pages import plot_model
+
+        sample = None
+        if rows is not None:
+            lower, upper = loaded.mixture.lower, loaded.mixture.upper
+            sample = make_sample(read_rows(rows).rows, weigh="row", lower=lower, upper=upper)
+        figures = plot_model(loaded, sample, plots)
+    if as_json:
+        _print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
+    elif quiet:
+        _print("\n".join(str(path) for path in figures) or loaded.name)
+    else:
+        print_model(loaded, figures)
+
+
+def _components(text: str) -> tuple[int, ...]:
+    """``1..20``, ``10`` or ``2,5,10`` as ascending numbers."""
+    found: set[int] = set()
+    allowed = f"whole numbers from 1 to {_MOST_COMPONENTS}: 1..20, 10 or 2,5,10"
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        try:
+            low, high = int(first), int(last if dots else first)
+        except ValueError:
+            raise InputError(f"--components {text}", f"{part!r} is no number", allowed) from None
+        if not 1 <= low <= high <= _MOST_COMPONENTS:
+            raise InputError(f"--components {text}", f"{part!r} is not accepted", allowed)
+        found.update(range(low, high + 1))
+    return tuple(sorted(found))
+
+
+def _state(text: str) -> tuple[float, float]:
+    try:
+        range_m, speed = (float(part) for part in text.split(","))
+    except ValueError:
+        range_m = speed = float("nan")
+    if not (0 < range_m < float("inf") and 0 < speed < float("inf")):
+        raise InputError(f"--near {text}", "no state", "R,v above 0, e.g. 30,5")
+    return range_m, speed
+
+
+def _bounds(texts: list[str] | None) -> tuple[Any, Any]:
+    """The box (4,), (4,): the default with the given variables' bounds in place."""
+    import numpy as np
+
+    from harness.calibration import BOX_LOWER, BOX_UPPER
+    from harness.interaction import VARIABLES
+
+    lower, upper = np.array(BOX_LOWER), np.array(BOX_UPPER)
+    for text in texts or []:
+        name, equals, values = text.partition("=")
+        low, colon, high = values.partition(":")
+        if not equals or not colon:
+            raise InputError(f"--bounds {text}", "no NAME=LOW:HIGH", "e.g. vehicle_speed_mps=0.3:8")
+        if name not in VARIABLES:
+            raise unknown_name(f"--bounds {text}", "variable", name, VARIABLES)
+        index = VARIABLES.index(name)
+        lower[index], upper[index] = _fraction(low, text), _fraction(high, text)
+    return lower, upper
+
+
+def _fraction(text: str, whole: str) -> float:
+    """A number, or a ratio such as 1/60."""
+    above, slash, below = text.partition("/")
+    try:
+        return float(above) / float(below) if slash else float(above)
+    except (ValueError, ZeroDivisionError):
+        raise InputError(
+            f"--bounds {whole}", f"{text!r} is no number", "e.g. 0.3 or 1/60"
+        ) from None
+
+
+def _number(value: float) -> str:
+    """Shortest text that reads back as the same number; 1/n where it is one."""
+    inverse = 1 / value if value else 0.5
+    if abs(inverse) > 1 and inverse == round(inverse) and 1 / round(inverse) == value:
+        return f"1/{round(inverse)}" if len(repr(float(value))) > 6 else repr(float(value))
+    return repr(float(value))
+
+
+def _weighing(text: str) -> Any:
+    from harness.trajectories import WEIGHINGS
+
+    if text not in WEIGHINGS:
+        raise unknown_name("--weigh", "weighing", text, WEIGHINGS)
+    return text
+
+
+def _options(settings: list[str] | None) -> dict[str, Any]:
+    from harness.scenario import parse_setting
+
+    return {setting.key: setting.value for setting in map(parse_setting, settings or [])}
+
+
+def _refuse_rows_without_tracks(known: Any, name: str) -> None:
+    if known.clips is None:
+        raise InputError("--plots", f"format {name} holds rows, not tracks", "vci or mobileye")
+
+
+def _most_frequent(extraction: Any) -> str:
+    """The rule that left most out, in words."""
+    dropped = {
+        reason: count
+        for level in extraction.counts.dropped.values()
+        for reason, count in level.items()
+        if count
+    }
+    if not dropped:
+        return ""
+    reason = max(dropped, key=lambda key: dropped[key])
+    return f" (most left out by {reason}: {dropped[reason]})"
+
+
+def _write_rows(path: Path, extraction: Any, command: str) -> None:
+    """Parquet with the command and the counts in its metadata."""
+    import io
+
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from harness.calibration.sample import EXTRACTION_KEY
+    from harness.results import write_file
+
+    table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
+    about = {"command": command, "counts": extraction.counts.as_dict()}
+    metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
+    buffer = io.BytesIO()
+    pq.write_table(table.replace_schema_metadata(metadata), buffer)
+    write_file(path, buffer.getvalue())
+
+
+def _check_target(path: Path, option: str, suffix: str) -> None:
+    """Refuse, before any work, a file that could not be written."""
+    where = f"{option} {path}"
+    if path.suffix != suffix:
+        raise InputError(where, f"file name without {suffix}", f"a name ending in {suffix}")
+    if path.is_dir():
+        raise InputError(where, "is a folder", f"a file name ending in {suffix}")
+    if not path.parent.is_dir():
+        raise InputError(where, "its folder does not exist", "an existing folder")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(where, "its folder cannot be written", "a writable folder")
+
+
+def _check_folder(folder: Path | None) -> None:
+    if folder is None:
+        return
+    where = f"--plots {folder}"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(where, "is a file", "a folder")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(where, f"cannot be made ({error.strerror})", "a writable folder") from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(where, "cannot be written", "a writable folder")
+
+
+@contextmanager
+def _progress(total: int, hidden: bool) -> Iterator[Callable[[int], None] | None]:
+    """A bar on stderr of fits done; it appears with the first one, so a refusal has none."""
+    if hidden:
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("fits"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    bar = Progress(*columns, console=Console(stderr=True))
+    task = bar.add_task("fits", total=total)
+
+    def advance(done: int) -> None:
+        bar.start()
+        bar.update(task, completed=done)
+
+    try:
+        yield advance
+    finally:
+        if bar.live.is_started:
+            bar.stop()
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _command(words: Sequence[str]) -> str:
+    return shlex.join(["harness", *words])
+
+
+def _print_json(document: Any) -> None:
+    _print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def _print(text: str) -> None:
+    sys.stdout.write(text + "\n")

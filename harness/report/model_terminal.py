@@ -1,0 +1,186 @@
+"""What ``extract``, ``fit`` and ``model show`` print."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from harness.interaction import VARIABLES, InteractionModel
+from harness.trajectories import REASONS
+
+_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Path]) -> None:
+    """Counts, quartiles, and what each rule left out."""
+    console, counts = _console(), summary["counts"]
+    console.print(
+        f"{summary['rows']} rows of {_known(summary['encounters'])} encounters with "
+        f"{_known(summary['vehicles'])} vehicles, from {_known(counts['clips'])} clips "
+        f"({counts['candidates']} candidate rows)."
+    )
+    table = Table(title="Quartiles")
+    for heading in ("column", "rows", "min", "25 %", "median", "75 %", "max"):
+        table.add_column(heading, justify="left" if heading == "column" else "right")
+    for name, of in summary["quartiles"].items():
+        numbers = (of[key] for key in ("min", "q25", "median", "q75", "max"))
+        table.add_row(name, str(of["n"]), *(_short(number) for number in numbers))
+    console.print(table)
+    dropped = Table(title="Left out")
+    for heading in ("what", "number", "rule"):
+        dropped.add_column(heading, justify="right" if heading == "number" else "left")
+    for level, reasons in REASONS.items():
+        for reason, words in reasons.items():
+            if counts["dropped"][level][reason]:
+                dropped.add_row(level, str(counts["dropped"][level][reason]), words)
+    console.print(dropped)
+    for clip, why in counts["skipped"].items():
+        console.print(f"Clip {clip} not used: {why}", soft_wrap=True)
+    for note in counts["notes"]:
+        console.print(note, soft_wrap=True)
+    _print_files(console, "Rows", [out])
+    _print_files(console, "Figures", figures)
+
+
+def print_fit(model: InteractionModel, out: Path) -> None:
+    """The table over K and the card's main lines."""
+    console = _console()
+    _print_candidates(console, model.provenance)
+    _print_card(console, model.provenance)
+    _print_files(console, "Model", [out])
+
+
+def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
+    """Card, moments and marginals."""
+    console, card = _console(), model.provenance
+    console.print(f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256}")
+    if card.get("candidates"):
+        _print_candidates(console, card)
+        _print_card(console, card)
+    else:
+        for key, value in card.items():
+            console.print(f"{key}: {value}", soft_wrap=True)
+    document = model_document(model)
+    table = Table(title="Marginals of the truncated mixture")
+    headings = ("variable", "low", "high", "mean", "sd", *(f"{q:.0%}" for q in _QUANTILES))
+    for heading in headings:
+        table.add_column(heading, justify="left" if heading == "variable" else "right")
+    for name, of in document["marginals"].items():
+        numbers = (*of["bounds"], of["mean"], of["standard_deviation"], *of["quantiles"].values())
+        table.add_row(name, *(_short(number) for number in numbers))
+    console.print(table)
+    correlations = Table(title="Correlations")
+    correlations.add_column("")
+    for name in VARIABLES:
+        correlations.add_column(name, justify="right", overflow="fold")
+    for name, row in zip(VARIABLES, document["correlations"], strict=True):
+        correlations.add_row(name, *(f"{value:.2f}" for value in row))
+    console.print(correlations)
+    _print_files(console, "Figures", figures)
+
+
+def model_document(model: InteractionModel) -> dict[str, Any]:
+    """A model as plain data: card, moments, marginals."""
+    mixture = model.mixture
+    mean, covariance = mixture.mean(), mixture.covariance()
+    spread = np.sqrt(np.diag(covariance))
+    marginals = {}
+    for i, name in enumerate(VARIABLES):
+        values = mixture.conditional(i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
+        marginals[name] = {
+            "bounds": [float(mixture.lower[i]), float(mixture.upper[i])],
+            "mean": float(mean[i]),
+            "standard_deviation": float(spread[i]),
+            "quantiles": {str(q): float(v) for q, v in zip(_QUANTILES, values, strict=True)},
+        }
+    return {
+        "name": model.name,
+        "sha256": model.sha256,
+        "components": int(mixture.weights.size),
+        "marginals": marginals,
+        "correlations": (covariance / np.outer(spread, spread)).tolist(),
+        "card": model.provenance,
+    }
+
+
+def fit_document(model: InteractionModel, out: Path) -> dict[str, Any]:
+    """What ``harness fit --json`` prints."""
+    return {"out": str(out), "name": model.name, "sha256": model.sha256, "card": model.provenance}
+
+
+def _print_candidates(console: Console, card: Mapping[str, Any]) -> None:
+    table = Table(title="Number of components")
+    headings = ("K", "log-likelihood", "BIC", "gain / first gain", "held-out ± SE", "less chosen")
+    for heading in headings:
+        table.add_column(heading, justify="right")
+    for of in card["candidates"]:
+        chosen = of["components"] == card["components"]
+        table.add_row(
+            f"{of['components']}" + ("" if of["converged"] else " (not converged)"),
+            f"{of['log_likelihood']:.1f}",
+            f"{of['bic']:.1f}",
+            "" if of["bic_gain_share"] is None else f"{of['bic_gain_share']:.1%}",
+            _plus_minus(of["held_out"], of["held_out_se"]),
+            _plus_minus(of["held_out_less_chosen"], of["held_out_less_chosen_se"]),
+            style="bold" if chosen else None,
+        )
+    console.print(table)
+    rule = card["rule"]["components"]
+    words = "cannot be applied or is not reached" if rule is None else f"gives K = {rule}"
+    console.print(
+        f"K = {card['components']} ({card['chosen_by']}); the paper's 10 % rule {words}. "
+        f"Held-out: mean log f(v_p | 1/R, v) per encounter on vehicles not fitted on, nats, "
+        f"{card['folds_of_vehicles']} folds."
+    )
+
+
+def _print_card(console: Console, card: Mapping[str, Any]) -> None:
+    outside = card["rows_outside_box"]
+    by_column = ", ".join(f"{name} {n}" for name, n in outside.items() if n and name != "any")
+    near = card["near_state"]
+    console.print(
+        f"{card['rows']} of {card['rows_read']} rows in the box, {outside['any']} outside"
+        + (f" ({by_column})." if by_column else ".")
+    )
+    console.print(
+        f"{_known(card['encounters'])} encounters, {_known(card['vehicles'])} vehicles "
+        f"(effective {_short(card['effective_vehicles'])}), effective rows "
+        f"{_short(card['effective_rows'])}; weighed by {card['weigh']}."
+    )
+    console.print(
+        f"Within {near['within_m']:g} m and {near['within_mps']:g} m/s of ({near['range_m']:g} m, "
+        f"{near['vehicle_speed_mps']:g} m/s): {near['rows']} rows (effective "
+        f"{_short(near['effective_rows'])}), {_known(near['encounters'])} encounters, "
+        f"{_known(near['vehicles'])} vehicles (effective {_short(near['effective_vehicles'])})."
+    )
+    for warning in card["warnings"]:
+        console.print(f"Warning: {warning}")
+    for command in card["commands"]:
+        console.print(f"$ {command}", soft_wrap=True)
+    console.print(f"Rows sha256 {card['rows_sha256']}", soft_wrap=True)
+
+
+def _console() -> Console:
+    return Console(highlight=False, markup=False)
+
+
+def _print_files(console: Console, what: str, paths: Sequence[Path]) -> None:
+    if paths:
+        console.print(f"{what}: {', '.join(str(path) for path in paths)}", soft_wrap=True)
+
+
+def _known(value: Any) -> str:
+    return "unknown" if value is None else str(value)
+
+
+def _short(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
+
+
+def _plus_minus(value: float | None, error: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:.4f}" if error is None else f"{value:.4f} ± {error:.4f}"

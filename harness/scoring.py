@@ -1,0 +1,104 @@
+"""Recomputes a run's measures and summary from its kept traces, without simulating."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.encounter import Arm, Arrival, Ending, Side, Trace, Walk
+from harness.errors import InputError
+from harness.experiment import finish, options_of, recall_models, recall_study
+from harness.measures import Outcome, measure
+from harness.results import episode_rows
+from harness.run_folder import RunFolder, claim_folder, read_manifest, read_table
+from harness.scenario import Scenario
+
+
+def score(run: Path, out: Path) -> Path:
+    """Write a run folder whose measures come from the traces of another.
+
+    Args:
+        run: a finished run that kept its traces.
+        out: a new or empty folder.
+
+    Raises:
+        InputError: no such run, no traces, or ``out`` is refused.
+    """
+    document = read_manifest(run)
+    study = recall_study(document)
+    if not (run / "traces.parquet").is_file():
+        raise InputError(str(run), "kept no traces", "a run with --traces")
+    models, options = recall_models(study), options_of(document)
+    folder = RunFolder(claim_folder(out, study.name))
+    try:
+        for cell in study.cells:
+            outcomes = list(_outcomes(run, cell.number, cell.scenario))
+            rows: dict[str, dict[str, Any]] = {"episodes": episode_rows(cell.number, outcomes)}
+            for name in ("pedestrians", "traces"):
+                rows[name] = read_table(run, name, cell.number).to_pydict()
+            folder.write_shard(cell.number, 0, cell.scenario.experiment.pairs, rows)
+        finish(folder, study, models, options)
+    finally:
+        folder.close()
+    return out
+
+
+def _outcomes(run: Path, cell: int, scenario: Scenario) -> Iterator[Outcome]:
+    episodes = read_table(run, "episodes", cell).to_pylist()
+    traces = read_table(run, "traces", cell)
+    walks = _walks(read_table(run, "pedestrians", cell))
+    states = _ego_states(traces)
+    rebuilt = []
+    for row in episodes:
+        key = (row["pair"], row["arm"])
+        if key not in states and row["ending"] != Ending.ENGINE_FAILED:
+            raise InputError(str(run), f"no trace of pair {key[0]}, arm {key[1]}", "a whole run")
+        x, speed = states.get(key, (np.empty(0), np.empty(0)))
+        ending = Ending(row["ending"])
+        rebuilt.append(
+            Trace(
+                vehicle=scenario.vehicle(),
+                crossing=scenario.crosswalk(),
+                step_s=scenario.experiment.step_s,
+                x_m=x,
+                speed_mps=speed,
+                walks=tuple(walks.get(key, ())),
+                # How the engine left off is gone after a contact; the contact itself is found anew.
+                ending=Ending.TIMED_OUT if ending is Ending.CRASHED else ending,
+                reason=row["reason"],
+                sumo_collision=row["sumo_collision"],
+                fallback=row["fallback"],
+            )
+        )
+    for row, trace, record in zip(episodes, rebuilt, measure(rebuilt), strict=True):
+        yield Outcome(row["pair"], Arm(row["arm"]), row["strategy"], record, trace)
+
+
+def _ego_states(traces: pa.Table) -> dict[tuple[int, str], tuple[np.ndarray, np.ndarray]]:
+    table = traces.filter(pc.equal(traces["object"], "ego"))
+    pairs, arms = table["pair"].to_numpy(), np.array(table["arm"].to_pylist())
+    x, speed = table["x_m"].to_numpy(), table["speed_mps"].to_numpy()
+    if not len(pairs):
+        return {}
+    begins = np.flatnonzero(
+        np.concatenate(([True], (pairs[1:] != pairs[:-1]) | (arms[1:] != arms[:-1])))
+    )
+    ends = np.append(begins[1:], len(pairs))
+    return {
+        (int(pairs[begin]), str(arms[begin])): (x[begin:end], speed[begin:end])
+        for begin, end in zip(begins, ends, strict=True)
+    }
+
+
+def _walks(pedestrians: pa.Table) -> dict[tuple[int, str], list[Walk]]:
+    walks: dict[tuple[int, str], list[Walk]] = {}
+    for row in pedestrians.to_pylist():
+        arrival = Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"])
+        walk = Walk(
+            arrival, row["start_s"], row["speed_mps"], row["range_m"], row["vehicle_speed_mps"]
+        )
+        walks.setdefault((row["pair"], row["arm"]), []).append(walk)
+    return walks

@@ -1,0 +1,319 @@
+"""Measures of an episode, worked out by hand or by walking through it in small steps.
+
+Throughout: the ego is 5.0 m long and 1.8 m wide, its lane centre at y = 2.25 m, so its body lies
+between y = 1.35 m and 3.15 m; the crosswalk is 9 m from kerb to kerb and 4 m wide; a pedestrian
+is a disc of radius 0.25 m on x = 0.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arrival, Ending, Side, Trace, Walk
+from harness.measures import EpisodeRecord, crossing_time, measure
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.hard_yield import HardYield
+from harness.strategies.soft_yield import SoftYield
+from tests.scenes import play, scenario
+
+SCENE = scenario()
+LENGTH, RIGHT, LEFT, RADIUS = 5.0, 1.35, 3.15, 0.25
+Walker = tuple[float, Side, float]
+
+
+def drive(
+    accelerations: Sequence[float],
+    walkers: Sequence[Walker] = (),
+    *,
+    speed: float = 5.0,
+    step: float = 0.1,
+    ending: Ending = Ending.CROSSED,
+    reason: str | None = None,
+) -> Trace:
+    """An episode from R0 = 30 m with one acceleration for each step."""
+    x, speeds = [-30.0], [speed]
+    for acceleration in accelerations:
+        x.append(x[-1] + speeds[-1] * step + acceleration * step**2 / 2)
+        speeds.append(speeds[-1] + acceleration * step)
+    return Trace(
+        vehicle=SCENE.vehicle(),
+        crossing=SCENE.crosswalk(),
+        step_s=step,
+        x_m=np.array(x),
+        speed_mps=np.array(speeds),
+        walks=tuple(
+            Walk(Arrival(i, start, side, 0.5), start, walking, 30.0, 5.0)
+            for i, (start, side, walking) in enumerate(walkers)
+        ),
+        ending=ending,
+        reason=reason,
+        sumo_collision=None,
+        fallback=False,
+    )
+
+
+def record(*args: object, **kwargs: object) -> EpisodeRecord:
+    return measure([drive(*args, **kwargs)])[0]  # type: ignore[arg-type]
+
+
+def cruise(*walkers: Walker, step: float = 0.1) -> EpisodeRecord:
+    """5 m/s all the way: 37 m to the far edge with the rear bumper take 7.4 s."""
+    return record([0.0] * math.ceil(7.6 / step), walkers, step=step)
+
+
+# --- time ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [0.1, 0.3, 0.17])
+def test_pass_time_at_constant_speed(step: float) -> None:
+    result = cruise(step=step)
+    # 30 m to the centre line, 2 m to the far edge, 5 m for the body.
+    assert result.pass_time_s == pytest.approx(37 / 5, abs=1e-12)
+    assert result.delay_s == pytest.approx(0.0, abs=1e-12)
+    assert result.ending == "crossed"
+
+
+def test_pass_time_inside_a_step_of_acceleration() -> None:
+    # 5 t + t²/2 = 37: t = √99 − 5 = 4.9499 s, between two steps.
+    result = record([1.0] * 60)
+    assert result.pass_time_s == pytest.approx(math.sqrt(99) - 5, abs=1e-12)
+    assert result.delay_s == pytest.approx(math.sqrt(99) - 5 - 7.4, abs=1e-12)
+    assert result.steps == 50
+
+
+def test_time_of_a_place() -> None:
+    # 5 t − t²/4: at t = 10 s the ego has come 25 m and stands; it never reaches x = 0.
+    trace = drive([-0.5] * 100)
+    assert trace.speed_mps[-1] == pytest.approx(0.0, abs=1e-9)
+    assert crossing_time(trace, 0.0) is None
+    # 5 t − t²/4 = 9: t = 2 (of 2 and 18).
+    assert crossing_time(trace, -21.0) == pytest.approx(2.0, abs=1e-9)
+    assert crossing_time(trace, -30.0) == 0.0
+
+
+def test_a_time_out_has_no_pass_time() -> None:
+    result = record([-0.5] * 100, ending=Ending.TIMED_OUT)
+    assert (result.ending, result.pass_time_s, result.delay_s) == ("timed_out", None, None)
+    assert result.end_s == pytest.approx(10.0)
+    assert result.steps == 100
+
+
+def test_a_failed_episode_keeps_its_reason_and_no_contact() -> None:
+    # Its walker would be hit at 5.95 s, had anything worked.
+    result = record(
+        [0.0] * 76, [(0.0, Side.FAR, 1.0)], ending=Ending.ENGINE_FAILED, reason="SUMO lost it"
+    )
+    assert (result.ending, result.reason) == ("engine_failed", "SUMO lost it")
+    assert (result.pass_time_s, result.contact, result.contact_time_s) == (None, None, None)
+
+
+def test_stopped_time_and_strongest_deceleration() -> None:
+    # 5 m/s at −2 m/s² stands after 2.5 s, waits 3 s, goes on at 1.25 m/s² for 8 s.
+    plan = [-2.0] * 25 + [0.0] * 30 + [1.25] * 80
+    result = record(plan)
+    # Below 0.1 m/s: at the ends of the braking's last step and of every waiting one.
+    assert result.stopped_s == pytest.approx(3.1, abs=1e-9)
+    assert result.max_deceleration_mps2 == pytest.approx(2.0, abs=1e-9)
+    # 6.25 m braking, then 30.75 m in 1.25 t²/2: 5.5 s + 7.014 s.
+    expected = 5.5 + math.sqrt(2 * 30.75 / 1.25)
+    assert result.pass_time_s == pytest.approx(expected, abs=1e-9)
+    assert result.delay_s == pytest.approx(expected - 7.4, abs=1e-9)
+
+
+def test_nothing_to_measure_without_pedestrians() -> None:
+    result = cruise()
+    assert result.pedestrians == 0
+    for name in ("min_gap_m", "min_ttc_s", "min_time_advantage_s", "pet_s", "contact_index"):
+        assert getattr(result, name) is None
+    assert result.max_deceleration_mps2 == 0.0
+    assert result.stopped_s == 0.0
+
+
+# --- contact -------------------------------------------------------------------------------------
+
+
+def test_front_contact_ends_the_record() -> None:
+    # From the far kerb at 1 m/s he is at the lane's centre at 6.75 s; y(5.95) = 3.05 m lies before
+    # the bumper, which is 0.25 m short of x = 0 at 5.95 s.
+    result = cruise((0.0, Side.FAR, 1.0))
+    assert (result.ending, result.contact, result.contact_index) == ("crashed", "front", 0)
+    assert result.contact_time_s == pytest.approx(5.95, abs=1e-9)
+    assert result.contact_speed_mps == pytest.approx(5.0)
+    assert result.end_s == result.contact_time_s
+    assert result.steps == 60  # the step in which it happened is the sixtieth
+    assert result.min_gap_m == 0.0
+    assert (result.pass_time_s, result.delay_s, result.pet_s) == (None, None, None)
+
+
+def test_side_contact() -> None:
+    # His disc meets the right side (y = 1.10 m) at 6.5 s; the bumper is 2.5 m past him.
+    result = cruise((5.4, Side.NEAR, 1.0))
+    assert (result.ending, result.contact) == ("crashed", "side")
+    assert result.contact_time_s == pytest.approx(6.5, abs=1e-9)
+
+
+def test_contact_with_a_corner() -> None:
+    # At 5.97 s the bumper is at −0.15 m and he is 0.20 m past the left side: a 3-4-5 triangle.
+    result = cruise((2.62, Side.NEAR, 1.0))
+    assert result.contact == "front"
+    assert result.contact_time_s == pytest.approx(5.97, abs=1e-9)
+    # A centimetre further on at the same moment: √(0.15² + 0.21²) > 0.25, and going away.
+    assert cruise((2.55, Side.NEAR, 1.0)).contact is None
+
+
+def test_contact_while_braking() -> None:
+    # 6 t − t²/4 = 29.75 m: t = (6 − √(36 − 29.75)) / 0.5 = 7 s, at 6 − 3.5 = 2.5 m/s.
+    result = record([-0.5] * 110, [(0.0, Side.NEAR, 0.3)], speed=6.0, ending=Ending.TIMED_OUT)
+    assert result.contact == "front"
+    assert result.contact_time_s == pytest.approx(7.0, abs=1e-9)
+    assert result.contact_speed_mps == pytest.approx(2.5, abs=1e-9)
+    assert result.max_deceleration_mps2 == pytest.approx(0.5, abs=1e-9)
+
+
+def test_the_earliest_of_several_contacts_counts() -> None:
+    walkers = [(5.4, Side.NEAR, 1.0), (0.0, Side.FAR, 1.0), (6.2, Side.FAR, 1.0)]
+    result = cruise(*walkers)
+    assert (result.contact_index, result.contact) == (1, "front")
+    # He of 6.2 s steps off after the record's end.
+    assert result.pedestrians == 2
+    only_side = cruise(walkers[0], walkers[2])
+    assert (only_side.contact_index, only_side.contact) == (0, "side")
+
+
+def test_a_contact_between_two_steps_is_found() -> None:
+    # At 60 m/s a step of 1 s jumps over him: bumper −30 m, then 30 m.  Contact 29.75/60 s.
+    result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
+    assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
+
+
+# --- proximity -----------------------------------------------------------------------------------
+
+
+def test_post_encroachment_time_pedestrian_first() -> None:
+    # His disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
+    assert cruise((0.0, Side.NEAR, 1.5)).pet_s == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
+    # From the far side he leaves it 6.75 + 1.15 = 7.9 m from his kerb.
+    assert cruise((0.0, Side.FAR, 2.0)).pet_s == pytest.approx(5.95 - 7.9 / 2, abs=1e-9)
+
+
+def test_post_encroachment_time_ego_first() -> None:
+    # The rear bumper is 0.25 m past him at 35.25/5 = 7.05 s; he enters at 1.10 m.
+    assert cruise((6.9, Side.NEAR, 1.0)).pet_s == pytest.approx(6.9 + 1.1 - 7.05, abs=1e-9)
+    assert cruise((3.0, Side.FAR, 1.0)).pet_s == pytest.approx(3.0 + 5.6 - 7.05, abs=1e-9)
+    # The smallest of several.
+    both = cruise((6.9, Side.NEAR, 1.0), (3.0, Side.FAR, 1.0))
+    assert both.pet_s == pytest.approx(6.9 + 1.1 - 7.05, abs=1e-9)
+
+
+def test_post_encroachment_time_of_a_shared_zone_is_zero() -> None:
+    # At 5.95 s he is at 3.38 m, still inside the path, and passes the corner 0.28 m away.
+    result = cruise((2.57, Side.NEAR, 1.0))
+    assert result.contact is None
+    assert result.pet_s == 0.0
+
+
+def test_post_encroachment_time_needs_both_to_enter() -> None:
+    standing = record([-0.5] * 100, [(0.0, Side.NEAR, 0.5)], ending=Ending.TIMED_OUT)
+    assert standing.pet_s is None
+
+
+def test_time_advantage_by_hand() -> None:
+    # |R/v − L/v_p| with R/v = 6 − t, L/v_p = 2.25/1.5 − t: 4.5 s as long as both approach.
+    assert cruise((0.0, Side.NEAR, 1.5)).min_time_advantage_s == pytest.approx(4.5, abs=1e-9)
+    # He steps off at 3.2 s: 1.3 s, after the ego by no more.
+    result = cruise((3.2, Side.NEAR, 1.5))
+    assert result.min_time_advantage_s == pytest.approx(6 - 3.2 - 1.5, abs=1e-9)
+
+
+def test_time_to_collision_by_hand() -> None:
+    # On a collision course from the start: 5.95 s, falling with the clock; the last step before
+    # the contact begins at 5.9 s.
+    result = cruise((0.0, Side.FAR, 1.0))
+    assert result.min_ttc_s == pytest.approx(0.05, abs=1e-9)
+    # He who clears with time to spare never was on one.
+    assert cruise((0.0, Side.NEAR, 1.5)).min_ttc_s is None
+    # Braking from a collision course: at t = 0 the ego would hit him after 5.95 s; afterwards
+    # R/v only grows, until he would be past.
+    braking = record([-1.0] * 50, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT)
+    assert braking.min_ttc_s == pytest.approx(5.95, abs=1e-9)
+
+
+def distance(front: float, y: float) -> float:
+    """From the pedestrian's centre to the body, by the clamped point."""
+    along = min(max(0.0, front - LENGTH), front)
+    across = min(max(y, RIGHT), LEFT)
+    return math.hypot(along, across - y)
+
+
+def stepped_ttc(front: float, speed: float, y: float, walking: float) -> float | None:
+    """Both keep their velocities; 0.5 ms at a time for 12 s."""
+    times = np.arange(0.0, 12.0, 0.0005)
+    fronts, ys = front + speed * times, y + walking * times
+    along = np.minimum(np.maximum(0.0, fronts - LENGTH), fronts)
+    across = np.clip(ys, RIGHT, LEFT)
+    hit = np.flatnonzero(np.hypot(along, across - ys) <= RADIUS)
+    return float(times[hit[0]]) if len(hit) else None
+
+
+def test_minima_against_stepping_through_random_episodes() -> None:
+    rng = np.random.default_rng(4)
+    defined = 0
+    for _ in range(12):
+        walkers = [
+            (float(rng.uniform(0, 4)), Side.NEAR if rng.random() < 0.5 else Side.FAR, pace)
+            for pace in rng.uniform(0.5, 2.5, size=2).tolist()
+        ]
+        strategy = [ConstantSpeed, HardYield, SoftYield][int(rng.integers(3))]()
+        trace = play(strategy, walkers)
+        (result,) = measure([trace])
+        end = result.contact_time_s or result.pass_time_s
+        assert end is not None
+        gaps, ttcs, advantages = [], [], []
+        for start, side, pace in walkers:
+            # The moment he steps off, then every step.
+            times = [start, *(n * 0.1 for n in range(len(trace.x_m)) if n * 0.1 > start + 1e-9)]
+            for time in times:
+                if not (time < end and time <= start + 9 / pace):
+                    continue
+                n = min(int(time / 0.1 + 1e-9), len(trace.x_m) - 2)
+                part = time - n * 0.1
+                a = (trace.speed_mps[n + 1] - trace.speed_mps[n]) / 0.1
+                front = float(trace.x_m[n] + trace.speed_mps[n] * part + a * part**2 / 2)
+                speed = float(trace.speed_mps[n] + a * part)
+                y = pace * (time - start) if side is Side.NEAR else 9 - pace * (time - start)
+                walking = pace if side is Side.NEAR else -pace
+                gaps.append(distance(front, y) - RADIUS)
+                ttc = stepped_ttc(front, speed, y, walking)
+                if ttc is not None:
+                    ttcs.append(ttc)
+                lateral = (2.25 - y) if side is Side.NEAR else (y - 2.25)
+                if front < 0 and lateral > 0 and speed > 0:
+                    advantages.append(abs(-front / speed - lateral / pace))
+        gap = 0.0 if result.contact else min(gaps)
+        assert result.min_gap_m == pytest.approx(gap, abs=1e-9)
+        assert result.min_time_advantage_s == pytest.approx(min(advantages), abs=1e-9)
+        if ttcs and min(ttcs) < 11:
+            assert result.min_ttc_s == pytest.approx(min(ttcs), abs=6e-4)
+            defined += 1
+        elif not ttcs:
+            assert result.min_ttc_s is None or result.min_ttc_s > 11
+    assert defined > 3
+
+
+def test_a_record_does_not_depend_on_its_chunk() -> None:
+    rng = np.random.default_rng(11)
+    traces = []
+    for _ in range(60):
+        count = int(rng.integers(0, 4))
+        walkers = [
+            (float(at), Side.NEAR if rng.random() < 0.5 else Side.FAR, float(rng.uniform(0.4, 2.5)))
+            for at in sorted(rng.uniform(0, 6, size=count))
+        ]
+        traces.append(play([ConstantSpeed, HardYield][int(rng.integers(2))](), walkers))
+    together = measure(traces)
+    assert together == [measure([trace])[0] for trace in traces]
+    assert together[::-1] == measure(traces[::-1])
+    assert len({r.ending for r in together}) == 2
+    assert measure([]) == []

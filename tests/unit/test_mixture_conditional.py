@@ -1,0 +1,221 @@
+"""Conditionals against textbook formulas, another library, quadrature and dense grids."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal, norm
+
+from harness.errors import InputError
+from harness.mixture import TruncatedGaussianMixture
+
+LOWER, UPPER = np.array([0.0, 0.3, 0.2, 0.0]), np.array([1.0, 8.0, 3.0, 2.0])
+CASES = [(2, (0, 1, 3)), (1, (0, 2, 3)), (2, (0, 1)), (1, (0, 2)), (2, (0,)), (2, ())]
+CLOSED = [case for case in CASES if len(case[1]) >= 2]
+
+
+def random_parts(seed=0, count=5):
+    """Components spread over the box and beyond, with real correlations."""
+    rng = np.random.default_rng(seed)
+    width = UPPER - LOWER
+    locations = LOWER + width * rng.uniform(-0.2, 1.1, (count, 4))
+    factors = rng.normal(size=(count, 4, 4)) * 0.15 + 0.15 * np.eye(4)
+    scales = factors @ np.swapaxes(factors, 1, 2) + 0.003 * np.eye(4)
+    weights = rng.dirichlet(np.full(count, 3.0))
+    return weights, locations, scales * width[:, None] * width
+
+
+@pytest.fixture(scope="module")
+def bounded():
+    return TruncatedGaussianMixture(*random_parts(), LOWER, UPPER)
+
+
+@pytest.fixture(scope="module")
+def free():
+    return TruncatedGaussianMixture(*random_parts(), np.full(4, -np.inf), np.full(4, np.inf))
+
+
+@pytest.fixture(scope="module")
+def rows(bounded):
+    return bounded.sample(300, np.random.default_rng(9))
+
+
+def textbook(parts, target, given, y):
+    """Weights, means and spreads of the conditional mixture, the paper's (a1) and (a2)."""
+    weights, locations, scales = parts
+    given = list(given)
+    new, means, spreads = [], [], []
+    for pi, m, s in zip(weights, locations, scales, strict=True):
+        inverse = np.linalg.inv(s[np.ix_(given, given)])
+        cross = s[target, given]
+        means.append(m[target] + cross @ inverse @ (y - m[given]))
+        spreads.append(np.sqrt(s[target, target] - cross @ inverse @ cross))
+        new.append(pi * multivariate_normal(m[given], s[np.ix_(given, given)]).pdf(y))
+    return np.array(new) / np.sum(new), np.array(means), np.array(spreads)
+
+
+@pytest.mark.parametrize(("target", "given"), [(2, (0, 1, 3)), (2, (0, 1)), (3, (2,)), (0, (3, 1))])
+def test_without_bounds_equals_the_textbook(free, target, given):
+    conditional = free.conditional(target, given)
+    for y in LOWER[list(given)] + np.array([[0.3], [0.6]]) * (UPPER - LOWER)[list(given)]:
+        weights, means, spreads = textbook(random_parts(), target, given, y)
+        x = np.linspace(-1.0, 5.0, 7)
+        density = (weights * norm.pdf(x[:, None], means, spreads)).sum(axis=1)
+        reached = (weights * norm.cdf(x[:, None], means, spreads)).sum(axis=1)
+        np.testing.assert_allclose(conditional.pdf(x, y[None]), density, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(conditional.cdf(x, y[None]), reached, atol=1e-9)
+
+
+def test_without_bounds_equals_gmr(free):
+    gmr = pytest.importorskip("gmr")
+    weights, locations, scales = random_parts()
+    other = gmr.GMM(len(weights), weights, locations, scales)
+    y = np.array([0.4, 3.0, 0.5])
+    found = other.condition([0, 1, 3], y)
+    x = np.linspace(0.0, 3.0, 11)
+    wanted = found.to_probability_density(x[:, None])
+    got = free.conditional(2, (0, 1, 3)).pdf(x, y[None])
+    np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(("target", "given"), CASES)
+def test_density_is_the_joint_density_integrated(bounded, rows, target, given):
+    """Ratios of the density by a product rule over the variables not named, within the box."""
+    conditional = bounded.conditional(target, given)
+    rest = [i for i in range(4) if i != target and i not in given]
+    z, w = np.polynomial.legendre.leggauss({0: 1, 1: 200, 2: 80, 3: 40}[len(rest)])
+    shares = np.stack(np.meshgrid(*[0.5 * (z + 1.0)] * len(rest), indexing="ij"), axis=-1)
+    weights = np.prod(np.meshgrid(*[w] * len(rest), indexing="ij"), axis=0).ravel()
+    if not rest:
+        shares, weights = np.zeros((1, 0)), np.ones(1)
+    points = np.tile(rows[0], (weights.size, 1))
+    points[:, rest] = LOWER[rest] + (UPPER - LOWER)[rest] * shares.reshape(weights.size, -1)
+    positions = LOWER[target] + (UPPER - LOWER)[target] * np.array([0.2, 0.45, 0.7])
+    wanted = []
+    for x in positions:
+        points[:, target] = x
+        wanted.append(weights @ np.exp(bounded.logpdf(points)))
+    y = np.repeat(rows[:1, list(given)], 3, axis=0)
+    got = conditional.pdf(positions, y)
+    np.testing.assert_allclose(got / got[0], np.array(wanted) / wanted[0], rtol=2e-6)
+
+
+@pytest.mark.parametrize(("target", "given"), CASES)
+def test_density_integrates_to_the_distribution_function(bounded, rows, target, given):
+    conditional = bounded.conditional(target, given)
+    z, w = np.polynomial.legendre.leggauss(20)
+    edges = np.linspace(LOWER[target], UPPER[target], 61)
+    half = 0.5 * (edges[1] - edges[0])
+    x = (0.5 * (edges[1:] + edges[:-1])[:, None] + half * z).ravel()
+    for row in rows[:3] if given else rows[:1]:
+        y = row[None, list(given)]
+        panels = (conditional.pdf(x, y).reshape(60, 20) * w).sum(axis=1) * half
+        np.testing.assert_allclose(np.cumsum(panels), conditional.cdf(edges[1:], y), atol=1e-9)
+        assert conditional.cdf(edges[[0, -1]], y).tolist() == [0.0, 1.0]
+
+
+@pytest.mark.parametrize(("target", "given"), CASES)
+def test_ppf_inverts_cdf(bounded, rows, target, given):
+    conditional = bounded.conditional(target, given)
+    n = 8 if len(given) == 1 else 300
+    u = np.random.default_rng(4).random(n)
+    u[:4] = 0.0, 1.0, 1e-12, 1.0 - 1e-12
+    y = rows[:n, list(given)]
+    x = conditional.ppf(u, y)
+    assert x[0] == LOWER[target]
+    assert x[1] == UPPER[target]
+    assert ((x >= LOWER[target]) & (x <= UPPER[target])).all()
+    np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9)
+
+
+@pytest.mark.parametrize(("target", "given"), CLOSED)
+def test_mode_is_the_highest_point_of_a_dense_grid(bounded, rows, target, given):
+    conditional = bounded.conditional(target, given)
+    y = rows[:60, list(given)]
+    modes = conditional.mode(y)
+    grid = np.linspace(LOWER[target], UPPER[target], 4001)
+    for mode, point in zip(modes, y, strict=True):
+        heights = conditional.logpdf(grid, point[None])
+        assert conditional.logpdf([mode], point[None])[0] >= heights.max() - 1e-9
+        assert abs(mode - grid[heights.argmax()]) <= 2 * (grid[1] - grid[0])
+
+
+def test_mode_of_the_marginal_and_on_a_bound(bounded):
+    nothing = np.empty((1, 0))
+    marginal = bounded.conditional(2, ())
+    grid = np.linspace(LOWER[2], UPPER[2], 801)
+    heights = marginal.logpdf(grid, nothing)
+    assert marginal.logpdf(marginal.mode(nothing), nothing)[0] >= heights.max() - 1e-9
+    # A location beyond the bound: the density rises up to it.
+    slope = TruncatedGaussianMixture([1.0], [[5.0]], [[[1.0]]], [0.0], [2.0])
+    assert slope.conditional(0, ()).mode(nothing)[0] == 2.0
+
+
+@pytest.mark.parametrize(("target", "given"), CASES)
+def test_a_point_does_not_depend_on_its_batch(bounded, rows, target, given):
+    conditional = bounded.conditional(target, given)
+    n = 4 if len(given) == 1 else (40 if not given else 300)
+    rng = np.random.default_rng(11)
+    y, u = rows[:n, list(given)], rng.random(n)
+    x = LOWER[target] + (UPPER - LOWER)[target] * u
+    functions = {
+        "ppf": lambda i: conditional.ppf(u[i], y[i]),
+        "cdf": lambda i: conditional.cdf(x[i], y[i]),
+        "logpdf": lambda i: conditional.logpdf(x[i], y[i]),
+        "mode": lambda i: conditional.mode(y[i]),
+    }
+    for name, function in functions.items():
+        whole = function(np.arange(n))
+        singles = np.concatenate([function(np.array([i])) for i in range(n)])
+        assert whole.tobytes() == singles.tobytes(), name
+        order = rng.permutation(n)
+        cuts = np.sort(rng.integers(0, n, 5))
+        pieces = np.concatenate([function(part) for part in np.split(order, cuts) if part.size])
+        assert whole[order].tobytes() == pieces.tobytes(), name
+
+
+@pytest.mark.parametrize("given", [(0, 1, 3), (0, 1)])
+def test_draws_do_not_depend_on_how_the_batch_is_cut(bounded, rows, given):
+    conditional = bounded.conditional(2, given)
+    y = rows[:, list(given)]
+    whole = conditional.sample(y, np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    pieces = [conditional.sample(part, rng) for part in np.split(y, [1, 60, 200])]
+    assert whole.tobytes() == np.concatenate(pieces).tobytes()
+
+
+def test_dropping_a_column_is_not_integrating_it(bounded, rows):
+    """The remaining variable's probability of lying inside its bounds counts."""
+    parts = random_parts()
+    keep = [0, 1, 2]
+    dropped = TruncatedGaussianMixture(
+        parts[0], parts[1][:, keep], parts[2][:, keep][:, :, keep], LOWER[keep], UPPER[keep]
+    )
+    y, x = rows[:1, :2], np.linspace(0.4, 2.8, 9)
+    right = bounded.conditional(2, (0, 1)).pdf(x, y)
+    wrong = dropped.conditional(2, (0, 1)).pdf(x, y)
+    assert np.abs(right - wrong).max() > 1e-2
+
+
+def test_far_from_every_component(bounded):
+    """Where the closed form has lost its digits the table takes over, and stays a density."""
+    conditional = bounded.conditional(2, (0, 1))
+    y = np.array([[30.0, -150.0]])
+    x = np.linspace(LOWER[2], UPPER[2], 2001)
+    reached = conditional.cdf(x, y)
+    assert (np.diff(reached) >= -1e-12).all()
+    got = conditional.ppf([0.3], y)
+    assert conditional.cdf(got, y)[0] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_bad_arguments_are_refused(bounded):
+    with pytest.raises(InputError, match="distinct indices"):
+        bounded.conditional(2, (2, 1))
+    with pytest.raises(InputError, match="distinct indices"):
+        bounded.conditional(4, ())
+    conditional = bounded.conditional(2, (0, 1))
+    for u in (-0.1, 1.1, np.nan):
+        with pytest.raises(InputError, match="0 to 1"):
+            conditional.ppf([u], [[0.1, 1.0]])
+    with pytest.raises(InputError, match="shape"):
+        conditional.mode([[0.1, 1.0, 2.0]])
+    with pytest.raises(InputError, match="not finite"):
+        conditional.mode([[0.1, np.nan]])

@@ -1,0 +1,149 @@
+"""Masses and moments of truncated normals against closed forms and quadrature."""
+
+import numpy as np
+import pytest
+from scipy.stats import truncnorm
+
+from harness.mixture import truncation
+
+INF = np.inf
+
+
+def mass(matrix, lower, upper, location=None):
+    matrix = np.asarray(matrix, dtype=float)
+    location = np.zeros(len(matrix)) if location is None else np.asarray(location, dtype=float)
+    lower, upper = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    return truncation.masses(location[None], matrix[None], lower, upper)[0]
+
+
+def by_quadrature(location, matrix, lower, upper, nodes=64):
+    """Mass, mean and covariance by a product of Gauss-Legendre rules over a finite box."""
+    z, w = np.polynomial.legendre.leggauss(nodes)
+    axes = [0.5 * (lo + hi) + 0.5 * (hi - lo) * z for lo, hi in zip(lower, upper, strict=True)]
+    halves = [0.5 * (hi - lo) * w for lo, hi in zip(lower, upper, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower))
+    weights = np.prod(np.meshgrid(*halves, indexing="ij"), axis=0).ravel()
+    away = points - location
+    quadratic = np.einsum("ni,ij,nj->n", away, np.linalg.inv(matrix), away)
+    density = np.exp(-0.5 * quadratic) / np.sqrt(np.linalg.det(2.0 * np.pi * matrix)) * weights
+    total = density.sum()
+    mean = density @ points / total
+    return total, mean, np.einsum("n,ni,nj->ij", density, points - mean, points - mean) / total
+
+
+def random_matrix(rng, dimension, condition):
+    """A matrix with eigenvalues from 1 to the condition number, randomly turned."""
+    turn = np.linalg.qr(rng.normal(size=(dimension, dimension)))[0]
+    values = np.geomspace(1.0, condition, dimension) / condition
+    return (turn * values) @ turn.T
+
+
+@pytest.mark.parametrize(("a", "b"), [(-1.0, 2.0), (0.5, INF), (-INF, -3.0), (5.0, 6.0), (9.0, INF)])
+def test_one_variable_equals_scipy(a, b):
+    got, mean, covariance = truncation.moments(
+        np.array([[0.3]]), np.array([[[4.0]]]), np.array([0.3 + 2 * a]), np.array([0.3 + 2 * b])
+    )
+    reference = truncnorm(a, b)
+    # scipy's truncnorm is the reference for the moments, its norm tail for the mass.
+    from scipy.stats import norm
+
+    wanted = norm.sf(a) - norm.sf(b) if a > 0 else norm.cdf(b) - norm.cdf(a)
+    assert got[0] == pytest.approx(wanted, rel=1e-12)
+    assert mean[0, 0] == pytest.approx(0.3 + 2.0 * reference.mean(), abs=1e-8)
+    assert covariance[0, 0, 0] == pytest.approx(4.0 * reference.var(), abs=1e-7)
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4])
+def test_independent_box_is_a_product(dimension):
+    lower, upper = np.linspace(-1.0, 0.5, dimension), np.linspace(0.7, 2.0, dimension)
+    scale = np.linspace(0.5, 2.0, dimension)
+    wanted = np.prod(truncnorm.cdf(upper / scale, -INF, INF) - truncnorm.cdf(lower / scale, -INF, INF))
+    assert mass(np.diag(scale**2), lower, upper) == pytest.approx(wanted, abs=1e-14)
+
+
+@pytest.mark.parametrize("rho", [-0.95, -0.3, 0.0, 0.5, 0.999])
+def test_orthant_of_two(rho):
+    # Sheppard (1899): 1/4 + asin(rho) / 2 pi.
+    wanted = 0.25 + np.arcsin(rho) / (2.0 * np.pi)
+    assert mass([[1, rho], [rho, 1]], [0, 0], [INF, INF]) == pytest.approx(wanted, abs=1e-12)
+
+
+@pytest.mark.parametrize("rhos", [(0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)])
+def test_orthant_of_three(rhos):
+    a, b, c = rhos
+    wanted = 0.125 + np.arcsin(rhos).sum() / (4.0 * np.pi)
+    matrix = [[1, a, b], [a, 1, c], [b, c, 1]]
+    assert mass(matrix, [0] * 3, [INF] * 3) == pytest.approx(wanted, abs=1e-10)
+
+
+def test_orthant_of_four_with_correlation_half():
+    # The chance that one of five exchangeable variables is the largest: 1/5.
+    matrix = 0.5 + 0.5 * np.eye(4)
+    assert mass(matrix, [0] * 4, [INF] * 4) == pytest.approx(0.2, abs=1e-12)
+    assert mass(9.0 * matrix, [-INF] * 4, [0] * 4) == pytest.approx(0.2, abs=1e-12)
+
+
+@pytest.mark.parametrize(("dimension", "condition", "nodes"), [(2, 100, 200), (3, 30, 90), (4, 4, 30)])
+def test_two_sided_boxes_by_quadrature(dimension, condition, nodes):
+    rng = np.random.default_rng(dimension)
+    for _ in range(4):
+        matrix = random_matrix(rng, dimension, condition)
+        location = rng.normal(scale=0.4, size=dimension)
+        lower, upper = -rng.uniform(0.2, 1.0, dimension), rng.uniform(0.2, 1.0, dimension)
+        total, mean, covariance = by_quadrature(location, matrix, lower, upper, nodes)
+        got = truncation.moments(location[None], matrix[None], lower, upper)
+        assert got[0][0] == pytest.approx(total, abs=1e-8)
+        np.testing.assert_allclose(got[1][0], mean, atol=1e-7)
+        np.testing.assert_allclose(got[2][0], covariance, atol=1e-7)
+
+
+def test_four_variables_at_condition_100_by_conditioning():
+    """Outer two variables by quadrature, inner two by the mass of two variables tested above."""
+    rng = np.random.default_rng(7)
+    matrix = random_matrix(rng, 4, 100)
+    lower, upper = np.array([-0.4, -0.3, -0.5, -0.2]), np.array([0.5, 0.4, 0.3, 0.6])
+    z, w = np.polynomial.legendre.leggauss(120)
+    x = [0.5 * (lower[i] + upper[i] + (upper[i] - lower[i]) * z) for i in (0, 1)]
+    points = np.stack(np.meshgrid(*x, indexing="ij"), axis=-1).reshape(-1, 2)
+    weights = np.outer(w, w).ravel() * 0.25 * np.prod(upper[:2] - lower[:2])
+    front, back = matrix[:2, :2], matrix[2:, :2]
+    slope = back @ np.linalg.inv(front)
+    rest = matrix[2:, 2:] - slope @ back.T
+    quadratic = np.einsum("ni,ij,nj->n", points, np.linalg.inv(front), points)
+    density = np.exp(-0.5 * quadratic) / np.sqrt(np.linalg.det(2.0 * np.pi * front))
+    inside = truncation.masses(
+        points @ slope.T, np.repeat(rest[None], len(points), axis=0), lower[2:], upper[2:]
+    )
+    assert mass(matrix, lower, upper) == pytest.approx(weights @ (density * inside), abs=1e-9)
+
+
+def test_infinite_bounds_change_nothing():
+    matrix = random_matrix(np.random.default_rng(1), 4, 50)[None]
+    location = np.array([[1.0, -2.0, 3.0, 0.0]])
+    total, mean, covariance = truncation.moments(
+        location, matrix, np.full(4, -INF), np.full(4, INF)
+    )
+    assert total[0] == 1.0
+    np.testing.assert_allclose(mean, location, atol=1e-14)
+    np.testing.assert_allclose(covariance, matrix, atol=1e-14)
+
+
+def test_small_masses_keep_digits():
+    # Independent variables: the product of scipy's tails, down to 1e-40.
+    from scipy.stats import norm
+
+    for at in (3.0, 5.0, 6.5):
+        got = mass(np.eye(4), [at] * 4, [INF] * 4)
+        assert got == pytest.approx(norm.sf(at) ** 4, rel=1e-6)
+
+
+def test_components_in_a_batch_do_not_mix():
+    rng = np.random.default_rng(3)
+    matrices = np.array([random_matrix(rng, 4, 20) for _ in range(6)])
+    locations = rng.normal(size=(6, 4))
+    lower, upper = np.full(4, -1.0), np.full(4, 0.8)
+    together = truncation.moments(locations, matrices, lower, upper)
+    for k in range(6):
+        alone = truncation.moments(locations[[k]], matrices[[k]], lower, upper)
+        for a, b in zip(together, alone, strict=True):
+            np.testing.assert_allclose(a[k], b[0], rtol=1e-12, atol=1e-14)

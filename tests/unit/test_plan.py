@@ -1,0 +1,143 @@
+"""The pedestrians of a pair: Poisson arrivals (paper, section III-B), sides, quantiles."""
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.encounter import Arrival, Side
+from harness.plan import planned_arrivals
+from harness.scenario import Scenario, validate
+
+PAIRS = 4000
+
+
+def scene(timeout_s: float = 60.0, seed: int = 1, **pedestrians: object) -> Scenario:
+    experiment = {"timeout_s": timeout_s, "seed": seed}
+    return validate({"pedestrians": pedestrians, "experiment": experiment}, "test")
+
+
+def plans(scenario: Scenario, pairs: int = PAIRS) -> list[tuple[Arrival, ...]]:
+    return [planned_arrivals(scenario, pair) for pair in range(pairs)]
+
+
+@pytest.mark.parametrize("flow", [60.0, 250.0, 1200.0])
+def test_counts_within_a_minute_are_poisson(flow: float) -> None:
+    # Horizon beyond the minute, so that nothing is cut by the planning itself.
+    arrivals = plans(scene(timeout_s=90.0, flow_per_hour=flow))
+    counts = np.array([sum(a.arrival_s <= 60 for a in plan) for plan in arrivals])
+    expected = flow * 60 / 3600
+    # Standard errors: of the mean √(λ/n); of the variance √((λ + 2λ²)/n), since the fourth
+    # central moment of a Poisson variable is λ + 3λ².
+    assert abs(counts.mean() - expected) < 4 * np.sqrt(expected / PAIRS)
+    error = np.sqrt((expected + 2 * expected**2) / PAIRS)
+    assert abs(counts.var() - expected) < 4 * error
+    # And the whole distribution: χ² over cells with at least 5 expected.
+    most = int(stats.poisson.ppf(1 - 5 / PAIRS, expected))
+    observed = np.bincount(np.minimum(counts, most), minlength=most + 1)
+    chance = stats.poisson.pmf(np.arange(most + 1), expected)
+    chance[-1] = stats.poisson.sf(most - 1, expected)
+    kept = chance * PAIRS >= 5
+    pooled = [np.append(part[kept], part[~kept].sum()) for part in (observed, chance * PAIRS)]
+    if pooled[1][-1] < 5:
+        pooled = [np.append(part[:-2], part[-2:].sum()) for part in pooled]
+    assert stats.chisquare(pooled[0], pooled[1] * PAIRS / pooled[1].sum()).pvalue > 1e-3
+
+
+def test_gaps_are_exponential() -> None:
+    # 60 arrivals expected in the horizon: the first ten are all there.
+    arrivals = plans(scene(timeout_s=600.0, flow_per_hour=360.0), 500)
+    times = np.array([[a.arrival_s for a in plan[:10]] for plan in arrivals])
+    gaps = np.diff(times, axis=1, prepend=0.0)
+    assert stats.kstest(gaps.ravel(), stats.expon(scale=10.0).cdf).pvalue > 1e-3
+
+
+def test_flow_only_stretches_time() -> None:
+    one = plans(scene(timeout_s=120.0, flow_per_hour=300.0), 200)
+    double = plans(scene(timeout_s=60.0, flow_per_hour=600.0), 200)
+    for slow, fast in zip(one, double, strict=True):
+        assert [a.arrival_s for a in slow] == [2 * a.arrival_s for a in fast]
+        assert [(a.side, a.quantile) for a in slow] == [(a.side, a.quantile) for a in fast]
+    assert sum(map(len, one)) > 1500
+
+
+def test_no_one_arrives_after_the_horizon_and_all_in_order() -> None:
+    short = plans(scene(timeout_s=30.0, flow_per_hour=900.0), 300)
+    long = plans(scene(timeout_s=300.0, flow_per_hour=900.0), 300)
+    for plan, more in zip(short, long, strict=True):
+        times = [a.arrival_s for a in plan]
+        assert times == sorted(times)
+        assert [a.index for a in plan] == list(range(len(plan)))
+        # A longer horizon only adds people.
+        assert plan == tuple(a for a in more if a.arrival_s <= 30.0)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
+def test_sides_come_in_the_share_asked_for(share: float) -> None:
+    sides = [
+        a.side
+        for plan in plans(scene(flow_per_hour=600.0, near_side_share=share), 1000)
+        for a in plan
+    ]
+    near = sides.count(Side.NEAR)
+    error = np.sqrt(share * (1 - share) / len(sides))
+    assert abs(near / len(sides) - share) <= 4 * error
+
+
+def test_sides_do_not_depend_on_quantiles_or_times() -> None:
+    everyone = [a for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
+    near = np.array([a.side is Side.NEAR for a in everyone])
+    for values in ([a.quantile for a in everyone], [a.arrival_s for a in everyone]):
+        assert abs(np.corrcoef(near, values)[0, 1]) < 4 / np.sqrt(len(everyone))
+
+
+def test_quantiles_are_uniform() -> None:
+    quantiles = [a.quantile for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
+    assert len(quantiles) > 9000
+    assert stats.kstest(quantiles, "uniform").pvalue > 1e-3
+
+
+def test_the_first_at_the_trigger() -> None:
+    plain = plans(scene(flow_per_hour=400.0), 300)
+    at_trigger = plans(scene(flow_per_hour=400.0, first_at_trigger=True), 300)
+    for plan, other in zip(at_trigger, plain, strict=True):
+        assert plan[0].arrival_s == 0.0
+        assert all(a.arrival_s > 0 for a in plan[1:])
+        # Same people: sides and quantiles of pedestrian i do not move.
+        for mine, theirs in zip(plan, other, strict=False):
+            assert (mine.side, mine.quantile) == (theirs.side, theirs.quantile)
+    # Those after him are Poisson from the trigger on: 400/60 in a minute.
+    after = np.array(
+        [len(plan) - 1 for plan in plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)]
+    )
+    assert abs(after.mean() - 400 / 60) < 4 * np.sqrt(400 / 60 / 2000)
+
+
+@pytest.mark.parametrize("first", [True, False])
+@pytest.mark.parametrize("most", [0, 1, 3])
+def test_max_count_cuts_the_same_plan(most: int, first: bool) -> None:
+    bounded = plans(scene(flow_per_hour=600.0, max_count=most, first_at_trigger=first), 200)
+    free = plans(scene(flow_per_hour=600.0, first_at_trigger=first), 200)
+    for plan, everyone in zip(bounded, free, strict=True):
+        assert plan == everyone[:most]
+
+
+def test_no_flow_no_pedestrians() -> None:
+    assert plans(scene(flow_per_hour=0.0), 20) == [()] * 20
+    alone = plans(scene(flow_per_hour=0.0, first_at_trigger=True), 20)
+    assert [[a.arrival_s for a in plan] for plan in alone] == [[0.0]] * 20
+
+
+def test_plans_do_not_depend_on_the_order() -> None:
+    scenario = scene(flow_per_hour=500.0)
+    forward = {pair: planned_arrivals(scenario, pair) for pair in range(30)}
+    backward = {pair: planned_arrivals(scenario, pair) for pair in reversed(range(30))}
+    assert forward == backward
+    for one, other in itertools.combinations(forward.values(), 2):
+        assert one != other
+
+
+def test_another_seed_gives_other_pedestrians() -> None:
+    one, other = (plans(scene(seed=seed, flow_per_hour=500.0), 30) for seed in (1, 2))
+    assert all(a != b for a, b in zip(one, other, strict=True))

@@ -1,0 +1,70 @@
+"""Results do not hang on the step: the method is exact on its grid, or off by a step at most."""
+
+import pytest
+
+from harness.encounter import Side
+from harness.engine.plain import PlainEngine
+from harness.measures import measure
+from harness.pairing import PairRunner
+from harness.scenario import Scenario
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.hard_yield import HardYield
+from harness.strategies.soft_yield import SoftYield
+from tests.scenes import play, scenario
+
+# Walkers for whom Soft-Yield has an answer at (30 m, 5 m/s): 0.976 to 1.5 m/s.
+WINDOW = [0.98, 1.0, 1.037, 1.1, 1.2, 1.25, 1.3, 1.337, 1.4, 1.45, 1.49]
+
+
+def with_step(step_s: float) -> Scenario:
+    return scenario(experiment={"step_s": step_s})
+
+
+def pass_time(strategy, step_s: float, *walkers: tuple[float, Side, float]) -> float:
+    (record,) = measure([play(strategy(), walkers, with_step(step_s))])
+    assert record.pass_time_s is not None
+    return record.pass_time_s
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("walking_speed", WINDOW)
+def test_soft_yield_inside_its_window(walking_speed: float, side: Side) -> None:
+    # Arrival is exact at any step; what is left is the moment of resuming, at a step's end.
+    times = [pass_time(SoftYield, step, (0.0, side, walking_speed)) for step in (0.1, 0.05, 0.025)]
+    assert abs(times[0] - times[1]) < 1e-3
+    assert abs(times[1] - times[2]) < 1e-3
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("walking_speed", [0.3, 0.5, 0.8, 0.97, *WINDOW, 1.6, 2.5])
+@pytest.mark.parametrize("strategy", [HardYield, ConstantSpeed, SoftYield])
+def test_others_by_one_coarse_step_at_most(strategy, walking_speed: float, side: Side) -> None:
+    walker = (0.0, side, walking_speed)
+    try:
+        coarse, fine = (pass_time(strategy, step, walker) for step in (0.1, 0.05))
+    except AssertionError:
+        # Whoever is hit at one step is hit at the other, at the same moment.
+        hits = [measure([play(strategy(), [walker], with_step(s))])[0] for s in (0.1, 0.05)]
+        assert all(hit.contact is not None for hit in hits)
+        assert hits[0].contact_time_s == pytest.approx(hits[1].contact_time_s, abs=1e-9)
+        return
+    assert abs(coarse - fine) <= 0.1 + 1e-9
+
+
+def test_the_papers_pairs_by_one_coarse_step_at_most(model) -> None:
+    # Both arms of the paper's experiment: same pedestrians, half the step.
+    def pass_times(step_s: float) -> list[float | None]:
+        scene = scenario(
+            pedestrians={"max_count": 1, "first_at_trigger": True},
+            experiment={"step_s": step_s},
+        )
+        runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), step_s))
+        return [outcome.record.pass_time_s for outcome in runner.run(range(40))]
+
+    coarse, fine = pass_times(0.1), pass_times(0.05)
+    assert sum(time is not None for time in coarse) > 70
+    for one, other in zip(coarse, fine, strict=True):
+        if one is None or other is None:
+            assert one is other
+        else:
+            assert abs(one - other) <= 0.1 + 1e-9
