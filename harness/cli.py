@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import typer
 from typer.exceptions import Abort, Exit, TyperException
@@ -69,6 +69,22 @@ ResumeOption = Annotated[
     Path | None,
     typer.Option(help="Go on with an interrupted run; stands alone.", metavar="DIR"),
 ]
+DaskOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Run the tasks on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install "
+        "crosswalk-harness[cluster]); its workers must have one thread each.",
+        metavar="ADDRESS",
+    ),
+]
+SumoOutputsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Run episodes again one by one with SUMO's own outputs on, into RUN/sumo: all or "
+        "crashed. Slower: each gets a SUMO of its own.",
+        metavar="WHICH",
+    ),
+]
 TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
@@ -108,6 +124,8 @@ def run(
     workers: WorkersOption = None,
     resume: ResumeOption = None,
     traces: TracesOption = False,
+    sumo_outputs: SumoOutputsOption = None,
+    dask: DaskOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -116,11 +134,12 @@ def run(
     from harness.study import single_cell
 
     if resume is not None:
-        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces)
-        _resume(resume, workers, quiet, as_json)
+        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, sumo_outputs)
+        _resume(resume, workers, dask, quiet, as_json)
         return
     file = read_scenario_file(_required(scenario), _settings(settings, pairs, seed))
-    _start(single_cell(file), out, until, workers, traces, quiet, as_json)
+    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
+    _start(single_cell(file), out, how)
 
 
 @app.command()
@@ -135,6 +154,8 @@ def sweep(
     workers: WorkersOption = None,
     resume: ResumeOption = None,
     traces: TracesOption = False,
+    sumo_outputs: SumoOutputsOption = None,
+    dask: DaskOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -143,12 +164,15 @@ def sweep(
     from harness.study import parse_variation, study_of
 
     if resume is not None:
-        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, vary)
-        _resume(resume, workers, quiet, as_json)
+        _refuse_beside_resume(
+            scenario, out, pairs, seed, settings, until, traces, sumo_outputs, vary
+        )
+        _resume(resume, workers, dask, quiet, as_json)
         return
     file = read_scenario_file(_required(scenario), _settings(settings, pairs, seed))
     study = study_of(file, [parse_variation(text) for text in vary or []])
-    _start(study, out, until, workers, traces, quiet, as_json)
+    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
+    _start(study, out, how)
 
 
 @app.command()
@@ -259,33 +283,75 @@ def _required(scenario: str | None) -> str:
 def _refuse_beside_resume(*others: object) -> None:
     if any(other not in (None, False) for other in others):
         raise InputError(
-            "--resume", "stands beside other options", "--workers, --quiet and --json alone"
+            "--resume", "stands beside other options", "--workers, --dask, --quiet and --json alone"
         )
 
 
-def _start(
-    study: Any,
-    out: Path | None,
-    until: str | None,
-    workers: int | None,
-    traces: bool,
-    quiet: bool,
-    as_json: bool,
-) -> None:
+class _How(NamedTuple):
+    """How a run is carried out and reported: the options `run` and `sweep` share."""
+
+    until: str | None
+    workers: int | None
+    traces: bool
+    sumo_outputs: str | None
+    dask: str | None
+    quiet: bool
+    as_json: bool
+
+
+def _start(study: Any, out: Path | None, how: _How) -> None:
     from harness.experiment import Options, run_study
 
-    options = Options(traces=traces, until=_precision(until), workers=workers)
-    with _progress("pairs", hidden=quiet or as_json) as advance, _termination():
-        finished = run_study(study, options, out=out, progress=advance)
-    _report(finished, quiet, as_json)
+    if how.sumo_outputs not in (None, "all", "crashed"):
+        raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
+    options = Options(
+        traces=how.traces, until=_precision(how.until), workers=_workers(how.workers, how.dask)
+    )
+    hidden = how.quiet or how.as_json
+    with _progress("pairs", hidden) as advance, _termination():
+        finished = run_study(
+            study, options, out=out, progress=advance, make_executor=_executor(how.dask)
+        )
+    if how.sumo_outputs is not None:
+        from harness.replay import replay_into
+
+        if not hidden:
+            _say(f"SUMO's outputs of {how.sumo_outputs} episodes: one SUMO for each, be patient")
+        for episode in replay_into(finished.folder, how.sumo_outputs):
+            for difference in episode.differences:
+                raise HarnessError(f"{episode.folder}: {difference}")
+    _report(finished, how.quiet, how.as_json)
 
 
-def _resume(folder: Path, workers: int | None, quiet: bool, as_json: bool) -> None:
+def _resume(
+    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
+) -> None:
     from harness.experiment import resume
 
     with _progress("pairs", hidden=quiet or as_json) as advance, _termination():
-        finished = resume(folder, workers=workers, progress=advance)
+        finished = resume(
+            folder,
+            workers=_workers(workers, dask),
+            progress=advance,
+            make_executor=_executor(dask),
+        )
     _report(finished, quiet, as_json)
+
+
+def _workers(workers: int | None, dask: str | None) -> int | None:
+    if dask is not None and workers is not None:
+        raise InputError("--workers", "stands beside --dask", "the cluster has its own workers")
+    return workers
+
+
+def _executor(dask: str | None) -> Any:
+    if dask is None:
+        from harness.execution import LocalPool
+
+        return LocalPool
+    from harness.cluster import DaskCluster
+
+    return lambda _workers: DaskCluster(dask)
 
 
 def _precision(text: str | None) -> Any:

@@ -129,7 +129,7 @@ def fit(
     ] = None,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Refuse rows outside the bounds; else they are left out."),
+        typer.Option("--strict", help="Refuse rows outside the bounds instead of dropping."),
     ] = False,
     starts: Annotated[int, typer.Option(min=1, help="Starts of every fit; the best is kept.")] = 3,
     folds: Annotated[
@@ -330,7 +330,7 @@ def _write_rows(path: Path, extraction: Any, command: str) -> None:
     import pyarrow.parquet as pq
 
     from harness.calibration.sample import EXTRACTION_KEY
-    from harness.results import write_file
+    from harness.run_folder import write_file
 
     table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
     about = {"command": command, "counts": extraction.counts.as_dict()}

@@ -96,7 +96,7 @@ class Direct:
         return component_sum(terms), component_sum(slope), component_sum(bend)
 
     def log_density(self, state: State, x: Array | float) -> Array:
-        return _log_sum(self._logs(state, x)[0])
+        return log_sum(self._logs(state, x)[0])
 
     def cumulative(self, state: State) -> Cumulative:
         # In the upper tail Φ(b) − Φ(a) loses its digits and Φ(−a) − Φ(−b) does not.
@@ -169,7 +169,7 @@ class OneIntegrated:
 
     def log_density(self, state: State, x: Array | float) -> Array:
         logs, _, lo, hi = self._logs(state, x)
-        return _log_sum(logs + _log_interval(lo, hi))
+        return log_sum(logs + _log_interval(lo, hi))
 
     def cumulative(self, state: State) -> Cumulative:
         weights = np.exp(state.log_weights)
@@ -195,7 +195,7 @@ class OneIntegrated:
         return component_sum(corner)
 
 
-def _log_sum(logs: Array) -> Array:
+def log_sum(logs: Array) -> Array:
     """Log of the sum of exponentials over the components."""
     largest = np.maximum.reduce(logs, axis=0)
     result: Array = largest + np.log(component_sum(np.exp(logs - largest)))

@@ -87,6 +87,9 @@ class Regression:
         self._flat_offset = self._offset.reshape(-1)
         self._flat_constant = self._constant.reshape(-1)
         self.count, self.known = count, known
+        # Further from 0 than any component's rest by its spread, (r,).
+        rest_spread = np.sqrt(np.diagonal(scale_matrices, axis1=1, axis2=2)[:, rest])
+        self.rest_reach = (np.abs(locations[:, rest]) + rest_spread).max(axis=0)
         # Given everything known, the target's spread and the rest's slope on it and covariance.
         self.spread = np.ascontiguousarray(factors[:, known, known])
         self.rest_slopes = factors[:, known + 1 :, known] / self.spread[:, None]

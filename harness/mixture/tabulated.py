@@ -110,7 +110,8 @@ class TabulatedDensity:
             z = float(np.clip(z - chebyshev.chebval(z, self._slope[:, panel]) / bend, -1.0, 1.0))
         if chebyshev.chebval(z, self._density[:, panel]) >= height:
             best = z
-        return float(self._middle[panel] + self._half[panel] * best)
+        x = float(self._middle[panel] + self._half[panel] * best)
+        return min(max(x, float(self.edges[0])), float(self.edges[-1]))
 
     def _panel(self, x: Array) -> NDArray[np.intp]:
         inside = np.searchsorted(self.edges, x, side="right") - 1

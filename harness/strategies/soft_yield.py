@@ -75,20 +75,48 @@ class SoftYield:
 
 
 def _follow(plan: _Plan, observation: Observation) -> float:
+    """The planned motion on the time grid: exact at x = 0, within 1e-3 s where it passes."""
     now, step = observation.time_s, observation.step_s
-    left = plan.decelerate_until_s - now
-    if left <= 0:
+    if plan.acceleration_mps2 == 0:
         return 0.0
-    if left >= step:
+    if plan.decelerate_until_s - now >= step:
         return plan.acceleration_mps2
-    # T1 ends inside this step.  Holding a to its end would arrive up to 34 ms late; the speed v_c
-    # below makes the coasting that follows arrive exactly.
     range_m, speed = observation.ego.range_m, observation.ego.speed_mps
     until_arrival = plan.arrival_s - now
+    if plan.decelerate_until_s > now:
+        if until_arrival <= step:
+            return 2 * (range_m - speed * until_arrival) / until_arrival**2
+        coasting_speed = _coasting_speed(observation, until_arrival)
+        return (coasting_speed - speed) / step
     if until_arrival <= step:
-        return 2 * (range_m - speed * until_arrival) / until_arrival**2
-    coasting_speed = (range_m - speed * step / 2) / (until_arrival - step / 2)
-    return (coasting_speed - speed) / step
+        # The pedestrian leaves inside this step: from then on a0, spread over the whole step.
+        return _gain(observation, step - until_arrival, speed) / step
+    return 0.0
+
+
+def _coasting_speed(observation: Observation, until_arrival: float) -> float:
+    """Speed at the end of the step in which T1 ends, so that the coasting arrives on time.
+
+    Holding a to the step's end would arrive up to 34 ms late.  Counted in is the distance s²/2
+    times the gain over the step that the step of the arrival covers before it.
+    """
+    step, range_m, speed = observation.step_s, observation.ego.range_m, observation.ego.speed_mps
+    before = math.fmod(until_arrival, step) or step
+    share = before**2 / (2 * step)
+    distance, duration = range_m - speed * step / 2, until_arrival - step / 2
+    initial = observation.vehicle.initial_speed_mps
+    gain = observation.vehicle.resume_acceleration_mps2 * (step - before)
+    coasting_speed = (distance - gain * share) / duration
+    if coasting_speed + gain > initial:
+        coasting_speed = (distance - initial * share) / (duration - share)
+    return coasting_speed
+
+
+def _gain(observation: Observation, duration_s: float, speed_mps: float) -> float:
+    """Speed gained in that time at a0, up to v0."""
+    vehicle = observation.vehicle
+    wanted = vehicle.resume_acceleration_mps2 * duration_s
+    return min(wanted, vehicle.initial_speed_mps - speed_mps)
 
 
 def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:

@@ -38,7 +38,9 @@ def random_matrix(rng, dimension, condition):
     return (turn * values) @ turn.T
 
 
-@pytest.mark.parametrize(("a", "b"), [(-1.0, 2.0), (0.5, INF), (-INF, -3.0), (5.0, 6.0), (9.0, INF)])
+@pytest.mark.parametrize(
+    ("a", "b"), [(-1.0, 2.0), (0.5, INF), (-INF, -3.0), (5.0, 6.0), (9.0, INF)]
+)
 def test_one_variable_equals_scipy(a, b):
     got, mean, covariance = truncation.moments(
         np.array([[0.3]]), np.array([[[4.0]]]), np.array([0.3 + 2 * a]), np.array([0.3 + 2 * b])
@@ -57,7 +59,9 @@ def test_one_variable_equals_scipy(a, b):
 def test_independent_box_is_a_product(dimension):
     lower, upper = np.linspace(-1.0, 0.5, dimension), np.linspace(0.7, 2.0, dimension)
     scale = np.linspace(0.5, 2.0, dimension)
-    wanted = np.prod(truncnorm.cdf(upper / scale, -INF, INF) - truncnorm.cdf(lower / scale, -INF, INF))
+    wanted = np.prod(
+        truncnorm.cdf(upper / scale, -INF, INF) - truncnorm.cdf(lower / scale, -INF, INF)
+    )
     assert mass(np.diag(scale**2), lower, upper) == pytest.approx(wanted, abs=1e-14)
 
 
@@ -68,7 +72,9 @@ def test_orthant_of_two(rho):
     assert mass([[1, rho], [rho, 1]], [0, 0], [INF, INF]) == pytest.approx(wanted, abs=1e-12)
 
 
-@pytest.mark.parametrize("rhos", [(0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)])
+@pytest.mark.parametrize(
+    "rhos", [(0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)]
+)
 def test_orthant_of_three(rhos):
     a, b, c = rhos
     wanted = 0.125 + np.arcsin(rhos).sum() / (4.0 * np.pi)
@@ -83,7 +89,9 @@ def test_orthant_of_four_with_correlation_half():
     assert mass(9.0 * matrix, [-INF] * 4, [0] * 4) == pytest.approx(0.2, abs=1e-12)
 
 
-@pytest.mark.parametrize(("dimension", "condition", "nodes"), [(2, 100, 200), (3, 30, 90), (4, 4, 30)])
+@pytest.mark.parametrize(
+    ("dimension", "condition", "nodes"), [(2, 100, 200), (3, 30, 90), (4, 4, 30)]
+)
 def test_two_sided_boxes_by_quadrature(dimension, condition, nodes):
     rng = np.random.default_rng(dimension)
     for _ in range(4):

@@ -1,0 +1,60 @@
+"""The same tasks on an existing Dask cluster (extra ``cluster``)."""
+
+from concurrent.futures import Future
+
+from harness.errors import InputError
+from harness.worker import Task, TaskResult, run_task
+
+
+class DaskCluster:
+    """Submits tasks to a Dask scheduler; results come back as ordinary futures.
+
+    Args:
+        address: of the scheduler, e.g. ``tcp://127.0.0.1:8786``.
+
+    Raises:
+        InputError: the extra is not installed, nobody answers, there are no workers, or one has
+            several threads (libsumo runs one simulation per process).
+    """
+
+    def __init__(self, address: str) -> None:
+        where = f"--dask {address}"
+        try:
+            from distributed import Client
+        except ImportError:
+            raise InputError(
+                where, "Dask is not installed", "pip install crosswalk-harness[cluster]"
+            ) from None
+        try:
+            self._client = Client(address, timeout=10, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(where, f"no scheduler answers ({error})", "host:port of one") from None
+        threads = self._client.nthreads()
+        if not threads or any(count != 1 for count in threads.values()):
+            found = ", ".join(str(count) for count in threads.values()) or "no workers"
+            self._client.close()
+            raise InputError(
+                where, f"threads of its workers: {found}", "dask worker --nthreads 1 (one or more)"
+            )
+        self.workers = len(threads)
+        self._running: set[Future[TaskResult]] = set()
+
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        """See ``Executor.submit``; Dask's own retries are off, so that culprits are counted."""
+        result: Future[TaskResult] = Future()
+        result.set_running_or_notify_cancel()
+        # A retry is a new computation, not a look at the old one's failure: hence pure=False.
+        remote = self._client.submit(run_task, task, pure=False, retries=0)
+
+        def done(_finished: object) -> None:
+            try:
+                result.set_result(remote.result())
+            except BaseException as error:
+                result.set_exception(error)
+
+        remote.add_done_callback(done)
+        return result
+
+    def stop(self) -> None:
+        """See ``Executor.stop``; the cluster itself goes on."""
+        self._client.close()

@@ -1,0 +1,290 @@
+"""One episode: arrivals inside a step, the kerb rule, what a strategy sees, how it ends."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arrival, Ending, Observation, Side
+from harness.engine.plain import PlainEngine
+from harness.episode import run_episode
+from harness.errors import EngineError
+from harness.measures import measure
+from harness.strategies.constant_speed import ConstantSpeed
+from tests.scenes import play, rules_of, scenario
+
+
+class Recorder:
+    """Keeps what it sees and drives by a function of it."""
+
+    def __init__(self, command=lambda _: 0.0) -> None:
+        self.seen: list[Observation] = []
+        self._command = command
+
+    def decide(self, observation: Observation, /) -> float:
+        self.seen.append(observation)
+        return self._command(observation)
+
+
+# --- arrivals ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arrival", [0.0, 0.037, 0.1, 0.3, 1.2345678901234, 4.999999])
+def test_a_start_is_never_rounded_to_a_step(arrival: float) -> None:
+    recorder = Recorder()
+    trace = play(recorder, [(arrival, Side.NEAR, 1.3)])
+    assert trace.walks[0].start_s == arrival
+    # 2.25 m to the lane's centre, 9 m to the other kerb.
+    for seen in recorder.seen:
+        if seen.time_s <= arrival - 1e-9 or not seen.pedestrians:
+            continue
+        (view,) = seen.pedestrians
+        walked = 1.3 * (seen.time_s - arrival)
+        assert view.lateral_m == pytest.approx(2.25 - walked, abs=1e-9)
+        assert view.remaining_m == pytest.approx(9 - walked, abs=1e-9)
+        assert (view.index, view.side, view.speed_mps, view.on_crossing) == (
+            0,
+            Side.NEAR,
+            1.3,
+            True,
+        )
+    # Seen from the first step that does not begin before he came.
+    first = next(seen.time_s for seen in recorder.seen if seen.pedestrians)
+    assert first == pytest.approx(math.ceil(arrival / 0.1 - 1e-9) * 0.1)
+
+
+def test_he_sees_the_ego_where_it_is_at_that_moment() -> None:
+    # Braking at 0.8 m/s² from 5 m/s at 30 m: after t, 30 − 5 t + 0.4 t² and 5 − 0.8 t.
+    arrival = 1.2345
+    trace = play(Recorder(lambda _: -0.8), [(arrival, Side.FAR, 1.0)])
+    walk = trace.walks[0]
+    assert walk.range_m == pytest.approx(30 - 5 * arrival + 0.4 * arrival**2, abs=1e-9)
+    assert walk.vehicle_speed_mps == pytest.approx(5 - 0.8 * arrival, abs=1e-9)
+
+
+def test_a_walker_from_the_far_side() -> None:
+    recorder = Recorder()
+    play(recorder, [(0.0, Side.FAR, 1.0)])
+    # The lane's centre is 6.75 m from the far kerb.
+    assert recorder.seen[0].pedestrians[0].lateral_m == pytest.approx(6.75)
+    assert recorder.seen[70].pedestrians[0].lateral_m == pytest.approx(-0.25, abs=1e-9)
+
+
+def test_who_has_reached_the_other_kerb_is_gone() -> None:
+    recorder = Recorder(lambda _: -0.4)
+    play(recorder, [(0.0, Side.NEAR, 2.0)])
+    # 9 m at 2 m/s: 4.5 s.
+    present = [seen.time_s for seen in recorder.seen if seen.pedestrians]
+    assert max(present) == pytest.approx(4.4)
+
+
+# --- kerb rule -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("arrival", "goes"),
+    # At 5 m/s the edge (R = 2 m) is 2 s away at R = 12 m: 3.6 s after the trigger.
+    [(0.0, True), (3.5, True), (3.59, True), (3.61, False), (5.0, False), (6.0, False)],
+)
+def test_kerb_rule_of_two_seconds(arrival: float, goes: bool) -> None:
+    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    trace = play(ConstantSpeed(), [(arrival, Side.NEAR, 1.2)], scene)
+    walk = trace.walks[0]
+    if goes:
+        assert walk.start_s == arrival
+    else:
+        assert (walk.start_s, walk.speed_mps, walk.range_m) == (None, None, None)
+
+
+@pytest.mark.parametrize(("arrival", "goes"), [(5.59, True), (5.61, False), (7.3, False)])
+def test_nobody_steps_off_under_the_body(arrival: float, goes: bool) -> None:
+    # With no waiting at all, still: the body overlaps the crosswalk from R = 2 m (5.6 s) on.
+    trace = play(ConstantSpeed(), [(arrival, Side.NEAR, 0.5)], scenario())
+    assert (trace.walks[0].start_s is not None) is goes
+
+
+def test_who_waits_looks_again_at_every_step() -> None:
+    # The ego brakes to a stand from 3.7 s on, 10 m before the edge's 2 s are up; as soon as its
+    # speed makes the edge more than 2 s away, he goes, at a step and with what he sees then.
+    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    recorder = Recorder(lambda seen: -2.0 if seen.time_s > 3.65 else 0.0)
+    trace = play(recorder, [(3.66, Side.NEAR, 1.2)], scene)
+    walk = trace.walks[0]
+    assert walk.start_s is not None
+    times = np.arange(len(trace.x_m)) * 0.1
+    clear = -trace.x_m - 2.0 > 2.0 * trace.speed_mps
+    expected = times[clear & (times >= 3.66)][0]
+    assert 3.7 < expected
+    assert walk.start_s == pytest.approx(expected, abs=1e-12)
+    step = round(walk.start_s / 0.1)
+    assert walk.range_m == pytest.approx(-trace.x_m[step])
+    assert walk.vehicle_speed_mps == pytest.approx(trace.speed_mps[step])
+    waiting = [seen for seen in recorder.seen if seen.pedestrians and seen.time_s < expected - 1e-9]
+    assert waiting
+    for seen in waiting:
+        view = seen.pedestrians[0]
+        assert (view.speed_mps, view.on_crossing, view.remaining_m) == (0.0, False, 9.0)
+
+
+# --- what a strategy sees ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("detection_m", [12.3, 25.04, 30.0, 100.0])
+def test_nobody_is_seen_beyond_the_detection_range(detection_m: float) -> None:
+    scene = scenario(ego={"detection_range_m": detection_m})
+    recorder = Recorder()
+    play(recorder, [(0.0, Side.NEAR, 0.4)], scene)
+    for seen in recorder.seen:
+        near = seen.ego.range_m <= detection_m
+        assert bool(seen.pedestrians) is near
+    assert recorder.seen[0].ego == (30.0, 5.0, 0.0)
+
+
+def test_an_observation_is_immutable() -> None:
+    recorder = Recorder()
+    play(recorder, [(0.0, Side.NEAR, 1.0)])
+    seen = recorder.seen[10]
+    for thing, name in (
+        (seen, "time_s"),
+        (seen.ego, "speed_mps"),
+        (seen.pedestrians[0], "lateral_m"),
+        (seen.vehicle, "length_m"),
+        (seen.crossing, "length_m"),
+    ):
+        with pytest.raises(AttributeError):
+            setattr(thing, name, 1.0)
+    with pytest.raises(TypeError):
+        seen.pedestrians[0] = None  # type: ignore[index]
+
+
+def test_it_sees_its_own_state_and_the_constants() -> None:
+    recorder = Recorder(lambda _: 0.7)
+    trace = play(recorder, [])
+    for n, seen in enumerate(recorder.seen):
+        assert seen.time_s == pytest.approx(n * 0.1)
+        assert seen.ego.range_m == pytest.approx(30 - (5 * n * 0.1 + 0.35 * (n * 0.1) ** 2))
+        assert seen.ego.speed_mps == pytest.approx(5 + 0.07 * n)
+        assert seen.ego.acceleration_mps2 == pytest.approx(0.7 if n else 0.0)
+        assert seen.pedestrians == ()
+    assert (seen.vehicle, seen.crossing) == (trace.vehicle, trace.crossing)
+    assert (seen.crossing.length_m, seen.crossing.width_m) == (9.0, 4.0)
+    assert len(recorder.seen) == len(trace.x_m) - 1
+
+
+# --- limits and endings --------------------------------------------------------------------------
+
+
+def test_commands_are_held_to_the_vehicles_limits() -> None:
+    gains = np.diff(play(Recorder(lambda _: 99.0), []).speed_mps) / 0.1
+    np.testing.assert_allclose(gains, 3.0, atol=1e-9)
+    losses = np.diff(play(Recorder(lambda _: -math.inf), []).speed_mps) / 0.1
+    # 5 m/s at 4.5 m/s²: eleven whole steps and the rest of the speed in the twelfth.
+    np.testing.assert_allclose(losses[:11], -4.5, atol=1e-9)
+    assert losses[11] == pytest.approx(-0.5, abs=1e-9)
+    np.testing.assert_array_equal(losses[12:], 0.0)
+
+
+def test_it_ends_when_the_rear_has_left_the_far_edge() -> None:
+    trace = play(ConstantSpeed(), [])
+    assert trace.ending is Ending.CROSSED
+    assert trace.x_m[-1] >= 7.0 - 1e-9 > trace.x_m[-2]
+
+
+@pytest.mark.parametrize("timeout_s", [3.0, 7.3])
+def test_a_time_out(timeout_s: float) -> None:
+    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": timeout_s}))
+    assert (trace.ending, trace.reason) == (Ending.TIMED_OUT, None)
+    assert len(trace.x_m) - 1 == round(timeout_s / 0.1)
+    (record,) = measure([trace])
+    assert (record.ending, record.pass_time_s) == ("timed_out", None)
+
+
+def test_crossing_in_the_very_last_step_is_no_time_out() -> None:
+    # 7.4 s to the far edge.
+    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": 7.4}))
+    assert trace.ending is Ending.CROSSED
+
+
+def raises(_: Observation) -> float:
+    raise ZeroDivisionError("no such number")
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        (lambda _: math.nan, "nan"),
+        (raises, "no such number"),
+        (lambda _: "brake", "brake|str"),
+        (lambda _: None, "SUMO"),
+    ],
+)
+def test_a_strategy_that_fails_ends_its_episode_with_a_reason(command, says: str) -> None:
+    late = Recorder(lambda seen: command(seen) if seen.time_s > 1.05 else 0.0)
+    trace = play(late, [(0.0, Side.NEAR, 1.0)])
+    assert trace.ending is Ending.ENGINE_FAILED
+    assert trace.reason is not None
+    assert len(trace.reason.splitlines()) == 1
+    assert re.search(says, trace.reason)
+    (record,) = measure([trace])
+    assert (record.ending, record.reason) == ("engine_failed", trace.reason)
+    assert (record.pass_time_s, record.delay_s) == (None, None)
+    # The states up to there are kept.
+    assert len(trace.x_m) == 12
+
+
+class Failing(PlainEngine):
+    """Breaks at a given call."""
+
+    def __init__(self, at: str) -> None:
+        scene = scenario()
+        super().__init__(scene.vehicle(), 0.1)
+        self._at = at
+
+    def begin(self, arrivals):
+        if self._at == "begin":
+            raise EngineError("no ego")
+        return super().begin(arrivals)
+
+    def step(self, speed_mps, pedestrians):
+        if self._at == "step" and self._x > -20:
+            raise EngineError("lost ego")
+        return super().step(speed_mps, pedestrians)
+
+    def remove(self, index):
+        if self._at == "remove":
+            raise EngineError("lost pedestrian")
+
+    def end(self):
+        if self._at == "end":
+            raise EngineError("no end")
+        return super().end()
+
+
+@pytest.mark.parametrize("at", ["begin", "step", "remove", "end"])
+def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
+    arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
+    trace = run_episode(
+        Failing(at), ConstantSpeed(), arrivals, lambda *_: 2.5, rules_of(scenario())
+    )
+    assert trace.ending is Ending.ENGINE_FAILED
+    assert trace.reason in {"no ego", "lost ego", "lost pedestrian", "no end"}
+    (record,) = measure([trace])
+    assert record.ending == "engine_failed"
+    assert record.contact is None
+
+
+def test_failed_episodes_do_not_disturb_others_measured_with_them() -> None:
+    good = play(ConstantSpeed(), [(0.0, Side.NEAR, 1.0)])
+    broken = [
+        run_episode(
+            Failing(at),
+            ConstantSpeed(),
+            [Arrival(0, 0.0, Side.NEAR, 0.5)],
+            lambda *_: 2.5,
+            rules_of(scenario()),
+        )
+        for at in ("begin", "step", "remove")
+    ]
+    alone = measure([good])[0]
+    assert measure([*broken, good, *broken])[3] == alone

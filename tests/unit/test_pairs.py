@@ -1,0 +1,162 @@
+"""Both arms of a pair meet the same pedestrians, whenever and wherever the pair is run."""
+
+import multiprocessing
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arm, Side
+from harness.engine.plain import PlainEngine
+from harness.interaction import InteractionModel, load_model
+from harness.measures import Outcome
+from harness.pairing import PairRunner
+from harness.plan import planned_arrivals
+from harness.scenario import Scenario, load_scenario, validate
+
+FLOW = {
+    "pedestrians": {"flow_per_hour": 900.0},
+    "strategies": {"human_gmm": {"speed": "sampled"}},
+    "experiment": {"timeout_s": 120.0, "seed": 3},
+}
+
+
+def runner(scenario: Scenario, model: InteractionModel) -> PairRunner:
+    step_s = scenario.experiment.step_s
+    return PairRunner(scenario, model, lambda: PlainEngine(scenario.vehicle(), step_s))
+
+
+def content(outcome: Outcome) -> tuple[object, ...]:
+    """Everything of an outcome, as bytes where it is an array: equal means equal bits."""
+    trace = outcome.trace
+    return (
+        outcome.pair,
+        outcome.arm.value,
+        outcome.strategy,
+        tuple((f.name, repr(getattr(outcome.record, f.name))) for f in fields(outcome.record)),
+        trace.x_m.tobytes(),
+        trace.speed_mps.tobytes(),
+        repr(trace.walks),
+    )
+
+
+def run(tree: dict[str, dict[str, object]], pairs: list[int]) -> dict[int, list[tuple]]:
+    """Contents by pair; a function of plain values, so that another process can call it."""
+    found: dict[int, list[tuple]] = {}
+    for outcome in runner(validate(tree, "test"), load_model("dut-interim")).run(pairs):
+        found.setdefault(outcome.pair, []).append(content(outcome))
+    return found
+
+
+def arms(scenario: Scenario, model: InteractionModel, pairs: int) -> list[tuple[Outcome, Outcome]]:
+    outcomes = list(runner(scenario, model).run(range(pairs)))
+    assert [o.arm for o in outcomes] == [Arm.AV, Arm.HUMAN] * pairs
+    return list(zip(outcomes[::2], outcomes[1::2], strict=True))
+
+
+def test_both_arms_meet_the_same_pedestrians(model) -> None:
+    scenario = validate(FLOW, "test")
+    for av, human in arms(scenario, model, 30):
+        assert av.pair == human.pair
+        planned = planned_arrivals(scenario, av.pair)
+        for outcome in (av, human):
+            came = tuple(walk.arrival for walk in outcome.trace.walks)
+            assert came == planned[: len(came)]
+            # Nobody who should have come while it lasted is missing.
+            end = (len(outcome.trace.x_m) - 1) * scenario.experiment.step_s
+            missing = [a.arrival_s for a in planned[len(came) :]]
+            assert all(arrival > end - 1e-9 for arrival in missing)
+
+
+def test_walking_speeds_come_from_each_arms_own_state(model) -> None:
+    # The same quantile of f(v_p | 1/R, v) at what was seen: the CDF there gives it back.
+    scenario = validate(FLOW, "test")
+    conditional = model.mixture.conditional(2, (0, 1))
+    differing = checked = 0
+    for av, human in arms(scenario, model, 20):
+        speeds: dict[int, list[float]] = {}
+        for outcome in (av, human):
+            for walk in outcome.trace.walks:
+                if walk.start_s is None or not walk.range_m or walk.range_m <= 0:
+                    continue
+                assert walk.speed_mps is not None
+                assert walk.vehicle_speed_mps is not None
+                seen = np.array([[1 / walk.range_m, walk.vehicle_speed_mps]])
+                seen = np.clip(seen, model.mixture.lower[:2], model.mixture.upper[:2])
+                back = conditional.cdf(np.array([walk.speed_mps]), seen)[0]
+                assert back == pytest.approx(walk.arrival.quantile, abs=1e-8)
+                speeds.setdefault(walk.arrival.index, []).append(walk.speed_mps)
+                checked += 1
+        differing += sum(len(set(pair)) == 2 for pair in speeds.values())
+    assert checked > 50
+    assert differing > 10  # arms in different states give different speeds
+
+
+def test_the_papers_pairs_walk_at_the_same_speed(model) -> None:
+    scenario = load_scenario("cctc")
+    walked = []
+    for av, human in arms(scenario, model, 50):
+        (one,), (other,) = av.trace.walks, human.trace.walks
+        assert (one.start_s, other.start_s) == (0.0, 0.0)
+        assert (one.range_m, one.vehicle_speed_mps) == (30.0, 5.0)
+        assert one == other
+        walked.append(one)
+    assert len({walk.speed_mps for walk in walked}) == 50
+    assert {walk.arrival.side for walk in walked} == set(Side)
+    order = np.argsort([walk.arrival.quantile for walk in walked])
+    assert (np.diff(np.array([walk.speed_mps for walk in walked])[order]) > 0).all()
+
+
+def test_pairing_by_speed_keeps_the_av_arms_speeds(model) -> None:
+    tree = {**FLOW, "pedestrians": {"flow_per_hour": 900.0, "pairing": "speed"}}
+    scenario = validate(tree, "test")
+    marginal = model.mixture.conditional(2, ())
+    shared = unmet = 0
+    for av, human in arms(scenario, model, 30):
+        in_av = {w.arrival.index: w.speed_mps for w in av.trace.walks if w.start_s is not None}
+        for walk in human.trace.walks:
+            if walk.start_s is None:
+                continue
+            if walk.arrival.index in in_av:
+                assert walk.speed_mps == in_av[walk.arrival.index]
+                shared += 1
+            else:
+                # The AV never met him: unconditional, at his quantile.
+                back = marginal.cdf(np.array([walk.speed_mps]), np.empty((1, 0)))[0]
+                assert back == pytest.approx(walk.arrival.quantile, abs=1e-8)
+                unmet += 1
+    assert shared > 20
+    assert unmet > 5
+
+
+@pytest.fixture(scope="module")
+def in_order() -> dict[int, list[tuple]]:
+    return run(FLOW, list(range(60)))
+
+
+def test_a_pair_first_last_or_alone(in_order) -> None:
+    assert run(FLOW, list(reversed(range(60)))) == in_order
+    for pair in (0, 17, 59):
+        assert run(FLOW, [pair])[pair] == in_order[pair]
+    assert run(FLOW, [59, 3]) == {pair: in_order[pair] for pair in (59, 3)}
+
+
+def test_a_pair_in_another_process(in_order) -> None:
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1) as pool:
+        elsewhere = pool.apply(run, (FLOW, [41, 2]))
+    assert elsewhere == {pair: in_order[pair] for pair in (41, 2)}
+
+
+def test_sweeps_share_their_randomness(model) -> None:
+    # Another strategy, another flow: the same people by index, at stretched times.
+    one = validate(FLOW, "test")
+    other = validate(
+        {**FLOW, "pedestrians": {"flow_per_hour": 450.0}, "arms": {"av": "hard_yield"}}, "test"
+    )
+    for pair in range(20):
+        first, second = planned_arrivals(one, pair), planned_arrivals(other, pair)
+        for a, b in zip(first, second, strict=False):
+            assert (a.side, a.quantile) == (b.side, b.quantile)
+            assert b.arrival_s == 2 * a.arrival_s
+    assert next(iter(runner(other, model).run([0]))).strategy == "hard_yield"
