@@ -59,7 +59,7 @@ class LocalPool:
 
     def stop(self) -> None:
         """See ``Executor.stop``."""
-        self._pool.stop()  # type: ignore[no-untyped-call]
+        self._pool.stop()
         self._pool.join()
 
 

@@ -11,7 +11,13 @@ from harness.calibration.sample import (
     make_sample,
     read_rows,
 )
-from harness.calibration.scores import HeldOut, speed_log_scores, vehicle_folds
+from harness.calibration.scores import (
+    HeldOut,
+    by_vehicle,
+    driving_log_scores,
+    vehicle_folds,
+    walking_log_scores,
+)
 
 __all__ = [
     "BOX_LOWER",
@@ -26,10 +32,12 @@ __all__ = [
     "by_bic",
     "by_held_out",
     "by_rule",
+    "by_vehicle",
     "calibrate",
     "card",
+    "driving_log_scores",
     "make_sample",
     "read_rows",
-    "speed_log_scores",
     "vehicle_folds",
+    "walking_log_scores",
 ]

@@ -15,7 +15,13 @@ import numpy as np
 
 from harness.calibration.choice import Choice, by_bic, by_held_out, by_rule
 from harness.calibration.sample import LABELS, Sample
-from harness.calibration.scores import HeldOut, by_vehicle, speed_log_scores, vehicle_folds
+from harness.calibration.scores import (
+    HeldOut,
+    by_vehicle,
+    driving_log_scores,
+    vehicle_folds,
+    walking_log_scores,
+)
 from harness.errors import InputError
 from harness.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
 
@@ -54,7 +60,9 @@ class Candidate:
         mixture: the fit to all rows.
         log_likelihood, bic: of that fit, weighted; BIC's n is the sum of the weights.
         converged, steps: of the start that was kept.
-        held_out: scores by vehicle; None when a fold could not be fitted or none was asked for.
+        held_out: scores of f(v_p | 1/R, v) by vehicle, what ``held-out`` chooses by; None when a
+            fold could not be fitted or none was asked for.
+        held_out_driver: the same of f(v | 1/R, v_p, 1/T_adv), for information.
     """
 
     components: int
@@ -64,6 +72,7 @@ class Candidate:
     converged: bool
     steps: int
     held_out: HeldOut | None
+    held_out_driver: HeldOut | None
 
     @property
     def parameters(self) -> int:
@@ -147,7 +156,8 @@ class _Answer:
     """A fit to all rows, the scores of a fold, or why there is none."""
 
     fit: FitResult | None = None
-    scores: HeldOut | None = None
+    walking: HeldOut | None = None
+    driving: HeldOut | None = None
     refusal: tuple[str, str, str | None] | None = None
 
 
@@ -223,9 +233,11 @@ def _fit(job: _Job, shared: _Shared) -> _Answer:
     )
     if job.fold is None or sample.vehicle is None or sample.vehicles is None:
         return _Answer(fit=fit)
-    scores = speed_log_scores(fit.mixture, sample.data[held])
+    rows, weights = sample.data[held], sample.weights[held]
+    group = (weights, sample.vehicle[held], sample.vehicles)
     return _Answer(
-        scores=by_vehicle(scores, sample.weights[held], sample.vehicle[held], sample.vehicles)
+        walking=by_vehicle(walking_log_scores(fit.mixture, rows), *group),
+        driving=by_vehicle(driving_log_scores(fit.mixture, rows), *group),
     )
 
 
@@ -267,29 +279,42 @@ def _conclude(settings: Settings, folds: int, results: dict[_Job, _Answer]) -> C
         answer = results[_Job(k, None)]
         if answer.fit is None:
             raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
-        held_out = _joined([results[_Job(k, fold)] for fold in range(folds)])
+        of_folds = [results[_Job(k, fold)] for fold in range(folds)]
+        held_out = _joined([answer.walking for answer in of_folds])
         if folds and held_out is None:
             warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")
         if not answer.fit.converged:
             warnings.append(f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps.")
-        candidates.append(_candidate(k, answer.fit, held_out))
+        driving = _joined([answer.driving for answer in of_folds])
+        candidates.append(_candidate(k, answer.fit, held_out, driving))
     chosen, by = _choose(candidates, settings, warnings)
     return Calibration(tuple(candidates), chosen, by, folds, tuple(warnings))
 
 
-def _candidate(k: int, fit: FitResult, held_out: HeldOut | None) -> Candidate:
+def _candidate(
+    k: int, fit: FitResult, held_out: HeldOut | None, driving: HeldOut | None
+) -> Candidate:
     # Arrays that came from another process are writable again; the mixture's own are not.
     found = fit.mixture
     mixture = TruncatedGaussianMixture(
         found.weights, found.locations, found.scale_matrices, found.lower, found.upper
     )
-    return Candidate(k, mixture, fit.log_likelihood, fit.bic, fit.converged, fit.n_iter, held_out)
+    return Candidate(
+        components=k,
+        mixture=mixture,
+        log_likelihood=fit.log_likelihood,
+        bic=fit.bic,
+        converged=fit.converged,
+        steps=fit.n_iter,
+        held_out=held_out,
+        held_out_driver=driving,
+    )
 
 
-def _joined(answers: Sequence[_Answer]) -> HeldOut | None:
+def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
     """The scores of all folds; every vehicle is in one of them."""
-    parts = [answer.scores for answer in answers if answer.scores is not None]
-    if not parts or len(parts) < len(answers):
+    parts = [part for part in scores if part is not None]
+    if not parts or len(parts) < len(scores):
         return None
     joined = HeldOut(
         np.sum([part.totals for part in parts], axis=0),

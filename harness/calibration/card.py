@@ -10,6 +10,7 @@ import numpy as np
 from harness.calibration.calibrate import Calibration, Candidate, Settings
 from harness.calibration.choice import RULE_SHARE, by_rule, relative_gain
 from harness.calibration.sample import RowFile, Sample, effective_number
+from harness.calibration.scores import HeldOut
 from harness.errors import InputError
 from harness.interaction import INVERSE_RANGE, VARIABLES, VEHICLE_SPEED
 
@@ -115,14 +116,18 @@ def _near_warnings(near: dict[str, Any]) -> list[str]:
     ]
 
 
-def _scored(candidate: Candidate) -> dict[str, Any] | None:
-    if candidate.held_out is None:
-        return None
+def _scored(candidate: Candidate) -> dict[str, Any]:
+    """Held-out scores, nats per encounter weight on vehicles not fitted on."""
     return {
-        "score": "mean log f(v_p | 1/R, v) per encounter weight on vehicles not fitted on, nats",
-        "mean": candidate.held_out.mean,
-        "standard_error": candidate.held_out.standard_error,
+        "log f(v_p | 1/R, v)": _mean_and_error(candidate.held_out),
+        "log f(v | 1/R, v_p, 1/T_adv)": _mean_and_error(candidate.held_out_driver),
     }
+
+
+def _mean_and_error(scores: HeldOut | None) -> dict[str, float | None] | None:
+    if scores is None:
+        return None
+    return {"mean": scores.mean, "standard_error": scores.standard_error}
 
 
 def _table(calibration: Calibration) -> list[dict[str, Any]]:
@@ -142,10 +147,9 @@ def _table(calibration: Calibration) -> list[dict[str, Any]]:
                 "bic_gain_share": gain.get(candidate.components),
                 "converged": candidate.converged,
                 "steps": candidate.steps,
-                "held_out": None if held_out is None else held_out.mean,
-                "held_out_se": None if held_out is None else held_out.standard_error,
-                "held_out_less_chosen": None if less is None else less.mean,
-                "held_out_less_chosen_se": None if less is None else less.standard_error,
+                "held_out": _mean_and_error(held_out),
+                "held_out_less_chosen": _mean_and_error(less),
+                "held_out_driver": _mean_and_error(candidate.held_out_driver),
             }
         )
     return rows

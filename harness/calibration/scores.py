@@ -5,7 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.encounter import FloatArray
-from harness.interaction import INVERSE_RANGE, PEDESTRIAN_SPEED, VEHICLE_SPEED
+from harness.interaction import (
+    INVERSE_RANGE,
+    INVERSE_TIME_ADVANTAGE,
+    PEDESTRIAN_SPEED,
+    VEHICLE_SPEED,
+)
 from harness.mixture import TruncatedGaussianMixture
 
 
@@ -45,10 +50,18 @@ class HeldOut:
         return HeldOut(self.totals - other.totals, self.weights)
 
 
-def speed_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
+def walking_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
     """log f(v_p | 1/R, v) of rows (n, 4), (n,): the reading ``marginal``, as pedestrians use it."""
-    conditional = mixture.conditional(PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED))
-    return conditional.logpdf(data[:, PEDESTRIAN_SPEED], data[:, [INVERSE_RANGE, VEHICLE_SPEED]])
+    given = (INVERSE_RANGE, VEHICLE_SPEED)
+    conditional = mixture.conditional(PEDESTRIAN_SPEED, given)
+    return conditional.logpdf(data[:, PEDESTRIAN_SPEED], data[:, list(given)])
+
+
+def driving_log_scores(mixture: TruncatedGaussianMixture, data: FloatArray) -> FloatArray:
+    """log f(v | 1/R, v_p, 1/T_adv) of rows (n, 4), (n,): as the human driver uses the model."""
+    given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+    conditional = mixture.conditional(VEHICLE_SPEED, given)
+    return conditional.logpdf(data[:, VEHICLE_SPEED], data[:, list(given)])
 
 
 def by_vehicle(scores: FloatArray, weights: FloatArray, vehicle: np.ndarray, count: int) -> HeldOut:

@@ -113,18 +113,19 @@ def fit_document(model: InteractionModel, out: Path) -> dict[str, Any]:
 
 def _print_candidates(console: Console, card: Mapping[str, Any]) -> None:
     table = Table(title="Number of components")
-    headings = ("K", "log-likelihood", "BIC", "gain / first gain", "held-out ± SE", "less chosen")
+    headings = ("K", "log L", "BIC", "gain", "held-out v_p", "less chosen", "held-out v")
     for heading in headings:
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for of in card["candidates"]:
         chosen = of["components"] == card["components"]
         table.add_row(
-            f"{of['components']}" + ("" if of["converged"] else " (not converged)"),
-            f"{of['log_likelihood']:.1f}",
-            f"{of['bic']:.1f}",
-            "" if of["bic_gain_share"] is None else f"{of['bic_gain_share']:.1%}",
-            _plus_minus(of["held_out"], of["held_out_se"]),
-            _plus_minus(of["held_out_less_chosen"], of["held_out_less_chosen_se"]),
+            f"{of['components']}" + ("" if of["converged"] else "*"),
+            f"{of['log_likelihood']:.0f}",
+            f"{of['bic']:.0f}",
+            "" if of["bic_gain_share"] is None else f"{of['bic_gain_share']:.0%}",
+            _plus_minus(of["held_out"]),
+            _plus_minus(of["held_out_less_chosen"]),
+            _plus_minus(of["held_out_driver"]),
             style="bold" if chosen else None,
         )
     console.print(table)
@@ -132,8 +133,9 @@ def _print_candidates(console: Console, card: Mapping[str, Any]) -> None:
     words = "cannot be applied or is not reached" if rule is None else f"gives K = {rule}"
     console.print(
         f"K = {card['components']} ({card['chosen_by']}); the paper's 10 % rule {words}. "
-        f"Held-out: mean log f(v_p | 1/R, v) per encounter on vehicles not fitted on, nats, "
-        f"{card['folds_of_vehicles']} folds."
+        f"Gain: of BIC, as a share of the second component's. Held-out: mean log f(v_p | 1/R, v) "
+        f"and log f(v | 1/R, v_p, 1/T_adv) per encounter on vehicles not fitted on, nats ± "
+        f"standard error over vehicles, {card['folds_of_vehicles']} folds."
     )
 
 
@@ -180,7 +182,8 @@ def _short(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
 
 
-def _plus_minus(value: float | None, error: float | None) -> str:
-    if value is None:
+def _plus_minus(score: Mapping[str, float | None] | None) -> str:
+    if score is None or score["mean"] is None:
         return ""
-    return f"{value:.4f}" if error is None else f"{value:.4f} ± {error:.4f}"
+    error = score["standard_error"]
+    return f"{score['mean']:.3f}" if error is None else f"{score['mean']:.3f}±{error:.3f}"

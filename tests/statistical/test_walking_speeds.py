@@ -1,0 +1,163 @@
+"""What is drawn from the interaction model, against integrals written out here.
+
+The joint density of (1/R, v, v_p, 1/T_adv) is Σ π_k N(x; m_k, S_k) / α_k inside the box, with α_k
+the mass of component k inside it.  Only the parameters are taken from the harness; α_k comes from
+scipy's multivariate normal, everything else from sums over fine grids.
+"""
+
+from functools import cached_property
+
+import numpy as np
+import pytest
+from scipy import integrate, stats
+
+from harness.interaction import InteractionModel
+from harness.mixture import TruncatedGaussianMixture
+from harness.plan import planned_arrivals
+from harness.scenario import load_scenario
+
+R, V, VP, W = range(4)
+
+
+class Joint:
+    """The truncated mixture, the long way round."""
+
+    def __init__(self, mixture: TruncatedGaussianMixture) -> None:
+        self.lower, self.upper = mixture.lower, mixture.upper
+        self._weights, self._locations = mixture.weights, mixture.locations
+        self._scales = mixture.scale_matrices
+
+    @cached_property
+    def masses(self) -> np.ndarray:
+        return np.array(
+            [
+                stats.multivariate_normal(
+                    mean, covariance, maxpts=400_000, abseps=1e-7, releps=1e-6, seed=1
+                ).cdf(self.upper, lower_limit=self.lower)
+                for mean, covariance in zip(self._locations, self._scales, strict=True)
+            ]
+        )
+
+    def density(self, *variables: object) -> np.ndarray:
+        """At points given as four arrays that broadcast; no check of the box."""
+        x = np.broadcast_arrays(*(np.asarray(variable, dtype=float) for variable in variables))
+        total = np.zeros(x[0].shape)
+        for weight, mass, mean, covariance in zip(
+            self._weights, self.masses, self._locations, self._scales, strict=True
+        ):
+            inverse = np.linalg.inv(covariance)
+            centred = [value - m for value, m in zip(x, mean, strict=True)]
+            square = sum(
+                inverse[i, j] * centred[i] * centred[j] for i in range(4) for j in range(4)
+            )
+            norm = (2 * np.pi) ** 2 * np.sqrt(np.linalg.det(covariance))
+            total += weight / mass / norm * np.exp(-0.5 * square)
+        return total
+
+    def grid(self, variable: int, points: int) -> np.ndarray:
+        return np.linspace(self.lower[variable], self.upper[variable], points)
+
+    def walking_speed_cdf(self, range_m: float, speed: float) -> tuple[np.ndarray, np.ndarray]:
+        """F(v_p | 1/R, v) on a grid, 1/T_adv integrated over its bounds by Simpson's rule."""
+        paces, inverse = self.grid(VP, 2001), self.grid(W, 2001)
+        surface = self.density(1 / range_m, speed, paces[:, None], inverse[None, :])
+        along = integrate.simpson(surface, x=inverse, axis=1)
+        area = integrate.cumulative_simpson(along, x=paces, initial=0.0)
+        return paces, area / area[-1]
+
+
+@pytest.fixture(scope="module")
+def joint(model: InteractionModel) -> Joint:
+    return Joint(model.mixture)
+
+
+def test_the_long_way_round_is_a_density(joint: Joint) -> None:
+    # Its mass over the box, by plain Monte Carlo: 1 within four standard errors.
+    rng = np.random.default_rng(0)
+    points = rng.uniform(joint.lower, joint.upper, size=(400_000, 4))
+    values = joint.density(*points.T) * np.prod(joint.upper - joint.lower)
+    assert abs(values.mean() - 1) < 4 * values.std() / np.sqrt(len(values))
+
+
+def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) -> None:
+    # The quantiles the paper's experiment plans, pushed through f(v_p | 1/30, 5).
+    scenario = load_scenario("cctc")
+    quantiles = np.array([planned_arrivals(scenario, pair)[0].quantile for pair in range(10_000)])
+    drawn = model.walking_speed(quantiles, np.full(10_000, 30.0), np.full(10_000, 5.0))
+    paces, cdf = joint.walking_speed_cdf(30.0, 5.0)
+    assert stats.kstest(drawn, lambda v: np.interp(v, paces, cdf)).pvalue > 0.01
+    # The test can tell: the unconditional density and one without truncation are refused.
+    other = [model.walking_speed_unconditional(u) for u in quantiles[:1000].tolist()]
+    assert stats.kstest(other, lambda v: np.interp(v, paces, cdf)).pvalue < 1e-6
+
+
+@pytest.mark.parametrize(("range_m", "speed"), [(30.0, 5.0), (8.0, 1.2), (15.0, 7.5), (55.0, 3.0)])
+def test_quantiles_against_integration(
+    model: InteractionModel, joint: Joint, range_m: float, speed: float
+) -> None:
+    u = np.linspace(0.001, 0.999, 400)
+    drawn = model.walking_speed(u, np.full(400, range_m), np.full(400, speed))
+    paces, cdf = joint.walking_speed_cdf(range_m, speed)
+    np.testing.assert_allclose(np.interp(drawn, paces, cdf), u, atol=2e-5)
+
+
+def test_conditions_outside_the_support_are_clamped(model: InteractionModel) -> None:
+    lower, upper = model.mixture.lower, model.mixture.upper
+    u = np.array([0.1, 0.5, 0.9])
+    for range_m, speed in ((0.5, 0.0), (150.0, 30.0)):
+        clamped = 1 / np.clip(1 / range_m, lower[R], upper[R]), np.clip(speed, lower[V], upper[V])
+        np.testing.assert_allclose(
+            model.walking_speed(u, np.full(3, range_m), np.full(3, speed)),
+            model.walking_speed(u, np.full(3, clamped[0]), np.full(3, clamped[1])),
+            rtol=1e-12,
+        )
+
+
+def test_the_unconditional_walking_speed(model: InteractionModel, joint: Joint) -> None:
+    # Importance sampling over the whole box: F at three speeds within four standard errors.
+    rng = np.random.default_rng(5)
+    points = rng.uniform(joint.lower, joint.upper, size=(600_000, 4))
+    values = joint.density(*points.T)
+    for u in (0.2, 0.5, 0.8):
+        below = points[:, VP] <= model.walking_speed_unconditional(u)
+        share = values[below].sum() / values.sum()
+        error = np.sqrt((values**2 * (below - share) ** 2).sum()) / values.sum()
+        assert abs(share - u) < 4 * error
+
+
+@pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
+def test_modes_match_a_dense_grid(model: InteractionModel, joint: Joint, reading: str) -> None:
+    rng = np.random.default_rng(6)
+    speeds = joint.grid(V, 15_401)  # 0.5 mm/s
+    inverse = joint.grid(W, 401)
+    for _ in range(150 if reading == "given_time_advantage" else 6):
+        r, pace, w = rng.uniform(joint.lower[[R, VP, W]], joint.upper[[R, VP, W]])
+        if reading == "given_time_advantage":
+            w = rng.beta(1, 4) * joint.upper[W]
+            found = model.driver_speed(1 / r, pace, w)
+            values = joint.density(r, speeds, pace, w)
+        else:
+            found = model.driver_speed(1 / r, pace)
+            surface = joint.density(r, speeds[:, None], pace, inverse[None, :])
+            values = integrate.simpson(surface, x=inverse, axis=1)
+        best = speeds[values.argmax()]
+        # Of two equally high peaks either is the mode.
+        high = np.interp(found, speeds, values)
+        assert abs(found - best) < 1e-3 or high > (1 - 1e-5) * values.max(), (r, pace, w)
+
+
+@pytest.mark.parametrize(
+    ("target", "given"), [(VP, (R, V)), (VP, ()), (V, (R, VP)), (V, (R, VP, W)), (VP, (R, V, W))]
+)
+def test_ppf_inverts_cdf(model: InteractionModel, target: int, given: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(7)
+    count = 300 if given else 50
+    chosen = list(given)
+    y = rng.uniform(model.mixture.lower[chosen], model.mixture.upper[chosen], (count, len(given)))
+    u = rng.random(count)
+    u[:4] = [1e-9, 1e-4, 1 - 1e-4, 1 - 1e-9]
+    conditional = model.mixture.conditional(target, given)
+    x = conditional.ppf(u, y)
+    np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9, rtol=0)
+    assert (x >= model.mixture.lower[target]).all()
+    assert (x <= model.mixture.upper[target]).all()

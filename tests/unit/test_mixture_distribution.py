@@ -1,0 +1,135 @@
+"""The truncated mixture itself: density, draws, moments, refusals."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from harness.errors import InputError
+from harness.mixture import TruncatedGaussianMixture
+
+PARTS = {
+    "weights": [0.4, 0.6],
+    "locations": [[0.2, -0.5], [1.0, 1.5]],
+    "scale_matrices": [[[1.0, 0.3], [0.3, 0.5]], [[0.4, -0.2], [-0.2, 0.8]]],
+    "lower": [0.0, 0.0],
+    "upper": [2.0, 3.0],
+}
+
+
+def mixture(**changes):
+    return TruncatedGaussianMixture(**{**PARTS, **changes})
+
+
+def grid(nodes=150):
+    z, w = np.polynomial.legendre.leggauss(nodes)
+    x, y = 1.0 + z, 1.5 + 1.5 * z
+    points = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    return points, np.outer(w, 1.5 * w).ravel()
+
+
+def test_density_integrates_to_one_and_moments_follow():
+    found = mixture()
+    points, weights = grid()
+    density = np.exp(found.logpdf(points)) * weights
+    assert density.sum() == pytest.approx(1.0, abs=1e-12)
+    np.testing.assert_allclose(density @ points, found.mean(), atol=1e-10)
+    away = points - density @ points
+    covariance = np.einsum("n,ni,nj->ij", density, away, away)
+    np.testing.assert_allclose(covariance, found.covariance(), atol=1e-10)
+
+
+def test_weights_are_of_the_truncated_components():
+    """Σ π_k N_k / α_k with scipy's densities and masses by quadrature."""
+    points, weights = grid()
+    wanted = np.zeros(len(points))
+    for pi, m, s in zip(PARTS["weights"], PARTS["locations"], PARTS["scale_matrices"], strict=True):
+        density = multivariate_normal(m, s).pdf(points)
+        wanted += pi * density / (density @ weights)
+    np.testing.assert_allclose(np.exp(mixture().logpdf(points)), wanted, rtol=1e-10)
+
+
+def test_density_is_zero_outside_and_not_on_the_bounds():
+    logs = mixture().logpdf([[0.0, 0.0], [2.0, 3.0], [2.0 + 1e-9, 1.0], [1.0, -1e-9]])
+    assert np.isfinite(logs).tolist() == [True, True, False, False]
+    assert (logs[2:] == -np.inf).all()
+
+
+def test_infinite_bounds_give_an_ordinary_mixture():
+    found = mixture(lower=[-np.inf] * 2, upper=[np.inf] * 2)
+    assert found.masses.tolist() == [1.0, 1.0]
+    points = np.random.default_rng(0).normal(size=(50, 2)) * 3
+    wanted = sum(
+        pi * multivariate_normal(m, s).pdf(points)
+        for pi, m, s in zip(
+            PARTS["weights"], PARTS["locations"], PARTS["scale_matrices"], strict=True
+        )
+    )
+    np.testing.assert_allclose(found.logpdf(points), np.log(wanted), rtol=1e-12)
+
+
+def test_draws_lie_in_the_box_and_have_the_moments():
+    found = mixture()
+    rows = found.sample(100_000, np.random.default_rng(3))
+    assert ((rows >= found.lower) & (rows <= found.upper)).all()
+    # Five standard errors of the mean.
+    error = np.sqrt(np.diag(found.covariance()) / 100_000)
+    assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
+    np.testing.assert_allclose(np.cov(rows.T), found.covariance(), atol=0.01)
+
+
+def test_draws_of_a_component_with_hardly_any_mass():
+    """Drawn by the chain of conditionals instead of by rejection."""
+    found = TruncatedGaussianMixture(
+        [1.0], [[-4.0, -1.0]], [[[1.0, 0.3], [0.3, 1.0]]], [0.0, 0.0], [5.0, 5.0]
+    )
+    assert found.masses[0] < 1e-3
+    rows = found.sample(20_000, np.random.default_rng(3))
+    assert ((rows >= 0.0) & (rows <= 5.0)).all()
+    error = np.sqrt(np.diag(found.covariance()) / 20_000)
+    assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
+
+
+def test_same_generator_same_draws():
+    one = mixture().sample(100, np.random.default_rng(8))
+    assert one.tobytes() == mixture().sample(100, np.random.default_rng(8)).tobytes()
+    assert mixture().sample(0, np.random.default_rng(8)).shape == (0, 2)
+
+
+def test_immutable():
+    found = mixture()
+    with pytest.raises(ValueError, match="read-only"):
+        found.locations[0, 0] = 1.0
+    with pytest.raises(AttributeError, match="immutable"):
+        found.weights = np.ones(2)
+
+
+def test_weights_are_normalised_within_a_millionth():
+    found = mixture(weights=[0.4, 0.6 + 5e-7])
+    assert found.weights.sum() == pytest.approx(1.0, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"weights": [0.4, 0.5]}, "sum to 1"),
+        ({"weights": [1.0, 0.0]}, "positive"),
+        ({"weights": [1.0]}, r"shape \(1,\)"),
+        ({"weights": "many"}, "not an array"),
+        ({"locations": [[0.2, np.nan], [1.0, 1.5]]}, "not finite"),
+        ({"scale_matrices": [[[1, 2], [2, 1]], [[1, 0], [0, 1]]]}, "number 0 is not positive"),
+        ({"scale_matrices": [[[1, 0.5], [0, 1]], [[1, 0], [0, 1]]]}, "not symmetric"),
+        ({"lower": [0.0, 3.0]}, "variable 1 has bounds 3 and 3"),
+        ({"lower": [0.0, np.nan]}, "lower < upper"),
+        ({"locations": [[0.2, -500.0], [1.0, 1.5]]}, "component 0 has no mass"),
+        ({"lower": [0.0]}, r"shape \(1,\)"),
+    ],
+)
+def test_refusals(changes, text):
+    with pytest.raises(InputError, match=text) as caught:
+        mixture(**changes)
+    assert "\n" not in str(caught.value)
+
+
+def test_more_than_four_variables_are_refused():
+    with pytest.raises(InputError, match="1 to 4"):
+        TruncatedGaussianMixture([1.0], [[0.0] * 5], [np.eye(5)], [-1.0] * 5, [1.0] * 5)

@@ -1,0 +1,249 @@
+"""Fitting: against scikit-learn without bounds, calculus with them, and refusals."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from harness.errors import InputError
+from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.mixture.em import Parameters, Problem
+
+INF = np.inf
+
+
+def truth():
+    """Three components in four variables, more than a third of two of them outside the box."""
+    locations = [[0.1, 1.5, 1.0, 0.1], [0.8, 4.5, 0.4, 0.9], [0.5, 0.0, 1.6, -0.1]]
+    rhos = [0.4, -0.3, 0.2]
+    spreads = np.array([[0.2, 1.0, 0.3, 0.2], [0.3, 1.5, 0.4, 0.5], [0.15, 1.0, 0.3, 0.4]])
+    scales = [
+        (r + (1 - r) * np.eye(4)) * np.outer(s, s) for r, s in zip(rhos, spreads, strict=True)
+    ]
+    return TruncatedGaussianMixture(
+        [0.4, 0.35, 0.25], locations, scales, [0.0, 0.0, 0.2, 0.0], [1.0, 6.0, 2.5, 2.0]
+    )
+
+
+@pytest.fixture(scope="module")
+def rows():
+    return truth().sample(1500, np.random.default_rng(21))
+
+
+@pytest.fixture(scope="module")
+def fitted(rows):
+    return fit_mixture(rows, 3, truth().lower, truth().upper, seed=1, n_init=2, tol=1e-11)
+
+
+def test_without_bounds_one_step_equals_scikit_learn(rows):
+    mixtures = pytest.importorskip("sklearn.mixture")
+    rng = np.random.default_rng(2)
+    standard = (rows - rows.mean(axis=0)) / rows.std(axis=0)
+    means, weights = standard[rng.integers(0, len(rows), 3)], np.array([0.2, 0.3, 0.5])
+    scales = np.repeat(np.eye(4)[None], 3, axis=0) * 0.7
+    other = mixtures.GaussianMixture(
+        3,
+        reg_covar=0.0,
+        max_iter=1,
+        tol=0.0,
+        weights_init=weights,
+        means_init=means,
+        precisions_init=np.linalg.inv(scales),
+    )
+    with pytest.warns(Warning, match="did not converge|converge"):
+        other.fit(standard)
+    free = np.full(4, INF)
+    problem = Problem(standard, np.ones(len(rows)), -free, free, 1.0, 0.0)
+    at = problem.evaluate(Parameters(weights, means, scales))
+    everywhere = np.ones(3, dtype=bool)
+    for step in (problem.large_step(at), problem.exact_step(at, everywhere)):
+        np.testing.assert_allclose(step.weights, other.weights_, atol=1e-10)
+        np.testing.assert_allclose(step.locations, other.means_, atol=1e-10)
+        np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
+
+
+def test_without_bounds_the_end_is_a_fixed_point_of_scikit_learn(rows):
+    mixtures = pytest.importorskip("sklearn.mixture")
+    free = np.full(4, INF)
+    found = fit_mixture(rows, 2, -free, free, seed=3, n_init=1, tol=1e-13, scale_floor=0.0)
+    other = mixtures.GaussianMixture(
+        2,
+        reg_covar=0.0,
+        max_iter=1,
+        weights_init=found.mixture.weights,
+        means_init=found.mixture.locations,
+        precisions_init=np.linalg.inv(found.mixture.scale_matrices),
+    )
+    with pytest.warns(Warning, match="converge"):
+        other.fit(rows)
+    assert other.lower_bound_ * len(rows) == pytest.approx(found.log_likelihood, abs=1e-7)
+    np.testing.assert_allclose(other.means_, found.mixture.locations, atol=1e-4)
+    np.testing.assert_allclose(other.covariances_, found.mixture.scale_matrices, atol=1e-4)
+
+
+def test_penalised_likelihood_never_falls_and_ends_at_the_reported_one(rows, fitted):
+    assert fitted.converged
+    assert (np.diff(fitted.log_likelihoods) >= 0.0).all()
+    assert fitted.log_likelihoods.size == fitted.n_iter + 1
+    plain = fitted.mixture.logpdf(rows).sum()
+    assert fitted.log_likelihood == pytest.approx(plain, rel=1e-10)
+    penalised = plain + np.log(fitted.mixture.masses).sum()
+    assert fitted.log_likelihoods[-1] == pytest.approx(penalised, rel=1e-10)
+    # p = 2 + 12 + 30 for three components in four variables.
+    assert fitted.bic == pytest.approx(-2.0 * plain + 44 * np.log(1500), rel=1e-10)
+
+
+def test_gradient_vanishes_at_the_optimum(rows, fitted):
+    """Central differences of the penalised likelihood per row, in units of the spreads."""
+    found, scale = fitted.mixture, rows.std(axis=0)
+
+    def objective(k, i, j, h):
+        locations, scales = found.locations.copy(), found.scale_matrices.copy()
+        if j is None:
+            locations[k, i] += h * scale[i]
+        else:
+            change = np.zeros((4, 4))
+            change[i, j] += 0.5 * h * scale[i] * scale[j]
+            scales[k] += change + change.T
+        moved = TruncatedGaussianMixture(found.weights, locations, scales, found.lower, found.upper)
+        return (moved.logpdf(rows).sum() + np.log(moved.masses).sum()) / len(rows)
+
+    h = 1e-5
+    for k in range(3):
+        for i in range(4):
+            for j in (None, *range(i, 4)):
+                slope = (objective(k, i, j, h) - objective(k, i, j, -h)) / (2.0 * h)
+                assert abs(slope) < 2e-4, (k, i, j)
+
+
+def test_scaling_a_column_scales_the_answer(rows):
+    box = truth()
+    unit = np.array([1.0, 100.0, 1.0, 1e-3])
+    one = fit_mixture(rows, 2, box.lower, box.upper, seed=5, n_init=1, tol=1e-10)
+    two = fit_mixture(
+        rows * unit, 2, box.lower * unit, box.upper * unit, seed=5, n_init=1, tol=1e-10
+    )
+    np.testing.assert_allclose(two.mixture.locations, one.mixture.locations * unit, rtol=1e-4)
+    scaled = one.mixture.scale_matrices * unit[:, None] * unit
+    np.testing.assert_allclose(two.mixture.scale_matrices, scaled, rtol=1e-4, atol=1e-12)
+    shift = 1500 * np.log(unit).sum()
+    assert two.log_likelihood == pytest.approx(one.log_likelihood - shift, abs=1e-5)
+
+
+def test_weights_count_as_repeated_rows(rows):
+    box = truth()
+    chosen = rows[:400]
+    counts = np.random.default_rng(0).integers(0, 4, 400)
+    problems = [
+        Problem(r, w, box.lower, box.upper, 1.0, 1e-4)
+        for r, w in (
+            (chosen, counts.astype(float)),
+            (np.repeat(chosen, counts, axis=0), np.ones(counts.sum())),
+        )
+    ]
+    start = Parameters(box.weights, box.locations, box.scale_matrices)
+    one, two = (problem.evaluate(start) for problem in problems)
+    assert one.objective == pytest.approx(two.objective, rel=1e-12)
+    np.testing.assert_allclose(one.covariances, two.covariances, atol=1e-10)
+    found = fit_mixture(chosen, 1, box.lower, box.upper, seed=1, sample_weight=counts, n_init=1)
+    plain = counts @ found.mixture.logpdf(chosen)
+    assert found.bic == pytest.approx(-2.0 * plain + 14 * np.log(counts.sum()), rel=1e-10)
+
+
+def test_one_truncated_variable_against_direct_maximisation():
+    """K = 1, d = 1: scipy maximises the same penalised likelihood from its own formulas."""
+    from scipy.optimize import minimize
+    from scipy.stats import truncnorm
+
+    x = truncnorm.rvs(
+        -0.5, 1.5, loc=1.0, scale=2.0, size=800, random_state=np.random.default_rng(6)
+    )
+
+    def negative(theta):
+        m, s = theta[0], np.exp(theta[1])
+        a, b = (0.0 - m) / s, (4.0 - m) / s
+        mass = multivariate_normal.cdf(b) - multivariate_normal.cdf(a)
+        return -(truncnorm.logpdf(x, a, b, loc=m, scale=s).sum() + np.log(mass))
+
+    best = minimize(
+        negative,
+        [1.0, 0.5],
+        method="Nelder-Mead",
+        options={"xatol": 1e-9, "fatol": 1e-10, "maxiter": 4000},
+    )
+    found = fit_mixture(x[:, None], 1, [0.0], [4.0], seed=1, n_init=1, tol=1e-13)
+    assert found.log_likelihoods[-1] == pytest.approx(-best.fun, abs=1e-6)
+    assert found.mixture.locations[0, 0] == pytest.approx(best.x[0], abs=2e-3)
+
+
+def test_same_seed_same_numbers(rows):
+    box = truth()
+    one, two, other = (
+        fit_mixture(rows, 3, box.lower, box.upper, seed=seed, n_init=1, max_iter=5)
+        for seed in (4, 4, 5)
+    )
+    assert one.mixture.locations.tobytes() == two.mixture.locations.tobytes()
+    assert one.mixture.locations.tobytes() != other.mixture.locations.tobytes()
+    assert not one.converged
+
+
+def test_repeated_rows_and_values_on_a_bound(rows):
+    box = truth()
+    some = rows[:300].copy()
+    some[:100] = some[0]
+    some[100:140, 3] = 0.0
+    some[140:160, 0] = 1.0
+    found = fit_mixture(some, 3, box.lower, box.upper, seed=2, n_init=2)
+    assert np.isfinite(found.log_likelihood)
+    assert (np.diff(found.log_likelihoods) >= 0.0).all()
+    floor = np.linalg.eigvalsh(
+        found.mixture.scale_matrices / np.outer(some.std(axis=0), some.std(axis=0))
+    ).min()
+    assert floor >= 0.99e-4
+
+
+def test_the_prior_stops_a_location_from_running_away():
+    """Exponential rows: without a prior the best normal has its location at minus infinity."""
+    x = np.random.default_rng(1).exponential(size=(500, 1))
+    found = fit_mixture(x, 1, [0.0], [INF], seed=1, n_init=1)
+    assert found.converged
+    assert found.mixture.masses[0] > 1e-6
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        (lambda x: x.__setitem__((slice(0, 7), 1), np.nan), "speed: 7 rows are nan or inf"),
+        (lambda x: x.__setitem__((0, 2), np.inf), "gap: 1 rows are nan or inf"),
+        (lambda x: x.__setitem__((slice(0, 3), 1), 9.0), "speed: 3 rows are outside the box"),
+        (lambda x: x.__setitem__((slice(None), 2), 0.5), "gap: constant: all 50 rows are 0.5"),
+        (lambda x: x.__setitem__((slice(None), 2), 0.5 * x[:, 0]), "gap: collinear with range"),
+    ],
+)
+def test_bad_rows_are_refused(change, text):
+    x = np.random.default_rng(0).random((50, 3))
+    change(x)
+    with pytest.raises(InputError, match=text) as caught:
+        fit_mixture(x, 2, [0] * 3, [2] * 3, seed=1, names=["range", "speed", "gap"])
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"n_components": 51}, "50 rows for 51 components"),
+        ({"sample_weight": -np.ones(50)}, "50 weights are negative"),
+        ({"sample_weight": np.zeros(50)}, "all weights are 0"),
+        ({"sample_weight": np.ones(3)}, r"shape \(3,\)"),
+        ({"n_components": 0}, "n_components"),
+        ({"tol": 0.0}, "tol"),
+        ({"mass_penalty": -1.0}, "mass_penalty"),
+        ({"upper": [2.0, -1.0]}, "column 1: bounds"),
+        ({"lower": [0.0]}, r"lower: shape \(1,\)"),
+        ({"names": ["a"]}, "1 names"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, text):
+    x = np.random.default_rng(0).random((50, 2))
+    wanted = {"n_components": 2, "lower": [0, 0], "upper": [2, 2], "seed": 1, **arguments}
+    with pytest.raises(InputError, match=text):
+        fit_mixture(x, **wanted)
