@@ -136,13 +136,20 @@ def restarted(episodes: int, start: Callable[[], Engine]) -> Cost:
     scenario = load_scenario("cctc")
     model = timed_model()
     planned = {pair: planned_arrivals(scenario, pair) for pair in range(episodes)}
-    runner = PairRunner(scenario, model, start)
+    engines: list[Engine] = []
+
+    def fresh() -> Engine:
+        engines.append(start())
+        return engines[-1]
+
+    runner = PairRunner(scenario, model, fresh)
     runner._speeds.foresee(planned.values())
     steps = 0
     begin = time.perf_counter()
     for pair, arrivals in planned.items():
+        runner._engine = None
         trace = runner._run_arm(Arm.AV, pair, arrivals, runner._speeds)
-        runner.close()
+        engines.pop().close()
         steps += len(trace.x_m) - 1
     return Cost(time.perf_counter() - begin, episodes, steps)
 

@@ -49,24 +49,30 @@ class Rules:
 
 
 class _Walker:
-    """One pedestrian while he is at the crosswalk."""
+    """One pedestrian while he is at the crosswalk.
+
+    ``due_s`` is when he needs attention: always while he waits, then when he reaches the kerb.
+    """
 
     __slots__ = (
         "_direction",
         "_kerb",
         "_length",
+        "_progress",
+        "_speed",
+        "_start",
         "_to_lane",
-        "cleared_s",
-        "progress",
+        "due_s",
+        "index",
         "side",
         "walk",
     )
 
     def __init__(self, walk: Walk, crossing: Crossing) -> None:
         self.walk = walk
-        self.side = walk.arrival.side
-        self.progress = 0.0
-        self.cleared_s = math.inf
+        self.index, self.side = walk.arrival.index, walk.arrival.side
+        self.due_s = -math.inf
+        self._start, self._speed, self._progress = 0.0, 0.0, 0.0
         self._length = crossing.length_m
         near = self.side is Side.NEAR
         self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
@@ -74,26 +80,25 @@ class _Walker:
         self._to_lane = lane if near else crossing.length_m - lane
 
     def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
+        self._start, self._speed = time_s, speed_mps
         self.walk.start_s, self.walk.speed_mps = time_s, speed_mps
         self.walk.range_m, self.walk.vehicle_speed_mps = state
-        self.cleared_s = time_s + self._length / speed_mps
+        self.due_s = time_s + self._length / speed_mps
 
     def walk_until(self, time_s: float) -> float:
-        """Move on to that time; returns y."""
-        start, speed = self.walk.start_s, self.walk.speed_mps
-        if start is not None and speed is not None:
-            self.progress = min(speed * (time_s - start), self._length)
-        return self._kerb + self._direction * self.progress
+        """Move on to that time; returns y.  One who waits has no speed yet."""
+        progress = self._speed * (time_s - self._start)
+        self._progress = progress if progress < self._length else self._length
+        return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:
-        speed = self.walk.speed_mps
         return PedestrianView(
-            self.walk.arrival.index,
+            self.index,
             self.side,
-            self._to_lane - self.progress,
-            self._length - self.progress,
-            0.0 if speed is None else speed,
-            speed is not None,
+            self._to_lane - self._progress,
+            self._length - self._progress,
+            self._speed,
+            self._speed > 0,
         )
 
 
@@ -169,11 +174,13 @@ class _Episode:
         x, speed = engine.begin(self.arrivals)
         note_x(x)
         note_speed(speed)
-        self._admit(0.0, 0.0, x, speed, 0.0)
+        next_arrival_s = self._admit(0.0, 0.0, x, speed, 0.0)
         for n in range(steps):
             now, then = n * step, (n + 1) * step
-            if walkers:
-                self._update_walkers(now, -x, speed)
+            for walker in walkers:
+                if walker.due_s <= now:
+                    self._update_walkers(now, -x, speed)
+                    break
             seen: tuple[PedestrianView, ...] = ()
             if walkers and abs(x) <= detection:
                 seen = tuple([walker.view() for walker in walkers])
@@ -181,13 +188,17 @@ class _Episode:
             wanted = self._ask(Observation(now, step, view, vehicle, crossing, seen))
             target = None
             if wanted is not None:
-                target = max(0.0, speed + wanted * step)
+                target = speed + wanted * step
+                if target < 0:
+                    target = 0.0
                 acceleration = (target - speed) / step
             # Those who arrive within this step see the ego where it is at that very moment.
-            self._admit(now, then, x, speed, acceleration)
-            places = [(w.walk.arrival.index, w.walk_until(then)) for w in walkers]
+            if next_arrival_s <= then:
+                next_arrival_s = self._admit(now, then, x, speed, acceleration)
+            places = [(walker.index, walker.walk_until(then)) for walker in walkers]
             x, after = engine.step(target, places)
-            acceleration = (after - speed) / step
+            if after != target:
+                acceleration = (after - speed) / step
             speed = after
             note_x(x)
             note_speed(speed)
@@ -218,16 +229,18 @@ class _Episode:
         for walker in tuple(self.walkers):
             if walker.walk.start_s is None:
                 self._look(walker, now, range_m, speed)
-            elif now >= walker.cleared_s:
+            elif walker.due_s <= now:
                 self.walkers.remove(walker)
-                self.engine.remove(walker.walk.arrival.index)
+                self.engine.remove(walker.index)
 
-    def _admit(self, now: float, until: float, x: float, speed: float, acceleration: float) -> None:
-        """Everyone who arrives in (now, until] reaches the kerb and looks."""
+    def _admit(
+        self, now: float, until: float, x: float, speed: float, acceleration: float
+    ) -> float:
+        """Everyone who arrives in (now, until] reaches the kerb and looks; returns who is next."""
         while self.next_arrival < len(self.arrivals):
             arrival = self.arrivals[self.next_arrival]
             if arrival.arrival_s > until:
-                return
+                return arrival.arrival_s
             self.next_arrival += 1
             walk = Walk(arrival)
             walker = _Walker(walk, self.rules.crossing)
@@ -236,6 +249,7 @@ class _Episode:
             elapsed = arrival.arrival_s - now
             range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
             self._look(walker, arrival.arrival_s, range_then, speed + acceleration * elapsed)
+        return math.inf
 
     def _look(self, walker: _Walker, time_s: float, range_m: float, speed: float) -> None:
         """Kerb rule: step off now, or wait for the next step."""

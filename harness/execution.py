@@ -6,17 +6,21 @@ task that fails twice is run pair by pair, and a pair that fails twice again get
 """
 
 import os
+import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import replace
 from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any, Protocol
 
-from pebble import ProcessExpired, ProcessPool
-
 from harness.encounter import Arm, Ending
-from harness.worker import Task, TaskResult, run_task, start_worker
+from harness.errors import HarnessError
+from harness.worker import Task, TaskResult, serve
 
 ATTEMPTS = 2
 """How often a task may fail before it is taken apart, or a single pair before it is given up."""
@@ -39,8 +43,22 @@ class Executor(Protocol):
         ...
 
 
+class WorkerDiedError(HarnessError):
+    """The process that worked on a task is gone."""
+
+    def __init__(self, exitcode: int | None) -> None:
+        super().__init__(f"the worker process died (exit code {exitcode})")
+
+
+class TaskFailedError(HarnessError):
+    """A task raised in its worker, which goes on; the message says what."""
+
+
 class LocalPool:
     """Worker processes on this machine, one libsumo simulation in each.
+
+    Each has a pipe of its own and a thread here that waits for it.  Nothing is shared between
+    workers: one that is killed in the middle of a message takes no other, and no lock, with it.
 
     Args:
         workers: how many processes.
@@ -49,18 +67,89 @@ class LocalPool:
     def __init__(self, workers: int) -> None:
         self.workers = workers
         # Spawned, not forked: a libsumo simulation does not survive a fork.
-        self._pool = ProcessPool(
-            max_workers=workers, context=get_context("spawn"), initializer=start_worker
-        )
+        self._context = get_context("spawn")
+        self._queue: SimpleQueue[tuple[Task, Future[TaskResult]] | None] = SimpleQueue()
+        self._lock = Lock()
+        self._stopped = False
+        self._alive: set[SpawnProcess] = set()
+        self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
+        # Interruptions are the parent's business.  Processes inherit what is blocked in the
+        # thread that starts them, so that none hears Ctrl-C, not even one that still imports.
+        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            for thread in self._threads:
+                thread.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
     def submit(self, task: Task) -> "Future[TaskResult]":
         """See ``Executor.submit``."""
-        return self._pool.schedule(run_task, args=(task,))
+        future: Future[TaskResult] = Future()
+        self._queue.put((task, future))
+        return future
 
     def stop(self) -> None:
         """See ``Executor.stop``."""
-        self._pool.stop()
-        self._pool.join()
+        with self._lock:
+            self._stopped = True
+            for process in self._alive:
+                process.kill()
+        for _ in self._threads:
+            self._queue.put(None)
+        for thread in self._threads:
+            thread.join()
+
+    def _keep_busy(self) -> None:
+        """Give one worker task after task; a dead one is replaced with the next task."""
+        worker: tuple[SpawnProcess, Connection] | None = None
+        while (item := self._queue.get()) is not None and not self._stopped:
+            task, future = item
+            if worker is not None and not worker[0].is_alive():
+                self._bury(*worker)
+                worker = None
+            try:
+                worker = worker or self._start()
+                worker[1].send(task)
+                answer = worker[1].recv()
+            except (EOFError, OSError):
+                exitcode = self._bury(*worker) if worker is not None else None
+                worker = None
+                future.set_exception(WorkerDiedError(exitcode))
+                continue
+            except Exception as error:
+                # A thread that ended here would leave the run waiting for ever.
+                future.set_exception(error)
+                continue
+            if isinstance(answer, TaskResult):
+                future.set_result(answer)
+            else:
+                future.set_exception(TaskFailedError(answer))
+        if worker is not None:
+            worker[0].kill()
+            self._bury(*worker)
+
+    def _start(self) -> tuple[SpawnProcess, Connection]:
+        with self._lock:
+            if self._stopped:
+                raise EOFError
+            ours, theirs = self._context.Pipe()
+            process = self._context.Process(target=serve, args=(theirs,), daemon=True)
+            process.start()
+            # Held by the worker alone from here on, its death closes the pipe.
+            theirs.close()
+            self._alive.add(process)
+            return process, ours
+
+    def _bury(self, process: SpawnProcess, connection: Connection) -> int | None:
+        """Clear away a worker that is dead or about to die; returns its exit code."""
+        with self._lock:
+            connection.close()
+            process.join(timeout=10)
+            if process.exitcode is None:
+                process.kill()
+                process.join()
+            self._alive.discard(process)
+            return process.exitcode
 
 
 def default_workers() -> int:
@@ -122,15 +211,14 @@ def _part(task: Task, pair: int) -> Task:
 
 
 def _reason(error: BaseException, task: Task) -> str:
-    if isinstance(error, ProcessExpired):
-        if task.stack_file is not None and _has_text(task.stack_file):
-            return f"the worker was ended: no pair finished within {task.hang_after_s:g} s"
-        return f"the worker process died (exit code {error.exitcode})"
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+    if isinstance(error, WorkerDiedError) and _has_text(task.stack_file):
+        return f"the worker was ended: no pair finished within {task.hang_after_s:g} s"
+    text = " ".join(str(error).split())
+    return text if isinstance(error, HarnessError) else f"{type(error).__name__}: {text}"
 
 
-def _has_text(path: Path) -> bool:
-    return path.is_file() and path.stat().st_size > 0
+def _has_text(path: Path | None) -> bool:
+    return path is not None and path.is_file() and path.stat().st_size > 0
 
 
 def _stack(task: Task) -> str | None:

@@ -17,7 +17,7 @@ from harness.execution import Executor, LocalPool, default_workers, run_tasks
 from harness.interaction import InteractionModel, load_model
 from harness.pairing import check_arms
 from harness.results import SCHEMA, pair_columns, summary_row, versions
-from harness.run_folder import RunFolder, claim_folder, write_csv, write_parquet
+from harness.run_folder import RunFolder, claim_folder, read_table, write_csv, write_parquet
 from harness.sites import network_of
 from harness.study import Cell, Study, study_from
 from harness.worker import Task
@@ -127,8 +127,10 @@ def resume(
         study, options = recall_study(document), options_of(document, workers)
         models = recall_models(study)
         _refuse_other_versions(document, _manifest(study, models, options, None))
-        if document.get("counts") is not None and not folder.done_pairs():
-            raise InputError(f"--resume {path}", "is finished", "an interrupted run")
+        if document.get("counts") is not None:
+            # Interrupted, if at all, while it cleared up.
+            folder.drop_shards()
+            return _read_finished(path, study, options)
         folder.note("resumed")
         return _carry_out(folder, study, models, options, progress, make_executor)
     except KeyboardInterrupt:
@@ -388,6 +390,17 @@ def finish(
     folder.drop_shards()
     folder.note("finished")
     return Run(folder.path, study, tuple(summaries), tuple(failures))
+
+
+def _read_finished(path: Path, study: Study, options: Options) -> Run:
+    """What a run folder with all its tables says."""
+    confidence = confidence_of(study, options)
+    summaries, failures = [], []
+    for cell in study.cells:
+        episodes = read_table(path, "episodes", cell.number)
+        summaries.append(_summarise(episodes, cell, confidence))
+        failures += _failures(episodes, cell.number)
+    return Run(path, study, tuple(summaries), tuple(failures))
 
 
 def _failures(episodes: pa.Table, cell: int) -> list[tuple[int, int, str, str]]:

@@ -316,7 +316,8 @@ def _record(
     steps = min(math.ceil(end_s / trace.step_s - 1e-9), max(0, len(trace.x_m) - 1))
     speeds = trace.speed_mps[: steps + 1]
     braking = float(np.max(speeds[:-1] - speeds[1:], initial=0.0)) / trace.step_s
-    standing = speeds < STANDING_MPS
+    # The first step at a0 often ends at 0.1 m/s exactly, to the last bit but one.
+    standing = speeds < STANDING_MPS - 1e-9
     started = [w for w in trace.walks if w.start_s is not None and w.start_s < end_s]
     failed = trace.ending is Ending.ENGINE_FAILED
     crashed = strike is not None and not failed

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.encounter import Arm, Ending
+from harness.engine.control import SumoEngine
 from harness.engine.plain import PlainEngine
 from harness.errors import InputError
 from harness.experiment import recall_study
@@ -15,7 +16,6 @@ from harness.measures import Outcome
 from harness.pairing import PairRunner
 from harness.results import EPISODES, PEDESTRIANS, episode_rows, pedestrian_rows
 from harness.run_folder import read_manifest, read_table, write_file
-from harness.scenario import Scenario
 from harness.sites import network_of
 from harness.study import Cell
 
@@ -149,26 +149,36 @@ def _replay_arm(
 
     scenario = cell.scenario
     net = network_of(scenario)
-    folder.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(net, folder / "site.net.xml")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(net, folder / "site.net.xml")
+    except OSError as error:
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(str(folder), why, "a writable folder") from None
     write_file(folder / "view.xml", _VIEW.encode())
     write_file(folder / "episode.sumocfg", _CONFIGURATION.encode())
     outputs = {option: str(folder / name) for option, name in SUMO_FILES.items()}
-    engine = libsumo_engine(
-        net,
-        scenario.vehicle(),
-        scenario.crosswalk(),
-        scenario.experiment.step_s,
-        outputs={**outputs, **_FURTHER_OPTIONS},
-    )
+    opened: list[SumoEngine] = []
+
+    def start(options: dict[str, str]) -> SumoEngine:
+        """A fresh SUMO instead of the one before."""
+        for engine in opened:
+            if not engine.closed:
+                engine.close()
+        vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+        step_s = scenario.experiment.step_s
+        opened.append(libsumo_engine(net, vehicle, crossing, step_s, outputs=options))
+        return opened[-1]
+
     try:
-        runner = PairRunner(scenario, model, lambda: engine)
-        outcome = runner.run_arm(pair, arm, _other_engine(scenario))
+        runner = PairRunner(scenario, model, lambda: start({**outputs, **_FURTHER_OPTIONS}))
+        # Pairing by speed takes the walking speeds from the AV's arm: in SUMO too, whose sums
+        # differ from another engine's in the last bits.
+        speeds_from_av = arm is Arm.HUMAN and scenario.pedestrians.pairing == "speed"
+        other = start({}) if speeds_from_av else PlainEngine(scenario.vehicle(), 0.1)
+        outcome = runner.run_arm(pair, arm, other)
     finally:
-        engine.close()
+        for engine in opened:
+            if not engine.closed:
+                engine.close()
     return Replayed(arm, folder, tuple(stored.differences(outcome, cell.number)))
-
-
-def _other_engine(scenario: Scenario) -> PlainEngine:
-    """For the AV's arm where the human's needs its walking speeds (pairing by speed)."""
-    return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)

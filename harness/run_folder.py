@@ -12,6 +12,7 @@ import json
 import os
 import re
 import shutil
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,6 +31,12 @@ _LOCK = ".lock"
 _SHARDS = "shards"
 _SHARD_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
 _ROW_GROUP = 100_000
+_CHECKSUM = 4
+"""Bytes of the CRC-32 each shard begins with."""
+
+
+class _DamagedShardError(Exception):
+    """A shard is not as it was written."""
 
 
 class RunFolder:
@@ -55,8 +62,9 @@ class RunFolder:
 
     def close(self) -> None:
         """Let go of the folder."""
-        self._lock.release()
+        # While it is still held: afterwards it could be the next process's lock.
         (self.path / _LOCK).unlink(missing_ok=True)
+        self._lock.release()
 
     def note(self, event: str, **details: Any) -> None:
         """Append a line to ``log.jsonl``, the only file of a run with a clock in it."""
@@ -79,8 +87,8 @@ class RunFolder:
 
     def stack_file(self, task: str) -> Path:
         """Where a hung worker of that task leaves its stack."""
-        (self.path / _SHARDS).mkdir(exist_ok=True)
-        return self.path / _SHARDS / f"stack-{task}.txt"
+        # Workers of a cluster have other working directories.
+        return self._shard_folder().resolve() / f"stack-{task}.txt"
 
     def write_shard(
         self, cell: int, first: int, count: int, rows: Mapping[str, Mapping[str, Sequence[Any]]]
@@ -91,8 +99,9 @@ class RunFolder:
             table = _table(name, columns)
             with pa.ipc.new_stream(buffer, table.schema) as stream:
                 stream.write_table(table)
-        (self.path / _SHARDS).mkdir(exist_ok=True)
-        write_file(self.path / _SHARDS / f"{cell}-{first}-{count}.arrows", buffer.getvalue())
+        content = buffer.getvalue()
+        checked = zlib.crc32(content).to_bytes(_CHECKSUM) + content
+        write_file(self._shard_folder() / f"{cell}-{first}-{count}.arrows", checked)
 
     def done_pairs(self) -> dict[int, set[int]]:
         """Which pairs of which cell are finished; a shard that cannot be read does not count."""
@@ -100,7 +109,7 @@ class RunFolder:
         for cell, first, count, path in self._shards():
             try:
                 self._read_shard(path)
-            except (OSError, pa.ArrowException):
+            except (OSError, _DamagedShardError):
                 path.unlink()
                 continue
             done.setdefault(cell, set()).update(range(first, first + count))
@@ -134,12 +143,25 @@ class RunFolder:
                 found.append((*(int(part) for part in match.groups()), path))
         return sorted(found)  # type: ignore[arg-type]
 
+    def _shard_folder(self) -> Path:
+        folder = self.path / _SHARDS
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise _cannot_write(folder, error) from None
+        return folder
+
     def _read_shard(self, path: Path) -> dict[str, pa.Table]:
+        content = path.read_bytes()
+        checksum, content = content[:_CHECKSUM], content[_CHECKSUM:]
+        # Arrow itself notices neither an empty file nor a changed number.
+        if checksum != zlib.crc32(content).to_bytes(_CHECKSUM):
+            raise _DamagedShardError(path)
         tables = {}
-        with path.open("rb") as file:
-            for name in ("episodes", "pedestrians", "traces"):
-                if file.peek(1):
-                    tables[name] = pa.ipc.open_stream(file).read_all()
+        file = io.BytesIO(content)
+        for name in ("episodes", "pedestrians", "traces"):
+            if file.tell() < len(content):
+                tables[name] = pa.ipc.open_stream(file).read_all()
         return tables
 
 
@@ -159,10 +181,12 @@ def claim_folder(out: Path | None, name: str) -> Path:
     number = 1
     while True:
         folder = Path("runs") / f"{name}-{number}"
-        if not folder.exists():
+        try:
             _make(folder, exist_ok=False)
+        except FileExistsError:
+            number += 1
+        else:
             return folder
-        number += 1
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
@@ -232,6 +256,8 @@ def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> N
                     rest = rest.slice(_ROW_GROUP)
             if rest.num_rows:
                 writer.write_table(rest.combine_chunks())
+        with beside.open("rb+") as file:
+            os.fsync(file.fileno())
         beside.replace(path)
     except OSError as error:
         raise _cannot_write(path, error) from None
@@ -266,9 +292,9 @@ def export_csv(folder: Path) -> list[Path]:
 
 def _make(folder: Path, exist_ok: bool) -> None:
     where = f"--out {folder}"
-    if folder.exists() and not folder.is_dir():
+    if exist_ok and folder.exists() and not folder.is_dir():
         raise InputError(where, "is a file", "a new or empty folder")
-    if (folder / MANIFEST).exists():
+    if exist_ok and (folder / MANIFEST).exists():
         raise InputError(where, "holds a run already", "a new or empty folder, or --resume")
     try:
         folder.mkdir(parents=True, exist_ok=exist_ok)
@@ -276,6 +302,8 @@ def _make(folder: Path, exist_ok: bool) -> None:
         probe.touch()
         probe.unlink()
     except OSError as error:
+        if isinstance(error, FileExistsError) and not exist_ok:
+            raise
         why = f"cannot be written ({error.strerror})"
         raise InputError(where, why, "a writable folder") from None
 

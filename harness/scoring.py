@@ -15,6 +15,10 @@ from harness.measures import Outcome, measure
 from harness.results import episode_rows
 from harness.run_folder import RunFolder, claim_folder, read_manifest, read_table
 from harness.scenario import Scenario
+from harness.study import Cell
+
+_PART_PAIRS = 500
+"""Pairs scored together: what is in memory at once."""
 
 
 def score(run: Path, out: Path) -> Path:
@@ -35,22 +39,41 @@ def score(run: Path, out: Path) -> Path:
     folder = RunFolder(claim_folder(out, study.name))
     try:
         for cell in study.cells:
-            outcomes = list(_outcomes(run, cell.number, cell.scenario))
-            rows: dict[str, dict[str, Any]] = {"episodes": episode_rows(cell.number, outcomes)}
-            for name in ("pedestrians", "traces"):
-                rows[name] = read_table(run, name, cell.number).to_pydict()
-            folder.write_shard(cell.number, 0, cell.scenario.experiment.pairs, rows)
+            names = ("episodes", "pedestrians", "traces")
+            tables = {name: read_table(run, name, cell.number) for name in names}
+            for first in range(0, cell.scenario.experiment.pairs, _PART_PAIRS):
+                last = first + _PART_PAIRS - 1
+                part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
+                rows = _score(run, part, cell)
+                folder.write_shard(cell.number, first, _PART_PAIRS, rows)
         finish(folder, study, models, options)
     finally:
         folder.close()
     return out
 
 
-def _outcomes(run: Path, cell: int, scenario: Scenario) -> Iterator[Outcome]:
-    episodes = read_table(run, "episodes", cell).to_pylist()
-    traces = read_table(run, "traces", cell)
-    walks = _walks(read_table(run, "pedestrians", cell))
-    states = _ego_states(traces)
+def _pairs_of(table: pa.Table, first: int, last: int) -> pa.Table:
+    pair = table["pair"]
+    return table.filter(pc.and_(pc.greater_equal(pair, first), pc.less_equal(pair, last)))
+
+
+def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, dict[str, Any]]:
+    """All rows of some pairs, the measures worked out anew."""
+    stored = tables["episodes"].to_pydict()
+    scored = episode_rows(cell.number, _outcomes(run, tables, cell.scenario))
+    for row, ending in enumerate(stored["ending"]):
+        if ending == Ending.ENGINE_FAILED:
+            # There is nothing to measure where a worker died.
+            for name, column in scored.items():
+                column[row] = stored[name][row]
+    kept = {name: tables[name].to_pydict() for name in ("pedestrians", "traces")}
+    return {"episodes": scored, **kept}
+
+
+def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Iterator[Outcome]:
+    episodes = tables["episodes"].to_pylist()
+    walks = _walks(tables["pedestrians"])
+    states = _ego_states(tables["traces"])
     rebuilt = []
     for row in episodes:
         key = (row["pair"], row["arm"])

@@ -4,6 +4,7 @@ import itertools
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import time
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
@@ -133,7 +134,9 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
     """Replace ranges given as text by their numbers."""
     expanded: list[Any] = []
     for value in values:
-        parts = value.split(":") if isinstance(value, str) else []
+        # TOML reads 10:50:10 as a time of day.
+        text = value.isoformat() if isinstance(value, time) else value
+        parts = text.split(":") if isinstance(text, str) else []
         numbers = [_decimal(part) for part in parts]
         if len(numbers) != 3 or any(number is None for number in numbers):
             expanded.append(value)
@@ -141,7 +144,7 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
         # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
         begin, end, step = (number for number in numbers if number is not None)
         if step == 0 or (end - begin) / step < 0 or (end - begin) / step > MAX_CELLS:
-            raise InputError(where, f"range {value!r}", "begin:end:step that reaches its end")
+            raise InputError(where, f"range {text!r}", "begin:end:step that reaches its end")
         whole = all(number == number.to_integral_value() for number in (begin, end, step))
         for index in range(int((end - begin) / step) + 1):
             number = begin + index * step
@@ -154,7 +157,7 @@ def _decimal(text: str) -> Decimal | None:
         number = Decimal(text.strip())
     except InvalidOperation:
         return None
-    return number if number.is_finite() else None
+    return number if number.is_finite() and abs(number.adjusted()) < 300 else None
 
 
 def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, Any]]:

@@ -9,8 +9,11 @@ import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from multiprocessing import parent_process
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from threading import Thread
+from typing import IO, Any
 
 from harness.engine.control import SumoEngine
 from harness.engine.protocol import Engine
@@ -27,7 +30,7 @@ class Task:
     """Some pairs of one cell.
 
     ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
-    stack before it ends itself; None writes it to stderr.
+    stack before it ends itself; None, or a path it cannot open, drops the stack.
     """
 
     cell: int
@@ -56,17 +59,45 @@ _engine: tuple[str, SumoEngine] | None = None
 _runner: tuple[str, PairRunner] | None = None
 
 
-def start_worker() -> None:
-    """Leave interruptions to the parent: it stops its workers itself."""
+def serve(connection: Connection) -> None:
+    """Work on the tasks that come down a pipe, until it or the parent process is gone.
+
+    The answer to a task is its result, or the reason why there is none.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    Thread(target=_end_with_parent, daemon=True).start()
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        answer: TaskResult | str
+        try:
+            answer = run_task(task)
+        except BaseException as error:  # a strategy may well call sys.exit
+            answer = f"{type(error).__name__}: {error}"
+        connection.send(answer)
+
+
+def _end_with_parent() -> None:
+    """Nobody would read what a worker without a parent finds out."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def run_task(task: Task) -> TaskResult:
     """Run every pair of a task."""
-    runner = _runner_for(task)
-    with _watchdog(task) as alive:
-        pairs = range(task.first_pair, task.first_pair + task.count)
-        outcomes = list(runner.run(pairs, alive))
+    try:
+        runner = _runner_for(task)
+        with _watchdog(task) as alive:
+            pairs = range(task.first_pair, task.first_pair + task.count)
+            outcomes = list(runner.run(pairs, alive))
+    except BaseException:
+        # Nothing of an episode that was broken off may reach the next one.
+        close_engine()
+        raise
     return _result_of(task, outcomes)
 
 
@@ -87,8 +118,7 @@ def _watchdog(task: Task) -> Iterator[Callable[[], None]]:
     faulthandler's watchdog is a thread of its own that needs no interpreter lock; it writes the
     Python stack and exits the process, which the parent then sees as a dead worker.
     """
-    path = task.stack_file or Path(os.devnull)
-    with path.open("w", encoding="utf-8") as file:
+    with _open_for_writing(task.stack_file) as file:
 
         def alive() -> None:
             faulthandler.dump_traceback_later(task.hang_after_s, exit=True, file=file)
@@ -99,7 +129,15 @@ def _watchdog(task: Task) -> Iterator[Callable[[], None]]:
         finally:
             faulthandler.cancel_dump_traceback_later()
     if task.stack_file:
-        path.unlink(missing_ok=True)
+        task.stack_file.unlink(missing_ok=True)
+
+
+def _open_for_writing(path: Path | None) -> IO[str]:
+    """The file, or nowhere: a worker on another machine may not see the run folder."""
+    try:
+        return (path or Path(os.devnull)).open("w", encoding="utf-8")
+    except OSError:
+        return Path(os.devnull).open("w", encoding="utf-8")
 
 
 def _runner_for(task: Task) -> PairRunner:

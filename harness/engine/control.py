@@ -92,7 +92,8 @@ class SumoEngine:
             self._insert_ego()
             self._hold_waiting()
             self._advance()
-            return self._state()
+            self._commanded = self._get_speed(self._ego)
+            return self._start_x_m + self._get_distance(self._ego), self._commanded
         except self._lost as error:
             raise EngineError(f"SUMO could not set up the episode: {error}") from None
 
@@ -115,10 +116,12 @@ class SumoEngine:
             self._steps += 1
             if coming:
                 self._waiting.update(coming)
-            x, speed = self._state()
+            x = self._start_x_m + self._get_distance(self._ego)
             if self._ids and x > self._collisions_from_m:
                 self._note_collisions()
-            return x, speed
+            # Not read back at every step: ``end`` makes sure that SUMO kept to it.
+            self._commanded = speed_mps
+            return x, speed_mps
         except self._lost as error:
             raise EngineError(f"SUMO lost the episode: {error}") from None
 
@@ -137,7 +140,10 @@ class SumoEngine:
                 self._api.person.remove(person)
             self._ids.clear()
             if self._ego in self._api.vehicle.getIDList():
+                kept = self._get_speed(self._ego) == self._commanded
                 self._api.vehicle.remove(self._ego)
+                if not kept:
+                    raise EngineError("SUMO did not drive at the speed it was told")
         except self._lost as error:
             raise EngineError(f"SUMO could not clear the road: {error}") from None
         return self._collided
@@ -146,9 +152,6 @@ class SumoEngine:
         """End the simulation; its output files are complete only then."""
         self.closed = True
         self._close()
-
-    def _state(self) -> tuple[float, float]:
-        return self._start_x_m + self._get_distance(self._ego), self._get_speed(self._ego)
 
     def _insert_ego(self) -> None:
         self._api.vehicle.add(
@@ -185,19 +188,12 @@ class SumoEngine:
 
     def _place(self, pedestrians: Sequence[tuple[int, float]]) -> None:
         (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
-        move = self._move
+        move, ids = self._move, self._ids
         for index, y in pedestrians:
-            if self._waiting:
-                self._waiting.pop(index, None)
-            move(
-                self._ids[index],
-                "",
-                origin_x + across_x * y,
-                origin_y + across_y * y,
-                _NO_ANGLE,
-                _KEEP_ROUTE_FREE,
-                _MATCH_THRESHOLD_M,
-            )
+            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+        for index, _ in pedestrians if self._waiting else ():
+            self._waiting.pop(index, None)
 
     def _hold_waiting(self) -> None:
         for index, (x, y) in self._waiting.items():

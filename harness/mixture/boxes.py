@@ -17,8 +17,19 @@ Array = NDArray[np.float64]
 # A standardised bound further out than this cuts nothing that double precision can see.
 FAR = 30.0
 # Corners with a smaller weight change no probability by more than rounding.
-_NEGLIGIBLE = 1e-20
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(20)
+_NEGLIGIBLE = 1e-17
+# Up to each correlation: the Gauss-Legendre rule that gives a rectangle to 1e-13, then Owen's T.
+_RULES = (
+    (0.3, np.polynomial.legendre.leggauss(6)),
+    (0.6, np.polynomial.legendre.leggauss(8)),
+    (np.inf, None),
+)
+# Up to each canonical correlation: the rule that gives a box of three or four variables to 1e-11.
+_PATHS = (
+    (0.5, np.polynomial.legendre.leggauss(7)),
+    (0.8, np.polynomial.legendre.leggauss(11)),
+    (np.inf, np.polynomial.legendre.leggauss(24)),
+)
 _TINY = 1e-30
 
 
@@ -31,15 +42,47 @@ def interval(a: Array, b: Array) -> Array:
 
 
 def rectangle(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
-    """P(a1 < X < b1, a2 < Y < b2) for standard normals of correlation rho (Owen's T).
+    """P(a1 < X < b1, a2 < Y < b2) for standard normals of correlation rho, all (N,).
 
-    The univariate parts of the four corners cancel, so only the T functions are left. Bounds must
-    be finite (cut at ±FAR); all arguments broadcast.
+    Weak correlations by Plackett's integral, which needs few nodes there; strong ones by Owen's
+    T. Bounds must be finite (cut at ±FAR).
     """
+    result = np.empty(rho.shape)
+    size = np.abs(rho)
+    below = 0.0
+    for limit, rule in _RULES:
+        chosen = np.flatnonzero((size >= below) & (size < limit))
+        if chosen.size:
+            edges = a1[chosen], b1[chosen], a2[chosen], b2[chosen], rho[chosen]
+            result[chosen] = _owen(*edges) if rule is None else _weak(*edges, *rule)
+        below = limit
+    return np.maximum(result, 0.0, out=result)
+
+
+def _weak(
+    a1: Array, b1: Array, a2: Array, b2: Array, rho: Array, nodes: Array, weights: Array
+) -> Array:
+    """The product of the intervals plus the integral over correlations from 0 to rho = sin θ."""
+    angle = np.arcsin(rho)
+    sine = np.sin(0.5 * angle * (nodes + 1.0)[:, None])
+    inverse = 0.5 / (1.0 - sine * sine)
+    total = np.zeros_like(sine)
+    for h, k, sign in ((b1, b2, 1.0), (a1, b2, -1.0), (b1, a2, -1.0), (a1, a2, 1.0)):
+        exponent = (2.0 * h * k) * sine
+        exponent -= h * h + k * k
+        exponent *= inverse
+        np.exp(exponent, out=exponent)
+        total = total + exponent if sign > 0 else total - exponent
+    change = (total * weights[:, None]).sum(axis=0) * angle / (4.0 * np.pi)
+    result: Array = interval(a1, b1) * interval(a2, b2) + change
+    return result
+
+
+def _owen(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
+    """Owen's T at the four corners, where the univariate parts cancel."""
     root = np.sqrt(1.0 - rho * rho)
     upper = _corner(b1, b2, rho, root) - _corner(a1, b2, rho, root)
-    lower = _corner(b1, a2, rho, root) - _corner(a1, a2, rho, root)
-    return np.maximum(upper - lower, 0.0)
+    return upper - _corner(b1, a2, rho, root) + _corner(a1, a2, rho, root)
 
 
 def _corner(h: Array, k: Array, rho: Array, root: Array) -> Array:
@@ -80,7 +123,21 @@ def standard_box(correlations: Array, a: Array, b: Array) -> Array:
         return interval(a[:, 0], b[:, 0])
     if dimension == 2:
         return rectangle(a[:, 0], b[:, 0], a[:, 1], b[:, 1], correlations[:, 0, 1])
-    return np.clip(_plackett(*_ordered(correlations, a, b)), 0.0, 1.0)
+    return np.clip(_by_paths(*_ordered(correlations, a, b)), 0.0, 1.0)
+
+
+def _by_paths(correlations: Array, a: Array, b: Array) -> Array:
+    """Boxes of three or four variables, each with as many nodes as its path needs."""
+    canonical = _largest_canonical(correlations)
+    result = np.empty(a.shape[0])
+    below = 0.0
+    for limit, rule in _PATHS:
+        chosen = np.flatnonzero((canonical >= below) & (canonical < limit))
+        if chosen.size:
+            path = _path(canonical[chosen], *rule)
+            result[chosen] = _plackett(correlations[chosen], a[chosen], b[chosen], *path)
+        below = limit
+    return result
 
 
 def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -99,42 +156,56 @@ def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Arr
     return permuted, a[rows, order], b[rows, order]
 
 
-def _path(correlations: Array) -> tuple[Array, Array]:
+def _largest_canonical(correlations: Array) -> Array:
+    """Largest canonical correlation (N,) between the two blocks, just above 0 to just below 1."""
+    cross = correlations[:, :2, 2:]
+    first = np.linalg.solve(correlations[:, :2, :2], cross)
+    second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2))
+    half_trace = 0.5 * np.einsum("nij,nji->n", first, second)
+    determinant = np.linalg.det(first @ second)
+    largest = half_trace + np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
+    result: Array = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))
+    return result
+
+
+def _path(canonical: Array, nodes: Array, weights: Array) -> tuple[Array, Array]:
     """Positions t in [0, 1] and weights (N, M) along the path that joins the two blocks.
 
     The integrand is singular beyond t = 1/c with c the largest canonical correlation of the
     blocks; t = sin(θ)/c removes that singularity, as r = sin(θ) does for two variables.
     """
-    cross = correlations[:, :2, 2:]
-    first = np.linalg.solve(correlations[:, :2, :2], cross)
-    second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2))
-    product = first @ second
-    half_trace = 0.5 * np.trace(product, axis1=1, axis2=2)
-    determinant = np.linalg.det(product)
-    largest = half_trace + np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
-    canonical = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))[:, None]
-    angle = np.arcsin(canonical)
-    theta = 0.5 * angle * (_NODES + 1.0)
-    return np.sin(theta) / canonical, 0.5 * angle * _WEIGHTS * np.cos(theta) / canonical
+    angle = 0.5 * np.arcsin(canonical)[:, None]
+    theta = angle * (nodes + 1.0)
+    scale = canonical[:, None]
+    return np.sin(theta) / scale, angle * weights * np.cos(theta) / scale
 
 
-def _plackett(correlations: Array, a: Array, b: Array) -> Array:
+def _plackett(correlations: Array, a: Array, b: Array, t: Array, weights: Array) -> Array:
     """Blocks (1, 2) and (3) or (3, 4): their product plus the integral over the joining path."""
     dimension = a.shape[1]
     total = standard_box(correlations[:, :2, :2], a[:, :2], b[:, :2]) * standard_box(
         correlations[:, 2:, 2:], a[:, 2:], b[:, 2:]
     )
-    t, weights = _path(correlations)
-    for i in range(2):
-        for j in range(2, dimension):
-            total = total + _joining(correlations, a, b, t, weights, i, j)
-    return total
+    pairs = [(i, j) for i in range(2) for j in range(2, dimension)]
+    found = [_joining(correlations, a, b, t, weights, i, j) for i, j in pairs]
+    owners, factors, rho, *bounds = (np.concatenate(part) for part in zip(*found, strict=True))
+    if dimension == 3:
+        inner = interval(bounds[0], bounds[1])
+    else:
+        inner = rectangle(bounds[0], bounds[1], bounds[2], bounds[3], rho)
+    change = np.bincount(owners.astype(np.intp), factors * inner, minlength=a.shape[0])
+    result: Array = total + change
+    return result
 
 
 def _joining(
     correlations: Array, a: Array, b: Array, t: Array, weights: Array, i: int, j: int
-) -> Array:
-    """The part of the path integral that comes from the correlation of variables i and j."""
+) -> tuple[Array, ...]:
+    """The terms of the path integral that come from the correlation of variables i and j.
+
+    For every node and corner that counts: box, factor, and the correlation and bounds of the
+    other variables given that i and j lie at the corner.
+    """
     edges = np.stack((a, b), axis=2)
     r = correlations[:, i, j, None] * t
     x = edges[:, i, :, None, None]
@@ -145,35 +216,37 @@ def _joining(
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])[None, :, :, None]
     factor = sign * density * (correlations[:, i, j, None] * weights)[:, None, None, :]
     n, p, q, m = np.nonzero(np.abs(factor) > _NEGLIGIBLE)
-    inner = _given_corner(
-        correlations[n], a[n], b[n], t[n, m], edges[n, i, p], edges[n, j, q], i, j
-    )
-    total: Array = np.bincount(n, factor[n, p, q, m] * inner, minlength=a.shape[0]).astype(float)
-    return total
-
-
-def _given_corner(
-    correlations: Array, a: Array, b: Array, t: Array, x: Array, y: Array, i: int, j: int
-) -> Array:
-    """P(the other variables lie in the box | variable i = x, variable j = y) at t on the path."""
     others = [1 - i] if a.shape[1] == 3 else [1 - i, 5 - j]
-    r = correlations[:, i, j] * t
+    slopes_i, slopes_j, spreads, rho = _given_pair(correlations, t, i, j, others)
+    bounds = []
+    for at, other in enumerate(others):
+        centre = slopes_i[at][n, m] * edges[n, i, p] + slopes_j[at][n, m] * edges[n, j, q]
+        scale = spreads[at][n, m]
+        bounds += [(a[n, other] - centre) / scale, (b[n, other] - centre) / scale]
+    cut = [np.clip(bound, -FAR, FAR) for bound in bounds]
+    return n, factor[n, p, q, m], rho[n, m], *cut
+
+
+def _given_pair(
+    correlations: Array, t: Array, i: int, j: int, others: list[int]
+) -> tuple[list[Array], list[Array], list[Array], Array]:
+    """Regression of the other variables on i and j along the path, all (N, M).
+
+    Slopes on i and on j and the spreads that remain, one array for each of the others, and the
+    correlation that remains between two of them.
+    """
+    ones = np.ones_like(t)
+    r = correlations[:, i, j, None] * t
     rest = 1.0 - r * r
-    with_i = [correlations[:, p, i] * (1.0 if p < 2 else t) for p in others]
-    with_j = [correlations[:, p, j] * (t if p < 2 else 1.0) for p in others]
+    with_i = [correlations[:, p, i, None] * (ones if p < 2 else t) for p in others]
+    with_j = [correlations[:, p, j, None] * (t if p < 2 else ones) for p in others]
     on_i = [(u - r * v) / rest for u, v in zip(with_i, with_j, strict=True)]
     on_j = [(v - r * u) / rest for u, v in zip(with_i, with_j, strict=True)]
-    bounds = []
-    spreads = []
-    for at, p in enumerate(others):
-        variance = 1.0 - on_i[at] * with_i[at] - on_j[at] * with_j[at]
-        spreads.append(np.sqrt(np.maximum(variance, 1e-14)))
-        centre = on_i[at] * x + on_j[at] * y
-        bounds.append(np.clip((a[:, p] - centre) / spreads[at], -FAR, FAR))
-        bounds.append(np.clip((b[:, p] - centre) / spreads[at], -FAR, FAR))
-    if len(others) == 1:
-        return interval(bounds[0], bounds[1])
-    covariance = correlations[:, others[0], others[1]] * t
-    covariance = covariance - on_i[0] * with_i[1] - on_j[0] * with_j[1]
-    rho = np.clip(covariance / (spreads[0] * spreads[1]), -1.0 + 1e-14, 1.0 - 1e-14)
-    return rectangle(bounds[0], bounds[1], bounds[2], bounds[3], rho)
+    variances = [1.0 - on_i[at] * with_i[at] - on_j[at] * with_j[at] for at in range(len(others))]
+    spreads = [np.sqrt(np.maximum(variance, 1e-14)) for variance in variances]
+    rho = ones
+    if len(others) == 2:
+        rho = correlations[:, others[0], others[1], None] * t
+        rho = (rho - on_i[0] * with_i[1] - on_j[0] * with_j[1]) / (spreads[0] * spreads[1])
+        rho = np.clip(rho, -1.0 + 1e-14, 1.0 - 1e-14)
+    return on_i, on_j, spreads, rho

@@ -13,6 +13,8 @@ from harness.mixture.em import Evaluation, Parameters, Problem
 Array = NDArray[np.float64]
 
 _MEMORY = 10
+_PATIENCE = 15
+_SHORTENINGS = 12
 _CLUSTER_ROUNDS = 10
 _CLUSTER_ROWS = 20_000
 _FIRST_EIGENVALUE = 1e-3
@@ -79,47 +81,58 @@ def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Cli
     """EM steps from `first` until two in a row gain less than tol per unit of weight.
 
     Every accepted step raises the penalised likelihood: an accelerated step that does not is
-    dropped for the plain one, and a plain one that does not for EM's own step in the components
-    to blame. None if nothing can be computed at `first`.
+    dropped for the plain one, and in a plain one that does not, the components to blame go on
+    with shorter steps. None if nothing can be computed at `first`.
     """
-    at = problem.evaluate(first)
+    at = problem.evaluate(problem.allowed(first))
     if at is None:
         return None
-    history = _History()
+    history, lengths, since = _History(), np.full(at.counts.size, np.inf), 0
     trace = [at.objective]
     small = 0
     for _ in range(max_iter):
-        plain = problem.large_step(at)
-        following = _accepted(problem, at, history.proposal(at.parameters, plain))
+        plain = problem.step(at, lengths)
+        faster = history.proposal(at.parameters, plain)
+        following = None if faster is None else _accepted(problem, at, problem.allowed(faster))
         if following is None:
             following = _accepted(problem, at, plain)
-            if following is None:
-                history = _History()
-                following = _guarded(problem, at, plain)
+        if following is None:
+            history, since = _History(), 0
+            lengths = _shortened(problem, at, lengths)
+            following = _accepted(problem, at, problem.step(at, lengths))
+        if following is None:
+            following = _accepted(problem, at, problem.step(at, problem.exact_lengths(at)))
         if following is None:
             return Climb(at, np.array(trace), True)
         gain = (following.objective - at.objective) / problem.total
-        at = following
+        at, since = following, since + 1
         trace.append(at.objective)
         small = small + 1 if gain < tol else 0
         if small == 2:
             return Climb(at, np.array(trace), True)
+        if since == _PATIENCE and np.isfinite(lengths).any():
+            # Further on, longer steps may work again.
+            history, since = _History(), 0
+            lengths = np.where(lengths < 0.5, 2.0 * lengths, np.inf)
     return Climb(at, np.array(trace), False)
 
 
-def _accepted(problem: Problem, at: Evaluation, wanted: Parameters | None) -> Evaluation | None:
+def _accepted(problem: Problem, at: Evaluation, wanted: Parameters) -> Evaluation | None:
     """The evaluation at the wanted parameters if it is no lower than the present one."""
-    found = None if wanted is None else problem.evaluate(wanted)
+    found = problem.evaluate(wanted)
     return found if found is not None and found.objective >= at.objective else None
 
 
-def _guarded(problem: Problem, at: Evaluation, plain: Parameters) -> Evaluation | None:
-    """EM's own step where the large one loses, then everywhere; None at a maximum."""
-    blamed = problem.dropped(at, plain)
-    found = _accepted(problem, at, problem.exact_step(at, blamed))
-    if found is None:
-        found = _accepted(problem, at, problem.exact_step(at, np.ones_like(blamed)))
-    return found
+def _shortened(problem: Problem, at: Evaluation, lengths: Array) -> Array:
+    """Lengths at which no component's expected log-likelihood drops; at least EM's own."""
+    exact = problem.exact_lengths(at)
+    for _ in range(_SHORTENINGS):
+        blamed = problem.dropped(at, problem.step(at, lengths)) & (lengths > exact)
+        if not blamed.any():
+            break
+        shorter = np.where(np.isinf(lengths), 0.5, 0.3 * lengths)
+        lengths = np.where(blamed, np.maximum(shorter, exact), lengths)
+    return lengths
 
 
 class _History:

@@ -19,6 +19,7 @@ _CHUNK = 4096
 _SMALLEST_MASS = 1e-8
 _LARGEST_EIGENVALUE = 1e8
 _SMALLEST_COUNT = 1e-9
+_TINY = 1e-300
 
 
 @dataclass(frozen=True)
@@ -140,46 +141,38 @@ class Problem:
             statistics += terms @ features.T
         return total, statistics
 
-    def large_step(self, at: Evaluation) -> Parameters:
-        """m' = m + (ȳ − E), S' = C + (S − V), with the prior's share in E and V.
+    def step(self, at: Evaluation, lengths: Array) -> Parameters:
+        """The parameters to try next.
 
-        At the maximum the rows' moments equal those of a mixture of the truncated component (its
-        share 1 − λ/N_k) and the untruncated one (λ/N_k).
+        For a component of infinite length the large step m' = m + (ȳ − E), S' = C + (S − V), with
+        the prior's share in E and V: at the maximum the rows' moments equal those of a mixture
+        of the truncated component (its share c = 1 − λ/N_k) and the untruncated one (1 − c). For
+        the others a step of that length in mean parameters: with T the first and second moments,
+        T' = T_full + length (T_rows − c T_in − (1 − c) T_full), which is EM's own step for the
+        length `exact_lengths` and climbs for any shorter one.
         """
-        share = self._share(at)
-        away = at.inner_means - at.parameters.locations
-        scales = at.parameters.scales
-        expected = share[:, None] * away
-        spread = share[:, None, None] * (at.inner_covariances - scales) + (share * (1.0 - share))[
-            :, None, None
-        ] * (away[:, :, None] * away[:, None, :])
-        return self._parameters(at, at.means - expected, at.covariances - spread)
-
-    def exact_step(self, at: Evaluation, chosen: NDArray[np.bool_]) -> Parameters:
-        """EM's own step in mean parameters for the chosen components, the large one elsewhere.
-
-        The rows that the box hides are filled in at their expectation: with T the first and
-        second moments, T' = (T_rows + c (T_full/α − T_in)) / (1 + c (1/α − 1)), c = 1 − λ/N_k.
-        """
-        large = self.large_step(at)
-        share = self._share(at)
-        hidden = share / at.masses
-        size = 1.0 + hidden - share
+        share = self._share(at)[:, None]
         m, scales = at.parameters.locations, at.parameters.scales
-        means = at.means + hidden[:, None] * m - share[:, None] * at.inner_means
-        means = means / size[:, None]
-        second = (
-            at.covariances
-            + _outer(at.means)
-            + hidden[:, None, None] * (scales + _outer(m))
-            - share[:, None, None] * (at.inner_covariances + _outer(at.inner_means))
+        away = share * (at.inner_means - m)
+        spread = scales + share[:, :, None] * (
+            at.inner_covariances - scales + _outer(at.inner_means - m)
         )
-        exact = self._parameters(at, means, second / size[:, None, None] - _outer(means))
-        return Parameters(
-            exact.weights,
-            np.where(chosen[:, None], exact.locations, large.locations),
-            np.where(chosen[:, None, None], exact.scales, large.scales),
-        )
+        large_scales = at.covariances + scales - (spread - _outer(away))
+        size = np.where(np.isinf(lengths), 1.0, lengths)[:, None]
+        means = m + size * (at.means - m - away)
+        # Second moments about the present location, to spare digits.
+        wanted = at.covariances + _outer(at.means - m) - spread
+        short_scales = scales + size[:, :, None] * wanted - _outer(means - m)
+        large = np.isinf(lengths)[:, None, None]
+        return self._parameters(at, means, np.where(large, large_scales, short_scales))
+
+    def exact_lengths(self, at: Evaluation) -> Array:
+        """EM's own step lengths (K,): about the mass inside the box, 1 without bounds."""
+        return 1.0 / (1.0 + self._share(at) * (1.0 / at.masses - 1.0))
+
+    def allowed(self, parameters: Parameters) -> Parameters:
+        """The parameters with scale matrices lifted to the floor."""
+        return Parameters(parameters.weights, parameters.locations, self._lifted(parameters.scales))
 
     def dropped(self, at: Evaluation, wanted: Parameters) -> NDArray[np.bool_]:
         """Components whose expected log-likelihood falls from `at` to the wanted parameters."""
@@ -202,10 +195,18 @@ class Problem:
         return np.maximum(1.0 - self.mass_penalty / at.counts, 0.0)
 
     def _parameters(self, at: Evaluation, locations: Array, scales: Array) -> Parameters:
-        values, vectors = np.linalg.eigh(0.5 * (scales + np.swapaxes(scales, 1, 2)))
-        values = np.maximum(values, max(self.scale_floor, 1e-300))
-        scales = (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2)
-        return Parameters(at.counts / at.counts.sum(), locations, scales)
+        return Parameters(at.counts / at.counts.sum(), locations, self._lifted(scales))
+
+    def _lifted(self, scales: Array) -> Array:
+        """Nearest matrices whose eigenvalues are not below the floor."""
+        scales = 0.5 * (scales + np.swapaxes(scales, 1, 2))
+        values, vectors = np.linalg.eigh(scales)
+        low = values[:, 0] < max(self.scale_floor, _TINY)
+        if not low.any():
+            return scales
+        values = np.maximum(values, max(self.scale_floor, _TINY))
+        lifted = (vectors * values[:, None, :]) @ np.swapaxes(vectors, 1, 2)
+        return np.where(low[:, None, None], lifted, scales)
 
 
 def _outer(vectors: Array) -> Array:

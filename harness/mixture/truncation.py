@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 # Below this the closed forms have lost their digits to cancellation; a sum of positive terms has
 # not, at many times the cost.
 _SMALL = 1e-6
-_NEGLIGIBLE = 1e-20
+_NEGLIGIBLE = 1e-17
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -107,16 +107,11 @@ def _window(lo: Array, hi: Array) -> tuple[Array, Array]:
 
 def _derivatives(correlations: Array, a: Array, b: Array) -> tuple[Array, Array]:
     """Gradient (K, d) and Hessian (K, d, d) of the mass in the standardised location."""
-    count, dimension = a.shape
+    dimension = a.shape[1]
     edges = np.stack((a, b), axis=2)
-    faces = np.zeros((count, dimension, 2))
-    for i in range(dimension):
-        faces[:, i] = _face(correlations, a, b, edges, i)
+    faces = _faces(correlations, a, b, edges)
     gradient = faces[:, :, 0] - faces[:, :, 1]
-    hessian = np.zeros((count, dimension, dimension))
-    for i in range(dimension):
-        for j in range(i + 1, dimension):
-            hessian[:, i, j] = hessian[:, j, i] = _edge(correlations, a, b, edges, i, j)
+    hessian = _corners(correlations, a, b, edges)
     on_faces = edges[:, :, 0] * faces[:, :, 0] - edges[:, :, 1] * faces[:, :, 1]
     diagonal = on_faces - np.einsum("kij,kij->ki", correlations, hessian)
     steps = np.arange(dimension)
@@ -124,22 +119,51 @@ def _derivatives(correlations: Array, a: Array, b: Array) -> tuple[Array, Array]
     return gradient, hessian
 
 
-def _face(correlations: Array, a: Array, b: Array, edges: Array, i: int) -> Array:
-    """φ at both bounds of variable i times the probability of the others there, (K, 2)."""
-    others = [p for p in range(a.shape[1]) if p != i]
-    x = edges[:, i]
-    result: Array = np.exp(-0.5 * x * x) / np.sqrt(2.0 * np.pi)
-    k, side = np.nonzero(result > _NEGLIGIBLE)
-    slopes = correlations[:, others, i]
-    conditional = correlations[:, others][:, :, others] - slopes[:, :, None] * slopes[:, None, :]
-    centre = slopes[k] * x[k, side][:, None]
-    inside = box_probability(conditional[k], a[k][:, others] - centre, b[k][:, others] - centre)
-    result[k, side] *= inside
+def _faces(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
+    """φ at both bounds of each variable times the probability of the others there, (K, d, 2)."""
+    dimension = a.shape[1]
+    result: Array = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)
+    parts = []
+    for i in range(dimension):
+        others = [p for p in range(dimension) if p != i]
+        slopes = correlations[:, others, i]
+        rest = correlations[:, others][:, :, others] - slopes[:, :, None] * slopes[:, None, :]
+        k, side = np.nonzero(result[:, i] > _NEGLIGIBLE)
+        centre = slopes[k] * edges[k, i, side][:, None]
+        parts.append((rest[k], a[k][:, others] - centre, b[k][:, others] - centre))
+    inside = box_probability(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    at = 0
+    for i in range(dimension):
+        k, side = np.nonzero(result[:, i] > _NEGLIGIBLE)
+        result[k, i, side] *= inside[at : at + k.size]
+        at += k.size
     return result
 
 
-def _edge(correlations: Array, a: Array, b: Array, edges: Array, i: int, j: int) -> Array:
-    """Signed sum over the four corners of variables i and j, (K,)."""
+def _corners(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
+    """Signed sums over the four corners of each pair of variables, (K, d, d), 0 on the diagonal."""
+    count, dimension = a.shape
+    hessian = np.zeros((count, dimension, dimension))
+    parts, owners = [], []
+    for i in range(dimension):
+        for j in range(i + 1, dimension):
+            k, weights, box = _corner_boxes(correlations, a, b, edges, i, j)
+            parts.append(box)
+            owners.append((i, j, k, weights))
+    if parts:
+        inside = box_probability(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    at = 0
+    for i, j, k, weights in owners:
+        terms = weights * inside[at : at + k.size]
+        hessian[:, i, j] = hessian[:, j, i] = np.bincount(k, terms, minlength=count)
+        at += k.size
+    return hessian
+
+
+def _corner_boxes(
+    correlations: Array, a: Array, b: Array, edges: Array, i: int, j: int
+) -> tuple[NDArray[np.intp], Array, tuple[Array, Array, Array]]:
+    """For each corner of i and j that counts: component, signed density, box of the others."""
     others = [p for p in range(a.shape[1]) if p not in (i, j)]
     r = correlations[:, i, j, None, None]
     x, y = edges[:, i, :, None], edges[:, j, None, :]
@@ -153,6 +177,5 @@ def _edge(correlations: Array, a: Array, b: Array, edges: Array, i: int, j: int)
     conditional = correlations[:, others][:, :, others] - slopes @ np.swapaxes(cross, 1, 2)
     corner = np.stack((edges[k, i, p], edges[k, j, q]), axis=1)
     centre = np.einsum("kij,kj->ki", slopes[k], corner)
-    inside = box_probability(conditional[k], a[k][:, others] - centre, b[k][:, others] - centre)
-    total: Array = np.bincount(k, density[k, p, q] * inside, minlength=a.shape[0]).astype(float)
-    return total
+    box = (conditional[k], a[k][:, others] - centre, b[k][:, others] - centre)
+    return k, density[k, p, q], box

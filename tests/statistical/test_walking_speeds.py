@@ -40,15 +40,22 @@ class Joint:
 
     def density(self, *variables: object) -> np.ndarray:
         """At points given as four arrays that broadcast; no check of the box."""
-        x = np.broadcast_arrays(*(np.asarray(variable, dtype=float) for variable in variables))
-        total = np.zeros(x[0].shape)
+        # Left unbroadcast as long as possible: most terms then vary along one axis only.
+        x = [np.asarray(variable, dtype=float) for variable in variables]
+        total = np.zeros(np.broadcast_shapes(*(values.shape for values in x)))
         for weight, mass, mean, covariance in zip(
             self._weights, self.masses, self._locations, self._scales, strict=True
         ):
             inverse = np.linalg.inv(covariance)
             centred = [value - m for value, m in zip(x, mean, strict=True)]
             square = sum(
-                inverse[i, j] * centred[i] * centred[j] for i in range(4) for j in range(4)
+                (
+                    inverse[i, i] * centred[i] ** 2
+                    if i == j
+                    else 2 * inverse[i, j] * centred[i] * centred[j]
+                )
+                for i in range(4)
+                for j in range(i, 4)
             )
             norm = (2 * np.pi) ** 2 * np.sqrt(np.linalg.det(covariance))
             total += weight / mass / norm * np.exp(-0.5 * square)
@@ -56,6 +63,24 @@ class Joint:
 
     def grid(self, variable: int, points: int) -> np.ndarray:
         return np.linspace(self.lower[variable], self.upper[variable], points)
+
+    def driver_mode(self, inverse_range: float, pace: float, w: float | None) -> float:
+        """The most likely v to 0.5 mm/s: a grid of 1 cm/s, then a fine one about its best.
+
+        1/T_adv is given, or (None) integrated over its bounds by Simpson's rule.
+        """
+
+        def along(speeds: np.ndarray) -> np.ndarray:
+            if w is not None:
+                return self.density(inverse_range, speeds, pace, w)
+            inverse = self.grid(W, 401)
+            surface = self.density(inverse_range, speeds[:, None], pace, inverse[None, :])
+            return integrate.simpson(surface, x=inverse, axis=1)
+
+        coarse = self.grid(V, 771)
+        near = coarse[along(coarse).argmax()] + np.arange(-0.02, 0.0201, 0.0005)
+        fine = near[(near >= self.lower[V]) & (near <= self.upper[V])]
+        return float(fine[along(fine).argmax()])
 
     def walking_speed_cdf(self, range_m: float, speed: float) -> tuple[np.ndarray, np.ndarray]:
         """F(v_p | 1/R, v) on a grid, 1/T_adv integrated over its bounds by Simpson's rule."""
@@ -128,22 +153,19 @@ def test_the_unconditional_walking_speed(model: InteractionModel, joint: Joint) 
 @pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
 def test_modes_match_a_dense_grid(model: InteractionModel, joint: Joint, reading: str) -> None:
     rng = np.random.default_rng(6)
-    speeds = joint.grid(V, 15_401)  # 0.5 mm/s
-    inverse = joint.grid(W, 401)
-    for _ in range(150 if reading == "given_time_advantage" else 6):
-        r, pace, w = rng.uniform(joint.lower[[R, VP, W]], joint.upper[[R, VP, W]])
-        if reading == "given_time_advantage":
-            w = rng.beta(1, 4) * joint.upper[W]
-            found = model.driver_speed(1 / r, pace, w)
-            values = joint.density(r, speeds, pace, w)
-        else:
-            found = model.driver_speed(1 / r, pace)
-            surface = joint.density(r, speeds[:, None], pace, inverse[None, :])
-            values = integrate.simpson(surface, x=inverse, axis=1)
-        best = speeds[values.argmax()]
-        # Of two equally high peaks either is the mode.
-        high = np.interp(found, speeds, values)
-        assert abs(found - best) < 1e-3 or high > (1 - 1e-5) * values.max(), (r, pace, w)
+    missed = 0
+    for _ in range(200 if reading == "given_time_advantage" else 25):
+        r, pace = rng.uniform(joint.lower[[R, VP]], joint.upper[[R, VP]])
+        w = rng.beta(1, 4) * joint.upper[W] if reading == "given_time_advantage" else None
+        found = model.driver_speed(1 / r, pace, w)
+        best = joint.driver_mode(r, pace, w)
+        if abs(found - best) > 1e-3:
+            # Of two equally high peaks either is the mode; the grid sees no difference.
+            assert w is not None, (r, pace)
+            heights = joint.density(r, np.array([found, best]), pace, w)
+            assert heights[0] > (1 - 1e-5) * heights[1], (r, pace, w)
+            missed += 1
+    assert missed < 5
 
 
 @pytest.mark.parametrize(

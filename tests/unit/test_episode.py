@@ -251,9 +251,9 @@ class Failing(PlainEngine):
             raise EngineError("lost ego")
         return super().step(speed_mps, pedestrians)
 
-    def remove(self, index):  # noqa: ARG002
+    def remove(self, index):
         if self._at == "remove":
-            raise EngineError("lost pedestrian")
+            raise EngineError(f"lost pedestrian {index}")
 
     def end(self):
         if self._at == "end":
@@ -268,7 +268,7 @@ def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
         Failing(at), ConstantSpeed(), arrivals, lambda *_: 2.5, rules_of(scenario())
     )
     assert trace.ending is Ending.ENGINE_FAILED
-    assert trace.reason in {"no ego", "lost ego", "lost pedestrian", "no end"}
+    assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
     (record,) = measure([trace])
     assert record.ending == "engine_failed"
     assert record.contact is None

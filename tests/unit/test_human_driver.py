@@ -19,7 +19,7 @@ from harness.interaction import InteractionModel
 from harness.pairing import PairRunner, make_strategy
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import play, scenario
-from tests.statistical.test_walking_speeds import V, W, Joint
+from tests.statistical.test_walking_speeds import Joint, V
 
 V0, A0, STEP = 5.0, 1.0, 0.1
 CROSSING = Crossing(9.0, 4.0)
@@ -40,16 +40,15 @@ def desired(
     joint: Joint, range_m: float, speed: float, lateral_m: float, pace: float, reading: str
 ) -> float:
     """The mode of f(v | 1/R, v_p[, 1/T_adv]) on a grid of 0.5 mm/s, arguments clamped."""
-    speeds, inverse = joint.grid(V, 15_401), joint.grid(W, 401)
-    r = np.clip(1 / range_m, joint.lower[0], joint.upper[0])
-    pace_in = np.clip(pace, joint.lower[2], joint.upper[2])
+    r, walking = (
+        float(np.clip(value, joint.lower[i], joint.upper[i]))
+        for i, value in ((0, 1 / range_m), (2, pace))
+    )
     if reading == "marginal":
-        values = joint.density(r, speeds[:, None], pace_in, inverse[None, :]).sum(axis=1)
-    else:
-        advantage = abs(range_m / speed - lateral_m / pace) if speed > 0 else np.inf
-        w = np.clip(1 / advantage if advantage > 0 else np.inf, joint.lower[3], joint.upper[3])
-        values = joint.density(r, speeds, pace_in, w)
-    return float(speeds[values.argmax()])
+        return joint.driver_mode(r, walking, None)
+    advantage = abs(range_m / speed - lateral_m / pace) if speed > 0 else np.inf
+    inverse = 1 / advantage if advantage > 0 else np.inf
+    return joint.driver_mode(r, walking, float(np.clip(inverse, joint.lower[3], joint.upper[3])))
 
 
 def commanded(joint: Joint, trace: Trace, reading: str, interval_s: float = 1.0) -> list[float]:

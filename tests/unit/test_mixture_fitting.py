@@ -54,8 +54,8 @@ def test_without_bounds_one_step_equals_scikit_learn(rows):
     free = np.full(4, INF)
     problem = Problem(standard, np.ones(len(rows)), -free, free, 1.0, 0.0)
     at = problem.evaluate(Parameters(weights, means, scales))
-    everywhere = np.ones(3, dtype=bool)
-    for step in (problem.large_step(at), problem.exact_step(at, everywhere)):
+    for lengths in (np.full(3, INF), problem.exact_lengths(at)):
+        step = problem.step(at, lengths)
         np.testing.assert_allclose(step.weights, other.weights_, atol=1e-10)
         np.testing.assert_allclose(step.locations, other.means_, atol=1e-10)
         np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
