@@ -12,7 +12,7 @@ import typer
 from typer.exceptions import Abort, Exit, TyperException
 
 from harness.cli_model import register
-from harness.errors import HarnessError, InputError
+from harness.errors import HarnessError, InputError, InterruptedRunError
 
 app = typer.Typer(
     name="harness",
@@ -102,6 +102,9 @@ def main() -> None:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
         _say("harness: " + " ".join(text.split()))
         code = 2
+    except InterruptedRunError as error:
+        _say(f"harness: {error}")
+        code = 130
     except HarnessError as error:
         _say(f"harness: {error}")
         code = 1
@@ -351,6 +354,8 @@ def _executor(dask: str | None) -> Any:
         return LocalPool
     from harness.cluster import DaskCluster
 
+    # A wrong address is refused before a run folder is made.
+    DaskCluster(dask).stop()
     return lambda _workers: DaskCluster(dask)
 
 

@@ -91,7 +91,7 @@ def extract(
     _write_rows(out, extraction, _command([*command, "--out", str(out)]))
     figures = []
     if plots is not None:
-        from harness.report.model_pages import plot_trajectories
+        from harness.report.plots import plot_trajectories
 
         clips = trajectories.read_clips(paths, format_, **options)
         figures = plot_trajectories(clips, extraction.rows, format_, plots)
@@ -209,12 +209,14 @@ def show(
     figures: list[Path] = []
     if plots is not None:
         from harness.calibration import make_sample, read_rows
-        from harness.report.model_pages import plot_model
+        from harness.report.plots import plot_model
 
         sample = None
         if rows is not None:
             lower, upper = loaded.mixture.lower, loaded.mixture.upper
-            sample = make_sample(read_rows(rows).rows, weigh="row", lower=lower, upper=upper)
+            weigh = str(loaded.provenance.get("weigh", "row")).split(",")[0]
+            table = read_rows(rows).rows
+            sample = make_sample(table, weigh=_weighing(weigh), lower=lower, upper=upper)
         figures = plot_model(loaded, sample, plots)
     if as_json:
         _print_json({**model_document(loaded), "figures": [str(path) for path in figures]})

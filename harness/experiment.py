@@ -26,7 +26,8 @@ TASK_PAIRS = 50
 """Pairs in a task; results do not depend on it."""
 
 HANG_AFTER_S = 120.0
-"""A worker that finishes no pair for so long is ended."""
+HANG_AFTER_S_PER_STEP = 0.002
+"""A worker that finishes no pair for so long, and so long for each of its steps, is ended."""
 
 FIRST_LOOK = 1_000
 """Pairs at the first look of ``--until``; each further look is at twice as many."""
@@ -297,6 +298,7 @@ class _Work:
                 begin = end
 
     def _task(self, cell: Cell, first: int, count: int) -> Task:
+        steps = cell.scenario.experiment.timeout_s / cell.scenario.experiment.step_s
         return Task(
             cell=cell.number,
             first_pair=first,
@@ -304,7 +306,7 @@ class _Work:
             scenario=cell.scenario,
             model=self.models[cell.number],
             traces=self.options.traces,
-            hang_after_s=self.options.hang_after_s,
+            hang_after_s=self.options.hang_after_s + 2 * steps * HANG_AFTER_S_PER_STEP,
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
         )
 

@@ -3,18 +3,23 @@
 The one place that knows their order: 1/R, v, v_p, 1/T_adv (paper, section II).  It answers two
 questions: how fast does a pedestrian walk who sees this vehicle, and how fast would a driver go
 who sees this pedestrian.
+
+T_adv = |R/v − L/v_p| holds v_p, so "v_p given (R, v, T_adv)" can be read in three ways: with T_adv
+integrated out (``marginal``), given (``given_time_advantage``: the paper's figures), or tied to
+v_p by the pedestrian's L (``curve``).
 """
 
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from harness.curve_reading import CurveReading
 from harness.encounter import FloatArray
 from harness.errors import InputError, unknown_name
 from harness.mixture import Conditional, TruncatedGaussianMixture
@@ -83,14 +88,116 @@ class InteractionModel:
             Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
             last bit whatever else is asked in the same call.
         """
-        with np.errstate(divide="ignore"):
-            given = np.column_stack((1 / np.asarray(range_m, dtype=float), vehicle_speed_mps))
-        clamped = self._clamp(given, (INVERSE_RANGE, VEHICLE_SPEED))
-        return self._walking.ppf(np.asarray(quantile, dtype=float), clamped)
+        seen = self._seen(range_m, vehicle_speed_mps)
+        return self._walking.ppf(np.asarray(quantile, dtype=float), seen)
 
     def walking_speed_unconditional(self, quantile: float) -> float:
         """v_p at a quantile of its marginal, for someone who meets no vehicle."""
         return float(self._walking_marginal.ppf(np.array([quantile]), np.empty((1, 0)))[0])
+
+    def walking_speed_given_time_advantage(
+        self,
+        quantile: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        inverse_time_advantage_per_s: FloatArray,
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | 1/R, v, 1/T_adv) (reading ``given_time_advantage``).
+
+        Args:
+            quantile: (n,) in [0, 1].
+            range_m, vehicle_speed_mps, inverse_time_advantage_per_s: (n,), clamped.
+
+        Returns:
+            Walking speeds in m/s, (n,), as of ``walking_speed``.
+        """
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.ppf(np.asarray(quantile, dtype=float), given)
+
+    def walking_speed_on_curve(
+        self,
+        quantile: FloatArray,
+        range_m: FloatArray,
+        lateral_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | R, v, L) (reading ``curve``, see ``curve_reading``).
+
+        Args:
+            quantile: (n,) in [0, 1].
+            range_m, vehicle_speed_mps: (n,), clamped; T_adv is computed from the clamped values.
+            lateral_m: L > 0, (n,).
+
+        Returns:
+            Walking speeds in m/s, (n,).  *Undefined* (NaN) where no v_p of the box gives a T_adv
+            of the box.
+        """
+        seen = self._seen(range_m, vehicle_speed_mps)
+        return self._curve.ppf(quantile, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+
+    def walking_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v_p in s/m, (n,): 0 outside the box.
+
+        Args:
+            speed_mps: where, (n,).
+            range_m, vehicle_speed_mps: (n,) or one value, clamped.
+            inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
+            lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
+        """
+        speeds = np.asarray(speed_mps, dtype=float)
+        if lateral_m is not None:
+            seen = self._seen(range_m, vehicle_speed_mps)
+            return self._curve.density(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+        if inverse_time_advantage_per_s is None:
+            return self._walking.pdf(speeds, self._seen(range_m, vehicle_speed_mps))
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.pdf(speeds, given)
+
+    def walking_speed_cdf(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        if lateral_m is not None:
+            seen = self._seen(range_m, vehicle_speed_mps)
+            return self._curve.cdf(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+        if inverse_time_advantage_per_s is None:
+            return self._walking.cdf(speeds, self._seen(range_m, vehicle_speed_mps))
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.cdf(speeds, given)
+
+    def driver_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        pedestrian_speed_mps: FloatArray,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v in s/m, (n,), given (1/R, v_p) and 1/T_adv unless that is None."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        columns = [_inverse(range_m), pedestrian_speed_mps]
+        if inverse_time_advantage_per_s is None:
+            given = self._clamp(_table(columns), (INVERSE_RANGE, PEDESTRIAN_SPEED))
+            return self._driving_marginal.pdf(speeds, given)
+        given = self._clamp(
+            _table([*columns, inverse_time_advantage_per_s]),
+            (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE),
+        )
+        return self._driving.pdf(speeds, given)
 
     def driver_speed(
         self,
@@ -126,9 +233,30 @@ class InteractionModel:
         chosen = list(variables)
         return np.clip(values, self.mixture.lower[chosen], self.mixture.upper[chosen])
 
+    def _seen(
+        self, range_m: FloatArray, speed_mps: FloatArray, inverse_time: FloatArray | None = None
+    ) -> FloatArray:
+        """Clamped (1/R, v) and, where given, 1/T_adv, one row per pedestrian."""
+        columns = [_inverse(range_m), speed_mps]
+        if inverse_time is None:
+            return self._clamp(_table(columns), (INVERSE_RANGE, VEHICLE_SPEED))
+        variables = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+        return self._clamp(_table([*columns, inverse_time]), variables)
+
     @cached_property
     def _walking(self) -> Conditional:
         return self.mixture.conditional(PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED))
+
+    @cached_property
+    def _walking_given_time(self) -> Conditional:
+        return self.mixture.conditional(
+            PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+        )
+
+    @cached_property
+    def _curve(self) -> CurveReading:
+        order = (INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+        return CurveReading(self.mixture, order)
 
     @cached_property
     def _walking_marginal(self) -> Conditional:
@@ -143,6 +271,16 @@ class InteractionModel:
     @cached_property
     def _driving_marginal(self) -> Conditional:
         return self.mixture.conditional(VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED))
+
+
+def _inverse(range_m: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(range_m, dtype=float)
+
+
+def _table(columns: Sequence[FloatArray]) -> FloatArray:
+    """Values (n,), or one for all, as columns."""
+    return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(column) for column in columns)))
 
 
 def load_model(name: str, path: str | None = None) -> InteractionModel:

@@ -143,6 +143,9 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
             make_strategy(scenario, name, 0, model)
         except InputError as error:
             raise InputError(f"strategies.{error.where}", error.problem, error.allowed) from None
+        except Exception as error:
+            what = f"cannot be made ({type(error).__name__}: {error})"
+            raise InputError(f"strategies.{name}", what) from None
 
 
 class _WalkingSpeeds:
@@ -164,9 +167,6 @@ class _WalkingSpeeds:
             for arrival in arrivals
             if arrival.arrival_s == 0
         ]
-        self._foreseen = {}
-        if not quantiles:
-            return
         self._foreseen = {}
         if not quantiles:
             return

@@ -166,6 +166,8 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
     rows: dict[str, list[Any]] = {name: [] for name in TRACES.names}
     for outcome in outcomes:
         trace, end_s = outcome.trace, outcome.record.end_s
+        if not len(trace.x_m):
+            continue  # failed before there was a state
         count = outcome.record.steps + 1
         times = np.arange(count) * trace.step_s
         speeds = trace.speed_mps[:count]

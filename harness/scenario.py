@@ -132,6 +132,7 @@ class ScenarioFile:
     tree: dict[str, Any]
     sweep: dict[str, Any] | None
     settings: tuple[Setting, ...]
+    folder: Path
 
     def scenario(self, more: Sequence[Setting] = ()) -> Scenario:
         """The checked scenario with all settings applied, later ones over earlier ones.
@@ -143,6 +144,10 @@ class ScenarioFile:
         sources = {}
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
+            if setting.key == "model.path":
+                # An option's path is the shell's, a path in the file is the file's.
+                on_shell = setting.source.startswith("--")
+                _anchor_model_path(tree, Path.cwd() if on_shell else self.folder)
             sources[setting.key] = setting.source
         return validate(tree, self.source, sources)
 
@@ -168,7 +173,7 @@ def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = (
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
         raise InputError(f"{path.name}: sweep", f"{_shorten(sweep)} is not accepted", "a table")
-    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings))
+    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
 
 
 def load_scenario(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> Scenario:

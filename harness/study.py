@@ -72,9 +72,9 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation]) -> Study:
             "--vary", f"{file.source} has a [sweep] table of its own", "one of the two"
         )
     if file.sweep is not None:
-        points = _points_of_table(file.sweep, file.source)
+        points, source = _points_of_table(file.sweep, file.source), "sweep"
     else:
-        points = _grid(variations, "--vary")
+        points, source = _grid(variations, "--vary"), "--vary"
     if not points:
         raise InputError(
             file.source, "nothing to vary", "--vary key=v1,v2 (repeatable) or a [sweep] table"
@@ -84,7 +84,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation]) -> Study:
     keys = list(dict.fromkeys(key for point in points for key in point))
     cells = []
     for number, point in enumerate(points):
-        settings = [Setting(key, value, "--vary") for key, value in point.items()]
+        settings = [Setting(key, value, source) for key, value in point.items()]
         scenario = file.scenario(settings)
         dumped = scenario.model_dump()
         varied = {key: point.get(key, _value_at(dumped, key)) for key in keys}

@@ -95,6 +95,7 @@ def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Cli
         faster = history.proposal(at.parameters, plain)
         following = None if faster is None else _accepted(problem, at, problem.allowed(faster))
         if following is None:
+            history.forget()
             following = _accepted(problem, at, plain)
         if following is None:
             history, since = _History(), 0
@@ -141,6 +142,10 @@ class _History:
     def __init__(self) -> None:
         self._points: list[Array] = []
         self._steps: list[Array] = []
+
+    def forget(self) -> None:
+        """Start again from the last step: the ones before it misled."""
+        del self._points[:-1], self._steps[:-1]
 
     def proposal(self, at: Parameters, plain: Parameters) -> Parameters | None:
         """Parameters extrapolated from this and earlier steps; None at the first one."""

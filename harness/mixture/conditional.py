@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from harness.errors import InputError
+from harness.mixture.drawing import UNIFORMS
 from harness.mixture.regression import Regression
 from harness.mixture.slices import Slices
 
@@ -18,7 +19,7 @@ Array = NDArray[np.float64]
 
 # Points handled at once; small enough for the temporary arrays to stay in the cache.
 _CHUNK = 512
-_MODES = 128
+_MODES = 256
 _DRAWS = 1024
 
 
@@ -115,14 +116,16 @@ class Conditional:
         return np.concatenate(parts) if parts else np.empty(0)
 
     def sample(self, y: ArrayLike, rng: np.random.Generator) -> Array:
-        """One draw (n,) per row of y (n, g); the generator moves on by 4 n uniforms at most."""
+        """One draw (n,) per row of y (n, g); the generator moves on by a fixed number of uniforms per row."""
         points = self._points(y)
         if len(self.given) + 1 < self._variables:
             return self._chunked(self._slices.ppf, rng.random((points.shape[0],)), points)
         result = np.empty(points.shape[0])
         for at in range(0, result.size, _DRAWS):
             part = points[at : at + _DRAWS]
-            result[at : at + _DRAWS] = self._slices.drawn(part, rng.random((part.shape[0], 4)).T)
+            result[at : at + _DRAWS] = self._slices.drawn(
+                part, rng.random((part.shape[0], UNIFORMS)).T
+            )
         return result
 
     def _points(self, y: ArrayLike) -> Array:

@@ -148,12 +148,12 @@ class Slices:
         return self._table(y).mode
 
     def drawn(self, y: Array, u: Array) -> Array:
-        """Draws (n,) where nothing is integrated out, from uniforms (4, n)."""
+        """Draws (n,) where nothing is integrated out, from uniforms (UNIFORMS, n)."""
         bounds = float(self._lower[0]), float(self._upper[0])
         x = draw(self._regression.at(y), self._regression.spread, *bounds, u)
         lost = np.flatnonzero(np.isnan(x))
         if lost.size:
-            x[lost] = self.ppf(u[3, lost], y[lost])
+            x[lost] = self.ppf(u[-1, lost], y[lost])
         return x
 
     def _bounds(self, state: State, count: int) -> tuple[Array, Array]:

@@ -4,6 +4,7 @@ import inspect
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -55,6 +56,7 @@ def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
     ]
 
 
+@lru_cache
 def needs(strategy: StrategyFactory) -> tuple[str, ...]:
     """Which of ``GIVEN_BY_HARNESS`` the constructor asks for."""
     names = inspect.signature(strategy).parameters

@@ -31,7 +31,7 @@ def rows():
 
 @pytest.fixture(scope="module")
 def fitted(rows):
-    return fit_mixture(rows, 3, truth().lower, truth().upper, seed=1, n_init=2, tol=1e-11)
+    return fit_mixture(rows, 3, truth().lower, truth().upper, seed=1, n_init=1, tol=1e-11)
 
 
 def test_without_bounds_one_step_equals_scikit_learn(rows):

@@ -1,0 +1,152 @@
+"""Speed of fitting and conditioning, side by side with other libraries in the same run.
+
+Run as ``python -m benchmarks.mixture``. Other work on the machine slows both sides alike, so the
+ratios mean more than the seconds. scikit-learn fits the same rows without bounds; gmr, if it is
+installed, draws from the same mixture without bounds.
+"""
+
+import sys
+import time
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.mixture.climbing import start
+from harness.mixture.em import Problem
+
+Array = NDArray[np.float64]
+
+COMPONENTS = 10
+
+
+def seconds(function: Callable[[], object], repeats: int) -> float:
+    """Median wall-clock time of one call."""
+    times = []
+    for _ in range(repeats):
+        began = time.perf_counter()
+        function()
+        times.append(time.perf_counter() - began)
+    return float(np.median(times))
+
+
+def truth(components: int = COMPONENTS) -> TruncatedGaussianMixture:
+    """Components spread over a two-sided box in four variables, some of them mostly outside."""
+    rng = np.random.default_rng(5)
+    factors = rng.normal(size=(components, 4, 4)) * 0.15 + 0.15 * np.eye(4)
+    scales = factors @ np.swapaxes(factors, 1, 2) + 0.003 * np.eye(4)
+    locations = rng.uniform(-0.1, 1.0, (components, 4))
+    weights = rng.dirichlet(np.full(components, 5.0))
+    return TruncatedGaussianMixture(weights, locations, scales, np.zeros(4), np.ones(4))
+
+
+def line(what: str, value: str, goal: str = "") -> None:
+    print(f"{what:<58} {value:>22}   {goal}", flush=True)
+
+
+def iterations(known: TruncatedGaussianMixture, n: int, goal: str) -> None:
+    """One EM iteration from the same start."""
+    from sklearn.mixture import GaussianMixture
+
+    rows = known.sample(n, np.random.default_rng(n))
+    standard = (rows - rows.mean(axis=0)) / rows.std(axis=0)
+    bounds = [(b - rows.mean(axis=0)) / rows.std(axis=0) for b in (known.lower, known.upper)]
+    problem = Problem(standard, np.ones(n), bounds[0], bounds[1], 1.0, 1e-4)
+    parameters = start(standard, np.ones(n), COMPONENTS, np.random.default_rng(1))
+    lengths = np.full(COMPONENTS, np.inf)
+
+    def ours() -> None:
+        at = problem.evaluate(parameters)
+        assert at is not None
+        problem.step(at, lengths)
+
+    other = GaussianMixture(COMPONENTS, warm_start=True, max_iter=5, tol=0.0, random_state=1)
+    other.fit(standard)
+    repeats = 21 if n < 100_000 else 5
+    theirs = seconds(lambda: other.fit(standard), repeats) / 5.0
+    mine = seconds(ours, repeats)
+    text = f"{mine * 1e3:.2f} / {theirs * 1e3:.2f} ms = {mine / theirs:.2f}x"
+    line(f"EM iteration, n = {n}", text, goal)
+
+
+def whole_fits(known: TruncatedGaussianMixture, n: int, goal: str) -> None:
+    """One start to tol 1e-6."""
+    from sklearn.mixture import GaussianMixture
+
+    rows = known.sample(n, np.random.default_rng(n))
+    began = time.perf_counter()
+    found = fit_mixture(rows, COMPONENTS, known.lower, known.upper, seed=1, n_init=1)
+    mine = time.perf_counter() - began
+    began = time.perf_counter()
+    other = GaussianMixture(COMPONENTS, tol=1e-6, max_iter=2000, random_state=1).fit(rows)
+    theirs = time.perf_counter() - began
+    text = f"{mine:.2f} / {theirs:.2f} s = {mine / theirs:.2f}x"
+    line(f"fit to tol 1e-6, n = {n} ({found.n_iter} / {other.n_iter_} steps)", text, goal)
+
+
+def sweep(known: TruncatedGaussianMixture) -> None:
+    rows = known.sample(8_000, np.random.default_rng(8))
+    began = time.perf_counter()
+    scores = [
+        fit_mixture(rows, k, known.lower, known.upper, seed=1, n_init=3).bic for k in range(1, 21)
+    ]
+    text = f"{time.perf_counter() - began:.1f} s, picks {int(np.argmin(scores)) + 1}"
+    line("BIC for K = 1 to 20, 3 starts, 8,000 rows", text, "< 60 s")
+
+
+def conditionals(known: TruncatedGaussianMixture) -> None:
+    rng = np.random.default_rng(3)
+    y = known.sample(1_000_000, rng)[:, [0, 1, 3]]
+    three = known.conditional(2, (0, 1, 3))
+    rate = len(y) / seconds(lambda: three.sample(y, rng), 3)
+    line("draws given three", f"{rate / 1e6:.2f} million/s", ">= 2 million/s")
+    try:
+        import gmr
+    except ImportError:
+        line("draws by a loop over gmr", "not installed")
+    else:
+        other = gmr.GMM(COMPONENTS, known.weights, known.locations, known.scale_matrices, 1)
+        once = seconds(lambda: [other.condition([0, 1, 3], p).sample(1) for p in y[:200]], 3) / 200
+        line("draws by a loop over gmr", f"{1 / once:.0f}/s, {rate * once:.0f}x", ">= 1,000x")
+    line("a million modes given three", f"{seconds(lambda: three.mode(y), 1):.1f} s", "< 8 s")
+    two = known.conditional(2, (0, 1))
+    marginal = known.conditional(2, ())
+    nothing = np.empty((1, 0))
+    u = rng.random(2_000)
+    at = iter(range(10**9))
+
+    def each(function: Callable[[int], object]) -> str:
+        taken = [seconds(lambda: function(next(at) % 2_000), 1) for _ in range(2_000)]
+        return f"{np.median(taken) * 1e6:.0f} us"
+
+    line("one mode given three", each(lambda i: three.mode(y[i : i + 1])), "< 60 us")
+    line("one inverse given three", each(lambda i: three.ppf(u[i : i + 1], y[i : i + 1])))
+    line("one mode given two", each(lambda i: two.mode(y[i : i + 1, :2])))
+    line(
+        "one inverse given two", each(lambda i: two.ppf(u[i : i + 1], y[i : i + 1, :2])), "< 250 us"
+    )
+    began = time.perf_counter()
+    marginal.ppf(u[:1], nothing)
+    line("first inverse given nothing", f"{(time.perf_counter() - began) * 1e3:.0f} ms")
+    line("one inverse given nothing", each(lambda i: marginal.ppf(u[i : i + 1], nothing)))
+
+
+def main() -> None:
+    warnings.simplefilter("ignore")
+    small = np.ones(10)
+    unit = seconds(lambda: [small * small for _ in range(1000)], 21)
+    line("product of two arrays of ten numbers (the machine's pace)", f"{unit * 1e3:.2f} us")
+    known = truth()
+    conditionals(known)
+    for n, goal in ((2_973, "<= 2x"), (30_000, "<= 0.5x"), (300_000, "<= 0.2x")):
+        iterations(known, n, goal)
+    whole_fits(known, 2_973, "<= 1.5x")
+    if "--quick" not in sys.argv:
+        whole_fits(known, 300_000, "<= 0.2x")
+        sweep(known)
+
+
+if __name__ == "__main__":
+    main()

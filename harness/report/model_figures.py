@@ -1,0 +1,288 @@
+"""Figures of a fitted interaction model, after the paper's section on the model.
+
+BIC over the number of components, raw rows beside the model for pairs of variables, densities of
+walking and driving speed under several conditions.  Each function draws into an axes that it is
+given and neither saves nor shows anything.  Lines differ in dash and grey level as well as colour.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.ticker import MaxNLocator
+
+from harness.encounter import FloatArray
+from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
+from harness.mixture import TruncatedGaussianMixture
+
+AXIS_LABELS = (
+    "1/R (1/m)",
+    "vehicle speed v (m/s)",
+    "walking speed v_p (m/s)",
+    "1/T_adv (1/s)",
+)
+PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+
+# Dark to light in greyscale, and told apart by their dashes.
+STYLES = (("#08306b", "-"), ("#c0392b", "--"), ("#2e8b57", "-."), ("#8a8a8a", ":"))
+_MAIN, _MARK = "#08306b", "#c0392b"
+_CELLS = 48
+# Density is drawn by its square root: ridges and the thin surroundings show side by side.
+_GAMMA = 0.5
+
+RAW_REMARK = "depends on the units of the data: BIC may cross zero"
+
+
+def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
+    """BIC over K with the chosen K marked.
+
+    Args:
+        axes: drawn into.
+        bic: by K.
+        chosen: a K of ``bic``.
+    """
+    ks = sorted(bic)
+    axes.plot(ks, [bic[k] for k in ks], "o-", color=_MAIN, ms=4, lw=1.4)
+    axes.plot(chosen, bic[chosen], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
+    axes.annotate(
+        f"K = {chosen}",
+        (chosen, bic[chosen]),
+        xytext=(8, 10),
+        textcoords="offset points",
+        color=_MARK,
+    )
+    _over_components(axes, "BIC", "BIC (lower is better)")
+
+
+def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
+    """The change rate of BIC in its unit-free form: each component's gain over the second's.
+
+    Args:
+        axes: drawn into.
+        gain: (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K.
+        limit: the rule's share.
+    """
+    ks = sorted(gain)
+    axes.plot(ks, [100 * gain[k] for k in ks], "o-", color=_MAIN, ms=4, lw=1.4)
+    axes.axhline(0, color="#b0b0b0", lw=0.8)
+    axes.axhline(100 * limit, color=_MARK, lw=1.2, ls="--")
+    axes.annotate(
+        f"{limit:.0%}: the rule",
+        (1, 100 * limit),
+        xycoords=("axes fraction", "data"),
+        xytext=(-4, 4),
+        textcoords="offset points",
+        ha="right",
+        color=_MARK,
+    )
+    _over_components(axes, "Gain of the K-th component", "share of the second's gain (%)")
+
+
+def draw_bic_change(axes: Axes, bic: Mapping[int, float]) -> None:
+    """The paper's raw curve |BIC_K − BIC_{K−1}| / |BIC_{K−1}|, with the remark on its units.
+
+    Args:
+        axes: drawn into; logarithmic where the changes differ by more than 100.
+        bic: by K.
+    """
+    ks = [k for k in sorted(bic) if k - 1 in bic and bic[k - 1] != 0]
+    change = [100 * abs(bic[k] - bic[k - 1]) / abs(bic[k - 1]) for k in ks]
+    axes.plot(ks, change, "o-", color="#6a6a6a", ms=4, lw=1.4)
+    if change and min(change) > 0 and max(change) > 100 * min(change):
+        axes.set_yscale("log")
+    _over_components(axes, "Change rate as in the paper", "|change of BIC / BIC| (%)")
+    axes.annotate(
+        RAW_REMARK, (0.5, 0.96), xycoords="axes fraction", ha="center", va="top", fontsize=8
+    )
+
+
+def draw_held_out(
+    axes: Axes, scores: Mapping[int, tuple[float, float | None]], chosen: int
+) -> None:
+    """Held-out log score of walking speeds over K, with standard errors over vehicles.
+
+    Args:
+        axes: drawn into.
+        scores: mean and standard error (None when undefined) by K.
+        chosen: the K to mark.
+    """
+    ks = sorted(scores)
+    means = [scores[k][0] for k in ks]
+    errors = [scores[k][1] or 0.0 for k in ks]
+    axes.errorbar(
+        ks, means, yerr=errors, fmt="o-", color=_MAIN, ms=4, lw=1.4, ecolor="#9a9a9a", capsize=2
+    )
+    if chosen in scores:
+        axes.plot(chosen, scores[chosen][0], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
+    _over_components(axes, "Held-out score (higher is better)", "log f(v_p | 1/R, v) (nats)")
+
+
+def draw_rows(
+    axes: Axes,
+    data: FloatArray,
+    weights: FloatArray,
+    pair: tuple[int, int],
+    view: FloatArray,
+    norm: Normalize,
+) -> QuadMesh:
+    """Density of raw rows in two variables: a weighted histogram.
+
+    Args:
+        axes: drawn into.
+        data: (n, 4) in the model's order; weights: (n,).
+        pair: the variables across and up.
+        view: (4, 2) what to show of each variable.
+        norm: colour scale, shared with the model's panel.
+    """
+    across, up = pair
+    edges = _edges(pair, view)
+    counts, _, _ = np.histogram2d(data[:, across], data[:, up], bins=edges, weights=weights)
+    cell = float(np.prod([edge[1] - edge[0] for edge in edges]))
+    density = counts / (weights.sum() * cell)
+    mesh = axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
+    _of_pair(axes, pair, f"rows, n = {len(data):,}")
+    return mesh
+
+
+def draw_pair(
+    axes: Axes, density: FloatArray, pair: tuple[int, int], view: FloatArray, norm: Normalize
+) -> QuadMesh:
+    """The model's density in two variables, the others integrated out over the box.
+
+    Args:
+        axes: drawn into.
+        density: as ``pair_density`` gives it.
+        pair, view, norm: as for ``draw_rows``.
+    """
+    edges = _edges(pair, view)
+    mesh = axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
+    _of_pair(axes, pair, "model")
+    return mesh
+
+
+def pair_density(
+    mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
+) -> FloatArray:
+    """(c, c) density at the cells' centres, across × up: f(x_i) f(x_j | x_i)."""
+    across, up = ((edges[1:] + edges[:-1]) / 2 for edges in _edges(pair, view))
+    first = mixture.conditional(pair[0], ()).pdf(across, np.empty((1, 0)))
+    second = mixture.conditional(pair[1], (pair[0],))
+    rows = [second.pdf(up, np.array([[x]])) for x in across]
+    return first[:, None] * np.array(rows)
+
+
+def density_scale(*densities: FloatArray) -> Normalize:
+    """One colour scale for panels to be compared; the top 0.2 % of cells is saturated."""
+    top = max(float(np.quantile(density, 0.998)) for density in densities)
+    return PowerNorm(_GAMMA, vmin=0, vmax=top if top > 0 else 1)
+
+
+def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
+    """(4, 2) from each lower bound to the 99.7 % quantile of the variable."""
+    view = np.column_stack((mixture.lower, mixture.upper))
+    for i in range(view.shape[0]):
+        view[i, 1] = mixture.conditional(i, ()).ppf(np.array([0.997]), np.empty((1, 0)))[0]
+    return view
+
+
+def draw_walking_speed(
+    axes: Axes, model: InteractionModel, conditions: Sequence[Mapping[str, float]], title: str
+) -> None:
+    """Densities of v_p under conditions.
+
+    Args:
+        axes: drawn into.
+        model: the interaction model.
+        conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
+            ``inverse_time_advantage_per_s``.
+        title: what they have in common.
+    """
+    low, high = (bound[PEDESTRIAN_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
+    speeds = np.linspace(low, min(high, 2.5), 400)
+    for condition, (colour, dash) in zip(conditions, STYLES, strict=False):
+        time = condition.get("inverse_time_advantage_per_s")
+        density = model.walking_speed_density(
+            speeds,
+            np.array([condition["range_m"]]),
+            np.array([condition["vehicle_speed_mps"]]),
+            inverse_time_advantage_per_s=None if time is None else np.array([time]),
+        )
+        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=_words(condition))
+    _of_density(axes, AXIS_LABELS[PEDESTRIAN_SPEED], title)
+
+
+def draw_driving_speed(
+    axes: Axes, model: InteractionModel, conditions: Sequence[Mapping[str, float]], title: str
+) -> None:
+    """Densities of v under conditions; the dot is the mode, where the human driver goes.
+
+    Args:
+        axes: drawn into.
+        model: the interaction model.
+        conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
+        title: what they have in common.
+    """
+    low, high = (bound[VEHICLE_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
+    speeds = np.linspace(low, high, 500)
+    for condition, (colour, dash) in zip(conditions, STYLES, strict=False):
+        keys = ("range_m", "pedestrian_speed_mps", "inverse_time_advantage_per_s")
+        given = [condition[key] for key in keys]
+        density = model.driver_speed_density(speeds, *(np.array([value]) for value in given))
+        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=_words(condition))
+        mode = model.driver_speed(*given)
+        axes.plot(mode, np.interp(mode, speeds, density), "o", color=colour, ms=5)
+    _of_density(axes, AXIS_LABELS[VEHICLE_SPEED], title)
+
+
+_SYMBOLS = {
+    "range_m": ("1/R", "per m"),
+    "vehicle_speed_mps": ("v", "m/s"),
+    "pedestrian_speed_mps": ("v_p", "m/s"),
+    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
+}
+
+
+def _words(condition: Mapping[str, float]) -> str:
+    parts = []
+    for key, (symbol, unit) in _SYMBOLS.items():
+        if key in condition:
+            value = 1 / condition[key] if key == "range_m" else condition[key]
+            parts.append(f"{symbol} = {value:.3g} {unit}")
+    return ", ".join(parts)
+
+
+def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
+    return [np.linspace(float(view[i, 0]), float(view[i, 1]), _CELLS + 1) for i in pair]
+
+
+def _over_components(axes: Axes, title: str, label: str) -> None:
+    axes.set_xlabel("number of components K")
+    axes.set_ylabel(label)
+    axes.set_title(title, fontsize=11, loc="left")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=3))
+    _quiet(axes)
+
+
+def _of_pair(axes: Axes, pair: tuple[int, int], title: str) -> None:
+    axes.set_xlabel(AXIS_LABELS[pair[0]])
+    axes.set_ylabel(AXIS_LABELS[pair[1]])
+    axes.set_title(title, fontsize=10, loc="left")
+
+
+def _of_density(axes: Axes, label: str, title: str) -> None:
+    axes.set_xlabel(label)
+    axes.set_ylabel("probability density (s/m)")
+    axes.set_title(title, fontsize=11, loc="left")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    axes.legend(frameon=False, fontsize=8.5)
+    _quiet(axes)
+
+
+def _quiet(axes: Axes) -> None:
+    axes.grid(color="#e6e6e6", lw=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

@@ -1,0 +1,191 @@
+"""Figures written to files: the pages of ``extract --plots`` and ``model show --plots``."""
+
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from harness.calibration import Sample
+from harness.calibration.choice import RULE_SHARE, relative_gain
+from harness.interaction import InteractionModel
+from harness.report import model_figures as draw
+from harness.report.trajectory_figures import draw_map, draw_passing_event
+from harness.run_folder import write_file
+from harness.trajectories import Clip
+
+_DPI = 150
+# The authors' public scripts draw these conditions.
+_INVERSE_RANGES = (0.07, 0.10, 0.13)
+_WALKING_SPEED_MPS = 1.2
+_INVERSE_TIMES = (0.05, 0.10)
+# The paper's Table II, and speeds about it.
+_TRIGGER_RANGE_M = 30.0
+_VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write ``name.png`` and ``name.pdf``, each complete or not at all, without a clock inside."""
+    written = []
+    for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format=suffix[1:], dpi=_DPI, bbox_inches="tight", metadata=metadata)
+        path = folder / f"{name}{suffix}"
+        write_file(path, buffer.getvalue())
+        written.append(path)
+    return written
+
+
+def plot_trajectories(
+    clips: Sequence[Clip], rows: pd.DataFrame, format: str, folder: Path
+) -> list[Path]:
+    """A map of each site and one passing event coloured by time.
+
+    Args:
+        clips: the tracks; clips of fixed cameras (``vci``) named alike but for their number are
+            of one site, other formats have one.
+        rows: what was extracted from them.
+        format: of the clips.
+        folder: exists; earlier files of the same names are replaced.
+    """
+    sites: dict[str, list[Clip]] = {}
+    for clip in clips:
+        site = re.sub(r"[\W_]*\d*$", "", clip.name) if format == "vci" else ""
+        sites.setdefault(site, []).append(clip)
+    written = []
+    for site, of_site in sites.items():
+        figure, axes = _figure(1, 1, 8, 6)
+        title = f"{site}: vehicle routes and pedestrian positions" if site else None
+        draw_map(axes[0], of_site, title)
+        written += save(figure, folder, f"map-{site}" if site else "map")
+    event = _sample_event(rows)
+    figure, axes = _figure(1, 1, 8, 6)
+    clip = next(clip for clip in clips if (clip.source, clip.name) == event[:2])
+    draw_passing_event(axes[0], clip, event[2], event[3])
+    return [*written, *save(figure, folder, "passing-event")]
+
+
+def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
+    """The paper's figures of a model.
+
+    Args:
+        model: its card gives the curves over K, where it has them.
+        sample: rows to draw beside the model; None leaves their panels out.
+        folder: exists; earlier files of the same names are replaced.
+    """
+    written = []
+    if len(model.provenance.get("candidates") or []) > 1:
+        written += save(_components_page(model), folder, "components")
+    written += save(_pairs_page(model, sample), folder, "pairs")
+    return [*written, *save(_speeds_page(model), folder, "speeds")]
+
+
+def _components_page(model: InteractionModel) -> Figure:
+    """BIC, its two rates of change, held-out scores."""
+    card = model.provenance
+    bic = {of["components"]: of["bic"] for of in card["candidates"]}
+    scores = {
+        of["components"]: (of["held_out"]["mean"], of["held_out"]["standard_error"])
+        for of in card["candidates"]
+        if of["held_out"]
+    }
+    figure, axes = _figure(2, 2, 11, 7.5)
+    draw.draw_bic(axes[0], bic, card["components"])
+    draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
+    draw.draw_bic_change(axes[2], bic)
+    if scores:
+        draw.draw_held_out(axes[3], scores, card["components"])
+    else:
+        axes[3].set_axis_off()
+    _caption(
+        figure,
+        f"{model.name}: n = {card['rows']:,} rows, {card['encounters']} encounters, "
+        f"{card['vehicles']} vehicles; BIC's n is {card['weight_sum']:.0f}. "
+        "Bars: standard error over vehicles.",
+    )
+    return figure
+
+
+def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
+    """All six pairs of variables, rows beside the model on one scale."""
+    wide = sample is not None
+    figure, axes = _figure(3, 4 if wide else 2, 15 if wide else 8, 10.5)
+    view = draw.usual_view(model.mixture)
+    for index, pair in enumerate(draw.PAIRS):
+        density = draw.pair_density(model.mixture, pair, view)
+        norm = draw.density_scale(density)
+        panels = axes[2 * index : 2 * index + 2] if wide else axes[index : index + 1]
+        if sample is not None:
+            draw.draw_rows(panels[0], sample.data, sample.weights, pair, view, norm)
+        mesh = draw.draw_pair(panels[-1], density, pair, view, norm)
+        bar = figure.colorbar(mesh, ax=list(panels), pad=0.02, aspect=30)
+        bar.set_label("density", fontsize=8)
+        bar.ax.tick_params(labelsize=7)
+    words = f"{model.name}, K = {model.mixture.weights.size}; one scale for each pair (square root)"
+    if sample is not None:
+        words += f"; {len(sample.data):,} rows weighted by {sample.weigh}"
+    _caption(figure, words + ".")
+    return figure
+
+
+def _speeds_page(model: InteractionModel) -> Figure:
+    """Densities of v_p and of v under the authors' conditions, and v_p as pedestrians use it."""
+    figure, axes = _figure(2, 2, 12, 8.5)
+    times, speed = _INVERSE_TIMES, _VEHICLE_SPEEDS[1]
+    draw.draw_walking_speed(
+        axes[0],
+        model,
+        [
+            {
+                "range_m": 1 / inverse,
+                "vehicle_speed_mps": speed,
+                "inverse_time_advantage_per_s": times[1],
+            }
+            for inverse in _INVERSE_RANGES
+        ],
+        "v_p with T_adv given",
+    )
+    draw.draw_walking_speed(
+        axes[1],
+        model,
+        [{"range_m": _TRIGGER_RANGE_M, "vehicle_speed_mps": v} for v in _VEHICLE_SPEEDS],
+        "v_p with T_adv integrated out, as pedestrians use it",
+    )
+    for panel, time in zip(axes[2:], times, strict=True):
+        conditions = [
+            {
+                "range_m": 1 / inverse,
+                "pedestrian_speed_mps": _WALKING_SPEED_MPS,
+                "inverse_time_advantage_per_s": time,
+            }
+            for inverse in _INVERSE_RANGES
+        ]
+        draw.draw_driving_speed(panel, model, conditions, f"v at 1/T_adv = {time:g} per s")
+    n = model.provenance.get("rows")
+    words = f"{model.name}, K = {model.mixture.weights.size}"
+    words += f", fitted on n = {n:,} rows" if isinstance(n, int) else ""
+    _caption(figure, words + ". Dots: modes, the speeds the human driver goes for.")
+    return figure
+
+
+def _sample_event(rows: pd.DataFrame) -> tuple[str, str, str, str]:
+    """The encounter that was watched over the longest approach of the vehicle."""
+    key = ["source", "clip", "vehicle", "pedestrian"]
+    span = rows.groupby(key, sort=True)["range_m"].agg(lambda column: column.max() - column.min())
+    source, clip, vehicle, pedestrian = (str(part) for part in span.index[int(np.argmax(span))])
+    return source, clip, vehicle, pedestrian
+
+
+def _figure(down: int, across: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
+    """A figure without a window, its axes in reading order."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(down, across, squeeze=False)
+    return figure, list(axes.ravel())
+
+
+def _caption(figure: Figure, words: str) -> None:
+    figure.supxlabel(words, fontsize=9.5, color="#303030")

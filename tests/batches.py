@@ -1,0 +1,115 @@
+"""What the tests of batches share: small studies, an executor without processes, the shell."""
+
+import os
+import subprocess
+import sys
+from concurrent.futures import Future
+from pathlib import Path
+
+import psutil
+
+from harness.scenario import ScenarioFile, Setting, read_scenario_file
+from harness.study import Study, parse_variation, single_cell, study_of
+from harness.worker import Task, TaskResult, run_task
+
+HARNESS = [sys.executable, "-m", "harness"]
+
+FLOW = {"experiment.pairs": 12, "experiment.timeout_s": 60.0}
+"""Changes to ``cctc_flow`` that make it short."""
+
+QUICK = {
+    "arms.av": "constant_speed",
+    "arms.human": "constant_speed",
+    "ego.initial_speed_mps": 10.0,
+    "ego.trigger_range_m": 10.0,
+}
+"""Changes that make an episode a matter of 17 steps: 17 m at 10 m/s."""
+
+
+class Inline:
+    """Runs each task where it is submitted, in this process."""
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        future: Future[TaskResult] = Future()
+        try:
+            future.set_result(run_task(task))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+    def stop(self) -> None:
+        """Nothing runs any more."""
+
+
+def scenario_file(name: str, changes: dict[str, object]) -> ScenarioFile:
+    """A shipped scenario with changes by dotted key."""
+    return read_scenario_file(name, [Setting(key, value) for key, value in changes.items()])
+
+
+def sweep(name: str, changes: dict[str, object], *vary: str) -> Study:
+    """A study as ``harness sweep`` makes it."""
+    return study_of(scenario_file(name, changes), [parse_variation(text) for text in vary])
+
+
+def one_cell(name: str, changes: dict[str, object]) -> Study:
+    """A study as ``harness run`` makes it."""
+    return single_cell(scenario_file(name, changes))
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a finished run but the log, which has a clock in it."""
+    return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != "log.jsonl"}
+
+
+def options_of(changes: dict[str, object]) -> list[str]:
+    """Changes as ``--set`` options."""
+    return [part for key, value in changes.items() for part in ("--set", f"{key}={value}")]
+
+
+def shell(
+    *arguments: object, env: dict[str, str] | None = None, cwd: Path | None = None
+) -> "subprocess.CompletedProcess[str]":
+    """Run ``harness`` to its end."""
+    return subprocess.run(
+        [*HARNESS, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={**os.environ, **(env or {})},
+        cwd=cwd,
+        check=False,
+    )
+
+
+def start(
+    *arguments: object, env: dict[str, str] | None = None, cwd: Path | None = None
+) -> "subprocess.Popen[str]":
+    """Start ``harness`` in a session of its own, so that no signal of a test goes astray."""
+    return subprocess.Popen(
+        [*HARNESS, *map(str, arguments)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, **(env or {})},
+        cwd=cwd,
+        start_new_session=True,
+    )
+
+
+def workers_of(pid: int) -> list[psutil.Process]:
+    """The worker processes of a run, youngest last."""
+    found = []
+    try:
+        children = psutil.Process(pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+    for child in children:
+        try:
+            if any("spawn_main" in word for word in child.cmdline()):
+                found.append(child)
+        except (psutil.NoSuchProcess, psutil.ZombieProcess):
+            continue
+    return found

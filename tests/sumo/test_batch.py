@@ -1,0 +1,395 @@
+"""Batches: the same bytes however they are carried out, and what resume accepts."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from harness.errors import HarnessError, InputError, InterruptedRunError
+from harness.execution import LocalPool
+from harness.experiment import Options, Run, resume, run_study
+from harness.run_folder import claim_folder, read_manifest
+from harness.study import Study
+from harness.worker import Task, TaskResult, close_engine
+from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
+
+LAMBDA = "pedestrians.flow_per_hour"
+BOTH = "arms.av=hard_yield,soft_yield"
+
+
+@pytest.fixture(autouse=True)
+def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
+    """Tasks that run in this process start its one simulation themselves."""
+    yield
+    close_engine()
+
+
+def flow_study() -> Study:
+    return sweep("cctc_flow", FLOW, f"{LAMBDA}=200,1000", BOTH)
+
+
+def run(study: Study, out: Path, make: Any = Inline, **options: Any) -> Run:
+    return run_study(study, Options(**options), out=out, make_executor=make)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The flow study in one process, with traces: what every other way is held against."""
+    from tests.conftest import _close_all
+
+    _close_all()
+    folder = tmp_path_factory.mktemp("batch") / "plain"
+    run(flow_study(), folder, traces=True)
+    close_engine()
+    return folder
+
+
+class Stops(Inline):
+    """Is interrupted, as by Ctrl-C, when it is given its n-th task."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(1)
+        self.left = number
+
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return super().submit(task)
+
+
+def interrupted(study: Study, out: Path, tasks: int, **options: Any) -> None:
+    with pytest.raises(InterruptedRunError, match=r"--resume"):
+        run(study, out, lambda _workers: Stops(tasks), **options)
+
+
+@pytest.mark.parametrize(
+    ("make", "task_pairs"), [(LocalPool, 50), (LocalPool, 5), (Inline, 1), (Inline, 7)]
+)
+def test_same_bytes_for_any_workers_and_tasks(
+    plain: Path, tmp_path: Path, make: Any, task_pairs: int
+) -> None:
+    workers = 1 if task_pairs == 50 else 2
+    options = {"workers": workers, "task_pairs": task_pairs, "traces": True}
+    run(flow_study(), tmp_path / "run", make, **options)
+    assert content(tmp_path / "run") == content(plain)
+
+
+@pytest.mark.parametrize("tasks", [2, 9])
+def test_same_bytes_after_resume(plain: Path, tmp_path: Path, tasks: int) -> None:
+    interrupted(flow_study(), tmp_path / "run", tasks, task_pairs=3, traces=True)
+    assert read_manifest(tmp_path / "run")["counts"] is None
+    assert len(list((tmp_path / "run").glob("shards/*.arrows"))) >= tasks - 2
+    resume(tmp_path / "run", make_executor=Inline)
+    assert content(tmp_path / "run") == content(plain)
+
+
+def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 20})
+    interrupted(study, tmp_path / "run", 5, task_pairs=2)
+    asked: list[Task] = []
+
+    class Notes(Inline):
+        def submit(self, task: Task) -> "Future[TaskResult]":
+            asked.append(task)
+            return super().submit(task)
+
+    kept = {path.stem for path in (tmp_path / "run" / "shards").glob("*.arrows")}
+    resume(tmp_path / "run", make_executor=Notes)
+    done = {pair for name in kept for pair in pairs_of(name)}
+    again = {pair for task in asked for pair in pairs_of(task.name)}
+    assert 8 <= len(done) <= 10
+    assert sorted([*done, *again]) == list(range(20))
+
+
+def pairs_of(name: str) -> range:
+    """The pairs in a task's name: cell-first-count."""
+    _, first, count = (int(part) for part in name.split("-"))
+    return range(first, first + count)
+
+
+def by_keys(folder: Path, name: str) -> dict[tuple[Any, ...], list[dict[str, Any]]]:
+    """Rows of a table by the varied keys of their cell, without the cell's number."""
+    cells = pq.read_table(folder / "cells.parquet").to_pylist()
+    keys = {row.pop("cell"): tuple(sorted(row.items())) for row in cells}
+    rows: dict[tuple[Any, ...], list[dict[str, Any]]] = {key: [] for key in keys.values()}
+    for row in pq.read_table(folder / f"{name}.parquet").to_pylist():
+        rows[keys[row.pop("cell")]].append(row)
+    return rows
+
+
+def test_the_order_of_cells_decides_nothing(plain: Path, tmp_path: Path) -> None:
+    study = sweep("cctc_flow", FLOW, "arms.av=soft_yield,hard_yield", f"{LAMBDA}=1000,200")
+    run(study, tmp_path / "run", traces=True)
+    for name in ("episodes", "pedestrians", "pairs", "traces"):
+        assert by_keys(tmp_path / "run", name) == by_keys(plain, name), name
+    ours, theirs = (csv_rows(folder) for folder in (tmp_path / "run", plain))
+    assert sorted(ours, key=str) == sorted(theirs, key=str)
+
+
+def csv_rows(folder: Path) -> list[list[tuple[str, str]]]:
+    head, *lines = (folder / "summary.csv").read_text(encoding="utf-8").splitlines()
+    pairs = [zip(head.split(","), line.split(","), strict=True) for line in lines]
+    return [sorted(row) for row in pairs]
+
+
+def test_another_strategy_changes_no_other_cell(plain: Path, tmp_path: Path) -> None:
+    study = sweep(
+        "cctc_flow", FLOW, f"{LAMBDA}=200,1000", "arms.av=constant_speed,hard_yield,soft_yield"
+    )
+    run(study, tmp_path / "run", traces=True)
+    for name in ("episodes", "pedestrians", "pairs", "traces"):
+        more, fewer = by_keys(tmp_path / "run", name), by_keys(plain, name)
+        assert len(more) == 6
+        assert {key: more[key] for key in fewer} == fewer, name
+
+
+def test_arrivals_at_twice_the_flow_come_in_half_the_time(tmp_path: Path) -> None:
+    run(sweep("cctc_flow", FLOW, f"{LAMBDA}=500,1000"), tmp_path / "run")
+    rows = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
+    seen: dict[tuple[object, ...], dict[int, dict[str, Any]]] = {}
+    for row in rows:
+        seen.setdefault((row["pair"], row["arm"], row["index"]), {})[row["cell"]] = row
+    both = [cells for cells in seen.values() if len(cells) == 2]
+    assert len(both) > 20
+    for cells in both:
+        slow, fast = cells[0], cells[1]
+        assert slow["arrival_s"] == 2 * fast["arrival_s"]
+        assert (slow["side"], slow["quantile"]) == (fast["side"], fast["quantile"])
+
+
+def test_traces_hold_every_step_and_change_nothing_else(plain: Path, tmp_path: Path) -> None:
+    run(flow_study(), tmp_path / "run")
+    with_traces, without = content(plain), content(tmp_path / "run")
+    assert set(with_traces) - set(without) == {"traces.parquet"}
+    same = set(without) - {"manifest.json"}
+    assert {name: with_traces[name] for name in same} == {name: without[name] for name in same}
+    traces = pq.read_table(plain / "traces.parquet").to_pandas()
+    egos = traces[traces["object"] == "ego"].groupby(["cell", "pair", "arm"]).size()
+    episodes = pq.read_table(plain / "episodes.parquet").to_pandas()
+    steps = episodes.set_index(["cell", "pair", "arm"])["steps"]
+    # n steps have n + 1 ends.
+    assert (egos.sort_index() == steps.sort_index() + 1).all()
+
+
+def test_folder_has_what_the_files_page_says_and_no_nan(plain: Path) -> None:
+    assert set(content(plain)) == {
+        "manifest.json",
+        "summary.csv",
+        *(f"{name}.parquet" for name in ("cells", "episodes", "pairs", "pedestrians", "traces")),
+    }
+    for path in plain.glob("*.parquet"):
+        for name, column in zip(*columns_of(path), strict=True):
+            if pa.types.is_floating(column.type):
+                assert np.isfinite(column.drop_null().to_numpy()).all(), (path.name, name)
+    manifest = json.loads((plain / "manifest.json").read_text(encoding="utf-8"))
+    # 4 cells of 12 pairs, two arms each.
+    assert (manifest["counts"]["pairs"], manifest["counts"]["episodes"]) == (48, 96)
+
+
+def columns_of(path: Path) -> tuple[list[str], list[Any]]:
+    table = pq.read_table(path)
+    return table.column_names, table.columns
+
+
+def test_who_waits_for_an_empty_crossing_ends(tmp_path: Path) -> None:
+    changes = {
+        "arms.av": "hard_yield",
+        "experiment.pairs": 12,
+        "experiment.timeout_s": 40.0,
+        LAMBDA: 1000.0,
+    }
+    run(one_cell("cctc_flow", changes), tmp_path / "run")
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    av = [row for row in episodes if row["arm"] == "av"]
+    assert {row["ending"] for row in av} == {"crossed", "timed_out"}
+    for row in episodes:
+        # 40 s are 400 steps of 0.1 s.
+        assert row["steps"] <= 400
+        assert (row["steps"] == 400) or row["ending"] != "timed_out"
+        assert (row["pass_time_s"] is None) == (row["ending"] != "crossed")
+
+
+def holder_of(folder: Path) -> "subprocess.Popen[str]":
+    """A process that holds the lock of a run folder until it is ended."""
+    code = (
+        "import sys, time\n"
+        "from pathlib import Path\n"
+        "from harness.run_folder import RunFolder\n"
+        "folder = RunFolder(Path(sys.argv[1]))\n"
+        "print('held', flush=True)\n"
+        "time.sleep(300)\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "held\n"
+    return process
+
+
+def test_one_process_for_each_folder(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
+    interrupted(study, tmp_path / "run", 2, task_pairs=1)
+    other = holder_of(tmp_path / "run")
+    try:
+        with pytest.raises(InputError, match="another process"):
+            resume(tmp_path / "run", make_executor=Inline)
+    finally:
+        os.kill(other.pid, signal.SIGKILL)
+        other.wait()
+    # What the dead one left behind is in nobody's way.
+    assert (tmp_path / "run" / ".lock").exists()
+    resume(tmp_path / "run", make_executor=Inline)
+    run(study, tmp_path / "whole")
+    assert content(tmp_path / "run") == content(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "words"),
+    [
+        (("versions", "sumo"), "1.27.0", ["sumo", "1.27.0", "1.28.0"]),
+        (("versions", "harness"), "0.0.1", ["harness", "0.0.1"]),
+        (("versions", "numpy"), None, ["numpy"]),
+        (("models", 0, "sha256"), "0" * 64, ["model"]),
+        (("schema",), 999, ["999"]),
+        (("cells",), None, ["damaged"]),
+        (("scenario", "ego", "initial_speed_mps"), -1.0, ["initial_speed_mps"]),
+    ],
+)
+def test_resume_under_other_conditions_is_refused(
+    tmp_path: Path, path: tuple[Any, ...], value: object, words: list[str]
+) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
+    interrupted(study, tmp_path / "run", 1, task_pairs=1)
+    manifest = tmp_path / "run" / "manifest.json"
+    document = json.loads(manifest.read_text(encoding="utf-8"))
+    node = document
+    for key in path[:-1]:
+        node = node[key]
+    node[path[-1]] = value
+    manifest.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        resume(tmp_path / "run", make_executor=Inline)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_resume_of_no_run_is_refused(tmp_path: Path) -> None:
+    for folder in (tmp_path / "none", tmp_path):
+        with pytest.raises(InputError, match=r"--resume|no run folder"):
+            resume(folder, make_executor=Inline)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_resume_of_a_finished_run_only_reads(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
+    first = run(study, tmp_path / "run")
+    before = content(tmp_path / "run")
+    # Killed while it cleared up: the manifest was written, a shard was still there.
+    (tmp_path / "run" / "shards").mkdir()
+    (tmp_path / "run" / "shards" / "0-0-3.arrows").write_bytes(b"")
+
+    def nobody(_workers: int) -> Inline:
+        raise AssertionError("nothing is left to do")
+
+    again = resume(tmp_path / "run", make_executor=nobody)
+    assert again.summaries == first.summaries
+    assert content(tmp_path / "run") == before
+
+
+def flip(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 0xFF]) + data[middle + 1 :]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda _: b"", lambda _: b"no shard", lambda data: data[: len(data) // 2], flip],
+    ids=["empty", "garbage", "cut off", "a byte changed"],
+)
+def test_a_damaged_shard_is_run_again(tmp_path: Path, damage: Any) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
+    run(study, tmp_path / "whole", traces=True)
+    interrupted(study, tmp_path / "run", 3, task_pairs=1, traces=True)
+    shard = min((tmp_path / "run" / "shards").glob("*.arrows"))
+    shard.write_bytes(damage(shard.read_bytes()))
+    resume(tmp_path / "run", make_executor=Inline)
+    assert content(tmp_path / "run") == content(tmp_path / "whole")
+
+
+def test_until_stops_at_the_look_that_is_narrow_enough(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from harness import experiment
+    from harness.experiment import Precision
+
+    monkeypatch.setattr(experiment, "FIRST_LOOK", 10)
+    nobody = {LAMBDA: 0.0, "pedestrians.max_count": 0, "experiment.pairs": 100}
+    study = one_cell("cctc", {**QUICK, **nobody})
+    # No pedestrian and no yielding: kappa = 0 of n, half-width (1 − (α/2)^(1/n)) / 2 with
+    # α = 0.05/5 for the looks at 10, 20, 40, 80 and 100: 0.206, 0.116, 0.062, 0.032, 0.026.
+    result = run(study, tmp_path / "run", until=Precision("kappa", 0.07))
+    assert result.summaries[0].pairs == 40
+    assert result.summaries[0].kappa.high == pytest.approx(1 - 0.005 ** (1 / 40), rel=1e-9)
+    interrupted(study, tmp_path / "cut", 3, until=Precision("kappa", 0.07), task_pairs=5)
+    resume(tmp_path / "cut", make_executor=Inline)
+    assert content(tmp_path / "cut") == content(tmp_path / "run")
+
+
+def test_folders_of_runs_that_start_at_the_same_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with ThreadPoolExecutor(8) as pool:
+        folders = list(pool.map(lambda _: claim_folder(None, "cctc"), range(40)))
+    assert sorted(folder.name for folder in folders) == sorted(f"cctc-{n}" for n in range(1, 41))
+
+
+def test_a_file_system_that_refuses_is_one_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 2})
+
+    def full(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("harness.run_folder.os.fsync", full)
+    with pytest.raises(HarnessError, match="No space left on device"):
+        run(study, tmp_path / "run")
+
+
+def test_a_study_from_the_shell(tmp_path: Path) -> None:
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(
+        """
+        [arms]
+        av = "hard_yield"
+        [experiment]
+        pairs = 6
+        [sweep]
+        pedestrians.flow_per_hour = ["200:400:200"]
+        """,
+        encoding="utf-8",
+    )
+    refused = shell("run", scenario, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "harness sweep" in refused.stderr
+    assert refused.stderr.count("\n") == 1
+    done = shell("sweep", scenario, "--workers", "2", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    for word in ("μ", "κ", "delay", "200", "400", "runs/mine-1"):
+        assert word in done.stdout
+    rows = csv_rows(tmp_path / "runs" / "mine-1")
+    assert [dict(row)[LAMBDA] for row in rows] == ["200", "400"]
+    beside = shell("sweep", scenario, "--resume", tmp_path / "runs" / "mine-1", cwd=tmp_path)
+    assert (beside.returncode, beside.stderr.count("\n")) == (2, 1)

@@ -1,0 +1,161 @@
+"""Runs that are killed and resumed end as those that were not.
+
+Real signals to real processes, which are all started here and known by their ids.
+"""
+
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import psutil
+import pytest
+
+from harness.experiment import Options, run_study
+from harness.run_folder import read_manifest
+from tests.batches import (
+    QUICK,
+    Inline,
+    content,
+    one_cell,
+    options_of,
+    shell,
+    start,
+    workers_of,
+)
+
+CHANGES = {**QUICK, "pedestrians.flow_per_hour": 1000.0, "experiment.pairs": 600}
+"""Long enough to be hit: a second or two of simulation, in tasks of 50 pairs."""
+
+COMMAND = ["run", "cctc", "--workers", "2", "--quiet", *options_of(CHANGES)]
+
+SECONDS = 120.0
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
+    """The uninterrupted run, in this process and without workers."""
+    from harness.worker import close_engine
+    from tests.conftest import _close_all
+
+    _close_all()
+    folder = tmp_path_factory.mktemp("kills") / "whole"
+    run_study(one_cell("cctc", CHANGES), Options(), out=folder, make_executor=Inline)
+    close_engine()
+    return content(folder)
+
+
+def wait_for(condition: Callable[[], object], what: str, seconds: float = SECONDS) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.005)
+
+
+def alive(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
+def resumed(folder: Path) -> dict[str, bytes]:
+    if not (folder / "manifest.json").exists():
+        # Killed before it had begun: there is nothing to resume.
+        done = shell(*COMMAND, "--out", folder)
+    else:
+        done = shell("run", "--resume", folder, "--workers", "2", "--quiet")
+    assert done.returncode == 0, done.stderr
+    return content(folder)
+
+
+def kill_a_worker(folder: Path, seed: int, whole: dict[str, bytes]) -> None:
+    """SIGKILL to one worker at a random moment, its start included: the run goes on by itself."""
+    dice = random.Random(seed)
+    running = start(*COMMAND, "--out", folder)
+    try:
+        wait_for(lambda: workers_of(running.pid), "a worker")
+        time.sleep(dice.uniform(0.0, 3.0))
+        victims = workers_of(running.pid)
+        if victims:
+            os.kill(dice.choice(victims).pid, signal.SIGKILL)
+        _, errors = running.communicate(timeout=SECONDS)
+    finally:
+        running.kill()
+    assert running.returncode == 0, errors
+    assert content(folder) == whole
+
+
+def kill_the_parent(folder: Path, seed: int, whole: dict[str, bytes]) -> None:
+    """SIGKILL to the command itself; its workers end by themselves."""
+    dice = random.Random(seed)
+    running = start(*COMMAND, "--out", folder)
+    try:
+        wait_for(lambda: folder.exists() or running.poll() is not None, "the run folder")
+        time.sleep(dice.uniform(0.0, 4.0))
+        workers = workers_of(running.pid)
+    finally:
+        running.kill()
+    running.communicate()
+    wait_for(lambda: not any(alive(worker) for worker in workers), "the workers' end", 10.0)
+    assert resumed(folder) == whole
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_worker_is_killed(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
+    kill_a_worker(tmp_path / "run", seed, whole)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_parent_is_killed(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
+    kill_the_parent(tmp_path / "run", seed, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_a_worker_is_killed_often(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
+    kill_a_worker(tmp_path / "run", seed, whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100, 120))
+def test_the_parent_is_killed_often(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
+    kill_the_parent(tmp_path / "run", seed, whole)
+
+
+@pytest.mark.parametrize(
+    ("number", "to_group", "after_shards"),
+    [(signal.SIGINT, True, 0), (signal.SIGINT, False, 2), (signal.SIGTERM, False, 2)],
+    ids=["Ctrl-C at the start", "SIGINT", "SIGTERM"],
+)
+def test_interrupted_and_resumed(
+    tmp_path: Path,
+    whole: dict[str, bytes],
+    number: signal.Signals,
+    to_group: bool,
+    after_shards: int,
+) -> None:
+    folder = tmp_path / "run"
+    running = start(*COMMAND, "--out", folder)
+    try:
+        wait_for(lambda: len(workers_of(running.pid)) == 2, "both workers")
+        wait_for(lambda: len([*folder.glob("shards/*.arrows")]) >= after_shards, "finished work")
+        workers = workers_of(running.pid)
+        if to_group:
+            # A terminal sends it to every process of the group.
+            os.killpg(running.pid, number)
+        else:
+            os.kill(running.pid, number)
+        output, errors = running.communicate(timeout=SECONDS)
+    finally:
+        running.kill()
+    assert running.returncode == 130, errors
+    assert output == ""
+    assert errors.count("\n") == 1
+    assert f"--resume {folder}" in errors
+    wait_for(lambda: not any(alive(worker) for worker in workers), "the workers' end", 5.0)
+    assert read_manifest(folder)["counts"] is None
+    assert len([*folder.glob("shards/*.arrows")]) >= after_shards
+    assert resumed(folder) == whole

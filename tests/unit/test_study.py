@@ -1,0 +1,194 @@
+"""From ``--vary`` and ``[sweep]`` to the cells of a study."""
+
+import itertools
+from pathlib import Path
+
+import pytest
+
+from harness.errors import InputError
+from harness.scenario import read_scenario_file
+from harness.study import Study, parse_variation, single_cell, study_from, study_of
+
+
+def study(tmp_path: Path, text: str, *vary: str) -> Study:
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return study_of(read_scenario_file(path), [parse_variation(option) for option in vary])
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("a.b=50,100,250", [50, 100, 250]),
+        ("a.b=0.5, 1", [0.5, 1]),
+        ("a.b=soft_yield,hard_yield", ["soft_yield", "hard_yield"]),
+        ('a.b="x,y",z', ['"x', 'y"', "z"]),
+        ('a.b="x,y","z"', ["x,y", "z"]),
+        ("a.b=true,false", [True, False]),
+        ("a.b=7", [7]),
+        ("a.b=x=y", ["x=y"]),
+        ("a.b=0:3:1", [0, 1, 2, 3]),
+        ("a.b=3:1:-1", [3, 2, 1]),
+        ("a.b=0:1:0.3", [0.0, 0.3, 0.6, 0.9]),
+        ("a.b=5:5:1", [5]),
+        ("a.b=1:2:1,10,20:40:20", [1, 2, 10, 20, 40]),
+        # TOML alone would read these as times of day.
+        ("a.b=10:50:10", [10, 20, 30, 40, 50]),
+        ("a.b=10:11:00.5", [10.0, 10.5, 11.0]),
+        ("a.b=not:a:range,1:2", ["not:a:range", "1:2"]),
+    ],
+)
+def test_values_of_an_option(text: str, values: list[object]) -> None:
+    key, parsed = parse_variation(text)
+    assert key == "a.b"
+    assert parsed == values
+    assert [type(value) for value in parsed] == [type(value) for value in values]
+
+
+def test_a_range_holds_the_decimals_one_would_write_down() -> None:
+    # 0.1 + 0.1 + 0.1 in floats is 0.30000000000000004; literals are the parent.
+    _, values = parse_variation("a.b=0:1:0.1")
+    assert values == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["a.b", "a.b=", "=1,2", "  = 3", "a.b=0:1:0", "a.b=0:1:-0.1", "a.b=0:1e9:1", "a.b=0:1:1e-200"],
+)
+def test_refused_options(text: str) -> None:
+    with pytest.raises(InputError, match="--vary"):
+        parse_variation(text)
+
+
+def test_numbers_beyond_all_floats_are_no_range() -> None:
+    assert parse_variation("a.b=0:1e999999:1e-999999")[1] == ["0:1e999999:1e-999999"]
+
+
+def test_the_last_key_changes_fastest(tmp_path: Path) -> None:
+    found = study(tmp_path, "", "pedestrians.flow_per_hour=50,100", "arms.av=soft_yield,hard_yield")
+    # The convention of nested loops, written as such.
+    expected = list(itertools.product([50, 100], ["soft_yield", "hard_yield"]))
+    assert [tuple(cell.varied.values()) for cell in found.cells] == expected
+    assert [cell.number for cell in found.cells] == [0, 1, 2, 3]
+    assert found.varied_keys == ["pedestrians.flow_per_hour", "arms.av"]
+    for cell, (flow, av) in zip(found.cells, expected, strict=True):
+        assert cell.scenario.pedestrians.flow_per_hour == flow
+        assert cell.scenario.arms.av == av
+
+
+def test_table_and_option_give_the_same_cells(tmp_path: Path) -> None:
+    table = """
+        [sweep]
+        pedestrians.flow_per_hour = [50, 100]
+        arms.av = ["soft_yield", "hard_yield"]
+        ego.initial_speed_mps = ["4:5:0.5"]
+        """
+    from_table = study(tmp_path, table)
+    from_options = study(
+        tmp_path,
+        "",
+        "pedestrians.flow_per_hour=50,100",
+        "arms.av=soft_yield,hard_yield",
+        "ego.initial_speed_mps=4:5:0.5",
+    )
+    assert from_table.cells == from_options.cells
+    assert len(from_table.cells) == 2 * 2 * 3
+
+
+def test_cells_that_are_no_grid(tmp_path: Path) -> None:
+    found = study(
+        tmp_path,
+        """
+        [pedestrians]
+        flow_per_hour = 77.0
+        [[sweep.cells]]
+        arms.av = "hard_yield"
+        [[sweep.cells]]
+        pedestrians.flow_per_hour = 500.0
+        ego.initial_speed_mps = 8.0
+        """,
+    )
+    assert [cell.varied for cell in found.cells] == [
+        {
+            "arms.av": "hard_yield",
+            "pedestrians.flow_per_hour": 77.0,
+            "ego.initial_speed_mps": 5.0,
+        },
+        {
+            "arms.av": "soft_yield",
+            "pedestrians.flow_per_hour": 500.0,
+            "ego.initial_speed_mps": 8.0,
+        },
+    ]
+    assert found.cells[0].scenario.pedestrians.flow_per_hour == 77.0
+    assert found.cells[1].scenario.arms.av == "soft_yield"
+
+
+def test_a_study_comes_back_from_what_a_manifest_holds(tmp_path: Path) -> None:
+    found = study(
+        tmp_path,
+        """
+        [[sweep.cells]]
+        strategies.soft_yield.p1 = 0.02
+        [[sweep.cells]]
+        pedestrians.max_count = 3
+        """,
+    )
+    document = {
+        "name": found.name,
+        "scenario": found.base.model_dump(),
+        "cells": [cell.varied for cell in found.cells],
+    }
+    assert study_from(document) == found
+
+
+@pytest.mark.parametrize(
+    ("vary", "words"),
+    [
+        (["pedestrians.flow_per_hours=1,2"], ["flow_per_hours", "'flow_per_hour'"]),
+        (["pedestrian.flow_per_hour=1,2"], ["pedestrian", "'pedestrians'"]),
+        (["ego.length_m=5", "ego.length_m=6"], ["ego.length_m", "twice"]),
+        (["ego.length_m=-5,5"], ["ego.length_m", "-5"]),
+        (["experiment.pairs=10.5"], ["experiment.pairs", "10.5"]),
+        (["arms=1,2"], ["arms"]),
+        (["ego.length_m.x=1"], ["ego.length_m"]),
+        (["ego..x=1"], ["ego..x", "dotted"]),
+        ([], ["nothing to vary", "--vary"]),
+    ],
+)
+def test_refused_sweeps_name_the_key(tmp_path: Path, vary: list[str], words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        study(tmp_path, "", *vary)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[sweep]\narms.av = 'soft_yield'", ["arms.av", "list"]),
+        ("[sweep]\narms.av = []", ["arms.av", "no values"]),
+        ("[sweep]", ["nothing to vary"]),
+        ("sweep = 3", ["sweep", "table"]),
+        ("[sweep]\ncells = 3", ["sweep.cells"]),
+        ("[sweep]\ncells = []", ["nothing to vary"]),
+        ("[[sweep.cells]]\nego.lenght_m = 5.0", ["lenght_m", "'length_m'"]),
+        ("[sweep]\narms.av = ['hard_yield']\n[[sweep.cells]]\nego.length_m = 5.0", ["arms"]),
+    ],
+)
+def test_refused_tables(tmp_path: Path, text: str, words: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        study(tmp_path, text)
+    assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_options_beside_a_table_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--vary"):
+        study(tmp_path, "[sweep]\nego.length_m = [5.0]", "ego.length_m=4,5")
+
+
+def test_run_refuses_a_study_and_names_sweep(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[sweep]\nego.length_m = [4.0, 5.0]", encoding="utf-8")
+    with pytest.raises(InputError, match="harness sweep"):
+        single_cell(read_scenario_file(path))
