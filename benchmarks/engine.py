@@ -25,7 +25,7 @@ from harness.pairing import PairRunner
 from harness.plan import planned_arrivals
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.site import read_site
-from harness.sites import network_of
+from harness.place import network_of
 
 
 @dataclass

@@ -226,7 +226,7 @@ def network(
     file = read_scenario_file(scenario, _settings(settings, None, None))
     loaded = file.scenario()
     from harness.network import build_network
-    from harness.sites import geometry_of
+    from harness.place import geometry_of
 
     files = build_network(geometry_of(loaded), out, file.name)
     _print(str(files.net))

@@ -16,9 +16,9 @@ from harness.errors import InputError, InterruptedRunError
 from harness.execution import Executor, LocalPool, default_workers, run_tasks
 from harness.interaction import InteractionModel, load_model
 from harness.pairing import check_arms
+from harness.place import network_of
 from harness.results import SCHEMA, pair_columns, summary_row, versions
 from harness.run_folder import RunFolder, claim_folder, read_table, write_csv, write_parquet
-from harness.sites import network_of
 from harness.study import Cell, Study, study_from
 from harness.worker import Task
 

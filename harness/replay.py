@@ -14,9 +14,9 @@ from harness.experiment import recall_study
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
 from harness.pairing import PairRunner
+from harness.place import network_of
 from harness.results import EPISODES, PEDESTRIANS, episode_rows, pedestrian_rows
 from harness.run_folder import read_manifest, read_table, write_file
-from harness.sites import network_of
 from harness.study import Cell
 
 SUMO_FILES = {

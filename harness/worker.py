@@ -20,9 +20,9 @@ from harness.engine.protocol import Engine
 from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.pairing import PairRunner
+from harness.place import network_of
 from harness.results import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import Scenario
-from harness.sites import network_of
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ class Conditional:
         return np.concatenate(parts) if parts else np.empty(0)
 
     def sample(self, y: ArrayLike, rng: np.random.Generator) -> Array:
-        """One draw (n,) per row of y (n, g); the generator moves on by a fixed number of uniforms per row."""
+        """One draw (n,) per row of y (n, g), from a fixed number of uniforms per row."""
         points = self._points(y)
         if len(self.given) + 1 < self._variables:
             return self._chunked(self._slices.ppf, rng.random((points.shape[0],)), points)

@@ -12,10 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.ticker import MaxNLocator
+from scipy.stats import multivariate_normal
 
 from harness.encounter import FloatArray
 from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
+from harness.mixture.boxes import box_probability
 
 AXIS_LABELS = (
     "1/R (1/m)",
@@ -165,12 +167,29 @@ def draw_pair(
 def pair_density(
     mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
 ) -> FloatArray:
-    """(c, c) density at the cells' centres, across × up: f(x_i) f(x_j | x_i)."""
-    across, up = ((edges[1:] + edges[:-1]) / 2 for edges in _edges(pair, view))
-    first = mixture.conditional(pair[0], ()).pdf(across, np.empty((1, 0)))
-    second = mixture.conditional(pair[1], (pair[0],))
-    rows = [second.pdf(up, np.array([[x]])) for x in across]
-    return first[:, None] * np.array(rows)
+    """(c, c) density at the cells' centres, across × up, the other two variables integrated out.
+
+    Each component is its untruncated density in the pair times the probability that the others
+    lie in the box given the pair, over the component's mass.
+    """
+    centres = [(edges[1:] + edges[:-1]) / 2 for edges in _edges(pair, view)]
+    points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1).reshape(-1, 2)
+    shown, rest = list(pair), [i for i in range(mixture.lower.size) if i not in pair]
+    total = np.zeros(len(points))
+    for k, scale in enumerate(mixture.scale_matrices):
+        slope = np.linalg.solve(scale[np.ix_(shown, shown)], scale[np.ix_(shown, rest)]).T
+        away = points - mixture.locations[k, shown]
+        means = mixture.locations[k, rest] + away @ slope.T
+        spread = scale[np.ix_(rest, rest)] - slope @ scale[np.ix_(shown, rest)]
+        inside = box_probability(
+            np.repeat(spread[None], len(points), axis=0),
+            mixture.lower[rest] - means,
+            mixture.upper[rest] - means,
+        )
+        share = mixture.weights[k] / mixture.masses[k]
+        normal = multivariate_normal(np.zeros(2), scale[np.ix_(shown, shown)])
+        total += share * normal.pdf(away) * inside
+    return total.reshape(_CELLS, _CELLS)
 
 
 def density_scale(*densities: FloatArray) -> Normalize:
@@ -180,11 +199,9 @@ def density_scale(*densities: FloatArray) -> Normalize:
 
 
 def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
-    """(4, 2) from each lower bound to the 99.7 % quantile of the variable."""
-    view = np.column_stack((mixture.lower, mixture.upper))
-    for i in range(view.shape[0]):
-        view[i, 1] = mixture.conditional(i, ()).ppf(np.array([0.997]), np.empty((1, 0)))[0]
-    return view
+    """(4, 2) from each lower bound to about the 99.7 % quantile of the variable."""
+    drawn = mixture.sample(20_000, np.random.default_rng(0))
+    return np.column_stack((mixture.lower, np.quantile(drawn, 0.997, axis=0)))
 
 
 def draw_walking_speed(
@@ -197,7 +214,7 @@ def draw_walking_speed(
         model: the interaction model.
         conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
             ``inverse_time_advantage_per_s``.
-        title: what they have in common.
+        title: what is shown; what the conditions have in common is added.
     """
     low, high = (bound[PEDESTRIAN_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
     speeds = np.linspace(low, min(high, 2.5), 400)
@@ -209,8 +226,9 @@ def draw_walking_speed(
             np.array([condition["vehicle_speed_mps"]]),
             inverse_time_advantage_per_s=None if time is None else np.array([time]),
         )
-        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=_words(condition))
-    _of_density(axes, AXIS_LABELS[PEDESTRIAN_SPEED], title)
+        label = _words(condition, _varied(conditions))
+        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=label)
+    _of_density(axes, AXIS_LABELS[PEDESTRIAN_SPEED], title, conditions)
 
 
 def draw_driving_speed(
@@ -222,7 +240,7 @@ def draw_driving_speed(
         axes: drawn into.
         model: the interaction model.
         conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
-        title: what they have in common.
+        title: what is shown; what the conditions have in common is added.
     """
     low, high = (bound[VEHICLE_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
     speeds = np.linspace(low, high, 500)
@@ -230,10 +248,11 @@ def draw_driving_speed(
         keys = ("range_m", "pedestrian_speed_mps", "inverse_time_advantage_per_s")
         given = [condition[key] for key in keys]
         density = model.driver_speed_density(speeds, *(np.array([value]) for value in given))
-        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=_words(condition))
+        label = _words(condition, _varied(conditions))
+        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=label)
         mode = model.driver_speed(*given)
         axes.plot(mode, np.interp(mode, speeds, density), "o", color=colour, ms=5)
-    _of_density(axes, AXIS_LABELS[VEHICLE_SPEED], title)
+    _of_density(axes, AXIS_LABELS[VEHICLE_SPEED], title, conditions)
 
 
 _SYMBOLS = {
@@ -244,10 +263,15 @@ _SYMBOLS = {
 }
 
 
-def _words(condition: Mapping[str, float]) -> str:
+def _varied(conditions: Sequence[Mapping[str, float]]) -> set[str]:
+    """The keys whose values differ between the conditions."""
+    return {key for key in conditions[0] if len({of[key] for of in conditions}) > 1}
+
+
+def _words(condition: Mapping[str, float], keys: set[str]) -> str:
     parts = []
     for key, (symbol, unit) in _SYMBOLS.items():
-        if key in condition:
+        if key in keys:
             value = 1 / condition[key] if key == "range_m" else condition[key]
             parts.append(f"{symbol} = {value:.3g} {unit}")
     return ", ".join(parts)
@@ -271,13 +295,16 @@ def _of_pair(axes: Axes, pair: tuple[int, int], title: str) -> None:
     axes.set_title(title, fontsize=10, loc="left")
 
 
-def _of_density(axes: Axes, label: str, title: str) -> None:
+def _of_density(
+    axes: Axes, label: str, title: str, conditions: Sequence[Mapping[str, float]]
+) -> None:
     axes.set_xlabel(label)
     axes.set_ylabel("probability density (s/m)")
-    axes.set_title(title, fontsize=11, loc="left")
+    common = _words(conditions[0], set(conditions[0]) - _varied(conditions))
+    axes.set_title(f"{title} at {common}" if common else title, fontsize=11, loc="left")
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
-    axes.legend(frameon=False, fontsize=8.5)
+    axes.legend(frameon=False, fontsize=9, loc="upper right")
     _quiet(axes)
 
 

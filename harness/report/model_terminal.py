@@ -5,12 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
 from harness.interaction import VARIABLES, InteractionModel
 from harness.trajectories import REASONS
 
+_SYMBOLS = ("1/R (1/m)", "v (m/s)", "v_p (m/s)", "1/T_adv (1/s)")
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
@@ -64,19 +66,21 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
         for key, value in card.items():
             console.print(f"{key}: {value}", soft_wrap=True)
     document = model_document(model)
-    table = Table(title="Marginals of the truncated mixture")
+    table = Table(title="Marginals of the truncated mixture", box=SIMPLE_HEAD, pad_edge=False)
     headings = ("variable", "low", "high", "mean", "sd", *(f"{q:.0%}" for q in _QUANTILES))
     for heading in headings:
-        table.add_column(heading, justify="left" if heading == "variable" else "right")
-    for name, of in document["marginals"].items():
+        table.add_column(
+            heading, justify="left" if heading == "variable" else "right", no_wrap=True
+        )
+    for name, of in zip(_SYMBOLS, document["marginals"].values(), strict=True):
         numbers = (*of["bounds"], of["mean"], of["standard_deviation"], *of["quantiles"].values())
-        table.add_row(name, *(_short(number) for number in numbers))
+        table.add_row(name, *(f"{number:.3g}" for number in numbers))
     console.print(table)
     correlations = Table(title="Correlations")
     correlations.add_column("")
-    for name in VARIABLES:
-        correlations.add_column(name, justify="right", overflow="fold")
-    for name, row in zip(VARIABLES, document["correlations"], strict=True):
+    for name in _SYMBOLS:
+        correlations.add_column(name, justify="right")
+    for name, row in zip(_SYMBOLS, document["correlations"], strict=True):
         correlations.add_row(name, *(f"{value:.2f}" for value in row))
     console.print(correlations)
     _print_files(console, "Figures", figures)

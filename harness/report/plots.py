@@ -147,13 +147,13 @@ def _speeds_page(model: InteractionModel) -> Figure:
             }
             for inverse in _INVERSE_RANGES
         ],
-        "v_p with T_adv given",
+        "v_p",
     )
     draw.draw_walking_speed(
         axes[1],
         model,
         [{"range_m": _TRIGGER_RANGE_M, "vehicle_speed_mps": v} for v in _VEHICLE_SPEEDS],
-        "v_p with T_adv integrated out, as pedestrians use it",
+        "v_p, T_adv integrated out,",
     )
     for panel, time in zip(axes[2:], times, strict=True):
         conditions = [
@@ -164,7 +164,7 @@ def _speeds_page(model: InteractionModel) -> Figure:
             }
             for inverse in _INVERSE_RANGES
         ]
-        draw.draw_driving_speed(panel, model, conditions, f"v at 1/T_adv = {time:g} per s")
+        draw.draw_driving_speed(panel, model, conditions, "v")
     n = model.provenance.get("rows")
     words = f"{model.name}, K = {model.mixture.weights.size}"
     words += f", fitted on n = {n:,} rows" if isinstance(n, int) else ""

@@ -26,7 +26,7 @@ from tests.batches import (
     workers_of,
 )
 
-CHANGES = {**QUICK, "pedestrians.flow_per_hour": 1000.0, "experiment.pairs": 600}
+CHANGES = {**QUICK, "pedestrians.flow_per_hour": 1000.0, "experiment.pairs": 400}
 """Long enough to be hit: a second or two of simulation, in tasks of 50 pairs."""
 
 COMMAND = ["run", "cctc", "--workers", "2", "--quiet", *options_of(CHANGES)]

@@ -1,0 +1,292 @@
+"""The run folder as a user gets it: the command line in a process of its own, SUMO behind it."""
+
+import csv
+import json
+import math
+import shutil
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from harness.engine.sumo import libsumo_engine
+from harness.pairing import PairRunner
+from harness.results import episode_rows, pedestrian_rows, trace_rows
+from harness.scenario import validate
+from harness.place import network_of
+
+FLOW = [
+    "--set=pedestrians.flow_per_hour=700",
+    "--set=pedestrians.max_count=4",
+    "--set=pedestrians.first_at_trigger=false",
+    "--set=arms.av=constant_speed",
+]
+TEXT, REAL, WHOLE, TRUTH = pa.string(), pa.float64(), "integer", pa.bool_()
+KEYS = {"cell": WHOLE, "pair": WHOLE, "arm": TEXT}
+# The columns of DESIGN, section 5, with what a reader takes them for.
+COLUMNS = {
+    "episodes": KEYS
+    | {"strategy": TEXT, "ending": TEXT, "reason": TEXT, "pass_time_s": REAL, "contact": TEXT}
+    | {"contact_index": WHOLE, "contact_time_s": REAL, "contact_speed_mps": REAL}
+    | {"sumo_collision": TRUTH, "fallback": TRUTH, "steps": WHOLE, "pedestrians": WHOLE}
+    | {"min_gap_m": REAL, "min_ttc_s": REAL, "min_time_advantage_s": REAL, "pet_s": REAL}
+    | {"max_deceleration_mps2": REAL, "stopped_s": REAL, "delay_s": REAL},
+    "pedestrians": KEYS
+    | {"index": WHOLE, "arrival_s": REAL, "start_s": REAL, "side": TEXT, "quantile": REAL}
+    | {"speed_mps": REAL, "range_m": REAL, "vehicle_speed_mps": REAL, "cleared_s": REAL},
+    "pairs": {"cell": WHOLE, "pair": WHOLE, "av_time_s": REAL, "human_time_s": REAL, "tau": REAL},
+    "traces": KEYS
+    | {"time_s": REAL, "object": TEXT, "x_m": REAL, "y_m": REAL, "speed_mps": REAL}
+    | {"acceleration_mps2": REAL},
+}
+SUMMARY = [
+    *("pairs", "defined_pairs", "timed_out", "failed", "fallbacks", "met_nobody"),
+    *("mu", "mu_ci_low", "mu_ci_high", "mu_timeout", "cv", "cv_ci_low", "cv_ci_high"),
+    *("kappa", "kappa_ci_low", "kappa_ci_high", "kappa_front"),
+    *("kappa_human", "kappa_human_ci_low", "kappa_human_ci_high"),
+]
+
+
+def harness(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "harness", *map(str, arguments)]
+    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three runs: the paper's twice into runs/, and one of a flow with crashes and time-outs."""
+    folder = tmp_path_factory.mktemp("user")
+    for _ in range(2):
+        harness("run", "cctc", "--pairs", 8, "--traces", "--quiet", cwd=folder)
+    harness("run", "cctc", "--pairs", 12, *FLOW, "--traces", "--out", "flow", cwd=folder)
+    return folder
+
+
+def rows(folder: Path, table: str) -> list[dict[str, object]]:
+    found: list[dict[str, object]] = pq.read_table(folder / f"{table}.parquet").to_pylist()
+    return found
+
+
+def test_default_folders_are_numbered(runs: Path) -> None:
+    assert sorted(path.name for path in (runs / "runs").iterdir()) == ["cctc-1", "cctc-2"]
+
+
+def test_the_same_seed_gives_the_same_bytes(runs: Path) -> None:
+    first, second = runs / "runs" / "cctc-1", runs / "runs" / "cctc-2"
+    names = sorted(path.name for path in first.iterdir())
+    assert names == sorted(path.name for path in second.iterdir())
+    assert "manifest.json" in names
+    for name in names:
+        if name != "log.jsonl":  # the one file with a clock in it
+            assert (first / name).read_bytes() == (second / name).read_bytes(), name
+
+
+def test_nothing_half_written_is_left(runs: Path) -> None:
+    for folder in (runs / "runs" / "cctc-1", runs / "flow"):
+        assert {path.name for path in folder.iterdir()} == {
+            *("manifest.json", "log.jsonl", "summary.csv", "cells.parquet", "episodes.parquet"),
+            *("pedestrians.parquet", "pairs.parquet", "traces.parquet"),
+        }
+
+
+@pytest.mark.parametrize("table", COLUMNS)
+def test_columns(runs: Path, table: str) -> None:
+    schema = pq.read_schema(runs / "flow" / f"{table}.parquet")
+    # In this order; a table may hold more than the contract asks for.
+    assert [name for name in schema.names if name in COLUMNS[table]] == list(COLUMNS[table])
+    for name, kind in COLUMNS[table].items():
+        found = schema.field(name).type
+        assert pa.types.is_integer(found) if kind == WHOLE else found == kind, name
+
+
+def test_cells_of_a_single_run(runs: Path) -> None:
+    assert rows(runs / "flow", "cells") == [{"cell": 0}]
+
+
+def test_every_pair_and_arm_has_one_row(runs: Path) -> None:
+    for folder, pairs in ((runs / "flow", 12), (runs / "runs" / "cctc-1", 8)):
+        keys = [(row["cell"], row["pair"], row["arm"]) for row in rows(folder, "episodes")]
+        assert keys == [(0, pair, arm) for pair in range(pairs) for arm in ("av", "human")]
+        assert [row["pair"] for row in rows(folder, "pairs")] == list(range(pairs))
+
+
+def test_undefined_is_null(runs: Path) -> None:
+    folder = runs / "flow"
+    for table in COLUMNS:
+        for row in rows(folder, table):
+            for name, value in row.items():
+                assert not (isinstance(value, float) and not math.isfinite(value)), (table, name)
+    endings = set()
+    for row in rows(folder, "episodes"):
+        endings.add(row["ending"])
+        crossed, hit = row["ending"] == "crossed", row["ending"] == "crashed"
+        assert (row["pass_time_s"] is not None) is crossed
+        assert (row["delay_s"] is not None) is crossed
+        for name in ("contact", "contact_index", "contact_time_s", "contact_speed_mps"):
+            assert (row[name] is not None) is hit
+        assert (row["reason"] is not None) is (row["ending"] == "engine_failed")
+        nobody = row["pedestrians"] == 0
+        assert (row["min_gap_m"] is None) is nobody
+        for name in ("min_ttc_s", "min_time_advantage_s", "pet_s"):
+            assert row[name] is None or (row[name] >= 0 and not nobody)
+    assert {"crossed", "crashed"} <= endings
+    for row in rows(folder, "pedestrians"):
+        went = row["start_s"] is not None
+        for name in ("speed_mps", "range_m", "vehicle_speed_mps"):
+            assert (row[name] is not None) is went
+        assert row["cleared_s"] is None or went
+        if row["cleared_s"] is not None:
+            walk = row["start_s"] + 9.0 / row["speed_mps"]
+            assert row["cleared_s"] == pytest.approx(walk, abs=1e-9)
+
+
+def test_pairs_follow_from_episodes(runs: Path) -> None:
+    for folder in (runs / "flow", runs / "runs" / "cctc-1"):
+        times = {(row["pair"], row["arm"]): row["pass_time_s"] for row in rows(folder, "episodes")}
+        for row in rows(folder, "pairs"):
+            av, human = times[row["pair"], "av"], times[row["pair"], "human"]
+            assert (row["av_time_s"], row["human_time_s"]) == (av, human)
+            assert row["tau"] == (None if av is None or human is None else av / human)
+
+
+def test_summary_follows_from_the_tables(runs: Path) -> None:
+    for folder in (runs / "flow", runs / "runs" / "cctc-1"):
+        with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
+            (row,) = csv.DictReader(file)
+        assert [name for name in row if name in SUMMARY] == SUMMARY
+        episodes = rows(folder, "episodes")
+        av = [episode for episode in episodes if episode["arm"] == "av"]
+        tau = [pair["tau"] for pair in rows(folder, "pairs") if pair["tau"] is not None]
+        assert int(row["pairs"]) == len(av)
+        assert int(row["defined_pairs"]) == len(tau)
+        assert int(row["fallbacks"]) == sum(episode["fallback"] for episode in av)
+        crashed = sum(episode["ending"] == "crashed" for episode in av)
+        assert float(row["kappa"]) == pytest.approx(crashed / len(av))
+        if tau:
+            mean = sum(tau) / len(tau)
+            assert float(row["mu"]) == pytest.approx(mean)
+            assert float(row["mu_ci_low"]) <= mean <= float(row["mu_ci_high"])
+            spread = math.sqrt(sum((t - mean) ** 2 for t in tau) / len(tau))
+            assert float(row["cv"]) == pytest.approx(spread / mean)
+        else:
+            assert (row["mu"], row["mu_ci_low"], row["cv"]) == ("", "", "")
+
+
+def test_manifest(runs: Path) -> None:
+    manifest = json.loads((runs / "flow" / "manifest.json").read_text(encoding="utf-8"))
+    assert manifest["seed"] == 1
+    assert manifest["scenario"]["pedestrians"]["flow_per_hour"] == 700
+    assert manifest["scenario"]["experiment"]["pairs"] == 12
+    assert manifest["scenario"]["ego"]["length_m"] == 5.0  # defaults are filled in
+    needed = {"harness", "sumo", "python", "numpy", "scipy", "pandas", "pyarrow"}
+    assert needed <= set(manifest["versions"])
+    assert manifest["versions"]["sumo"] == "1.28.0"
+    (model,) = manifest["models"]
+    assert len(model["sha256"]) == 64
+    counts = manifest["counts"]
+    endings = ("crossed", "crashed", "timed_out", "engine_failed")
+    assert sum(counts[ending] for ending in endings) == counts["episodes"] == 24
+
+
+def test_log_is_json_lines(runs: Path) -> None:
+    lines = (runs / "flow" / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    assert lines
+    assert all({"time", "event"} <= set(json.loads(line)) for line in lines)
+
+
+def test_traces_show_the_walks_and_the_drive(runs: Path) -> None:
+    folder = runs / "flow"
+    walks = {(r["pair"], r["arm"], r["index"]): r for r in rows(folder, "pedestrians")}
+    episodes = {(r["pair"], r["arm"]): r for r in rows(folder, "episodes")}
+    steps: dict[tuple[object, object], list[dict[str, object]]] = {}
+    walked = 0
+    for row in rows(folder, "traces"):
+        key = row["pair"], row["arm"]
+        if row["object"] == "ego":
+            steps.setdefault(key, []).append(row)
+            assert row["y_m"] == 2.25
+            continue
+        walk = walks[*key, int(row["object"].removeprefix("pedestrian-"))]
+        progress = walk["speed_mps"] * (row["time_s"] - walk["start_s"])
+        expected = progress if walk["side"] == "near" else 9 - progress
+        assert (row["x_m"], row["speed_mps"]) == (0.0, walk["speed_mps"])
+        assert row["y_m"] == pytest.approx(expected, abs=1e-9)
+        assert -1e-9 <= row["y_m"] <= 9 + 1e-9
+        walked += 1
+    assert walked > 200
+    assert set(steps) == set(episodes)
+    for key, drive in steps.items():
+        assert len(drive) == episodes[key]["steps"] + 1
+        assert (drive[0]["time_s"], drive[0]["x_m"], drive[0]["speed_mps"]) == (0.0, -30.0, 5.0)
+        assert drive[-1]["acceleration_mps2"] is None
+        for now, then in pairwise(drive):
+            # Constant acceleration over the step.
+            middle = (now["speed_mps"] + then["speed_mps"]) / 2 * 0.1
+            assert then["x_m"] - now["x_m"] == pytest.approx(middle, abs=1e-6)
+            gain = (then["speed_mps"] - now["speed_mps"]) / 0.1
+            assert now["acceleration_mps2"] == pytest.approx(gain, abs=1e-9)
+
+
+def test_without_traces_there_is_no_table_of_them(tmp_path: Path) -> None:
+    result = harness("run", "cctc", "--pairs", 1, "--json", "--out", "here", cwd=tmp_path)
+    assert not (tmp_path / "here" / "traces.parquet").exists()
+    # Nothing but JSON on stdout, nothing at all on stderr.
+    document = json.loads(result.stdout)
+    assert document["folder"] == "here"
+    assert result.stderr == ""
+
+
+def test_quiet_prints_the_path_alone(tmp_path: Path) -> None:
+    result = harness("run", "cctc", "--pairs", 1, "--quiet", cwd=tmp_path)
+    assert result.stdout == "runs/cctc-1\n"
+    assert result.stderr == ""
+
+
+def test_export_to_csv(runs: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    shutil.copytree(runs / "flow", folder)
+    result = harness("export", folder, "--csv", cwd=tmp_path)
+    printed = {Path(line).name for line in result.stdout.splitlines()}
+    assert printed == {f"{name}.csv" for name in (*COLUMNS, "cells")}
+    for name, columns in COLUMNS.items():
+        with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            written = list(csv.DictReader(file))
+        assert list(written[0]) == pq.read_schema(folder / f"{name}.parquet").names
+        for text, row in zip(written, rows(folder, name), strict=True):
+            for column, value in row.items():
+                if value is None:
+                    assert text[column] == ""
+                elif isinstance(value, float):
+                    assert float(text[column]) == value  # every digit is kept
+                elif columns.get(column) == WHOLE:
+                    assert float(text[column]) == value
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_sumos_own_seed_decides_nothing(model) -> None:
+    scenario = validate(
+        {
+            "pedestrians": {"flow_per_hour": 700.0, "kerb_wait_s": 0.0},
+            "arms": {"av": "constant_speed"},
+        },
+        "test",
+    )
+
+    def content(sumo_seed: int) -> list[object]:
+        engine = libsumo_engine(
+            network_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1, sumo_seed
+        )
+        try:
+            outcomes = list(PairRunner(scenario, model, lambda: engine).run(range(12)))
+        finally:
+            engine.close()
+        tables = (episode_rows, pedestrian_rows, trace_rows)
+        return [repr(make(0, outcomes)) for make in tables]
+
+    assert content(1) == content(987_654)

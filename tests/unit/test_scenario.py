@@ -1,0 +1,243 @@
+"""Scenario files and ``--set``: defaults, parsing, and what is said of every mistake."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from harness.encounter import Crossing, Vehicle
+from harness.errors import InputError
+from harness.resources import shipped_directory
+from harness.scenario import Scenario, load_scenario, parse_setting, validate
+
+# Table II of the paper and the defaults of DESIGN, section 3.
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "crossing": {
+        "latitude_deg": 42.278415,
+        "longitude_deg": -83.735580,
+        "bearing_deg": 316.5,
+        "length_m": 9.0,
+        "width_m": 4.0,
+    },
+    "ego": {
+        "initial_speed_mps": 5.0,
+        "trigger_range_m": 30.0,
+        "detection_range_m": None,
+        "length_m": 5.0,
+        "width_m": 1.8,
+        "max_acceleration_mps2": 3.0,
+        "max_deceleration_mps2": 4.5,
+        "resume_acceleration_mps2": 1.0,
+    },
+    "pedestrians": {
+        "flow_per_hour": 250.0,
+        "max_count": None,
+        "first_at_trigger": False,
+        "near_side_share": 0.5,
+        "kerb_wait_s": 2.0,
+        "pairing": "quantile",
+    },
+    "arms": {"av": "soft_yield", "human": "human_gmm"},
+    "experiment": {"pairs": 50, "step_s": 0.1, "timeout_s": 60.0},
+}
+PAPER = {
+    "pedestrians": {"max_count": 1, "first_at_trigger": True, "kerb_wait_s": 0.0},
+    "ego": {"detection_range_m": 30.0},
+}
+
+
+def check(scenario: Scenario, expected: dict[str, dict[str, Any]]) -> None:
+    found = scenario.model_dump()
+    for section, values in expected.items():
+        for key, value in values.items():
+            assert found[section][key] == value, (section, key)
+
+
+def refusal(text: str, *settings: str) -> str:
+    """What is said of a scenario's text, or of settings over it."""
+    with pytest.raises(InputError) as caught:
+        tree = tomllib.loads(text)
+        validate(tree, "my.toml", {})
+    message = str(caught.value)
+    assert len(message.splitlines()) == 1
+    return message
+
+
+def test_defaults() -> None:
+    check(validate({}, "empty"), DEFAULTS)
+
+
+def test_the_papers_scenario() -> None:
+    scenario = load_scenario("cctc")
+    merged = {
+        section: {**DEFAULTS.get(section, {}), **PAPER.get(section, {})} for section in DEFAULTS
+    }
+    check(scenario, merged)
+    assert scenario.strategies["soft_yield"] == {"p1": 0.0169, "p2": -0.13986, "p3": 0.010115}
+    assert scenario.strategies["human_gmm"]["decision_interval_s"] == 1.0
+
+
+def test_every_key_of_the_shipped_scenario_is_there_and_explained() -> None:
+    lines = (shipped_directory("scenarios") / "cctc.toml").read_text(encoding="utf-8").splitlines()
+    keys = [line for line in lines if "=" in line and not line.startswith("#")]
+    uncommented = [line for line in keys if "#" not in line]
+    # A comment may speak for its line and the ones under it (latitude and longitude, p1 to p3).
+    assert all(
+        line.split("=")[0].strip()
+        in {"longitude_deg", "length_m", "width_m", "max_deceleration_mps2", "p2", "p3"}
+        for line in uncommented
+    ), uncommented
+    tree = tomllib.loads("\n".join(lines))
+    optional = {("model", "path")}
+    for section, values in Scenario().model_dump().items():
+        if section == "strategies":
+            continue
+        missing = {(section, key) for key in values if key not in tree[section]}
+        assert missing <= optional
+
+
+def test_every_shipped_scenario_loads() -> None:
+    files = sorted(shipped_directory("scenarios").glob("*.toml"))
+    assert files
+    for file in files:
+        assert load_scenario(file.stem) == load_scenario(file)
+
+
+def test_constants_for_strategies() -> None:
+    scenario = validate({"ego": {"trigger_range_m": 42.0}}, "test")
+    # Detection as far as the trigger, unless said otherwise.
+    assert scenario.vehicle() == Vehicle(5.0, 42.0, 42.0, 5.0, 1.8, 3.0, 4.5, 1.0)
+    assert scenario.crosswalk() == Crossing(9.0, 4.0)
+    assert Crossing(9.0, 4.0).lane_centre_m == 2.25
+    assert Crossing(9.0, 4.0).stop_line_m == 3.0
+    seen = validate({"ego": {"detection_range_m": 12.0}}, "test").vehicle()
+    assert (seen.trigger_range_m, seen.detection_range_m) == (30.0, 12.0)
+
+
+def test_a_scenario_is_immutable() -> None:
+    scenario = validate({}, "test")
+    with pytest.raises(ValueError, match="frozen"):
+        scenario.ego.length_m = 4.0  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "value"),
+    [
+        ("ego.initial_speed_mps=8", "ego.initial_speed_mps", 8),
+        ("ego.initial_speed_mps = 8.5", "ego.initial_speed_mps", 8.5),
+        ("arms.av=hard_yield", "arms.av", "hard_yield"),
+        ('arms.av="hard_yield"', "arms.av", "hard_yield"),
+        ("pedestrians.first_at_trigger=true", "pedestrians.first_at_trigger", True),
+        ("model.path=a/b=c.json", "model.path", "a/b=c.json"),
+        ("model.path=", "model.path", ""),
+        ("a.b=[1, 2]", "a.b", [1, 2]),
+        ("experiment.seed=1_000", "experiment.seed", 1000),
+    ],
+)
+def test_parsing_of_settings(text: str, key: str, value: object) -> None:
+    setting = parse_setting(text)
+    assert (setting.key, setting.value) == (key, value)
+    assert type(setting.value) is type(value)
+
+
+@pytest.mark.parametrize("text", ["ego.length_m", "=3", "", " = 3"])
+def test_settings_that_are_none(text: str) -> None:
+    with pytest.raises(InputError, match="no key=value"):
+        parse_setting(text)
+
+
+def test_settings_are_applied_in_order_over_the_file(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("[ego]\nlength_m = 4.0\nwidth_m = 1.5\n")
+    settings = [
+        parse_setting(t) for t in ("ego.length_m=6", "ego.length_m=7", "arms.av=hard_yield")
+    ]
+    scenario = load_scenario(file, settings)
+    assert (scenario.ego.length_m, scenario.ego.width_m) == (7.0, 1.5)
+    assert scenario.arms.av == "hard_yield"
+
+
+def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text('[model]\npath = "sub/m.json"\n')
+    assert load_scenario(file).model.path == str((tmp_path / "sub" / "m.json").resolve())
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        (
+            "[ego]\nlenght_m = 4",
+            ["my.toml: ego.lenght_m", "unknown key", "did you mean 'length_m'"],
+        ),
+        ("[egos]\n", ["my.toml: egos", "unknown key", "did you mean 'ego'"]),
+        ("ego = 3", ["my.toml: ego", "3"]),
+        ("[ego]\nlength_m = '4'", ["ego.length_m", "'4'", "number"]),
+        ("[ego]\nlength_m = true", ["ego.length_m", "True", "number"]),
+        ("[ego]\nlength_m = nan", ["ego.length_m", "nan", "finite"]),
+        ("[ego]\ninitial_speed_mps = 0", ["ego.initial_speed_mps", "0", "greater than 0"]),
+        ("[ego]\ninitial_speed_mps = -5.0", ["ego.initial_speed_mps", "-5.0"]),
+        ("[ego]\ntrigger_range_m = 1e6", ["ego.trigger_range_m", "1000000.0", "less than"]),
+        ("[ego]\ntrigger_range_m = 3.4", ["ego.trigger_range_m", "3.4 m", "3.5 m"]),
+        ("[ego]\nwidth_m = 5.0", ["ego.width_m", "5 m", "4.5 m"]),
+        ("[ego]\nmax_deceleration_mps2 = 0.0", ["ego.max_deceleration_mps2", "greater than 0"]),
+        ("[crossing]\nbearing_deg = 360.0", ["crossing.bearing_deg", "less than 360"]),
+        ("[crossing]\nlength_m = 2.0", ["crossing.length_m", "2.0", "4"]),
+        ("[pedestrians]\nnear_side_share = 1.1", ["pedestrians.near_side_share", "1.1", "1"]),
+        ("[pedestrians]\nflow_per_hour = -1", ["pedestrians.flow_per_hour", "-1", "0"]),
+        ("[pedestrians]\nmax_count = 1.5", ["pedestrians.max_count", "1.5", "integer"]),
+        ("[pedestrians]\npairing = 'both'", ["pedestrians.pairing", "'both'", "quantile", "speed"]),
+        ("[model]\npedestrian_reading = 'x'", ["model.pedestrian_reading", "'x'", "marginal"]),
+        ("[experiment]\npairs = 0", ["experiment.pairs", "0", "1"]),
+        ("[experiment]\npairs = 10.0", ["experiment.pairs", "10.0", "integer"]),
+        ("[experiment]\nseed = -1", ["experiment.seed", "-1", "0"]),
+        ("[experiment]\nstep_s = 0.0333", ["experiment.step_s", "0.0333", "milliseconds"]),
+        ("[experiment]\nstep_s = 2.0", ["experiment.step_s", "2.0", "1"]),
+        ("[experiment]\ntimeout_s = 0.05", ["experiment.timeout_s", "0.05", "0.1"]),
+        ("[arms]\nav = 3", ["arms.av", "3", "string"]),
+        ("[arms]\nrobot = 'x'", ["arms.robot", "unknown key", "av, human"]),
+        ("[strategies]\nsoft_yield = 3", ["strategies.soft_yield", "3"]),
+    ],
+)
+def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
+    message = refusal(text)
+    for part in parts:
+        assert part in message
+
+
+@pytest.mark.parametrize(
+    ("setting", "parts"),
+    [
+        ("ego.lenght_m=4", ["--set ego.lenght_m", "unknown key", "length_m"]),
+        ("egos.length_m=4", ["--set", "unknown key 'egos'", "did you mean 'ego'"]),
+        ("ego.length_m=long", ["--set ego.length_m", "'long'", "number"]),
+        ("ego=4", ["--set ego", "4"]),
+        ("ego.length_m.x=4", ["--set ego.length_m.x", "not a table"]),
+        ("ego..length_m=4", ["--set ego..length_m", "not a dotted key"]),
+        ("ego length=4", ["--set ego length", "not a dotted key"]),
+    ],
+)
+def test_what_is_said_of_wrong_settings(setting: str, parts: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        load_scenario("cctc", [parse_setting(setting)])
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_files_that_are_no_scenario(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[ego\n")
+    binary = tmp_path / "binary.toml"
+    binary.write_bytes(b"\xff\xfe\x00")
+    for path, says in (
+        (broken, "not a TOML file"),
+        (binary, "not a TOML file"),
+        (tmp_path, "is a folder"),
+        (tmp_path / "none.toml", "no such scenario file"),
+        ("cctx", "did you mean 'cctc'"),
+    ):
+        with pytest.raises(InputError, match=says) as caught:
+            load_scenario(path)
+        assert str(path) in str(caught.value)
+        assert len(str(caught.value).splitlines()) == 1
