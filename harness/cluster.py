@@ -1,8 +1,10 @@
 """The same tasks on an existing Dask cluster (extra ``cluster``)."""
 
+import logging
 from concurrent.futures import Future
 
 from harness.errors import InputError
+from harness.execution import ExecutorLostError
 from harness.worker import Task, TaskResult, run_task
 
 
@@ -21,11 +23,18 @@ class DaskCluster:
         where = f"--dask {address}"
         try:
             from distributed import Client
+            from distributed.comm.addressing import get_address_host_port
         except ImportError:
             raise InputError(
                 where, "Dask is not installed", "pip install crosswalk-harness[cluster]"
             ) from None
+        # What they have to say of a lost scheduler is said here, in one line.
+        for name in ("distributed", "distributed.client", "asyncio"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
+        self._address = address
         try:
+            # A client that cannot even read its address complains once more when it is deleted.
+            get_address_host_port(address, strict=True)
             self._client = Client(address, timeout=10, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(where, f"no scheduler answers ({error})", "host:port of one") from None
@@ -37,16 +46,20 @@ class DaskCluster:
                 where, f"threads of its workers: {found}", "dask worker --nthreads 1 (one or more)"
             )
         self.workers = len(threads)
-        self._running: set[Future[TaskResult]] = set()
 
     def submit(self, task: Task) -> "Future[TaskResult]":
         """See ``Executor.submit``; Dask's own retries are off, so that culprits are counted."""
+        if self._client.status != "running":
+            raise ExecutorLostError(f"the Dask cluster at {self._address}")
         result: Future[TaskResult] = Future()
         result.set_running_or_notify_cancel()
         # A retry is a new computation, not a look at the old one's failure: hence pure=False.
         remote = self._client.submit(run_task, task, pure=False, retries=0)
 
         def done(_finished: object) -> None:
+            if remote.status in ("cancelled", "lost"):
+                result.set_exception(ExecutorLostError(f"the Dask cluster at {self._address}"))
+                return
             try:
                 result.set_result(remote.result())
             except BaseException as error:

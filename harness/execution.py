@@ -43,6 +43,13 @@ class Executor(Protocol):
         ...
 
 
+class ExecutorLostError(HarnessError):
+    """Whatever runs the tasks is gone; no task is to blame."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what} is gone; what is finished is kept: go on with --resume")
+
+
 class WorkerDiedError(HarnessError):
     """The process that worked on a task is gone."""
 
@@ -186,6 +193,8 @@ def run_tasks(
             task = running.pop(future)
             try:
                 yield task, future.result()
+            except ExecutorLostError:
+                raise
             except (Exception, CancelledError) as error:
                 reason = _reason(error, task)
                 failures[task.name] = failures.get(task.name, 0) + 1

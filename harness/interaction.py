@@ -9,9 +9,6 @@ integrated out (``marginal``), given (``given_time_advantage``: the paper's figu
 v_p by the pedestrian's L (``curve``).
 """
 
-import hashlib
-import json
-import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -23,6 +20,7 @@ from harness.curve_reading import CurveReading
 from harness.encounter import FloatArray
 from harness.errors import InputError, unknown_name
 from harness.mixture import Conditional, TruncatedGaussianMixture
+from harness.model_file import SCHEMA, as_mixture, read_document, write_document
 from harness.resources import shipped_directory
 
 VARIABLES = (
@@ -32,21 +30,6 @@ VARIABLES = (
     "inverse_time_advantage_per_s",
 )
 INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
-
-SCHEMA = 1
-"""Version of the model file's format."""
-
-_KEYS = {
-    "schema",
-    "name",
-    "variables",
-    "lower",
-    "upper",
-    "weights",
-    "locations",
-    "scale_matrices",
-    "provenance",
-}
 
 
 class InteractionModel:
@@ -302,25 +285,16 @@ def read_model(path: Path) -> InteractionModel:
     """Read and check a model file (format: docs/files.md).
 
     Raises:
-        InputError: missing, no JSON, another format version, wrong shapes, weights that do not
-            sum to 1, scale matrices that are not positive definite, empty bounds.
+        InputError: missing, no JSON, another format version or other variables, wrong shapes,
+            weights that do not sum to 1, scale matrices that are not positive definite, empty or
+            infinite bounds.
     """
-    where = str(path)
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(where, f"model file cannot be read ({error.strerror})") from None
-    try:
-        document = json.loads(content)
-    except (ValueError, RecursionError):
-        raise InputError(where, "not a JSON file", "a model file as `harness fit` writes") from None
-    if not isinstance(document, dict):
-        raise InputError(where, "not a JSON object", "a model file as `harness fit` writes")
+    document, sha256 = read_document(path)
     return InteractionModel(
-        _mixture(document, where),
+        _checked(document, str(path)),
         str(document["name"]),
         document.get("provenance") or {},
-        hashlib.sha256(content).hexdigest(),
+        sha256,
     )
 
 
@@ -350,45 +324,16 @@ def write_model(
         "scale_matrices": mixture.scale_matrices.tolist(),
         "provenance": dict(provenance),
     }
-    _mixture(document, str(path))
-    content = (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        beside.write_bytes(content)
-        beside.replace(path)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
-    finally:
-        beside.unlink(missing_ok=True)
+    _checked(document, str(path))
+    write_document(path, document)
     return read_model(path)
 
 
-def _mixture(document: dict[str, Any], where: str) -> TruncatedGaussianMixture:
-    for key in document:
-        if key not in _KEYS:
-            raise unknown_name(where, "key", key, _KEYS)
-    for key in sorted(_KEYS - {"provenance"}):
-        if key not in document:
-            raise InputError(where, f"key {key!r} is missing")
-    if document["schema"] != SCHEMA:
-        raise InputError(where, f"format version {document['schema']!r}", str(SCHEMA))
-    if document["variables"] != list(VARIABLES):
-        raise InputError(where, f"variables {document['variables']!r}", ", ".join(VARIABLES))
-    if not isinstance(document.get("provenance", {}), dict):
-        raise InputError(where, "provenance is not an object")
-    arrays = {}
-    for key in ("weights", "locations", "scale_matrices", "lower", "upper"):
-        try:
-            arrays[key] = np.array(document[key], dtype=float)
-        except (ValueError, TypeError, OverflowError):
-            raise InputError(where, f"{key} is no rectangular array of numbers") from None
-    if arrays["lower"].shape != (len(VARIABLES),):
-        raise InputError(where, f"lower has shape {arrays['lower'].shape}", "(4,)")
-    if not (np.isfinite(arrays["lower"]).all() and np.isfinite(arrays["upper"]).all()):
+def _checked(document: Mapping[str, Any], where: str) -> TruncatedGaussianMixture:
+    """The mixture of a document whose variables and bounds mean what they must."""
+    mixture = as_mixture(document, VARIABLES, where)
+    if not (np.isfinite(mixture.lower).all() and np.isfinite(mixture.upper).all()):
         raise InputError(where, "a bound is not finite", "a bounded box")
-    if arrays["lower"][INVERSE_RANGE] <= 0 or arrays["lower"][PEDESTRIAN_SPEED] <= 0:
+    if mixture.lower[INVERSE_RANGE] <= 0 or mixture.lower[PEDESTRIAN_SPEED] <= 0:
         raise InputError(where, "lower bounds of 1/R and v_p must be positive")
-    try:
-        return TruncatedGaussianMixture(**arrays)
-    except InputError as error:
-        raise InputError(where, str(error)) from None
+    return mixture

@@ -1,12 +1,13 @@
 """Runs pairs of one cell: makes the strategies, lets both arms meet the same pedestrians."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from harness.encounter import Arm, Arrival, Ending, Strategy, Trace, Vehicle, Walk
+from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.protocol import Engine
 from harness.episode import ChooseSpeed, Rules, run_episode
 from harness.errors import InputError
@@ -46,7 +47,7 @@ class PairRunner:
             step_s=scenario.experiment.step_s,
             timeout_s=scenario.experiment.timeout_s,
         )
-        self._speeds = _WalkingSpeeds(model, self._rules.vehicle)
+        self._speeds = _WalkingSpeeds(model, self._rules, scenario.model.pedestrian_reading)
         check_arms(scenario, model)
 
     def run(
@@ -149,44 +150,51 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
 
 
 class _WalkingSpeeds:
-    """f(v_p | 1/R, v) at each pedestrian's quantile.
+    """f(v_p | 1/R, v), or f(v_p | R, v, L), at each pedestrian's quantile.
 
     Whoever steps off at the trigger sees (R0, v0) in every episode: those speeds are worked out
     together, which is many times faster and gives the same bits.
     """
 
-    def __init__(self, model: InteractionModel, vehicle: Vehicle) -> None:
+    def __init__(self, model: InteractionModel, rules: Rules, reading: str) -> None:
         self._model = model
-        self._at_trigger = (vehicle.trigger_range_m, vehicle.initial_speed_mps)
-        self._foreseen: dict[float, float] = {}
+        self._on_curve = reading == "curve"
+        # From each kerb to the centre of the ego's lane, L of whoever steps off there.
+        centre_m = rules.crossing.lane_centre_m
+        self._lateral_m = {Side.NEAR: centre_m, Side.FAR: rules.crossing.length_m - centre_m}
+        self._at_trigger = (rules.vehicle.trigger_range_m, rules.vehicle.initial_speed_mps)
+        self._foreseen: dict[tuple[float, Side], float] = {}
 
     def foresee(self, planned: Iterable[tuple[Arrival, ...]]) -> None:
-        quantiles = [
-            arrival.quantile
-            for arrivals in planned
-            for arrival in arrivals
-            if arrival.arrival_s == 0
-        ]
+        first = [arrival for arrivals in planned for arrival in arrivals if arrival.arrival_s == 0]
         self._foreseen = {}
-        if not quantiles:
-            return
-        range_m, speed = self._at_trigger
-        count = len(quantiles)
-        speeds = self._model.walking_speed(
-            np.array(quantiles), np.full(count, range_m), np.full(count, speed)
-        )
-        self._foreseen = dict(zip(quantiles, speeds.tolist(), strict=True))
+        if first:
+            keys = [(arrival.quantile, arrival.side) for arrival in first]
+            speeds = self._speeds(first, *self._at_trigger)
+            self._foreseen = dict(zip(keys, speeds.tolist(), strict=True))
 
     def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
-        if (range_m, speed_mps) == self._at_trigger and arrival.quantile in self._foreseen:
-            return self._foreseen[arrival.quantile]
+        key = (arrival.quantile, arrival.side)
+        if (range_m, speed_mps) == self._at_trigger and key in self._foreseen:
+            return self._foreseen[key]
         if range_m <= 0:
             return self._model.walking_speed_unconditional(arrival.quantile)
-        return float(
-            self._model.walking_speed(
-                np.array([arrival.quantile]), np.array([range_m]), np.array([speed_mps])
-            )[0]
-        )
+        return float(self._speeds([arrival], range_m, speed_mps)[0])
+
+    def _speeds(
+        self, arrivals: Sequence[Arrival], range_m: float, speed_mps: float
+    ) -> NDArray[np.float64]:
+        quantiles = np.array([arrival.quantile for arrival in arrivals])
+        range_of, speed_of = np.full(len(arrivals), range_m), np.full(len(arrivals), speed_mps)
+        if self._on_curve:
+            lateral = np.array([self._lateral_m[arrival.side] for arrival in arrivals])
+            speeds = self._model.walking_speed_on_curve(quantiles, range_of, lateral, speed_of)
+            if not np.isnan(speeds).any():
+                return speeds
+            # Where no walking speed fits the box, L says nothing and is left out.
+            marginal = self._model.walking_speed(quantiles, range_of, speed_of)
+            return np.where(np.isnan(speeds), marginal, speeds)
+        return self._model.walking_speed(quantiles, range_of, speed_of)
 
 
 class _SpeedsOfOtherArm:

@@ -292,11 +292,11 @@ def export_csv(folder: Path) -> list[Path]:
 
 def _make(folder: Path, exist_ok: bool) -> None:
     where = f"--out {folder}"
-    if exist_ok and folder.exists() and not folder.is_dir():
-        raise InputError(where, "is a file", "a new or empty folder")
-    if exist_ok and (folder / MANIFEST).exists():
-        raise InputError(where, "holds a run already", "a new or empty folder, or --resume")
     try:
+        if exist_ok and folder.exists() and not folder.is_dir():
+            raise InputError(where, "is a file", "a new or empty folder")
+        if exist_ok and (folder / MANIFEST).exists():
+            raise InputError(where, "holds a run already", "a new or empty folder, or --resume")
         folder.mkdir(parents=True, exist_ok=exist_ok)
         probe = folder / f".{os.getpid()}.probe"
         probe.touch()

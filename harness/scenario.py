@@ -6,6 +6,7 @@ Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
 
 import copy
 import difflib
+import os
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -69,7 +70,7 @@ class ModelSection(_Section):
 
     name: str = "dut-interim"
     path: str | None = None
-    pedestrian_reading: Literal["marginal"] = "marginal"
+    pedestrian_reading: Literal["marginal", "curve"] = "marginal"
 
 
 class ArmsSection(_Section):
@@ -213,13 +214,17 @@ def validate(
 
 def _find(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
-    if path.is_file():
+    try:
+        is_file, is_folder = path.is_file(), path.is_dir()
+    except (OSError, ValueError) as error:
+        raise InputError(str(path), f"is no usable path ({error})", "a scenario file") from None
+    if is_file:
         return path
     folder = shipped_directory("scenarios")
     shipped = sorted(file.stem for file in folder.glob("*.toml"))
     if str(name_or_path) in shipped:
         return folder / f"{name_or_path}.toml"
-    if path.is_dir():
+    if is_folder:
         raise InputError(str(path), "is a folder", "a scenario file (TOML)")
     close = difflib.get_close_matches(path.stem, shipped, n=1)
     raise InputError(
@@ -233,7 +238,7 @@ def _find(name_or_path: str | Path) -> Path:
 def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
     model = tree.get("model")
     if isinstance(model, dict) and isinstance(model.get("path"), str):
-        model["path"] = str((folder / model["path"]).resolve())
+        model["path"] = os.path.normpath(folder.absolute() / model["path"])
 
 
 def apply_setting(tree: dict[str, Any], setting: Setting) -> None:

@@ -23,6 +23,6 @@ def stream(root_seed: int, purpose: Purpose, pair: int) -> np.random.Generator:
         purpose: what the numbers are for.
         pair: index of the pair, ≥ 0.
     """
-    return np.random.Generator(
-        np.random.PCG64(np.random.SeedSequence((root_seed, _PURPOSES[purpose], pair)))
-    )
+    # As a spawn key, not as further entropy: seeds above 2**32 must not run into the purpose.
+    key = (_PURPOSES[purpose], pair)
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root_seed, spawn_key=key)))

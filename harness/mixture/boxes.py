@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, owens_t
 
+from harness.mixture.sums import ordered_sum
+
 Array = NDArray[np.float64]
 
 # A standardised bound further out than this cuts nothing that double precision can see.
@@ -73,7 +75,7 @@ def _weak(
         exponent *= inverse
         np.exp(exponent, out=exponent)
         total = total + exponent if sign > 0 else total - exponent
-    change = (total * weights[:, None]).sum(axis=0) * angle / (4.0 * np.pi)
+    change = ordered_sum(total * weights[:, None]) * angle / (4.0 * np.pi)
     result: Array = interval(a1, b1) * interval(a2, b2) + change
     return result
 
@@ -159,12 +161,21 @@ def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Arr
 def _largest_canonical(correlations: Array) -> Array:
     """Largest canonical correlation (N,) between the two blocks, just above 0 to just below 1."""
     cross = correlations[:, :2, 2:]
-    first = np.linalg.solve(correlations[:, :2, :2], cross)
-    second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2))
-    half_trace = 0.5 * np.einsum("nij,nji->n", first, second)
-    determinant = np.linalg.det(first @ second)
+    first = np.linalg.solve(correlations[:, :2, :2], cross).astype(np.float64)
+    second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2)).astype(np.float64)
+    size = cross.shape[2]
+    products = [first[:, i, j] * second[:, j, i] for i in range(2) for j in range(size)]
+    half_trace = 0.5 * ordered_sum(np.array(products))
+    determinant = np.zeros(half_trace.shape)
+    if size == 2:
+        determinant = _determinant(first) * _determinant(second)
     largest = half_trace + np.sqrt(np.maximum(half_trace**2 - determinant, 0.0))
     result: Array = np.sqrt(np.clip(largest, 1e-12, 1.0 - 1e-14))
+    return result
+
+
+def _determinant(matrices: Array) -> Array:
+    result: Array = matrices[:, 0, 0] * matrices[:, 1, 1] - matrices[:, 0, 1] * matrices[:, 1, 0]
     return result
 
 

@@ -157,8 +157,8 @@ class _History:
             return None
         steps = np.diff(np.array(self._steps), axis=0).T
         points = np.diff(np.array(self._points), axis=0).T
-        # Directions already explored to rounding would be blown up by the solution.
-        shares = np.linalg.lstsq(steps, self._steps[-1], rcond=1e-8)[0]
+        # Nearly repeated directions would blow up the solution into steps that lose height.
+        shares = np.linalg.lstsq(steps, self._steps[-1], rcond=1e-2)[0]
         return _from_coordinates(image - (points + steps) @ shares, at.locations.shape)
 
 

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, owens_t
 
-from harness.mixture.regression import Regression, State, component_sum
+from harness.mixture.regression import Regression, State
+from harness.mixture.sums import ordered_sum
 
 Array = NDArray[np.float64]
 
@@ -84,7 +85,7 @@ class Direct:
 
     def density(self, state: State, x: Array | float) -> Array:
         logs, _ = self._logs(state, x)
-        return component_sum(np.exp(logs, out=logs))
+        return ordered_sum(np.exp(logs, out=logs))
 
     def curve(self, state: State, x: Array | float) -> tuple[Array, Array, Array]:
         logs, slope = self._logs(state, x)
@@ -93,7 +94,7 @@ class Direct:
         bend += self._curvature
         bend *= terms
         slope *= terms
-        return component_sum(terms), component_sum(slope), component_sum(bend)
+        return ordered_sum(terms), ordered_sum(slope), ordered_sum(bend)
 
     def log_density(self, state: State, x: Array | float) -> Array:
         return log_sum(self._logs(state, x)[0])
@@ -110,7 +111,7 @@ class Direct:
         z *= scale
         below = ndtr(z, out=z)
         below *= weights
-        return component_sum(below)
+        return ordered_sum(below)
 
 
 class OneIntegrated:
@@ -150,7 +151,7 @@ class OneIntegrated:
 
     def density(self, state: State, x: Array | float) -> Array:
         logs, _, lo, hi = self._logs(state, x)
-        return component_sum(np.exp(logs) * _interval(lo, hi))
+        return ordered_sum(np.exp(logs) * _interval(lo, hi))
 
     def curve(self, state: State, x: Array | float) -> tuple[Array, Array, Array]:
         logs, slope, lo, hi = self._logs(state, x)
@@ -162,9 +163,9 @@ class OneIntegrated:
         bend = (slope * slope + self._curvature) * inside + 2.0 * slope * first
         bend += self._turn * (lo * at_lo - hi * at_hi)
         return (
-            component_sum(terms * inside),
-            component_sum(terms * (slope * inside + first)),
-            component_sum(terms * bend),
+            ordered_sum(terms * inside),
+            ordered_sum(terms * (slope * inside + first)),
+            ordered_sum(terms * bend),
         )
 
     def log_density(self, state: State, x: Array | float) -> Array:
@@ -192,13 +193,13 @@ class OneIntegrated:
         corner += owens_t(k, h * scaled_inverse - self._rho_over_root)
         corner += 0.5 * (ratio < 0.0)
         corner *= signed
-        return component_sum(corner)
+        return ordered_sum(corner)
 
 
 def log_sum(logs: Array) -> Array:
     """Log of the sum of exponentials over the components."""
     largest = np.maximum.reduce(logs, axis=0)
-    result: Array = largest + np.log(component_sum(np.exp(logs - largest)))
+    result: Array = largest + np.log(ordered_sum(np.exp(logs - largest)))
     return result
 
 

@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from harness.errors import InputError
 from harness.mixture import truncation
 from harness.mixture.conditional import Conditional
-from harness.mixture.regression import component_sum
+from harness.mixture.sums import ordered_sum
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ class TruncatedGaussianMixture:
             z = solve_triangular(factor, (points - self.locations[k]).T, lower=True)
             terms[k] = constant[k] - np.log(np.diag(factor)).sum() - 0.5 * (z * z).sum(axis=0)
         largest = terms.max(axis=0)
-        logs = largest + np.log(component_sum(np.exp(terms - largest)))
+        logs = largest + np.log(ordered_sum(np.exp(terms - largest)))
         inside = ((points >= self.lower) & (points <= self.upper)).all(axis=1)
         result: Array = np.where(inside, logs, -np.inf)
         return result

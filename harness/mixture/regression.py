@@ -69,7 +69,8 @@ class Regression:
         factors = np.linalg.cholesky(scale_matrices[:, order][:, :, order])
         centre = locations[:, order]
         known_factor = factors[:, :known, :known]
-        whitening = np.linalg.inv(known_factor) if known else np.zeros((count, 0, 0))
+        # The inverse is triangular too, but for rounding.
+        whitening = np.tril(np.linalg.inv(known_factor))
         # With L the factor of the given block, S21 S11^-1 = L21 L11^-1.
         slopes = factors[:, known:, :known] @ whitening
         rows = np.concatenate((whitening * np.sqrt(0.5), slopes), axis=1)
@@ -126,17 +127,3 @@ class Regression:
         heaviest = np.maximum.reduce(log_weights, axis=0)
         rest = tuple(parts[self.known + 1 :])
         return State(log_weights - heaviest, parts[self.known], rest)
-
-
-def component_sum(values: Array) -> Array:
-    """Sum over axis 0 in a fixed order, the same bytes for one point as for many.
-
-    numpy adds row after row where the components are not the fastest axis in memory, and pairwise
-    where they are; the latter happens with a single column, and is avoided.
-    """
-    result: Array
-    if values.size == values.shape[0]:
-        result = np.add.accumulate(values, axis=0)[-1]
-    else:
-        result = np.add.reduce(np.ascontiguousarray(values), axis=0)
-    return result

@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize, PowerNorm
-from matplotlib.ticker import MaxNLocator
 from scipy.stats import multivariate_normal
 
 from harness.encounter import FloatArray
@@ -34,7 +33,7 @@ _CELLS = 48
 # Density is drawn by its square root: ridges and the thin surroundings show side by side.
 _GAMMA = 0.5
 
-RAW_REMARK = "depends on the units of the data: BIC may cross zero"
+RAW_REMARK = "depends on the units of the data"
 
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
@@ -55,7 +54,7 @@ def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
         textcoords="offset points",
         color=_MARK,
     )
-    _over_components(axes, "BIC", "BIC (lower is better)")
+    _over_components(axes, ks, "BIC", "BIC (lower is better)")
 
 
 def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
@@ -79,7 +78,7 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
         ha="right",
         color=_MARK,
     )
-    _over_components(axes, "Gain of the K-th component", "share of the second's gain (%)")
+    _over_components(axes, ks, "Gain of the K-th component", "share of the second's gain (%)")
 
 
 def draw_bic_change(axes: Axes, bic: Mapping[int, float]) -> None:
@@ -94,10 +93,7 @@ def draw_bic_change(axes: Axes, bic: Mapping[int, float]) -> None:
     axes.plot(ks, change, "o-", color="#6a6a6a", ms=4, lw=1.4)
     if change and min(change) > 0 and max(change) > 100 * min(change):
         axes.set_yscale("log")
-    _over_components(axes, "Change rate as in the paper", "|change of BIC / BIC| (%)")
-    axes.annotate(
-        RAW_REMARK, (0.5, 0.96), xycoords="axes fraction", ha="center", va="top", fontsize=8
-    )
+    _over_components(axes, ks, f"Change rate as in the paper ({RAW_REMARK})", "|ΔBIC / BIC| (%)")
 
 
 def draw_held_out(
@@ -118,7 +114,8 @@ def draw_held_out(
     )
     if chosen in scores:
         axes.plot(chosen, scores[chosen][0], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
-    _over_components(axes, "Held-out score (higher is better)", "log f(v_p | 1/R, v) (nats)")
+    title = "Held-out score (higher is better)"
+    _over_components(axes, ks, title, "mean log f(v_p | 1/R, v) (nats)")
 
 
 def draw_rows(
@@ -281,11 +278,13 @@ def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
     return [np.linspace(float(view[i, 0]), float(view[i, 1]), _CELLS + 1) for i in pair]
 
 
-def _over_components(axes: Axes, title: str, label: str) -> None:
+def _over_components(axes: Axes, ks: Sequence[int], title: str, label: str) -> None:
     axes.set_xlabel("number of components K")
     axes.set_ylabel(label)
     axes.set_title(title, fontsize=11, loc="left")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=3))
+    if ks:
+        axes.set_xticks(ks[:: 1 + len(ks) // 14])
+        axes.set_xlim(min(ks) - 0.5, max(ks) + 0.5)
     _quiet(axes)
 
 

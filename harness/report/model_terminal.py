@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -14,6 +14,7 @@ from harness.trajectories import REASONS
 
 _SYMBOLS = ("1/R (1/m)", "v (m/s)", "v_p (m/s)", "1/T_adv (1/s)")
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+_SHOWN = (0.05, 0.5, 0.95)
 
 
 def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Path]) -> None:
@@ -67,13 +68,12 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
             console.print(f"{key}: {value}", soft_wrap=True)
     document = model_document(model)
     table = Table(title="Marginals of the truncated mixture", box=SIMPLE_HEAD, pad_edge=False)
-    headings = ("variable", "low", "high", "mean", "sd", *(f"{q:.0%}" for q in _QUANTILES))
-    for heading in headings:
-        table.add_column(
-            heading, justify="left" if heading == "variable" else "right", no_wrap=True
-        )
+    for heading in ("variable", "low", "high", "mean", "sd", *(f"{q:.0%}" for q in _SHOWN)):
+        justify: Literal["left", "right"] = "left" if heading == "variable" else "right"
+        table.add_column(heading, justify=justify, no_wrap=True)
     for name, of in zip(_SYMBOLS, document["marginals"].values(), strict=True):
-        numbers = (*of["bounds"], of["mean"], of["standard_deviation"], *of["quantiles"].values())
+        quantiles = [of["quantiles"][str(q)] for q in _SHOWN]
+        numbers = (*of["bounds"], of["mean"], of["standard_deviation"], *quantiles)
         table.add_row(name, *(f"{number:.3g}" for number in numbers))
     console.print(table)
     correlations = Table(title="Correlations")

@@ -85,6 +85,15 @@ def test_same_bytes_for_any_workers_and_tasks(
     assert content(tmp_path / "run") == content(plain)
 
 
+def test_pedestrians_at_the_trigger_do_not_depend_on_the_task(tmp_path: Path) -> None:
+    # Their walking speeds are worked out together for all pairs of a task.
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 24})
+    for task_pairs in (1, 5, 24):
+        run(study, tmp_path / str(task_pairs), task_pairs=task_pairs)
+    assert content(tmp_path / "1") == content(tmp_path / "24")
+    assert content(tmp_path / "5") == content(tmp_path / "24")
+
+
 @pytest.mark.parametrize("tasks", [2, 9])
 def test_same_bytes_after_resume(plain: Path, tmp_path: Path, tasks: int) -> None:
     interrupted(flow_study(), tmp_path / "run", tasks, task_pairs=3, traces=True)

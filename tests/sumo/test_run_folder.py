@@ -15,9 +15,9 @@ import pytest
 
 from harness.engine.sumo import libsumo_engine
 from harness.pairing import PairRunner
+from harness.place import network_of
 from harness.results import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
-from harness.place import network_of
 
 FLOW = [
     "--set=pedestrians.flow_per_hour=700",

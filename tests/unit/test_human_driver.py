@@ -170,6 +170,21 @@ def test_limits_of_the_vehicle(model) -> None:
     assert soft.decide(observe(28.0, 0.0, (1.0, 1.0))) == 3.0
 
 
+@pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
+@pytest.mark.parametrize(
+    # Nearer than 2 m, faster than 3 m/s, about to meet to the hundredth of a second: outside the
+    # box the model was fitted in, where it is asked at the nearest point inside.
+    ("range_m", "speed", "walked", "pace"),
+    [(1.2, 1.0, 1.0, 1.2), (15.0, 3.0, 1.0, 3.6), (10.0, 5.0, 0.0, 2.25 / 2.01), (80.0, 4.0, 1, 1)],
+)
+def test_arguments_are_clamped_to_the_models_support(
+    model, joint, range_m: float, speed: float, walked: float, pace: float, reading: str
+) -> None:
+    decision = driver(model, reading=reading).decide(observe(range_m, speed, (walked, pace)))
+    mode = desired(joint, range_m, speed, 2.25 - walked, pace, reading)
+    assert decision == pytest.approx(np.clip(min(mode, V0) - speed, -4.5, 3.0), abs=1e-3)
+
+
 @pytest.mark.parametrize(
     ("speed", "wanted"), [(5.0, 0.0), (4.6, 0.4), (3.0, 1.0), (0.0, 1.0), (6.0, -1.0)]
 )

@@ -54,10 +54,10 @@ def check(scenario: Scenario, expected: dict[str, dict[str, Any]]) -> None:
             assert found[section][key] == value, (section, key)
 
 
-def refusal(text: str, *settings: str) -> str:
-    """What is said of a scenario's text, or of settings over it."""
+def refusal(text: str) -> str:
+    """What is said of a scenario's text."""
+    tree = tomllib.loads(text)
     with pytest.raises(InputError) as caught:
-        tree = tomllib.loads(text)
         validate(tree, "my.toml", {})
     message = str(caught.value)
     assert len(message.splitlines()) == 1

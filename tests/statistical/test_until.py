@@ -1,0 +1,151 @@
+"""``--until``: looking again and again must not spoil the interval that is reported at the end.
+
+Whole experiments are simulated on a population of which the truth is known; the procedure that
+decides when to stop is the program's own, its episodes come from the population.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from harness import comparison, experiment
+from harness.comparison import Interval
+from harness.experiment import Options, Precision, confidence_of, looks
+from harness.results import EPISODES
+from harness.study import Study
+from tests.batches import one_cell
+
+
+class Drawn:
+    """Stands for a run folder and for the work on it: its pairs are draws from a population."""
+
+    def __init__(self, tau: np.ndarray, crashed: np.ndarray, options: Options) -> None:
+        self.tau, self.crashed, self.options = tau, crashed, options
+        self.folder = self
+        self.pairs = 0
+        self.looks: list[int] = []
+
+    def reach(self, goals: dict[int, int]) -> None:
+        self.pairs = goals[0]
+        self.looks.append(self.pairs)
+
+    def episodes_of(self, _cell: int) -> pa.Table:
+        n = self.pairs
+        av = np.arange(2 * n) % 2 == 0
+        crashed = np.repeat(self.crashed[:n], 2) & av
+        times = np.where(av, np.repeat(self.tau[:n], 2), 1.0)
+        columns: dict[str, Any] = {
+            "arm": np.where(av, "av", "human"),
+            "ending": np.where(crashed, "crashed", "crossed"),
+            "pass_time_s": pa.array(times, mask=crashed),
+            "fallback": np.zeros(2 * n, dtype=bool),
+            "pedestrians": np.ones(2 * n, dtype=np.int32),
+            "pair": np.repeat(np.arange(n), 2),
+        }
+        whole = [
+            pa.array(columns[field.name]).cast(field.type)
+            if field.name in columns
+            else pa.nulls(2 * n, field.type)
+            for field in EPISODES
+        ]
+        return pa.table(whole, schema=EPISODES)
+
+
+def study_of(pairs: int, seed: int) -> Study:
+    # The seed keys the resampling: every experiment has its own.
+    return one_cell("cctc", {"experiment.pairs": pairs, "experiment.seed": seed})
+
+
+def stopped(
+    tau: np.ndarray, crashed: np.ndarray, until: Precision, pairs: int, seed: int
+) -> tuple[Interval, list[int]]:
+    """The interval at the end of one experiment, and the numbers of pairs it looked at."""
+    study, options = study_of(pairs, seed), Options(until=until)
+    work: Any = Drawn(tau, crashed, options)
+    experiment._reach_precision(work, study, {0: pairs}, until)
+    cell, confidence = study.cells[0], confidence_of(study, options)
+    summary = experiment._summarise(work.episodes_of(0), cell, confidence)
+    return getattr(summary, until.measure), work.looks
+
+
+def enough(holds: int, trials: int) -> bool:
+    """Whether that many hits are believable of a coverage of 95 % (one-sided, 1 in 1,000)."""
+    return holds >= int(stats.binom.ppf(0.001, trials, 0.95))
+
+
+def contains(interval: Interval, truth: float) -> bool:
+    assert interval.low is not None
+    assert interval.high is not None
+    return interval.low <= truth <= interval.high
+
+
+def test_looks_double_up_to_the_number_of_pairs() -> None:
+    assert looks(20_000) == [1_000, 2_000, 4_000, 8_000, 16_000, 20_000]
+    assert looks(4_000) == [1_000, 2_000, 4_000]
+    assert looks(1_000) == [1_000]
+    assert looks(50) == [50]
+
+
+def test_each_look_spends_its_share_of_the_error() -> None:
+    options = Options(until=Precision("mu", 0.01))
+    # Bonferroni: 5 % shared by 6 looks.
+    assert confidence_of(study_of(20_000, 1), options) == pytest.approx(1 - 0.05 / 6)
+    assert confidence_of(study_of(20_000, 1), Options()) == 0.95
+
+
+def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "FIRST_LOOK", 100)
+    monkeypatch.setattr(comparison, "RESAMPLES", 1_999)
+    rng = np.random.default_rng(1)
+    trials, holds, ends = 120, 0, set()
+    for seed in range(trials):
+        # Gamma of shape 16 and mean 0.8: spread 0.2, skewness 0.5.
+        tau = rng.gamma(16, 0.05, 400)
+        until = Precision("mu", 0.0285)
+        interval, seen = stopped(tau, np.zeros(400, dtype=bool), until, 400, seed)
+        holds += contains(interval, 0.8)
+        ends.add(seen[-1])
+        width = (interval.high - interval.low) / 2
+        assert width <= 0.0285 or seen[-1] == 400
+    assert len(ends) > 1, "the stopping time has to be random for this to be a test"
+    assert enough(holds, trials), f"{holds} of {trials}"
+
+
+def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "FIRST_LOOK", 50)
+    monkeypatch.setattr(comparison, "bootstrap_mean_and_cv", lambda *_: (comparison.UNDEFINED,) * 2)
+    rng = np.random.default_rng(2)
+    trials, holds, ends = 400, 0, set()
+    for seed in range(trials):
+        crashed = rng.random(400) < 0.08
+        interval, seen = stopped(np.ones(400), crashed, Precision("kappa", 0.06), 400, seed)
+        holds += contains(interval, 0.08)
+        ends.add(seen[-1])
+    assert len(ends) > 1
+    assert enough(holds, trials), f"{holds} of {trials}"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("measure", "width"), [("mu", 0.02), ("kappa", 0.006)])
+@pytest.mark.parametrize("scenario", ["cctc", "cctc_flow"])
+def test_shipped_scenarios(scenario: str, measure: str, width: float) -> None:
+    from benchmarks.coverage import population
+
+    changed = np.array(population(scenario, range(6_000)), dtype=float)
+    tau, crashed = changed[:, 0], changed[:, 1] > 0
+    truth = float(np.nanmean(tau)) if measure == "mu" else float(np.mean(crashed))
+    rng = np.random.default_rng(3)
+    trials, holds = 200, 0
+    for seed in range(trials):
+        chosen = rng.integers(0, len(tau), 4_000)
+        undefined = np.isnan(tau[chosen])
+        drawn = np.where(undefined, 1.0, tau[chosen])
+        # A pair without τ is one in which the AV crashed, as far as μ is concerned.
+        marked = crashed[chosen] if measure == "kappa" else undefined
+        interval, _ = stopped(drawn, marked, Precision(measure, width), 4_000, seed)
+        holds += contains(interval, truth)
+    assert enough(holds, trials), f"{holds} of {trials}"

@@ -1,0 +1,201 @@
+"""The same tasks on a Dask cluster: a scheduler and workers on the loopback interface.
+
+Only processes started here are ended, by their ids.
+"""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import psutil
+import pytest
+
+from harness.errors import InputError
+from harness.experiment import Options, run_study
+from tests.batches import QUICK, Inline, content, one_cell, options_of, shell, start, sweep
+
+pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+
+CHANGES = {**QUICK, "experiment.pairs": 120}
+
+Launch = Callable[..., "subprocess.Popen[bytes]"]
+
+
+@pytest.fixture(scope="module")
+def launch(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launch]:
+    """Starts ``dask …`` in a folder of its own, as on another machine; ends it with the tests."""
+    started: list[subprocess.Popen[bytes]] = []
+
+    def make(*arguments: str) -> "subprocess.Popen[bytes]":
+        folder = tmp_path_factory.mktemp("dask")
+        with (folder / "log.txt").open("wb") as log:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "dask", *arguments], cwd=folder, stdout=log, stderr=log
+            )
+        started.append(process)
+        return process
+
+    yield make
+    for process in reversed(started):
+        end(process)
+
+
+def end(process: "subprocess.Popen[bytes]") -> None:
+    """End a process and, if it leaves any, its own children."""
+    try:
+        children = psutil.Process(process.pid).children(recursive=True)
+    except psutil.NoSuchProcess:
+        children = []
+    process.terminate()
+    try:
+        process.wait(timeout=20)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    for child in children:
+        if child.is_running():
+            child.kill()
+
+
+def scheduler(launch: Launch, folder: Path) -> "tuple[subprocess.Popen[bytes], str]":
+    """A scheduler's process and its address."""
+    file = folder / "scheduler.json"
+    options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file"]
+    process = launch("scheduler", *options, str(file))
+    end_at = time.monotonic() + 60
+    while not file.exists():
+        assert time.monotonic() < end_at, "no scheduler"
+        time.sleep(0.1)
+    return process, str(json.loads(file.read_text(encoding="utf-8"))["address"])
+
+
+def worker(launch: Launch, address: str, threads: int = 1) -> "subprocess.Popen[bytes]":
+    process = launch("worker", address, "--nthreads", str(threads), "--no-dashboard")
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+    return process
+
+
+@pytest.fixture(scope="module")
+def cluster(launch: Launch, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A scheduler with one worker of one thread; gives its address."""
+    _, address = scheduler(launch, tmp_path_factory.mktemp("cluster"))
+    worker(launch, address)
+    return address
+
+
+@pytest.fixture
+def whole(tmp_path: Path, no_simulation: None) -> dict[str, bytes]:  # noqa: ARG001
+    """The same run in this process."""
+    from harness.worker import close_engine
+
+    study = one_cell("cctc", CHANGES)
+    run_study(study, Options(traces=True), out=tmp_path / "whole", make_executor=Inline)
+    close_engine()
+    return content(tmp_path / "whole")
+
+
+def test_same_bytes_as_in_one_process(
+    cluster: str, tmp_path: Path, whole: dict[str, bytes]
+) -> None:
+    # A relative folder: the worker's working directory is another one.
+    arguments = ["run", "cctc", "--traces", "--dask", cluster, "--out", "run"]
+    done = shell(*arguments, *options_of(CHANGES), cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    assert content(tmp_path / "run") == whole
+
+
+def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> None:
+    from harness.cluster import DaskCluster
+
+    study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.initial_speed_mps=9,10,12")
+    run_study(study, Options(workers=1), out=tmp_path / "here")
+    run_study(
+        study, Options(), out=tmp_path / "there", make_executor=lambda _: DaskCluster(cluster)
+    )
+    assert content(tmp_path / "there") == content(tmp_path / "here")
+
+
+def test_interrupted_on_the_cluster_resumed_here(
+    cluster: str, tmp_path: Path, whole: dict[str, bytes]
+) -> None:
+    folder = tmp_path / "run"
+    arguments = ["run", "cctc", "--traces", "--dask", cluster, "--out", folder]
+    running = start(*arguments, *options_of(CHANGES))
+    try:
+        end_at = time.monotonic() + 90
+        while not list(folder.glob("shards/*.arrows")):
+            assert time.monotonic() < end_at, "no finished work"
+            time.sleep(0.005)
+        os.kill(running.pid, signal.SIGINT)
+        _, errors = running.communicate(timeout=90)
+    finally:
+        running.kill()
+    if running.returncode != 0:
+        assert running.returncode == 130, errors
+        assert "--resume" in errors
+        assert "Traceback" not in errors
+        assert shell("run", "--resume", folder, "-q").returncode == 0
+    assert content(folder) == whole
+
+
+def test_workers_with_several_threads_are_refused(
+    launch: Launch, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+) -> None:
+    from harness.cluster import DaskCluster
+
+    _, address = scheduler(launch, tmp_path_factory.mktemp("threads"))
+    with pytest.raises(InputError, match="no workers"):
+        DaskCluster(address)
+    worker(launch, address, threads=2)
+    done = shell("run", "cctc", "--dask", address, "--out", tmp_path / "run", "--pairs", "2")
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    for word in ("threads", "2", "--nthreads 1"):
+        assert word in line
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "nonsense://x:{port}", "127.0.0.1"])
+def test_nobody_there(tmp_path: Path, address: str) -> None:
+    with socket.socket() as free:
+        # Bound but not listening: whoever calls is turned away.
+        free.bind(("127.0.0.1", 0))
+        given = address.format(port=free.getsockname()[1])
+        done = shell("run", "cctc", "--dask", given, "--out", tmp_path / "run", "--pairs", "2")
+    assert done.returncode == 2, done.stderr
+    (line,) = done.stderr.splitlines()
+    assert f"--dask {given}" in line
+
+
+def test_a_cluster_that_goes_away(
+    launch: Launch, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
+) -> None:
+    """What is finished is kept; the pairs are not blamed for the cluster's end."""
+    process, address = scheduler(launch, tmp_path_factory.mktemp("gone"))
+    worker(launch, address)
+    folder = tmp_path / "run"
+    changes = {**CHANGES, "experiment.pairs": 4000}
+    running = start("run", "cctc", "--dask", address, "--out", folder, *options_of(changes))
+    try:
+        end_at = time.monotonic() + 90
+        while not list(folder.glob("shards/*.arrows")):
+            assert time.monotonic() < end_at, "no finished work"
+            time.sleep(0.005)
+        process.kill()
+        _, errors = running.communicate(timeout=120)
+    finally:
+        running.kill()
+    assert running.returncode == 1
+    assert "Traceback" not in errors
+    assert "--resume" in errors
+    log = (folder / "log.jsonl").read_text(encoding="utf-8")
+    assert "pair given up" not in log

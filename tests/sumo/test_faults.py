@@ -1,0 +1,340 @@
+"""Injected faults: the culprits get ``engine_failed`` with the reason, all others their results.
+
+Workers are fresh processes, where nothing that a test patches is seen.  So the faulty strategy
+below is written into a ``sitecustomize`` module on PYTHONPATH, which Python imports at the start
+of every process; it enters itself into the table of strategies there.
+"""
+
+import json
+import os
+import resource
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+import pytest
+
+from harness.encounter import Arrival
+from harness.engine.plain import PlainEngine
+from harness.errors import EngineError, HarnessError
+from harness.experiment import Options, resume, run_study
+from harness.seeding import stream
+from harness.worker import close_engine
+from tests.batches import QUICK, Inline, content, one_cell, options_of, shell
+
+FAULTY = '''
+"""Gives every process a strategy that fails in the ways it is told to."""
+
+import ctypes
+import os
+import sys
+import time
+
+from harness.strategies import registry
+
+
+def raise_error(_observation):
+    raise RuntimeError("on purpose")
+
+
+def hang(_observation):
+    while True:
+        time.sleep(0.05)
+
+
+def hang_in_c(_observation):
+    # PyDLL keeps the interpreter's lock: no Python code runs any more.
+    ctypes.PyDLL(None).pause()
+
+
+def lose_ego(_observation):
+    import libsumo
+
+    for name in libsumo.vehicle.getIDList():
+        libsumo.vehicle.remove(name)
+    return 0.0
+
+
+FAULTS = {
+    "raises": raise_error,
+    "nan": lambda _: float("nan"),
+    "text": lambda _: "fast",
+    "loses_ego": lose_ego,
+    "exits": lambda _: sys.exit(3),
+    "aborts": lambda _: os.abort(),
+    "hangs": hang,
+    "hangs_in_c": hang_in_c,
+}
+
+
+class Faulty:
+    """Drives at constant speed; in pairs whose first random number is given it fails.
+
+    Each parameter is named after a fault and holds the number, which identifies the pair.
+    """
+
+    def __init__(
+        self,
+        rng,
+        raises: float = -1.0,
+        nan: float = -1.0,
+        text: float = -1.0,
+        loses_ego: float = -1.0,
+        exits: float = -1.0,
+        aborts: float = -1.0,
+        hangs: float = -1.0,
+        hangs_in_c: float = -1.0,
+    ):
+        given = dict(locals())
+        drawn = rng.random()
+        found = [name for name in FAULTS if given[name] == drawn]
+        self.fault = FAULTS[found[0]] if found else None
+
+    def decide(self, observation):
+        if self.fault is not None and observation.time_s > 0.25:
+            return self.fault(observation)
+        return 0.0
+
+
+registry.STRATEGIES["faulty"] = Faulty
+'''
+
+CULPRITS = {
+    "raises": 1,
+    "nan": 2,
+    "text": 3,
+    "loses_ego": 4,
+    "exits": 9,
+    "aborts": 12,
+    "hangs": 13,
+    "hangs_in_c": 17,
+}
+"""The pair each fault strikes, of 24 in tasks of 4: some tasks hold several, some none."""
+
+REASONS = {
+    "raises": "the strategy raised RuntimeError: on purpose at t = 0.300 s",
+    "nan": "the strategy returned nan at t = 0.300 s",
+    "text": "the strategy raised TypeError",
+    "loses_ego": "SUMO lost the episode",
+    "exits": "SystemExit: 3",
+    # 6 is SIGABRT's number on every POSIX system.
+    "aborts": "the worker process died (exit code -6)",
+    "hangs": "the worker was ended: no pair finished within",
+    "hangs_in_c": "the worker was ended: no pair finished within",
+}
+
+CHANGES: dict[str, object] = {
+    **QUICK,
+    "arms.av": "faulty",
+    "experiment.pairs": 24,
+    "experiment.timeout_s": 5.0,
+    "pedestrians.flow_per_hour": 1000.0,
+}
+
+
+def first_number(pair: int) -> float:
+    return float(stream(1, "strategy", pair).random())
+
+
+def parameters(faults: dict[str, int]) -> dict[str, object]:
+    return {f"strategies.faulty.{fault}": first_number(pair) for fault, pair in faults.items()}
+
+
+@contextmanager
+def faulty_strategy(folder: Path) -> Iterator[dict[str, str]]:
+    """The strategy in this process and in those it starts; gives the environment for others."""
+    from harness.strategies.registry import STRATEGIES
+
+    (folder / "sitecustomize.py").write_text(FAULTY, encoding="utf-8")
+    before = os.environ.get("PYTHONPATH")
+    path = os.pathsep.join([str(folder), *([before] if before else [])])
+    os.environ["PYTHONPATH"] = path
+    exec(compile(FAULTY, "faulty", "exec"), {})
+    try:
+        yield {"PYTHONPATH": path}
+    finally:
+        del STRATEGIES["faulty"]
+        if before is None:
+            del os.environ["PYTHONPATH"]
+        else:
+            os.environ["PYTHONPATH"] = before
+
+
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """One run with every fault (``faulty``) and one with none (``clean``)."""
+    from tests.conftest import _close_all
+
+    _close_all()
+    folder = tmp_path_factory.mktemp("faults")
+    with faulty_strategy(folder):
+        study = one_cell("cctc", CHANGES)
+        run_study(study, Options(), out=folder / "clean", make_executor=Inline)
+        close_engine()
+        study = one_cell("cctc", {**CHANGES, **parameters(CULPRITS)})
+        options = Options(workers=2, task_pairs=4, hang_after_s=3.0, traces=True)
+        finished = run_study(study, options, out=folder / "faulty")
+    assert {(pair, arm) for _, pair, arm, _ in finished.failures} >= {
+        (pair, "av") for pair in CULPRITS.values()
+    }
+    return folder
+
+
+def rows(folder: Path, name: str) -> dict[int, list[dict[str, Any]]]:
+    found: dict[int, list[dict[str, Any]]] = {}
+    for row in pq.read_table(folder / f"{name}.parquet").to_pylist():
+        found.setdefault(row["pair"], []).append(row)
+    return found
+
+
+@pytest.mark.parametrize("fault", list(CULPRITS))
+def test_the_culprit_is_recorded_with_its_reason(batch: Path, fault: str) -> None:
+    av, human = rows(batch / "faulty", "episodes")[CULPRITS[fault]]
+    assert (av["arm"], av["ending"]) == ("av", "engine_failed")
+    assert REASONS[fault] in av["reason"]
+    assert av["pass_time_s"] is None
+    if fault in ("raises", "nan", "text", "loses_ego"):
+        # The other arm of the pair has a new simulation and its own result.
+        assert human == rows(batch / "clean", "episodes")[CULPRITS[fault]][1]
+    else:
+        assert human["ending"] == "engine_failed"
+
+
+def test_all_others_keep_their_results(batch: Path) -> None:
+    for name in ("episodes", "pedestrians", "pairs"):
+        clean, faulty = rows(batch / "clean", name), rows(batch / "faulty", name)
+        for pair in set(range(24)) - set(CULPRITS.values()):
+            assert faulty.get(pair) == clean.get(pair), (name, pair)
+    assert len(rows(batch / "faulty", "episodes")) == 24
+
+
+def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
+    lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    events = [json.loads(line) for line in lines]
+    for fault, function in (("hangs", "in hang"), ("hangs_in_c", "in hang_in_c")):
+        name = f"0-{CULPRITS[fault]}-1"
+        stacks = [event["stack"] for event in events if event.get("task") == name]
+        assert len(stacks) == 2, "a single pair is tried twice"
+        assert all(function in stack for stack in stacks)
+    given_up = {event["pair"] for event in events if event["event"] == "pair given up"}
+    assert given_up == {CULPRITS[name] for name in ("exits", "aborts", "hangs", "hangs_in_c")}
+
+
+def test_summary_counts_the_failed_apart(batch: Path) -> None:
+    head, line = (batch / "faulty" / "summary.csv").read_text(encoding="utf-8").splitlines()
+    summary = dict(zip(head.split(","), line.split(","), strict=True))
+    assert (summary["pairs"], summary["failed"]) == ("24", "8")
+    clean = rows(batch / "clean", "episodes")
+    crashed = [clean[pair][0]["ending"] == "crashed" for pair in clean]
+    kept = [crash for pair, crash in enumerate(crashed) if pair not in CULPRITS.values()]
+    assert float(summary["kappa"]) == pytest.approx(sum(kept) / 16)
+
+
+def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
+    from harness.scoring import score
+
+    with faulty_strategy(batch):
+        score(batch / "faulty", batch / "scored")
+    assert content(batch / "scored") == content(batch / "faulty")
+
+
+def test_the_shell_names_the_culprit(tmp_path: Path) -> None:
+    with faulty_strategy(tmp_path) as env:
+        changes = {**CHANGES, **parameters({"nan": 2}), "experiment.pairs": 4}
+        done = shell("run", "cctc", "--out", tmp_path / "run", *options_of(changes), env=env)
+    assert done.returncode == 1
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
+    for word in ("1 episode", "pair 2", "av", "returned nan"):
+        assert word in line
+    assert "Traceback" not in done.stderr
+
+
+class NoStart(PlainEngine):
+    """Cannot begin some of its episodes."""
+
+    episodes = 0
+
+    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
+        NoStart.episodes += 1
+        if NoStart.episodes in (3, 6):
+            raise EngineError("no start")
+        return super().begin(arrivals)
+
+
+def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NoStart, "episodes", 0)
+    monkeypatch.setattr(
+        "harness.worker.engine_for",
+        lambda scenario: NoStart(scenario.vehicle(), scenario.experiment.step_s),
+    )
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
+    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    failed = [(row["pair"], row["arm"]) for row in episodes if row["reason"] == "no start"]
+    # Episodes come as pair 0 av, 0 human, 1 av, …: the third and the sixth.
+    assert failed == [(1, "av"), (2, "human")]
+    assert len(episodes) == 8
+
+
+@contextmanager
+def longest_file(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond ``size`` bytes."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize(
+    ("limit", "task_pairs", "what"), [(4_000, 50, "shards"), (12_000, 2, "parquet")]
+)
+def test_a_disk_that_is_full_and_then_is_not(
+    tmp_path: Path,
+    no_simulation: None,  # noqa: ARG001
+    limit: int,
+    task_pairs: int,
+    what: str,
+) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 250})
+    run_study(study, Options(), out=tmp_path / "whole", make_executor=Inline)
+    options = Options(task_pairs=task_pairs)
+    with longest_file(limit), pytest.raises(HarnessError, match=f"{what}.*File too large"):
+        run_study(study, options, out=tmp_path / "run", make_executor=Inline)
+    assert not list((tmp_path / "run").rglob("*.partial"))
+    resume(tmp_path / "run", make_executor=Inline)
+    close_engine()
+    assert content(tmp_path / "run") == content(tmp_path / "whole")
+
+
+def mount(folder: Path, *options: str) -> bool:
+    command = ["mount", "-t", "tmpfs", *options, "tmpfs", str(folder)]
+    try:
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+def test_a_small_file_system_from_the_shell(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if not mount(disk, "-o", "size=64k"):
+        pytest.skip("no right to mount a small file system")
+    try:
+        changes = options_of({**QUICK, "experiment.pairs": 400})
+        done = shell("run", "cctc", "--traces", "-q", "--out", disk / "run", *changes)
+        assert done.returncode == 1
+        assert done.stderr.count("\n") == 1, done.stderr
+        assert "No space left on device" in done.stderr
+        assert mount(disk, "-o", "remount,size=64m")
+        again = shell("run", "--resume", disk / "run", "-q")
+        assert again.returncode == 0, again.stderr
+        whole = shell("run", "cctc", "--traces", "-q", "--out", tmp_path / "whole", *changes)
+        assert whole.returncode == 0
+        assert content(disk / "run") == content(tmp_path / "whole")
+    finally:
+        subprocess.run(["umount", str(disk)], check=False)

@@ -1,0 +1,234 @@
+"""Replay: the same episode again, with files that SUMO's own tools read."""
+
+import os
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+import sumo as sumo_package
+
+from harness.encounter import Arm
+from harness.errors import InputError
+from harness.experiment import Options, run_study
+from harness.replay import SUMO_FILES, replay
+from harness.site import read_site
+from harness.worker import close_engine
+from tests.batches import FLOW, QUICK, Inline, one_cell, options_of, shell, sweep
+
+HOME = Path(sumo_package.SUMO_HOME)
+FLOW_PER_HOUR = "pedestrians.flow_per_hour"
+
+
+@pytest.fixture(autouse=True)
+def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
+    """Replay starts a SUMO of its own, and only one can run in a process."""
+    yield
+    close_engine()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A sweep of two flows with traces."""
+    from tests.conftest import _close_all
+
+    _close_all()
+    folder = tmp_path_factory.mktemp("replay") / "run"
+    study = sweep("cctc_flow", {**FLOW, "experiment.pairs": 8}, f"{FLOW_PER_HOUR}=200,1000")
+    run_study(study, Options(traces=True), out=folder, make_executor=Inline)
+    close_engine()
+    return folder
+
+
+def stored(run: Path, name: str, pair: int, arm: str, cell: int) -> list[dict[str, Any]]:
+    rows = pq.read_table(run / f"{name}.parquet").to_pylist()
+    return [r for r in rows if (r["pair"], r["arm"], r["cell"]) == (pair, arm, cell)]
+
+
+def busiest(run: Path, cell: int) -> int:
+    """The pair whose AV met most pedestrians."""
+    rows = pq.read_table(run / "episodes.parquet").to_pylist()
+    met = {r["pair"]: r["pedestrians"] for r in rows if (r["arm"], r["cell"]) == ("av", cell)}
+    return max(met, key=lambda pair: met[pair])
+
+
+def test_every_episode_comes_out_as_stored(run: Path, tmp_path: Path) -> None:
+    for pair in range(8):
+        for replayed in replay(run, pair, list(Arm), 1, tmp_path / str(pair)):
+            assert replayed.differences == (), (pair, replayed.arm)
+            assert replayed.folder == tmp_path / str(pair) / replayed.arm.value
+
+
+def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) -> None:
+    other = tmp_path / "run"
+    other.mkdir()
+    for path in run.iterdir():
+        (other / path.name).write_bytes(path.read_bytes())
+    table = pq.read_table(other / "episodes.parquet")
+    steps = table["steps"].to_pylist()
+    position = table.schema.get_field_index("steps")
+    more = pa.array([step + 1 for step in steps], type=pa.int32())
+    changed = table.set_column(position, table.schema.field("steps"), more)
+    pq.write_table(changed, other / "episodes.parquet")
+    done = shell("replay", other, "--pair", 0, "--arm", "av", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    assert f"episodes.steps: {steps[0]} instead of {steps[0] + 1}" in done.stdout
+
+
+@pytest.mark.parametrize("arm", list(Arm))
+def test_fcd_agrees_with_the_trace(run: Path, tmp_path: Path, arm: Arm) -> None:
+    pair = busiest(run, 1)
+    (replayed,) = replay(run, pair, [arm], 1, tmp_path / "out")
+    assert replayed.differences == ()
+    site = read_site(replayed.folder / "site.net.xml")
+    seen: dict[tuple[str, int], tuple[float, float, float]] = {}
+    for step in ET.parse(replayed.folder / "fcd.xml").getroot():
+        # SUMO inserts the ego in its second step: its clock is one step ahead.
+        number = round(float(step.attrib["time"]) / 0.1) - 1
+        for item in step:
+            x, y = float(item.attrib["x"]), float(item.attrib["y"])
+            for digits in (item.attrib["x"], item.attrib["y"], item.attrib["speed"]):
+                assert len(digits.partition(".")[2]) >= 6
+            # SUMO's ids carry the number of the episode in the middle: pedestrian-0-3.
+            index = item.attrib["id"].rpartition("-")[2]
+            name = "ego" if item.tag == "vehicle" else f"pedestrian-{index}"
+            speed = float(item.attrib["speed"])
+            seen[name, number] = (*site.to_road(x, y), speed)
+    rows = stored(run, "traces", pair, arm.value, 1)
+    compared = {"ego": 0, "pedestrian": 0}
+    for row in rows:
+        kind = row["object"].partition("-")[0]
+        # Within about 1 cm of either kerb SUMO puts people up to 11 mm elsewhere.
+        if kind == "pedestrian" and not 0.02 < row["y_m"] < 8.98:
+            continue
+        found = seen.get((row["object"], round(row["time_s"] / 0.1)))
+        if found is None:
+            # Who has reached the other side is taken away within SUMO's step.
+            continue
+        x, y, speed = found
+        # 6 digits are written, of coordinates turned by the road's bearing.
+        assert x == pytest.approx(row["x_m"], abs=2e-6)
+        assert y == pytest.approx(row["y_m"], abs=2e-6)
+        if kind == "ego":
+            assert speed == pytest.approx(row["speed_mps"], abs=1e-6)
+        compared[kind] += 1
+    steps = stored(run, "episodes", pair, arm.value, 1)[0]["steps"]
+    assert compared["ego"] >= steps - 1
+    assert compared["pedestrian"] > 50
+
+
+def test_every_file_is_whole_and_says_what_happened(run: Path, tmp_path: Path) -> None:
+    pair = busiest(run, 1)
+    (replayed,) = replay(run, pair, [Arm.AV], 1, tmp_path / "out")
+    roots = {name: ET.parse(replayed.folder / name).getroot() for name in SUMO_FILES.values()}
+    assert [trip.get("id") for trip in roots["tripinfo.xml"].iter("tripinfo")] == ["ego-0"]
+    came = len(stored(run, "pedestrians", pair, "av", 1))
+    persons = list(roots["personinfo.xml"].iter("personinfo"))
+    assert len(persons) >= came - 1
+    assert roots["statistics.xml"].find("vehicles").get("inserted") == "1"
+
+
+def test_the_configuration_opens_in_sumo(run: Path, tmp_path: Path) -> None:
+    (replayed,) = replay(run, 0, [Arm.AV], 0, tmp_path / "a folder with spaces")
+    configuration = replayed.folder / "episode.sumocfg"
+    command = [HOME / "bin" / "sumo", "-c", configuration, "--end", "1", "--no-step-log"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    root = ET.parse(configuration).getroot()
+    for key in ("net-file", "gui-settings-file"):
+        (entry,) = root.iter(key)
+        file = configuration.parent / entry.attrib["value"]
+        assert ET.parse(file).getroot().tag in ("net", "viewsettings")
+
+
+def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
+    (replayed,) = replay(run, 0, [Arm.AV], 0, tmp_path / "out")
+    picture = tmp_path / "plot.png"
+    tool = HOME / "tools" / "plot_trajectories.py"
+    command = [sys.executable, tool, "-t", "td", "-o", picture, replayed.folder / "fcd.xml"]
+    env = {**os.environ, "MPLBACKEND": "agg", "SUMO_HOME": str(HOME)}
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, env=env, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_pairing_by_speed_in_a_flow(tmp_path: Path) -> None:
+    changes = {
+        **FLOW,
+        "experiment.pairs": 6,
+        "pedestrians.pairing": "speed",
+        "arms.av": "hard_yield",
+        FLOW_PER_HOUR: 1000.0,
+    }
+    study = one_cell("cctc_flow", changes)
+    run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    close_engine()
+    shared = 0
+    for pair in range(6):
+        for replayed in replay(tmp_path / "run", pair, list(Arm), 0, tmp_path / str(pair)):
+            assert replayed.differences == (), (pair, replayed.arm)
+        av, human = (stored(tmp_path / "run", "pedestrians", pair, arm, 0) for arm in Arm)
+        speeds = {row["index"]: row["speed_mps"] for row in av if row["start_s"] is not None}
+        for row in human:
+            if row["index"] in speeds and row["start_s"] is not None:
+                assert row["speed_mps"] == speeds[row["index"]]
+                shared += 1
+    assert shared > 5
+
+
+def test_refused(run: Path, tmp_path: Path) -> None:
+    full = tmp_path / "full"
+    full.mkdir()
+    (full / "file").touch()
+    for pair, cell, out, word in (
+        (8, 0, tmp_path / "out", "0 to 7"),
+        (-1, 0, tmp_path / "out", "0 to 7"),
+        (0, 2, tmp_path / "out", "0 to 1"),
+        (0, 0, full, "not empty"),
+        (0, 0, full / "file", "not empty"),
+        (0, 0, full / "file" / "deeper", "cannot be written"),
+    ):
+        with pytest.raises(InputError, match=word):
+            replay(run, pair, [Arm.AV], cell, out)
+    with pytest.raises(InputError, match="no run folder"):
+        replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
+    wrong = shell("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    assert "av, human or both" in wrong.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_both_arms_from_the_shell(run: Path, tmp_path: Path) -> None:
+    done = shell("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("identical") == 2
+    names = {"site.net.xml", "view.xml", "episode.sumocfg", *SUMO_FILES.values()}
+    for arm in ("av", "human"):
+        assert {path.name for path in (tmp_path / "out" / arm).iterdir()} == names
+
+
+def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
+    changes = options_of({**QUICK, "experiment.pairs": 20})
+    folder = tmp_path / "run"
+    done = shell("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
+    assert done.returncode == 0, done.stderr
+    episodes = pq.read_table(folder / "episodes.parquet").to_pylist()
+    crashed = {f"0-{r['pair']}-{r['arm']}" for r in episodes if r["ending"] == "crashed"}
+    assert crashed
+    assert {path.name for path in (folder / "sumo").iterdir()} == crashed
+    for row in episodes:
+        if row["ending"] != "crashed":
+            continue
+        file = folder / "sumo" / f"0-{row['pair']}-{row['arm']}" / "collisions.xml"
+        hits = [hit.get("collider") for hit in ET.parse(file).getroot().iter("collision")]
+        # SUMO's own verdict, which misses some contacts.
+        assert ("ego-0" in hits) == row["sumo_collision"]
+    wrong = shell("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
+    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)

@@ -1,0 +1,93 @@
+"""Score: the measures of a run again from its traces alone, byte for byte."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from harness import scoring
+from harness.errors import InputError
+from harness.experiment import Options, Precision, run_study
+from harness.scoring import score
+from harness.study import Study
+from harness.worker import close_engine
+from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
+
+STUDIES = {
+    "the paper's": lambda: one_cell("cctc", {"experiment.pairs": 30}),
+    "crashes": lambda: one_cell("cctc", {**QUICK, "experiment.pairs": 40}),
+    "flows with time-outs": lambda: sweep(
+        "cctc_flow",
+        {**FLOW, "experiment.pairs": 15, "experiment.timeout_s": 30.0},
+        "pedestrians.flow_per_hour=100,1000",
+        "arms.av=hard_yield,constant_speed",
+    ),
+}
+
+
+@pytest.fixture(autouse=True)
+def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
+    """Tasks that run in this process start its one simulation themselves."""
+    yield
+    close_engine()
+
+
+def endings(folder: Path) -> set[str]:
+    return set(pq.read_table(folder / "episodes.parquet")["ending"].to_pylist())
+
+
+@pytest.mark.parametrize("name", list(STUDIES))
+@pytest.mark.parametrize("part_pairs", [7, 500])
+def test_score_equals_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, part_pairs: int
+) -> None:
+    study: Study = STUDIES[name]()
+    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
+    if name == "crashes":
+        assert endings(tmp_path / "run") == {"crashed", "crossed"}
+    if name == "flows with time-outs":
+        assert endings(tmp_path / "run") == {"crashed", "crossed", "timed_out"}
+    monkeypatch.setattr(scoring, "_PART_PAIRS", part_pairs)
+    score(tmp_path / "run", tmp_path / "scored")
+    assert content(tmp_path / "scored") == content(tmp_path / "run")
+
+
+def test_a_changed_trace_changes_the_measures(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 3})
+    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
+    path = tmp_path / "run" / "traces.parquet"
+    table = pq.read_table(path)
+    frame = table.to_pandas()
+    # 2 m/s slower throughout: nothing else of the run says how fast it was.
+    frame.loc[frame["object"] == "ego", "speed_mps"] -= 2.0
+    pq.write_table(type(table).from_pandas(frame, schema=table.schema), path)
+    score(tmp_path / "run", tmp_path / "scored")
+    assert content(tmp_path / "scored") != content(tmp_path / "run")
+
+
+def test_a_run_that_stopped_early_is_scored_with_its_confidence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from harness import experiment
+
+    monkeypatch.setattr(experiment, "FIRST_LOOK", 10)
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 80})
+    options = Options(traces=True, until=Precision("kappa", 0.3))
+    run_study(study, options, out=tmp_path / "run", make_executor=Inline)
+    assert pq.read_metadata(tmp_path / "run" / "pairs.parquet").num_rows < 80
+    score(tmp_path / "run", tmp_path / "scored")
+    assert content(tmp_path / "scored") == content(tmp_path / "run")
+
+
+def test_refused(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 2})
+    run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    with pytest.raises(InputError, match="kept no traces"):
+        score(tmp_path / "run", tmp_path / "scored")
+    assert not (tmp_path / "scored").exists()
+    with pytest.raises(InputError, match="no run folder"):
+        score(tmp_path / "none", tmp_path / "scored")
+    done = shell("score", tmp_path / "run", "--out", tmp_path / "scored")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "--traces" in done.stderr

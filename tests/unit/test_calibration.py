@@ -1,0 +1,296 @@
+"""Rows to a model: what is refused, what is dropped, weights, folds, scores, choice of K."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import multivariate_normal, norm, sem
+
+from harness.calibration import (
+    HeldOut,
+    Settings,
+    by_bic,
+    by_held_out,
+    by_rule,
+    calibrate,
+    make_sample,
+    vehicle_folds,
+    walking_log_scores,
+)
+from harness.calibration.card import near_state
+from harness.calibration.choice import relative_gain
+from harness.errors import InputError
+from harness.mixture import TruncatedGaussianMixture
+
+
+def made_up(count: int = 240, seed: int = 3) -> pd.DataFrame:
+    """Two kinds of encounters, 12 vehicles with 5 encounters of 4 rows each, all in the box."""
+    rng = np.random.default_rng(seed)
+    fast = rng.random(count) < 0.4
+    group = np.arange(count) // 4
+    return pd.DataFrame(
+        {
+            "source": "made-up",
+            "clip": "a",
+            "vehicle": [f"v{code // 5}" for code in group],
+            "pedestrian": [f"p{code}" for code in group],
+            "range_m": 1
+            / np.where(fast, rng.uniform(0.02, 0.06, count), rng.uniform(0.1, 0.4, count)),
+            "vehicle_speed_mps": np.where(
+                fast, rng.normal(5.5, 0.5, count), rng.normal(1.5, 0.2, count)
+            ),
+            "pedestrian_speed_mps": rng.normal(1.3, 0.15, count),
+            "time_advantage_s": rng.uniform(1.5, 6.0, count),
+        }
+    )
+
+
+def test_rows_outside_the_box_are_dropped_and_counted_by_column():
+    rows = made_up(40)
+    rows.loc[0, "range_m"] = 1.0  # 1/R = 1 > 0.5
+    rows.loc[1, "range_m"] = 61.0  # 1/R < 1/60
+    rows.loc[1, "vehicle_speed_mps"] = 9.0
+    rows.loc[2, "time_advantage_s"] = 0.4  # 1/T = 2.5 > 2
+    rows.loc[3, "pedestrian_speed_mps"] = 3.0  # on the bound: inside
+    sample = make_sample(rows)
+    assert sample.outside == {
+        "range_m": 2,
+        "vehicle_speed_mps": 1,
+        "pedestrian_speed_mps": 0,
+        "time_advantage_s": 1,
+    }
+    assert sample.data.shape == (37, 4)
+    assert sample.rows_read == 40
+    with pytest.raises(InputError, match=r"3 of 40 rows lie outside the box \(range_m 2"):
+        make_sample(rows, strict=True)
+
+
+def test_variables_are_the_models():
+    rows = made_up(4)
+    rows.loc[0, ["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]] = [
+        20.0,
+        4.0,
+        1.25,
+        2.5,
+    ]
+    np.testing.assert_allclose(make_sample(rows).data[0], [0.05, 4.0, 1.25, 0.4], rtol=1e-15)
+
+
+@pytest.mark.parametrize("weigh", ["row", "encounter", "vehicle"])
+def test_weights_sum_to_the_encounters_in_the_box(weigh):
+    rows = made_up()
+    rows.loc[:3, "range_m"] = 1.0  # the whole first encounter is outside
+    sample = make_sample(rows, weigh=weigh)
+    assert sample.encounters == 59
+    assert sample.vehicles == 12
+    assert sample.weights.sum() == pytest.approx(59, rel=1e-12)
+
+
+def test_a_weight_column_multiplies_and_keeps_the_sum():
+    rows = made_up()
+    rows["weight"] = np.where(np.arange(240) < 120, 3.0, 1.0)
+    sample = make_sample(rows)
+    # 60 encounters of equal weight, half of them three times the other: 1.5 and 0.5 of 1/4 a row.
+    np.testing.assert_allclose(sample.weights[[0, 239]], [1.5 / 4, 0.5 / 4], rtol=1e-12)
+    assert sample.factor
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"range_m": np.nan}, ["range_m", "2 rows", "NaN"]),
+        ({"pedestrian_speed_mps": np.inf}, ["pedestrian_speed_mps", "2 rows"]),
+        ({"range_m": -3.0}, ["range_m", "2 rows", "above 0"]),
+        ({"time_advantage_s": 0.0}, ["time_advantage_s", "2 rows", "above 0"]),
+        ({"weight": -1.0}, ["weight", "2 rows", "negative"]),
+    ],
+)
+def test_bad_values_name_the_column_and_the_number_of_rows(change, words):
+    rows = made_up(40).assign(weight=1.0)
+    for column, value in change.items():
+        rows.loc[[5, 9], column] = value
+    with pytest.raises(InputError) as refusal:
+        make_sample(rows)
+    for word in words:
+        assert word in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "components", "words"),
+    [
+        ({"vehicle_speed_mps": 4.0}, (1,), ["vehicle_speed_mps", "constant", "40 rows"]),
+        ({"pedestrian_speed_mps": "0.5 v"}, (1,), ["pedestrian_speed_mps", "collinear", "40 rows"]),
+        ({}, (1, 41), ["40 rows", "41 components"]),
+    ],
+)
+def test_rows_without_information_are_refused(change, components, words):
+    rows = made_up(40)
+    for column, value in change.items():
+        rows[column] = 0.4 + 0.1 * rows["vehicle_speed_mps"] if value == "0.5 v" else value
+    with pytest.raises(InputError) as refusal:
+        calibrate(make_sample(rows), Settings(components, choose="bic", folds=0))
+    for word in words:
+        assert word in str(refusal.value)
+
+
+def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
+    rows = made_up(40).drop(columns=["source", "clip", "vehicle", "pedestrian"])
+    sample = make_sample(rows, weigh="row")
+    assert sample.weights.sum() == 40
+    assert sample.vehicles is None
+    with pytest.raises(InputError, match="no missing value in source"):
+        make_sample(rows, weigh="encounter")
+    with pytest.raises(InputError, match="no held-out scores"):
+        calibrate(sample, Settings((1, 2), choose="held-out"))
+
+
+def test_standard_error_over_vehicles_of_equal_weight_is_that_of_a_mean():
+    scores = np.array([-0.4, -0.1, 0.3, -0.9, 0.2])
+    held_out = HeldOut(totals=2.0 * scores, weights=np.full(5, 2.0))
+    assert held_out.mean == pytest.approx(scores.mean())
+    assert held_out.standard_error == pytest.approx(sem(scores))
+    assert HeldOut(scores[:1], np.ones(1)).standard_error is None
+
+
+def test_standard_error_grows_with_one_dominant_vehicle():
+    # Two vehicles at +1 and −1; with weights 9 and 1 the mean is 0.8, e = (1.8, −1.8), and the
+    # formula gives sqrt(2/1 · 2 · 1.8²)/10.
+    held_out = HeldOut(np.array([9.0, -1.0]), np.array([9.0, 1.0]))
+    assert held_out.mean == pytest.approx(0.8)
+    assert held_out.standard_error == pytest.approx(np.sqrt(2 * 2 * 1.8**2) / 10)
+
+
+def test_folds_keep_vehicles_whole_and_weights_even():
+    vehicle = np.repeat(np.arange(9), [40, 30, 20, 10, 10, 5, 5, 5, 5])
+    weights = np.ones(vehicle.size)
+    fold = vehicle_folds(vehicle, weights, 3, seed=7)
+    assert all(len(set(fold[vehicle == of])) == 1 for of in range(9))
+    # 130 in three folds; the largest vehicle alone holds 40.
+    assert sorted(np.bincount(fold)) == pytest.approx([43, 43, 43], abs=3)
+    np.testing.assert_array_equal(fold, vehicle_folds(vehicle, weights, 3, seed=7))
+
+
+def test_walking_score_is_the_conditional_normal_far_from_any_bound():
+    scale = np.array(
+        [
+            [0.01, 0.02, 0.01, 0.0],
+            [0.02, 1.0, 0.1, 0.1],
+            [0.01, 0.1, 0.25, 0.05],
+            [0.0, 0.1, 0.05, 0.5],
+        ]
+    )
+    centre = np.array([0.2, 3.0, 1.3, 0.4])
+    mixture = TruncatedGaussianMixture([1.0], [centre], [scale], centre - 50, centre + 50)
+    rows = np.random.default_rng(1).multivariate_normal(centre, scale, 50)
+    joint = multivariate_normal(centre[:3], scale[:3, :3]).logpdf(rows[:, :3])
+    given = multivariate_normal(centre[:2], scale[:2, :2]).logpdf(rows[:, :2])
+    np.testing.assert_allclose(walking_log_scores(mixture, rows), joint - given, atol=1e-8)
+
+
+def test_near_state_by_hand():
+    rows = made_up(8)
+    rows["range_m"] = [30, 26, 34.9, 24.9, 30, 30, 35.1, 30]
+    rows["vehicle_speed_mps"] = [5, 5.9, 4.1, 5, 6.1, 3.9, 5, 5]
+    rows["vehicle"] = ["a", "a", "b", "b", "b", "b", "b", "b"]
+    rows["pedestrian"] = ["1", "2", "3", "4", "4", "4", "4", "4"]
+    near = near_state(make_sample(rows, weigh="encounter"), (30.0, 5.0))
+    # Rows 0, 1, 2 and 7 with weights 1, 1, 1 and 1/5.
+    assert (near["rows"], near["encounters"], near["vehicles"]) == (4, 4, 2)
+    assert near["effective_rows"] == pytest.approx(3.2**2 / 3.04)
+    assert near["effective_vehicles"] == pytest.approx(3.2**2 / (2**2 + 1.2**2))
+
+
+BIC = {1: 1000.0, 2: 600.0, 3: 450.0, 4: 405.0, 5: 370.0, 6: 372.0}
+
+
+def test_rule_stops_before_the_first_gain_under_a_tenth_of_the_second_components():
+    # Gains 400, 150, 45, 35: the first under 40 is that of K = 5.
+    assert by_rule(BIC) == 4
+    assert relative_gain(BIC) == pytest.approx({2: 1, 3: 0.375, 4: 0.1125, 5: 0.0875, 6: -0.005})
+
+
+@pytest.mark.parametrize("shift", [-700.0, 0.0, 1e5])
+def test_rule_does_not_depend_on_units(shift):
+    # Other units of the data add one constant to the log-likelihood of every K.
+    assert by_rule({k: value + shift for k, value in BIC.items()}) == 4
+
+
+def test_rule_needs_every_component_number_and_may_not_be_reached():
+    assert by_rule({1: 100.0, 2: 50.0, 3: 10.0}) is None
+    with pytest.raises(InputError, match="every K"):
+        by_rule({1: 1.0, 3: 0.5, 4: 0.2})
+
+
+def test_choices_take_the_smaller_of_equals():
+    assert by_bic({3: 5.0, 2: 5.0, 4: 6.0}) == 2
+    score = {k: HeldOut(np.array([x]), np.ones(1)) for k, x in {4: -1.0, 2: -1.0, 3: -2.0}.items()}
+    assert by_held_out(score) == 2
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    sample = make_sample(made_up())
+    return sample, calibrate(sample, Settings((1, 2), starts=2, folds=3), workers=1)
+
+
+def test_more_workers_change_no_bit(fitted):
+    sample, serial = fitted
+    parallel = calibrate(sample, Settings((1, 2), starts=2, folds=3), workers=2)
+    assert parallel.chosen.components == serial.chosen.components
+    for one, other in zip(serial.candidates, parallel.candidates, strict=True):
+        assert one.bic == other.bic
+        np.testing.assert_array_equal(one.held_out.totals, other.held_out.totals)
+        np.testing.assert_array_equal(one.mixture.locations, other.mixture.locations)
+        np.testing.assert_array_equal(one.mixture.scale_matrices, other.mixture.scale_matrices)
+
+
+def test_bic_counts_encounters_and_free_parameters(fitted):
+    sample, calibration = fitted
+    assert sample.encounters == 60
+    for candidate in calibration.candidates:
+        k = candidate.components
+        # K − 1 weights, 4 K means, 10 K entries of symmetric 4 × 4 matrices.
+        penalty = (k - 1 + 4 * k + 10 * k) * np.log(60)
+        assert candidate.bic == pytest.approx(penalty - 2 * candidate.log_likelihood, rel=1e-12)
+        assert candidate.parameters == k - 1 + 14 * k
+
+
+def test_log_likelihood_is_the_weighted_sum_over_all_rows(fitted):
+    sample, calibration = fitted
+    for candidate in calibration.candidates:
+        direct = sample.weights @ candidate.mixture.logpdf(sample.data)
+        assert candidate.log_likelihood == pytest.approx(direct, abs=1e-6)
+
+
+def test_two_kinds_of_encounters_are_found(fitted):
+    _, calibration = fitted
+    one, two = calibration.candidates
+    assert two.bic < one.bic
+    assert two.mixture.mean()[1] == pytest.approx(0.4 * 5.5 + 0.6 * 1.5, abs=0.3)
+
+
+def test_held_out_scores_are_near_the_truth_and_cover_every_vehicle(fitted):
+    _, calibration = fitted
+    # v_p is drawn from N(1.3, 0.15²) whatever the vehicle does: no model can expect more than
+    # minus its entropy, and a fit to 160 rows should lose little.
+    best = -norm(1.3, 0.15).entropy()
+    for candidate in calibration.candidates:
+        assert candidate.held_out.weights == pytest.approx(np.full(12, 5.0))
+        assert candidate.held_out.mean == pytest.approx(best, abs=0.25)
+    assert calibration.folds == 3
+
+
+def test_held_out_scores_come_from_fits_without_the_vehicle():
+    rows = made_up()
+    # One vehicle whose walkers are unlike all others, over a range that no other fit expects.
+    odd = rows["vehicle"] == "v3"
+    rows.loc[odd, "pedestrian_speed_mps"] = 2.6 + 0.05 * np.random.default_rng(0).normal(
+        size=int(odd.sum())
+    )
+    sample = make_sample(rows)
+    calibration = calibrate(sample, Settings((2,), starts=2, folds=4), workers=1)
+    scores = calibration.chosen.held_out.totals / calibration.chosen.held_out.weights
+    number = sample.vehicle[np.flatnonzero(odd)[0]]
+    own = walking_log_scores(calibration.chosen.mixture, sample.data)[sample.vehicle == number]
+    assert scores[number] < -20
+    assert own.mean() > scores[number] + 10

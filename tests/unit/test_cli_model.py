@@ -1,0 +1,266 @@
+"""``harness extract``, ``fit`` and ``model show`` as a user meets them."""
+
+import hashlib
+import json
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from harness import cli
+from harness.interaction import read_model
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+
+
+def made_up(count: int = 160) -> pd.DataFrame:
+    """Rows of 8 vehicles with 5 encounters of 4 rows each; the last four rows lie outside."""
+    rng = np.random.default_rng(5)
+    group = np.arange(count) // 4
+    rows = pd.DataFrame(
+        {
+            "clip": "a",
+            "vehicle": [f"v{code // 5}" for code in group],
+            "pedestrian": [f"p{code}" for code in group],
+            "range_m": rng.uniform(4, 40, count),
+            "vehicle_speed_mps": rng.uniform(1, 6, count),
+            "pedestrian_speed_mps": rng.normal(1.3, 0.2, count),
+            "time_advantage_s": rng.uniform(1, 6, count),
+        }
+    )
+    rows.loc[count - 4 :, "vehicle_speed_mps"] = 20.0
+    return rows
+
+
+@pytest.fixture
+def harness(monkeypatch, capsys, tmp_path):
+    """Runs the command line in an empty folder; gives exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["harness", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        captured = capsys.readouterr()
+        return end.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def rows(tmp_path) -> Path:
+    path = tmp_path / "mine.csv"
+    made_up().to_csv(path, index=False)
+    return path
+
+
+@pytest.fixture(scope="module")
+def model_file(tmp_path_factory) -> Path:
+    """A model fitted by the commands, with the rows it was fitted on beside it."""
+    folder = tmp_path_factory.mktemp("fitted")
+    made_up().to_csv(folder / "mine.csv", index=False)
+    for words in (
+        "extract mine.csv --format table --out rows.parquet --quiet",
+        "fit rows.parquet --components 1..3 --starts 1 --folds 2 --out model.json --quiet",
+    ):
+        subprocess.run(
+            [sys.executable, "-m", "harness", *shlex.split(words)], cwd=folder, check=True
+        )
+    return folder / "model.json"
+
+
+def test_help_loads_neither_simulator_nor_numbers():
+    code = (
+        "import sys\nfrom harness import cli\nsys.argv = ['harness', '--help']\n"
+        "try: cli.main()\nexcept SystemExit: pass\n"
+        "print([m for m in ('scipy', 'pandas', 'libsumo', 'matplotlib') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+    for command in ("extract", "fit", "model"):
+        assert command in done.stdout
+
+
+def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
+    code, out, err = harness("extract", rows, "--format", "table", "--out", "r.parquet", "--json")
+    assert (code, err) == (0, "")
+    document = json.loads(out)
+    assert document["rows"] == 160
+    assert document["encounters"] == 40
+    assert document["vehicles"] == 8
+    assert len(pd.read_parquet("r.parquet")) == 160
+
+
+def test_extract_prints_tables(harness, rows):
+    code, out, _ = harness("extract", rows, "--format", "table", "--out", "r.parquet")
+    assert code == 0
+    assert "160 rows of 40 encounters with 8 vehicles" in out
+    assert "pedestrian_speed_mps" in out
+
+
+def test_extract_draws_the_papers_first_figures(harness, tmp_path):
+    code, out, _ = harness(
+        "extract", DATA / "vci_made_up", "--format", "vci", "--out", "r.parquet", "--plots", "f",
+        "--json",
+    )  # fmt: skip
+    assert code == 0
+    names = {Path(path).name for path in json.loads(out)["figures"]}
+    assert {"passing-event.png", "passing-event.pdf"} < names
+    assert any(name.startswith("map") for name in names)
+    for name in names:
+        start = (tmp_path / "f" / name).read_bytes()[:4]
+        assert start == (b"\x89PNG" if name.endswith("png") else b"%PDF")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("extract nothing.csv --format table --out r.parquet", ["nothing.csv", "no such"]),
+        ("extract mine.csv --format tabel --out r.parquet", ["tabel", "did you mean 'table'"]),
+        ("extract mine.csv --format table --out r.csv", ["--out", ".parquet"]),
+        ("extract mine.csv --format table --out no/r.parquet", ["--out", "folder"]),
+        ("extract mine.csv --format table --out r.parquet --plots f", ["--plots", "not tracks"]),
+        (
+            "extract mine.csv --format table --out r.parquet --set min_rnage_m=3",
+            ["min_rnage_m", "did you mean 'min_range_m'"],
+        ),
+        ("extract mine.csv --format table --out r.parquet --set min_range_m=100", ["min_range_m"]),
+        ("fit nothing.parquet --out m.json", ["nothing.parquet", "no such"]),
+        ("fit mine.csv --out m.txt", ["--out", ".json"]),
+        ("fit mine.csv --out m.json --components 0..3", ["--components", "1 to 100"]),
+        ("fit mine.csv --out m.json --components many", ["--components", "no number"]),
+        ("fit mine.csv --out m.json --choose bci", ["--choose", "did you mean 'bic'"]),
+        ("fit mine.csv --out m.json --weigh cars", ["--weigh", "encounter"]),
+        (
+            "fit mine.csv --out m.json --bounds vehicle_sped_mps=1:2",
+            ["--bounds", "did you mean 'vehicle_speed_mps'"],
+        ),
+        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
+        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2", ["--bounds", "no number"]),
+        ("fit mine.csv --out m.json --strict", ["4 of 160 rows", "vehicle_speed_mps 4"]),
+        ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
+        ("fit mine.csv --out m.json --components 200", ["--components"]),
+        ("model show dut-interm", ["dut-interm", "did you mean"]),
+        ("model show m.json", ["m.json", "cannot be read"]),
+        ("model show mine.csv", ["mine.csv", "JSON"]),
+    ],
+)
+def test_refusals_are_one_line_and_leave_nothing(harness, rows, words, told):
+    before = sorted(path.name for path in rows.parent.iterdir())
+    code, out, err = harness(*shlex.split(words))
+    assert code == 2
+    assert out == ""
+    assert len(err.splitlines()) == 1
+    for part in told:
+        assert part in err
+    left = {path.name for path in rows.parent.iterdir()} - set(before)
+    assert left <= {"f"}
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "told"),
+    [
+        ("vehicle_speed_mps", np.nan, ["vehicle_speed_mps", "1 rows", "NaN"]),
+        ("range_m", 0.0, ["range_m", "1 rows", "above 0"]),
+        ("weight", -2.0, ["weight", "1 rows", "negative"]),
+    ],
+)
+def test_bad_rows_for_fit_name_column_and_number(harness, tmp_path, column, value, told):
+    bad = made_up().assign(source="s", weight=1.0)
+    bad.loc[7, column] = value
+    bad.to_parquet(tmp_path / "bad.parquet")
+    code, _, err = harness("fit", "bad.parquet", "--out", "m.json", "--components", "1")
+    assert code == 2
+    assert len(err.splitlines()) == 1
+    for part in told:
+        assert part in err
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_the_card_tells_where_the_model_comes_from(model_file):
+    model = read_model(model_file)
+    card, rows = model.provenance, model_file.parent / "rows.parquet"
+    assert card["rows_sha256"] == hashlib.sha256(rows.read_bytes()).hexdigest()
+    assert (card["rows_read"], card["rows"]) == (160, 156)
+    assert card["rows_outside_box"]["vehicle_speed_mps"] == 4
+    assert (card["encounters"], card["vehicles"]) == (39, 8)
+    assert card["weight_sum"] == pytest.approx(39)
+    assert [of["components"] for of in card["candidates"]] == [1, 2, 3]
+    assert card["components"] == model.mixture.weights.size
+    assert card["chosen_by"] == "held-out"
+    best = max(card["candidates"], key=lambda of: of["held_out"]["mean"])
+    assert best["components"] == card["components"]
+    assert card["bounds"]["inverse_range_per_m"] == [1 / 60, 0.5]
+    assert any("vehicles" in warning for warning in card["warnings"])
+    assert set(card["versions"]) >= {"harness", "python", "numpy", "scipy"}
+
+
+def test_the_commands_of_the_card_give_the_same_bytes_again(model_file, tmp_path):
+    commands = read_model(model_file).provenance["commands"]
+    (tmp_path / "mine.csv").write_bytes((model_file.parent / "mine.csv").read_bytes())
+    assert len(commands) == 2
+    for command in commands:
+        words = [sys.executable, "-m", *shlex.split(command)]
+        subprocess.run(words, cwd=tmp_path, check=True, capture_output=True)
+    assert (tmp_path / "model.json").read_bytes() == model_file.read_bytes()
+
+
+def test_one_number_of_components_is_given(harness, rows):
+    code, out, _ = harness(
+        "fit", "mine.csv", "--components", 2, "--folds", 0, "--starts", 1, "--weigh", "row",
+        "--name", "own", "--out", "m.json", "--json",
+    )  # fmt: skip
+    card = json.loads(out)["card"]
+    assert code == 0
+    assert card["chosen_by"] == "given"
+    assert card["candidates"][0]["held_out"] is None
+    assert read_model(Path("m.json")).name == "own"
+
+
+def test_fit_prints_its_table_and_progress_apart(harness, rows):
+    code, out, err = harness(
+        "fit", "mine.csv", "--components", 1, "--folds", 0, "--starts", 1, "--weigh", "row",
+        "--out", "m.json",
+    )  # fmt: skip
+    assert code == 0
+    assert "156 of 160 rows in the box, 4 outside (vehicle_speed_mps 4)" in out
+    assert "Warning: Near (30 m, 5 m/s)" in out
+    assert "fits" in err
+    assert "fits" not in out.replace("fits and", "")
+
+
+def test_show_gives_card_moments_and_marginals(harness, model_file):
+    code, out, _ = harness("model", "show", model_file, "--json")
+    assert code == 0
+    document = json.loads(out)
+    drawn = read_model(model_file).mixture.sample(200_000, np.random.default_rng(1))
+    names = list(document["marginals"])
+    for i, name in enumerate(names):
+        of = document["marginals"][name]
+        error = drawn[:, i].std() / np.sqrt(len(drawn))
+        assert of["mean"] == pytest.approx(drawn[:, i].mean(), abs=5 * error)
+        assert of["quantiles"]["0.5"] == pytest.approx(np.median(drawn[:, i]), abs=10 * error)
+    np.testing.assert_allclose(
+        document["correlations"], np.corrcoef(drawn, rowvar=False), atol=0.02
+    )
+    code, out, _ = harness("model", "show", model_file)
+    assert code == 0
+    assert "harness fit rows.parquet" in out
+    assert "1/T_adv (1/s)" in out
+
+
+def test_show_draws_the_papers_figures(harness, model_file, tmp_path):
+    rows = model_file.parent / "rows.parquet"
+    code, out, _ = harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
+    assert code == 0
+    names = {"components", "pairs", "speeds"}
+    wanted = {f"{name}.{kind}" for name in names for kind in ("png", "pdf")}
+    assert {path.name for path in (tmp_path / "f").iterdir()} == wanted
+    assert len(out.splitlines()) == 6
+    before = {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()}
+    harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
+    assert {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()} == before
