@@ -1,9 +1,9 @@
 """Held-out conditional scores of the default model against simpler and earlier recipes.
 
-Run ``python -m benchmarks.model_scores --rows rows.parquet`` on rows extracted as the default
-model's card says.  Every recipe is fitted anew on the vehicles outside each fold and scored on
-those inside it: mean log f(v_p | 1/R, v) per encounter weight, with its standard error over
-vehicles, and the paired difference to the default with its own standard error.
+Run ``python -m benchmarks.model_scores`` where the DUT set lies in ``../shared/data/dut``, or with
+``--rows`` on rows extracted as the default model's card says.  Every recipe is fitted anew on the
+vehicles outside each fold and scored on those inside it: mean log f(v_p | 1/R, v) per encounter
+weight with its standard error over vehicles, and the paired difference to the default with its own.
 """
 
 import argparse
@@ -26,9 +26,12 @@ from harness.calibration import (
 )
 from harness.interaction import PEDESTRIAN_SPEED, load_model
 from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.trajectories import extract
 
 Array = NDArray[np.float64]
 Recipe = Callable[[Sample, NDArray[np.bool_], NDArray[np.bool_], int], Array]
+
+DUT = Path(__file__).resolve().parents[2] / "shared" / "data" / "dut"
 
 ROWS_PER_VEHICLE = 200
 """The interim recipe took at most this many rows of a vehicle."""
@@ -135,12 +138,14 @@ def score(sample: Sample, recipe: Recipe, folds: NDArray[np.intp], seed: int) ->
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--rows", type=Path, required=True, help="rows of `harness extract`")
+    parser.add_argument("--rows", type=Path, help="rows of `harness extract`; else --data's")
+    parser.add_argument("--data", type=Path, default=DUT, help="the DUT set")
     parser.add_argument("--folds", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     components = load_model("dut").mixture.weights.size
-    sample = make_sample(read_rows(options.rows).rows, weigh="encounter")
+    rows = read_rows(options.rows).rows if options.rows else extract(options.data, "vci").rows
+    sample = make_sample(rows, weigh="encounter")
     assert sample.vehicle is not None
     folds = vehicle_folds(sample.vehicle, sample.weights, options.folds, options.seed)
     default: HeldOut | None = None

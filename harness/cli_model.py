@@ -14,10 +14,10 @@ from typing import Annotated, Any
 
 import typer
 
+from harness import model_options
 from harness.errors import InputError, unknown_name
 
 _STATE = "30,5"
-_MOST_COMPONENTS = 100
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
@@ -75,8 +75,8 @@ def extract(
 ) -> None:
     """Extract rows of the model's variables from raw trajectories."""
     options = _options(settings)
-    _check_target(out, "--out", ".parquet")
-    _check_folder(plots)
+    model_options.check_target(out, "--out", ".parquet")
+    model_options.check_folder(plots)
     from harness import trajectories
     from harness.report.model_terminal import print_extraction
 
@@ -151,8 +151,12 @@ def fit(
     as_json: JsonOption = False,
 ) -> None:
     """Fit the interaction model to rows for each number of components and choose one."""
-    ks, state, box = _components(components), _state(near), _bounds(bounds)
-    _check_target(out, "--out", ".json")
+    ks, state, box = (
+        model_options.components(components),
+        model_options.state(near),
+        model_options.bounds(bounds),
+    )
+    model_options.check_target(out, "--out", ".json")
     from harness import calibration
     from harness.calibration.calibrate import fold_count, job_count
     from harness.interaction import VARIABLES, write_model
@@ -162,12 +166,15 @@ def fit(
         raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
     file = calibration.read_rows(rows)
     sample = calibration.make_sample(
-        file.rows, weigh=_weighing(weigh), lower=box[0], upper=box[1], strict=strict
+        file.rows, weigh=model_options.weighing(weigh), lower=box[0], upper=box[1], strict=strict
     )
     settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
     command = ["fit", str(rows), "--components", components, "--choose", choose, "--weigh", weigh]
     for i, variable in enumerate(VARIABLES):
-        command += ["--bounds", f"{variable}={_number(box[0][i])}:{_number(box[1][i])}"]
+        command += [
+            "--bounds",
+            f"{variable}={model_options.number(box[0][i])}:{model_options.number(box[1][i])}",
+        ]
     command += ["--strict"] if strict else []
     command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
     command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
@@ -198,7 +205,7 @@ def show(
     as_json: JsonOption = False,
 ) -> None:
     """Show a model's card, moments and marginals; with --plots the paper's figures of it."""
-    _check_folder(plots)
+    model_options.check_folder(plots)
     if rows is not None and plots is None:
         raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
     from harness.interaction import load_model
@@ -216,7 +223,9 @@ def show(
             lower, upper = loaded.mixture.lower, loaded.mixture.upper
             weigh = str(loaded.provenance.get("weigh", "row")).split(",")[0]
             table = read_rows(rows).rows
-            sample = make_sample(table, weigh=_weighing(weigh), lower=lower, upper=upper)
+            sample = make_sample(
+                table, weigh=model_options.weighing(weigh), lower=lower, upper=upper
+            )
         figures = plot_model(loaded, sample, plots)
     if as_json:
         _print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
@@ -224,79 +233,6 @@ def show(
         _print("\n".join(str(path) for path in figures) or loaded.name)
     else:
         print_model(loaded, figures)
-
-
-def _components(text: str) -> tuple[int, ...]:
-    """``1..20``, ``10`` or ``2,5,10`` as ascending numbers."""
-    found: set[int] = set()
-    allowed = f"whole numbers from 1 to {_MOST_COMPONENTS}: 1..20, 10 or 2,5,10"
-    for part in text.split(","):
-        first, dots, last = part.partition("..")
-        try:
-            low, high = int(first), int(last if dots else first)
-        except ValueError:
-            raise InputError(f"--components {text}", f"{part!r} is no number", allowed) from None
-        if not 1 <= low <= high <= _MOST_COMPONENTS:
-            raise InputError(f"--components {text}", f"{part!r} is not accepted", allowed)
-        found.update(range(low, high + 1))
-    return tuple(sorted(found))
-
-
-def _state(text: str) -> tuple[float, float]:
-    try:
-        range_m, speed = (float(part) for part in text.split(","))
-    except ValueError:
-        range_m = speed = float("nan")
-    if not (0 < range_m < float("inf") and 0 < speed < float("inf")):
-        raise InputError(f"--near {text}", "no state", "R,v above 0, e.g. 30,5")
-    return range_m, speed
-
-
-def _bounds(texts: list[str] | None) -> tuple[Any, Any]:
-    """The box (4,), (4,): the default with the given variables' bounds in place."""
-    import numpy as np
-
-    from harness.calibration import BOX_LOWER, BOX_UPPER
-    from harness.interaction import VARIABLES
-
-    lower, upper = np.array(BOX_LOWER), np.array(BOX_UPPER)
-    for text in texts or []:
-        name, equals, values = text.partition("=")
-        low, colon, high = values.partition(":")
-        if not equals or not colon:
-            raise InputError(f"--bounds {text}", "no NAME=LOW:HIGH", "e.g. vehicle_speed_mps=0.3:8")
-        if name not in VARIABLES:
-            raise unknown_name(f"--bounds {text}", "variable", name, VARIABLES)
-        index = VARIABLES.index(name)
-        lower[index], upper[index] = _fraction(low, text), _fraction(high, text)
-    return lower, upper
-
-
-def _fraction(text: str, whole: str) -> float:
-    """A number, or a ratio such as 1/60."""
-    above, slash, below = text.partition("/")
-    try:
-        return float(above) / float(below) if slash else float(above)
-    except (ValueError, ZeroDivisionError):
-        raise InputError(
-            f"--bounds {whole}", f"{text!r} is no number", "e.g. 0.3 or 1/60"
-        ) from None
-
-
-def _number(value: float) -> str:
-    """Shortest text that reads back as the same number; 1/n where it is one."""
-    inverse = 1 / value if value else 0.5
-    if abs(inverse) > 1 and inverse == round(inverse) and 1 / round(inverse) == value:
-        return f"1/{round(inverse)}" if len(repr(float(value))) > 6 else repr(float(value))
-    return repr(float(value))
-
-
-def _weighing(text: str) -> Any:
-    from harness.trajectories import WEIGHINGS
-
-    if text not in WEIGHINGS:
-        raise unknown_name("--weigh", "weighing", text, WEIGHINGS)
-    return text
 
 
 def _options(settings: list[str] | None) -> dict[str, Any]:
@@ -340,33 +276,6 @@ def _write_rows(path: Path, extraction: Any, command: str) -> None:
     buffer = io.BytesIO()
     pq.write_table(table.replace_schema_metadata(metadata), buffer)
     write_file(path, buffer.getvalue())
-
-
-def _check_target(path: Path, option: str, suffix: str) -> None:
-    """Refuse, before any work, a file that could not be written."""
-    where = f"{option} {path}"
-    if path.suffix != suffix:
-        raise InputError(where, f"file name without {suffix}", f"a name ending in {suffix}")
-    if path.is_dir():
-        raise InputError(where, "is a folder", f"a file name ending in {suffix}")
-    if not path.parent.is_dir():
-        raise InputError(where, "its folder does not exist", "an existing folder")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(where, "its folder cannot be written", "a writable folder")
-
-
-def _check_folder(folder: Path | None) -> None:
-    if folder is None:
-        return
-    where = f"--plots {folder}"
-    if folder.exists() and not folder.is_dir():
-        raise InputError(where, "is a file", "a folder")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(where, f"cannot be made ({error.strerror})", "a writable folder") from None
-    if not os.access(folder, os.W_OK):
-        raise InputError(where, "cannot be written", "a writable folder")
 
 
 @contextmanager

@@ -20,42 +20,81 @@ from harness.encounter import FloatArray
 from harness.mixture import TruncatedGaussianMixture
 
 # Cells of a first look at the density, and those added where it is high.
-_CELLS = 16
-_ADDED = 16
+_CELLS = 12
+_ADDED = 12
 # The density rises steeply towards the hole: cells shrink like this power towards it.
 _GRADING = 1.3
 _FEWEST = 4
 _CHUNK = 128
 _STEPS = 60
-# Three Gauss points in each cell, exact for polynomials of degree 5.
-_AT = np.sqrt(0.6)
-_NODES = np.array([-_AT, 0.0, _AT])[None, :, None]
-_OUTER, _INNER = 5 / 18, 8 / 18
+# Gauss points of each cell, and the matrix from values there to a polynomial's coefficients.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
+_TO_COEFFICIENTS = np.linalg.inv(np.vander(_NODES, increasing=True))
 
 
 class _Cells(NamedTuple):
-    """Cells of n points, all (m, n): ends and density at the three Gauss points of each."""
+    """Cells of n points: left ends and widths (m, n), density at their Gauss points (m, 5, n)."""
 
     left: FloatArray
     width: FloatArray
-    first: FloatArray
-    middle: FloatArray
-    last: FloatArray
+    values: FloatArray
 
     def masses(self) -> FloatArray:
-        return self.width * (_OUTER * (self.first + self.last) + _INNER * self.middle)
+        """(m, n), summed point by point so that the batch cannot enter."""
+        sums = self.values[:, 0] * _WEIGHTS[0]
+        for i in range(1, _WEIGHTS.size):
+            sums = sums + self.values[:, i] * _WEIGHTS[i]
+        mass: FloatArray = 0.5 * self.width * sums
+        return mass
 
-    def take(self, cell: np.ndarray) -> "_Cells":
+    def holding(self, cell: np.ndarray) -> "_Polynomial":
+        """The density in one cell of each of the n points."""
         columns = np.arange(cell.size)
-        return _Cells(*(part[cell, columns] for part in self))
+        values = self.values[cell, :, columns].T
+        coefficients = []
+        for row in _TO_COEFFICIENTS:
+            total = values[0] * row[0]
+            for i in range(1, row.size):
+                total = total + values[i] * row[i]
+            coefficients.append(total)
+        return _Polynomial(self.left[cell, columns], self.width[cell, columns], coefficients)
+
+
+class _Polynomial(NamedTuple):
+    """Density c0 + c1 z + … in cells [left, left + width], z from −1 to 1; all (n,)."""
+
+    left: FloatArray
+    width: FloatArray
+    coefficients: list[FloatArray]
+
+    def density(self, z: FloatArray) -> FloatArray:
+        """Per unit of z."""
+        value = self.coefficients[-1]
+        for coefficient in self.coefficients[-2::-1]:
+            value = value * z + coefficient
+        return 0.5 * self.width * value
+
+    def mass_to(self, z: FloatArray) -> FloatArray:
+        """From the left end to z."""
+        upper, lower = np.zeros_like(z), np.zeros_like(z)
+        for power, coefficient in reversed(list(enumerate(self.coefficients, start=1))):
+            upper = (upper + coefficient / power) * z
+            lower = -(lower + coefficient / power)
+        mass: FloatArray = 0.5 * self.width * (upper - lower)
+        return mass
+
+    def chosen(self, which: np.ndarray) -> "_Polynomial":
+        return _Polynomial(
+            self.left[which], self.width[which], [part[which] for part in self.coefficients]
+        )
 
 
 class CurveReading:
     """f(v_p | R, v, L) of a mixture.
 
-    The distribution function is that of a piecewise quadratic density (24 cells of three Gauss
-    points); it is within 1e-4 of the exact one for the shipped models.  A point's result is the
-    same to the last bit whatever else is in the batch.
+    The distribution function is that of a piecewise polynomial density through five Gauss points
+    in each of 24 cells.  A point's result is the same to the last bit whatever else is in the
+    batch.
 
     Undefined (NaN) where no walking speed of the box gives a T_adv of the box: L so long, or the
     vehicle so near, that the hole covers everything.
@@ -120,20 +159,20 @@ class CurveReading:
         # Cells without width have no mass; the last one with any holds whatever rounding left.
         holding = reached.shape[0] - 1 - np.argmax(cells.width[::-1] > 0, axis=0)
         cell = np.minimum((reached[:-1] <= target).sum(axis=0), holding)
-        columns = np.arange(u.size)
-        before = np.where(cell > 0, reached[cell - 1, columns], 0.0)
-        x = _inverse(cells.take(cell), target - before)
+        before = np.where(cell > 0, reached[cell - 1, np.arange(u.size)], 0.0)
+        x = _inverse(cells.holding(cell), target - before)
         return np.where(defined, x, np.nan)
 
     def _cdf(
         self, x: FloatArray, range_m: FloatArray, lateral: FloatArray, speed: FloatArray
     ) -> FloatArray:
         cells, _, defined = self._cells(range_m, lateral, speed)
-        masses = cells.masses()
-        reached = np.add.accumulate(masses, axis=0)
-        share = np.clip((x - cells.left) / np.where(cells.width > 0, cells.width, 1.0), 0.0, 1.0)
-        parts = np.where(share >= 1.0, masses, _mass_to(cells, 2.0 * share - 1.0))
-        sums = np.add.accumulate(np.where(cells.width > 0, parts, 0.0), axis=0)[-1]
+        reached = np.add.accumulate(cells.masses(), axis=0)
+        cell = np.maximum((cells.left <= x).sum(axis=0) - 1, 0)
+        before = np.where(cell > 0, reached[cell - 1, np.arange(x.size)], 0.0)
+        held = cells.holding(cell)
+        share = np.clip((x - held.left) / np.where(held.width > 0, held.width, 1.0), 0.0, 1.0)
+        sums = before + np.where(held.width > 0, held.mass_to(2.0 * share - 1.0), 0.0)
         return np.where(defined, np.clip(sums / reached[-1], 0.0, 1.0), np.nan)
 
     def _density(
@@ -173,14 +212,14 @@ class CurveReading:
         left, right = self._refined(left, right, (range_m, lateral, speed))
         width = right - left
         defined = np.asarray((width > 0).any(axis=0))
-        x = left[:, None] + (0.5 * width)[:, None] * (1.0 + _NODES)
+        x = left[:, None] + (0.5 * width)[:, None] * (1.0 + _NODES[:, None])
         x = x.reshape(-1, range_m.size)
         logs = self._logs(np.maximum(x, self._lower[2]), range_m, lateral, speed)
-        weighted = np.where(np.repeat(width > 0, 3, axis=0), logs, -np.inf)
+        weighted = np.where(np.repeat(width > 0, _NODES.size, axis=0), logs, -np.inf)
         shift = np.where(defined, np.maximum.reduce(weighted, axis=0), 0.0)
         with np.errstate(under="ignore"):
-            values = np.exp(weighted - shift).reshape(*left.shape[:1], 3, -1)
-        return _Cells(left, width, values[:, 0], values[:, 1], values[:, 2]), shift, defined
+            values = np.exp(weighted - shift).reshape(left.shape[0], _NODES.size, -1)
+        return _Cells(left, width, values), shift, defined
 
     def _edges(self, arrival: FloatArray, lateral: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Left and right ends (m, n) of the cells: graded towards the hole, one at the jump."""
@@ -299,27 +338,15 @@ def _chunked(
     return np.concatenate(found) if found else np.empty(0)
 
 
-def _mass_to(cells: _Cells, z: FloatArray) -> FloatArray:
-    """Mass of a cell from its left end to z in [−1, 1], of the quadratic through its points."""
-    slope = (cells.last - cells.first) / (2.0 * _AT)
-    bend = (cells.first - 2.0 * cells.middle + cells.last) / (2.0 * _AT * _AT)
-    sums = cells.middle * (z + 1.0) + slope * (z * z - 1.0) / 2.0 + bend * (z**3 + 1.0) / 3.0
-    mass: FloatArray = 0.5 * cells.width * sums
-    return mass
-
-
-def _inverse(cells: _Cells, target: FloatArray) -> FloatArray:
+def _inverse(held: _Polynomial, target: FloatArray) -> FloatArray:
     """x (n,) in each of n cells with that mass below it, by Newton inside a bracket."""
-    mass = cells.masses()
+    mass = held.mass_to(np.ones_like(target))
     z = np.clip(2.0 * target / np.where(mass > 0, mass, 1.0) - 1.0, -1.0, 1.0)
-    found, left, whole = z.copy(), np.arange(z.size), cells
+    found, left, whole = z.copy(), np.arange(z.size), held
     low, high = np.full(z.shape, -1.0), np.full(z.shape, 1.0)
     for _ in range(_STEPS):
-        excess = _mass_to(cells, z) - target
+        excess, rate = held.mass_to(z) - target, held.density(z)
         low, high = np.where(excess < 0, z, low), np.where(excess > 0, z, high)
-        slope = (cells.last - cells.first) / (2.0 * _AT)
-        bend = (cells.first - 2.0 * cells.middle + cells.last) / (2.0 * _AT * _AT)
-        rate = 0.5 * cells.width * (cells.middle + z * (slope + bend * z))
         wanted = z - excess / np.where(rate > 0, rate, 1e-300)
         moved = np.where((wanted > low) & (wanted < high), wanted, 0.5 * (low + high))
         # A step too small to matter ends the search; from the bracket's end it would bisect.
@@ -329,5 +356,5 @@ def _inverse(cells: _Cells, target: FloatArray) -> FloatArray:
         if not moving.any():
             break
         left, z, low, high = left[moving], z[moving], low[moving], high[moving]
-        target, cells = target[moving], _Cells(*(part[moving] for part in cells))
+        target, held = target[moving], held.chosen(moving)
     return whole.left + 0.5 * whole.width * (found + 1.0)

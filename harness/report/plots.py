@@ -30,6 +30,7 @@ _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write ``name.png`` and ``name.pdf``, each complete or not at all, without a clock inside."""
+    folder.mkdir(parents=True, exist_ok=True)
     written = []
     for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
         buffer = io.BytesIO()
@@ -50,7 +51,7 @@ def plot_trajectories(
             of one site, other formats have one.
         rows: what was extracted from them.
         format: of the clips.
-        folder: exists; earlier files of the same names are replaced.
+        folder: made if missing; earlier files of the same names are replaced.
     """
     sites: dict[str, list[Clip]] = {}
     for clip in clips:
@@ -75,7 +76,7 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
     Args:
         model: its card gives the curves over K, where it has them.
         sample: rows to draw beside the model; None leaves their panels out.
-        folder: exists; earlier files of the same names are replaced.
+        folder: made if missing; earlier files of the same names are replaced.
     """
     written = []
     if len(model.provenance.get("candidates") or []) > 1:

@@ -21,7 +21,7 @@ from harness.experiment import Options, Run, resume, run_study
 from harness.run_folder import claim_folder, read_manifest
 from harness.study import Study
 from harness.worker import Task, TaskResult, close_engine
-from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
+from tests.batches import FLOW, QUICK, Inline, content, one_cell, options_of, shell, sweep
 
 LAMBDA = "pedestrians.flow_per_hour"
 BOTH = "arms.av=hard_yield,soft_yield"
@@ -402,3 +402,30 @@ def test_a_study_from_the_shell(tmp_path: Path) -> None:
     assert [dict(row)[LAMBDA] for row in rows] == ["200", "400"]
     beside = shell("sweep", scenario, "--resume", tmp_path / "runs" / "mine-1", cwd=tmp_path)
     assert (beside.returncode, beside.stderr.count("\n")) == (2, 1)
+
+
+MEASURE = """
+import resource, subprocess, sys
+done = subprocess.run([sys.executable, "-m", "harness", *sys.argv[1:]])
+# Of the largest process below this one: the command or one of its workers, in kilobytes.
+print(done.returncode, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+def test_memory_does_not_grow_with_the_number_of_pairs(tmp_path: Path) -> None:
+    peaks = {}
+    for pairs in (1_000, 20_000):
+        changes = options_of({**QUICK, "experiment.pairs": pairs})
+        arguments = ["run", "cctc", "-q", "--out", str(tmp_path / str(pairs)), *changes]
+        done = subprocess.run(
+            [sys.executable, "-c", MEASURE, *arguments],
+            capture_output=True,
+            text=True,
+            timeout=1_800,
+            check=True,
+        )
+        code, peak = done.stdout.split()[-2:]
+        assert code == "0", done.stderr
+        peaks[pairs] = int(peak)
+    assert peaks[20_000] <= 1.2 * peaks[1_000], peaks

@@ -49,6 +49,7 @@ LEVELS = {
     "harness.rl": 5,
     "harness.cli": 6,
     "harness.cli_model": 6,
+    "harness.model_options": 6,
     "harness.__main__": 6,
 }
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")

@@ -1,0 +1,109 @@
+"""The texts of the model commands' options: read, checked, written back in the card's commands."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+from harness.errors import InputError, unknown_name
+
+MOST_COMPONENTS = 100
+
+
+def components(text: str) -> tuple[int, ...]:
+    """``1..20``, ``10`` or ``2,5,10`` as ascending numbers."""
+    found: set[int] = set()
+    allowed = f"whole numbers from 1 to {MOST_COMPONENTS}: 1..20, 10 or 2,5,10"
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        try:
+            low, high = int(first), int(last if dots else first)
+        except ValueError:
+            raise InputError(f"--components {text}", f"{part!r} is no number", allowed) from None
+        if not 1 <= low <= high <= MOST_COMPONENTS:
+            raise InputError(f"--components {text}", f"{part!r} is not accepted", allowed)
+        found.update(range(low, high + 1))
+    return tuple(sorted(found))
+
+
+def state(text: str) -> tuple[float, float]:
+    """``30,5`` as (R in m, v in m/s), both above 0."""
+    try:
+        range_m, speed = (float(part) for part in text.split(","))
+    except ValueError:
+        range_m = speed = float("nan")
+    if not (0 < range_m < float("inf") and 0 < speed < float("inf")):
+        raise InputError(f"--near {text}", "no state", "R,v above 0, e.g. 30,5")
+    return range_m, speed
+
+
+def bounds(texts: list[str] | None) -> tuple[Any, Any]:
+    """The box (4,), (4,): the default with the given variables' bounds in place."""
+    import numpy as np
+
+    from harness.calibration import BOX_LOWER, BOX_UPPER
+    from harness.interaction import VARIABLES
+
+    lower, upper = np.array(BOX_LOWER), np.array(BOX_UPPER)
+    for text in texts or []:
+        name, equals, values = text.partition("=")
+        low, colon, high = values.partition(":")
+        if not equals or not colon:
+            raise InputError(f"--bounds {text}", "no NAME=LOW:HIGH", "e.g. vehicle_speed_mps=0.3:8")
+        if name not in VARIABLES:
+            raise unknown_name(f"--bounds {text}", "variable", name, VARIABLES)
+        index = VARIABLES.index(name)
+        lower[index], upper[index] = _fraction(low, text), _fraction(high, text)
+    return lower, upper
+
+
+def _fraction(text: str, whole: str) -> float:
+    """A number, or a ratio such as 1/60."""
+    above, slash, below = text.partition("/")
+    try:
+        return float(above) / float(below) if slash else float(above)
+    except (ValueError, ZeroDivisionError):
+        raise InputError(
+            f"--bounds {whole}", f"{text!r} is no number", "e.g. 0.3 or 1/60"
+        ) from None
+
+
+def number(value: float) -> str:
+    """Text that reads back as the same number, as ``1/n`` where that is shorter."""
+    text = repr(float(value))
+    if value > 0 and 1 / round(max(1 / value, 1)) == value:
+        return min(text, f"1/{round(1 / value)}", key=len)
+    return text
+
+
+def weighing(text: str) -> Any:
+    """One of the known weighings."""
+    from harness.trajectories import WEIGHINGS
+
+    if text not in WEIGHINGS:
+        raise unknown_name("--weigh", "weighing", text, WEIGHINGS)
+    return text
+
+
+def check_target(path: Path, option: str, suffix: str) -> None:
+    """Refuse, before any work, a file that could not be written."""
+    where = f"{option} {path}"
+    if path.suffix != suffix:
+        raise InputError(where, f"file name without {suffix}", f"a name ending in {suffix}")
+    if path.is_dir():
+        raise InputError(where, "is a folder", f"a file name ending in {suffix}")
+    if not path.parent.is_dir():
+        raise InputError(where, "its folder does not exist", "an existing folder")
+    if not os.access(path.parent, os.W_OK):
+        raise InputError(where, "its folder cannot be written", "a writable folder")
+
+
+def check_folder(folder: Path | None) -> None:
+    """Refuse, before any work, a folder for figures that could not be made or written."""
+    if folder is None:
+        return
+    where = f"--plots {folder}"
+    if folder.exists() and not folder.is_dir():
+        raise InputError(where, "is a file", "a folder")
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        raise InputError(where, "cannot be made or written", "a writable folder")

@@ -1,0 +1,95 @@
+"""The shipped models against the data they say they were fitted on.
+
+The DUT set is no part of the project; where it lies beside the repository the default model is
+fitted again by the commands of its card and must come out as the same density.
+"""
+
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.calibration import Settings, calibrate, make_sample
+from harness.interaction import VARIABLES, load_model
+from harness.scenario import Scenario
+from harness.trajectories import extract
+
+DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
+needs_dut = pytest.mark.skipif(
+    not (DUT / "data" / "trajectories_filtered").is_dir(),
+    reason="needs the DUT set in ../shared/data/dut beside the repository",
+)
+NAMES = ("dut", "dut-k10")
+
+
+def option(command: str, name: str) -> str:
+    """The value that follows an option in a command of the card."""
+    words = shlex.split(command)
+    return words[words.index(name) + 1]
+
+
+def test_scenarios_use_the_default_model():
+    assert Scenario().model.name == "dut"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_card_names_commands_and_what_it_rests_on(name):
+    model = load_model(name)
+    card = model.provenance
+    extraction, fit = card["commands"]
+    assert extraction.startswith("harness extract ")
+    assert option(fit, "--weigh") == card["weigh"] == "encounter"
+    assert card["components"] == model.mixture.weights.size
+    # The data page: 532 pairs from 35 vehicles, about 16 % of the rows outside the box, 7 or 8
+    # vehicles near (30 m, 5 m/s).
+    assert card["rows"] / card["rows_read"] == pytest.approx(0.84, abs=0.02)
+    assert 450 <= card["encounters"] <= 532
+    assert 30 <= card["vehicles"] <= 35
+    assert card["near_state"]["vehicles"] in (7, 8)
+    assert any("vehicles" in warning for warning in card["warnings"])
+
+
+def test_default_number_of_components_has_the_highest_held_out_score():
+    card = load_model("dut").provenance
+    assert card["chosen_by"] == "held-out"
+    best = max(card["candidates"], key=lambda of: of["held_out"]["mean"])
+    assert best["components"] == card["components"]
+    assert [of["components"] for of in card["candidates"]] == list(range(1, 21))
+
+
+def test_the_papers_number_of_components_stands_beside_it():
+    assert load_model("dut-k10").mixture.weights.size == 10
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_walking_speeds_at_the_papers_state_are_those_of_people(name):
+    model = load_model(name)
+    u = np.array([0.05, 0.5, 0.95])
+    slow, median, fast = model.walking_speed(u, np.full(3, 30.0), np.full(3, 5.0))
+    # Tarawneh 2001: mean 1.34 m/s; HCM 2010: 1.30 to 1.44; the sample is of people on a campus.
+    assert median == pytest.approx(1.35, abs=0.2)
+    assert 0.3 < slow < 1.15
+    assert 1.4 < fast < 2.6
+
+
+@needs_dut
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_fitting_again_gives_the_same_density(name):
+    model = load_model(name)
+    fit = model.provenance["commands"][1]
+    sample = make_sample(extract(DUT, "vci").rows, weigh=option(fit, "--weigh"))
+    settings = Settings(
+        (model.mixture.weights.size,),
+        starts=int(option(fit, "--starts")),
+        folds=0,
+        seed=int(option(fit, "--seed")),
+    )
+    again = calibrate(sample, settings).chosen.mixture
+    assert sample.data.shape == (model.provenance["rows"], len(VARIABLES))
+    # 0.01 nats on average and 0.1 at worst: far below the standard error of any score, far above
+    # what another number of threads or version of a library changes.
+    difference = np.abs(again.logpdf(sample.data) - model.mixture.logpdf(sample.data))
+    assert sample.weights @ difference / sample.weights.sum() < 0.01
+    assert difference.max() < 0.1
