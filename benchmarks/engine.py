@@ -22,10 +22,10 @@ from harness.engine.traci import traci_engine
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
 from harness.pairing import PairRunner
+from harness.place import network_of
 from harness.plan import planned_arrivals
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.site import read_site
-from harness.place import network_of
 
 
 @dataclass

@@ -10,7 +10,7 @@ import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import replace
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -82,6 +82,8 @@ class LocalPool:
         self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
         # Interruptions are the parent's business.  Processes inherit what is blocked in the
         # thread that starts them, so that none hears Ctrl-C, not even one that still imports.
+        # The resource tracker unblocks SIGINT when it starts, so it has to be there before.
+        resource_tracker.ensure_running()
         blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             for thread in self._threads:

@@ -12,6 +12,7 @@ import pytest
 
 from harness.calibration import Settings, calibrate, make_sample
 from harness.interaction import VARIABLES, load_model
+from harness.resources import shipped_directory
 from harness.scenario import Scenario
 from harness.trajectories import extract
 
@@ -21,6 +22,11 @@ needs_dut = pytest.mark.skipif(
     reason="needs the DUT set in ../shared/data/dut beside the repository",
 )
 NAMES = ("dut", "dut-k10")
+
+pytestmark = pytest.mark.skipif(
+    not (shipped_directory("models") / "dut.json").is_file(),
+    reason="the project's own default model is not shipped yet: dut-interim stands in",
+)
 
 
 def option(command: str, name: str) -> str:

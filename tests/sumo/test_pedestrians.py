@@ -6,8 +6,8 @@ import pytest
 
 from harness.encounter import Side
 from harness.engine.control import SumoEngine
-from harness.site import read_site
 from harness.resources import shipped_directory
+from harness.site import read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario
