@@ -264,10 +264,10 @@ class _Work:
         if not tasks:
             return
         workers = min(self.options.workers or default_workers(), len(tasks))
-        begin, todo = time.perf_counter(), sum(task.count for task in tasks)
+        begin, open_pairs = time.perf_counter(), sum(task.count for task in tasks)
         total = sum(goals.values())
-        finished = total - todo
-        self.folder.note("started", pairs=todo, workers=workers)
+        finished = total - open_pairs
+        self.folder.note("started", pairs=open_pairs, workers=workers)
         executor = self.make_executor(workers)
         try:
             for task, result in run_tasks(executor, iter(tasks), self.folder.note):
@@ -278,7 +278,7 @@ class _Work:
                 self.progress(finished, total)
         finally:
             executor.stop()
-        rate = todo / (time.perf_counter() - begin)
+        rate = open_pairs / (time.perf_counter() - begin)
         self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
 
     def _missing(self, goals: dict[int, int]) -> Iterator[Task]:
