@@ -5,7 +5,6 @@ R/v − L/v_p. The distribution function of each reading at the rows' v_p must t
 (probability integral transform).
 """
 
-import time
 from itertools import pairwise
 
 import numpy as np
@@ -196,16 +195,3 @@ def test_curve_is_undefined_where_the_hole_covers_the_box(own):
         np.array([0.5]), np.array([2.0]), np.array([0.2]), np.array([8.0])
     )
     assert np.isnan(speed).all()
-
-
-@pytest.mark.slow
-def test_curve_draws_fast_enough(model):
-    count = 100_000
-    rng = np.random.default_rng(5)
-    u, lateral = rng.random(count), np.where(rng.random(count) < 0.5, 2.25, 6.75)
-    range_m, speed = rng.uniform(5, 30, count), rng.uniform(1, 5, count)
-    model.walking_speed_on_curve(u[:1000], range_m[:1000], lateral[:1000], speed[:1000])
-    start = time.process_time()
-    model.walking_speed_on_curve(u, range_m, lateral, speed)
-    # Half the rate wanted on a quiet machine: others may share this one.
-    assert count / (time.process_time() - start) > 50_000
