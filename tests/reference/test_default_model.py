@@ -12,7 +12,6 @@ import pytest
 
 from harness.calibration import Settings, calibrate, make_sample
 from harness.interaction import VARIABLES, load_model
-from harness.resources import shipped_directory
 from harness.trajectories import extract
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
@@ -21,11 +20,6 @@ needs_dut = pytest.mark.skipif(
     reason="needs the DUT set in ../shared/data/dut beside the repository",
 )
 NAMES = ("dut-k10",)
-
-pytestmark = pytest.mark.skipif(
-    not (shipped_directory("models") / "dut.json").is_file(),
-    reason="the project's own default model is not shipped yet: dut-interim stands in",
-)
 
 
 def option(command: str, name: str) -> str:
