@@ -180,13 +180,21 @@ def main() -> None:
             os.sched_setaffinity(0, everything)
 
     n = options.episodes
+
+    def steps_of(arm: str) -> int:
+        """Steps of an episode of that arm, as just measured."""
+        cost = found[arm][-1]
+        return round(cost.steps / cost.episodes)
+
     rows: dict[str, Callable[[], Cost]] = {
         "AV arm (soft_yield)": lambda: harness_arm("soft_yield", n, local),
-        "bare libsumo, same steps as AV": lambda: bare(n, 94),
+        "bare libsumo, same steps as AV": lambda: bare(n, steps_of("AV arm (soft_yield)")),
         "control arm (constant_speed)": lambda: harness_arm("constant_speed", n, local),
-        "bare libsumo, same steps as control": lambda: bare(n, 74),
+        "bare libsumo, same steps as control": lambda: bare(
+            n, steps_of("control arm (constant_speed)")
+        ),
         "human arm (human_gmm)": lambda: harness_arm("human_gmm", n, local),
-        "bare libsumo, same steps as human": lambda: bare(n, 140),
+        "bare libsumo, same steps as human": lambda: bare(n, steps_of("human arm (human_gmm)")),
         "libsumo started for each episode": lambda: restarted(max(1, n // 10), local),
         "TraCI, one open server, one core": lambda: pinned(
             lambda: harness_arm("soft_yield", max(1, n // 10), remote)
