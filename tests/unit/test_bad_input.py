@@ -1,7 +1,7 @@
 """Bad input through the command line: exit code 2, one line, no traceback, nothing half-written.
 
-Most go through ``harness.cli.main`` in this process, which is all the console script calls; a few
-in a process of their own, to see what a user sees.
+Most go through ``harness.cli.app.main`` in this process, which is all the console script calls; a
+few in a process of their own, to see what a user sees.
 """
 
 import json
@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from harness import cli
+from harness.cli import app as cli
 from harness.resources import shipped_directory
 
 Refuse = Callable[..., str]

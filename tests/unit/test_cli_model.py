@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness import cli
+from harness.cli import app as cli
 from harness.interaction import read_model
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -75,7 +75,7 @@ def model_file(tmp_path_factory) -> Path:
 
 def test_help_loads_neither_simulator_nor_numbers():
     code = (
-        "import sys\nfrom harness import cli\nsys.argv = ['harness', '--help']\n"
+        "import sys\nfrom harness.cli import app as cli\nsys.argv = ['harness', '--help']\n"
         "try: cli.main()\nexcept SystemExit: pass\n"
         "print([m for m in ('scipy', 'pandas', 'libsumo', 'matplotlib') if m in sys.modules])"
     )

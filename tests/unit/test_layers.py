@@ -48,8 +48,6 @@ LEVELS = {
     "harness.report": 5,
     "harness.rl": 5,
     "harness.cli": 6,
-    "harness.cli_model": 6,
-    "harness.model_options": 6,
     "harness.__main__": 6,
 }
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
@@ -145,7 +143,7 @@ def test_help_imports_nothing_heavy() -> None:
     script = (
         "import sys\n"
         "sys.argv = ['harness', '--help']\n"
-        "from harness.cli import main\n"
+        "from harness.cli.app import main\n"
         "try:\n    main()\n"
         "except SystemExit as end:\n    assert end.code == 0, end.code\n"
         f"print([name for name in {HEAVY!r} if name in sys.modules], file=sys.stderr)\n"

@@ -1,50 +1,26 @@
 """Commands of the interaction model: ``extract``, ``fit``, ``model show``.
 
-Thin like ``cli``; what a command needs is imported when it is called.
+What a command needs is imported when it is called.
 """
 
 import json
-import os
 import shlex
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from harness import model_options
+from harness.cli import model_options
+from harness.cli.options import JsonOption, QuietOption
+from harness.cli.output import print_json, print_line, progress_bar
 from harness.errors import InputError, unknown_name
 
 _STATE = "30,5"
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
-]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print only the path of what was written.")
-]
 PlotsOption = Annotated[
     Path | None, typer.Option(help="Folder for the figures, PNG and PDF.", metavar="DIR")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands to the application."""
-    app.command()(extract)
-    app.command()(fit)
-    group = typer.Typer(
-        help="What a fitted interaction model says.", no_args_is_help=True, rich_markup_mode=None
-    )
-    group.command()(show)
-    # A callback keeps `show` a name of its own while it is the only one.
-    group.callback()(_model_group)
-    app.add_typer(group, name="model")
-
-
-def _model_group() -> None:
-    """What a fitted interaction model says."""
 
 
 def extract(
@@ -97,9 +73,9 @@ def extract(
         figures = plot_trajectories(clips, extraction.rows, format_, plots)
     summary = trajectories.summary(extraction)
     if as_json:
-        _print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
+        print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
     elif quiet:
-        _print(str(out))
+        print_line(str(out))
     else:
         print_extraction(summary, out, figures)
 
@@ -159,6 +135,7 @@ def fit(
     model_options.check_target(out, "--out", ".json")
     from harness import calibration
     from harness.calibration.calibrate import fold_count, job_count
+    from harness.execution import default_workers
     from harness.interaction import VARIABLES, write_model
     from harness.report.model_terminal import fit_document, print_fit
 
@@ -178,16 +155,19 @@ def fit(
     command += ["--strict"] if strict else []
     command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
     command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
-    with _progress(job_count(sample, settings), quiet or as_json) as advance:
-        fitted = calibration.calibrate(sample, settings, workers or _cores(), advance)
+    jobs = job_count(sample, settings)
+    with progress_bar("fits", quiet or as_json) as advance:
+        fitted = calibration.calibrate(
+            sample, settings, workers or default_workers(), lambda done: advance(done, jobs)
+        )
     card = calibration.card(sample, settings, fitted, file, _command(command), state)
     if fold_count(sample, settings) < folds:
         card["folds_wanted"] = folds
     model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
     if as_json:
-        _print_json(fit_document(model, out))
+        print_json(fit_document(model, out))
     elif quiet:
-        _print(str(out))
+        print_line(str(out))
     else:
         print_fit(model, out)
 
@@ -228,9 +208,9 @@ def show(
             )
         figures = plot_model(loaded, sample, plots)
     if as_json:
-        _print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
+        print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
     elif quiet:
-        _print("\n".join(str(path) for path in figures) or loaded.name)
+        print_line("\n".join(str(path) for path in figures) or loaded.name)
     else:
         print_model(loaded, figures)
 
@@ -278,41 +258,17 @@ def _write_rows(path: Path, extraction: Any, command: str) -> None:
     write_file(path, buffer.getvalue())
 
 
-@contextmanager
-def _progress(total: int, hidden: bool) -> Iterator[Callable[[int], None] | None]:
-    """A bar on stderr of fits done; it appears with the first one, so a refusal has none."""
-    if hidden:
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("fits"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True))
-    task = bar.add_task("fits", total=total)
-
-    def advance(done: int) -> None:
-        bar.start()
-        bar.update(task, completed=done)
-
-    try:
-        yield advance
-    finally:
-        if bar.live.is_started:
-            bar.stop()
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _command(words: Sequence[str]) -> str:
     return shlex.join(["harness", *words])
 
 
-def _print_json(document: Any) -> None:
-    _print(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+group = typer.Typer(
+    help="What a fitted interaction model says.", no_args_is_help=True, rich_markup_mode=None
+)
+group.command()(show)
 
 
-def _print(text: str) -> None:
-    sys.stdout.write(text + "\n")
+@group.callback()
+def _group() -> None:
+    """What a fitted interaction model says."""
+    # A callback keeps `show` a name of its own while it is the only one.

@@ -1,0 +1,59 @@
+"""The application: every command, and how refusals and interruptions end it."""
+
+import sys
+
+import typer
+from typer.exceptions import Abort, Exit, TyperException
+
+from harness.cli import about, batch, model, review
+from harness.cli.output import say
+from harness.errors import HarnessError, InputError, InterruptedRunError
+
+COMMANDS = (
+    batch.run,
+    batch.sweep,
+    review.replay,
+    review.score,
+    review.export,
+    about.network,
+    about.strategies,
+    about.doctor,
+    model.extract,
+    model.fit,
+)
+"""In the order in which ``harness --help`` lists them; ``model show`` is a group of its own."""
+
+app = typer.Typer(
+    name="harness",
+    help="Judge an automated vehicle's strategy at an unsignalized crosswalk, in SUMO, against a "
+    "human driver who meets the same pedestrians.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for command in COMMANDS:
+    app.command()(command)
+app.add_typer(model.group, name="model")
+
+
+def main() -> None:
+    """Run the command line; every refusal becomes one line on stderr and exit code 2."""
+    try:
+        code = app(standalone_mode=False)
+    except (InputError, TyperException) as error:
+        text = error.format_message() if isinstance(error, TyperException) else str(error)
+        say("harness: " + " ".join(text.split()))
+        code = 2
+    except InterruptedRunError as error:
+        say(f"harness: {error}")
+        code = 130
+    except HarnessError as error:
+        say(f"harness: {error}")
+        code = 1
+    except Exit as error:
+        code = error.exit_code
+    except (Abort, KeyboardInterrupt):
+        say("harness: interrupted")
+        code = 130
+    sys.exit(code if isinstance(code, int) else 0)

@@ -1,0 +1,215 @@
+"""``run`` and ``sweep``: experiments of one cell or of many, begun or resumed."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import typer
+
+from harness.cli.options import (
+    DaskOption,
+    JsonOption,
+    OptionalScenarioArgument,
+    OutOption,
+    PairsOption,
+    QuietOption,
+    ResumeOption,
+    SeedOption,
+    SetOption,
+    SumoOutputsOption,
+    TracesOption,
+    UntilOption,
+    VaryOption,
+    WorkersOption,
+    settings_of,
+)
+from harness.cli.output import print_json, print_line, progress_bar, say
+from harness.errors import HarnessError, InputError
+
+
+def run(
+    scenario: OptionalScenarioArgument = None,
+    out: OutOption = None,
+    pairs: PairsOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    until: UntilOption = None,
+    workers: WorkersOption = None,
+    resume: ResumeOption = None,
+    traces: TracesOption = False,
+    sumo_outputs: SumoOutputsOption = None,
+    dask: DaskOption = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run one experiment: every pair once with the AV, once with the human driver."""
+    from harness.scenario import read_scenario_file
+    from harness.study import single_cell
+
+    if resume is not None:
+        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, sumo_outputs)
+        _resume(resume, workers, dask, quiet, as_json)
+        return
+    file = read_scenario_file(_required(scenario), settings_of(settings, pairs, seed))
+    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
+    _start(single_cell(file), out, how)
+
+
+def sweep(
+    scenario: OptionalScenarioArgument = None,
+    vary: VaryOption = None,
+    out: OutOption = None,
+    pairs: PairsOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    until: UntilOption = None,
+    workers: WorkersOption = None,
+    resume: ResumeOption = None,
+    traces: TracesOption = False,
+    sumo_outputs: SumoOutputsOption = None,
+    dask: DaskOption = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a grid of cells: over the pedestrian flow, several strategies, any key."""
+    from harness.scenario import read_scenario_file
+    from harness.study import parse_variation, study_of
+
+    if resume is not None:
+        _refuse_beside_resume(
+            scenario, out, pairs, seed, settings, until, traces, sumo_outputs, vary
+        )
+        _resume(resume, workers, dask, quiet, as_json)
+        return
+    file = read_scenario_file(_required(scenario), settings_of(settings, pairs, seed))
+    study = study_of(file, [parse_variation(text) for text in vary or []])
+    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
+    _start(study, out, how)
+
+
+def _required(scenario: str | None) -> str:
+    if scenario is None:
+        raise InputError("SCENARIO", "is missing", "a scenario file (TOML), or a name such as cctc")
+    return scenario
+
+
+def _refuse_beside_resume(*others: object) -> None:
+    if any(other not in (None, False) for other in others):
+        raise InputError(
+            "--resume", "stands beside other options", "--workers, --dask, --quiet and --json alone"
+        )
+
+
+class _How(NamedTuple):
+    """How a run is carried out and reported: the options `run` and `sweep` share."""
+
+    until: str | None
+    workers: int | None
+    traces: bool
+    sumo_outputs: str | None
+    dask: str | None
+    quiet: bool
+    as_json: bool
+
+
+def _start(study: Any, out: Path | None, how: _How) -> None:
+    from harness.experiment import Options, run_study
+
+    if how.sumo_outputs not in (None, "all", "crashed"):
+        raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
+    options = Options(
+        traces=how.traces, until=_precision(how.until), workers=_workers(how.workers, how.dask)
+    )
+    hidden = how.quiet or how.as_json
+    with progress_bar("pairs", hidden) as advance, termination():
+        finished = run_study(
+            study, options, out=out, progress=advance, make_executor=_executor(how.dask)
+        )
+    if how.sumo_outputs is not None:
+        from harness.replay import replay_into
+
+        if not hidden:
+            say(f"SUMO's outputs of {how.sumo_outputs} episodes: one SUMO for each, be patient")
+        for episode in replay_into(finished.folder, how.sumo_outputs):
+            for difference in episode.differences:
+                raise HarnessError(f"{episode.folder}: {difference}")
+    _report(finished, how.quiet, how.as_json)
+
+
+def _resume(
+    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
+) -> None:
+    from harness.experiment import resume
+
+    with progress_bar("pairs", hidden=quiet or as_json) as advance, termination():
+        finished = resume(
+            folder,
+            workers=_workers(workers, dask),
+            progress=advance,
+            make_executor=_executor(dask),
+        )
+    _report(finished, quiet, as_json)
+
+
+def _workers(workers: int | None, dask: str | None) -> int | None:
+    if dask is not None and workers is not None:
+        raise InputError("--workers", "stands beside --dask", "the cluster has its own workers")
+    return workers
+
+
+def _executor(dask: str | None) -> Any:
+    if dask is None:
+        from harness.execution import LocalPool
+
+        return LocalPool
+    from harness.cluster import DaskCluster
+
+    # A wrong address is refused before a run folder is made.
+    DaskCluster(dask).stop()
+    return lambda _workers: DaskCluster(dask)
+
+
+def _precision(text: str | None) -> Any:
+    if text is None:
+        return None
+    from harness.experiment import Precision
+
+    measure, _, number = text.partition("=")
+    try:
+        width = float(number)
+    except ValueError:
+        width = 0.0
+    if measure not in ("mu", "kappa") or not 0 < width < 1:
+        raise InputError(f"--until {text}", "is not accepted", "mu=WIDTH or kappa=WIDTH, 0 to 1")
+    return Precision(measure, width)
+
+
+def _report(finished: Any, quiet: bool, as_json: bool) -> None:
+    from harness.report.terminal import print_run, run_document
+
+    if as_json:
+        print_json(run_document(finished))
+    elif quiet:
+        print_line(str(finished.folder))
+    else:
+        print_run(finished)
+    failures = finished.failures
+    if failures:
+        shown = "; ".join(
+            f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
+        )
+        more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
+        say(f"harness: {len(failures)} episodes failed in the engine: {shown}{more}")
+        raise typer.Exit(1)
+
+
+@contextmanager
+def termination() -> Iterator[None]:
+    """SIGTERM ends a run as Ctrl-C does: workers stopped, folder resumable."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

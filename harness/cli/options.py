@@ -1,0 +1,89 @@
+"""Options that several commands share."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+_SCENARIO_HELP = "A scenario file (TOML), or the name of a shipped one: cctc, cctc_flow."
+ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO_HELP)]
+OptionalScenarioArgument = Annotated[
+    str | None, typer.Argument(help=_SCENARIO_HELP, show_default=False)
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        help="Change a key of the scenario, e.g. --set ego.initial_speed_mps=8. Repeatable.",
+        metavar="KEY=VALUE",
+    ),
+]
+VaryOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--vary",
+        help="Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
+        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: the grid of all.",
+        metavar="KEY=V1,V2,…",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(help="Folder for the results; default runs/<scenario>-<next number>."),
+]
+PairsOption = Annotated[
+    int | None, typer.Option(help="Number of pairs of each cell, instead of the scenario's.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")]
+UntilOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Stop when every cell's interval is this narrow (half-width), or at --pairs: "
+        "mu=0.01 or kappa=0.005. Looks at 1,000 pairs and at each doubling.",
+        metavar="MEASURE=WIDTH",
+    ),
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, max=1024, help="Worker processes; default: all cores.")
+]
+ResumeOption = Annotated[
+    Path | None,
+    typer.Option(help="Go on with an interrupted run; stands alone.", metavar="DIR"),
+]
+DaskOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Run the tasks on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install "
+        "crosswalk-harness[cluster]); its workers must have one thread each.",
+        metavar="ADDRESS",
+    ),
+]
+SumoOutputsOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Run episodes again one by one with SUMO's own outputs on, into RUN/sumo: all or "
+        "crashed. Slower: each gets a SUMO of its own.",
+        metavar="WHICH",
+    ),
+]
+TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Print only the path of what was written.")
+]
+
+
+def settings_of(
+    settings: list[str] | None, pairs: int | None = None, seed: int | None = None
+) -> list[Any]:
+    """What --set, --pairs and --seed change, in the order in which they are applied."""
+    from harness.scenario import Setting, parse_setting
+
+    chosen = [parse_setting(text) for text in settings or []]
+    if pairs is not None:
+        chosen.append(Setting("experiment.pairs", pairs, "--pairs"))
+    if seed is not None:
+        chosen.append(Setting("experiment.seed", seed, "--seed"))
+    return chosen
