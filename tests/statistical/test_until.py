@@ -13,8 +13,8 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import population
-from harness import comparison, experiment
-from harness.comparison import Interval
+from harness import experiment
+from harness.comparison import Interval, intervals, summary
 from harness.experiment import Options, Precision, confidence_of, looks
 from harness.results import EPISODES
 from harness.study import Study
@@ -69,8 +69,8 @@ def stopped(
     work: Any = Drawn(tau, crashed, options)
     experiment._reach_precision(work, study, {0: pairs}, until)
     cell, confidence = study.cells[0], confidence_of(study, options)
-    summary = experiment._summarise(work.episodes_of(0), cell, confidence)
-    return getattr(summary, until.measure), work.looks
+    found = experiment._summarise(work.episodes_of(0), cell, confidence)
+    return getattr(found, until.measure), work.looks
 
 
 def enough(holds: int, trials: int) -> bool:
@@ -100,7 +100,7 @@ def test_each_look_spends_its_share_of_the_error() -> None:
 
 def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiment, "FIRST_LOOK", 100)
-    monkeypatch.setattr(comparison, "RESAMPLES", 1_999)
+    monkeypatch.setattr(intervals, "RESAMPLES", 1_999)
     rng = np.random.default_rng(1)
     trials, holds, ends = 120, 0, set()
     for seed in range(trials):
@@ -118,7 +118,7 @@ def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(experiment, "FIRST_LOOK", 50)
-    monkeypatch.setattr(comparison, "bootstrap_mean_and_cv", lambda *_: (comparison.UNDEFINED,) * 2)
+    monkeypatch.setattr(summary, "bootstrap_mean_and_cv", lambda *_: (intervals.UNDEFINED,) * 2)
     rng = np.random.default_rng(2)
     trials, holds, ends = 200, 0, set()
     for seed in range(trials):
