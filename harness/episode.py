@@ -5,7 +5,7 @@ the trace; the loop only keeps what cannot be worked out later.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +31,9 @@ ROUNDING_M = 1e-9
 
 ChooseSpeed = Callable[[Arrival, float, float], float]
 """(who, range_m, vehicle_speed_mps) → walking speed in m/s, > 0."""
+
+Steps = Generator[Observation, float | None, Ending]
+"""An episode from the driver's side: observations out, wanted accelerations in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +125,10 @@ def run_episode(
         The trace.  It goes on past a contact, until the body has passed; ``measures`` ends the
         record there.  An error of engine or strategy ends it as ``engine_failed``.
     """
-    episode = _Episode(engine, strategy, arrivals, choose_speed, rules)
+    episode = Episode(engine, arrivals, choose_speed, rules)
     reason, collided = None, None
     try:
-        ending = episode.run()
+        ending = _drive(episode.steps(), strategy)
         collided = engine.end()
     except EngineError as error:
         ending, reason = Ending.ENGINE_FAILED, str(error)
@@ -143,18 +146,39 @@ def run_episode(
     )
 
 
-class _Episode:
-    """The state of one running episode."""
+def _drive(steps: Steps, strategy: Strategy) -> Ending:
+    """Answer every observation of an episode with the strategy's command."""
+    decide = strategy.decide
+    observation = next(steps)
+    try:
+        while True:
+            try:
+                wanted = decide(observation)
+            except Exception as error:
+                what = f"raised {type(error).__name__}: {error}"
+                when = f"at t = {observation.time_s:.3f} s"
+                raise StrategyError(f"the strategy {what} {when}") from error
+            observation = steps.send(wanted)
+    except StopIteration as finished:
+        ending: Ending = finished.value
+        return ending
+
+
+class Episode:
+    """One running episode: who drives it answers the observations of ``steps``.
+
+    Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
+    ``walks`` everyone who has arrived.
+    """
 
     def __init__(
         self,
         engine: Engine,
-        strategy: Strategy,
         arrivals: Sequence[Arrival],
         choose_speed: ChooseSpeed,
         rules: Rules,
     ) -> None:
-        self.engine, self.strategy, self.rules = engine, strategy, rules
+        self.engine, self.rules = engine, rules
         self.arrivals, self.choose_speed = arrivals, choose_speed
         self.next_arrival = 0
         self.walkers: list[_Walker] = []
@@ -162,7 +186,15 @@ class _Episode:
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
 
-    def run(self) -> Ending:
+    def steps(self) -> Steps:
+        """Simulate step by step.
+
+        Yields what a strategy sees at each step and takes the wanted acceleration in m/s² (None:
+        the engine's own driver); returns how the engine left off.
+
+        Raises:
+            EngineError: the engine lost the episode, or the answer is no acceleration.
+        """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
         detection = vehicle.detection_range_m + ROUNDING_M
@@ -185,9 +217,10 @@ class _Episode:
             if walkers and abs(x) <= detection:
                 seen = tuple([walker.view() for walker in walkers])
             view = EgoView(-x, speed, acceleration)
-            wanted = self._ask(Observation(now, step, view, vehicle, crossing, seen))
+            wanted = yield Observation(now, step, view, vehicle, crossing, seen)
             target = None
             if wanted is not None:
+                wanted = self._limited(wanted, now)
                 target = speed + wanted * step
                 if target < 0:
                     target = 0.0
@@ -206,13 +239,10 @@ class _Episode:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
 
-    def _ask(self, observation: Observation) -> float | None:
-        """The strategy's command within the vehicle's limits."""
+    def _limited(self, wanted: float, now: float) -> float:
+        """A command within the vehicle's limits."""
         vehicle = self.rules.vehicle
         try:
-            wanted = self.strategy.decide(observation)
-            if wanted is None:
-                return None
             if wanted > vehicle.max_acceleration_mps2:
                 return vehicle.max_acceleration_mps2
             if wanted < -vehicle.max_deceleration_mps2:
@@ -220,9 +250,9 @@ class _Episode:
             if wanted == wanted:
                 return wanted
         except Exception as error:
-            what = f"raised {type(error).__name__}: {error}"
-            raise StrategyError(f"the strategy {what} at t = {observation.time_s:.3f} s") from error
-        raise StrategyError(f"the strategy returned {wanted!r} at t = {observation.time_s:.3f} s")
+            what = f"returned {wanted!r}, no acceleration ({type(error).__name__}: {error})"
+            raise StrategyError(f"the strategy {what} at t = {now:.3f} s") from error
+        raise StrategyError(f"the strategy returned {wanted!r} at t = {now:.3f} s")
 
     def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""

@@ -117,7 +117,7 @@ CULPRITS = {
 REASONS = {
     "raises": "the strategy raised RuntimeError: on purpose at t = 0.300 s",
     "nan": "the strategy returned nan at t = 0.300 s",
-    "text": "the strategy raised TypeError",
+    "text": "the strategy returned 'fast'",
     "loses_ego": "SUMO lost the episode",
     "exits": "SystemExit: 3",
     # 6 is SIGABRT's number on every POSIX system.
