@@ -5,6 +5,8 @@ a point and the ego grown by the disc's radius a rounded rectangle: two rectangl
 circles.  A contact is the first time the point enters it.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
@@ -12,34 +14,47 @@ from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 _EPSILON_M = 1e-12
 
 
+class Motion(NamedTuple):
+    """A coordinate over a step: place and speed at its beginning, constant acceleration."""
+
+    place_m: float
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+
+    def at(self, time_s: float) -> float:
+        """The place after that time."""
+        return self.place_m + self.speed_mps * time_s + self.acceleration_mps2 * time_s**2 / 2
+
+
 def first_contact_in_step(
-    x0_m: float,
-    speed_mps: float,
-    acceleration_mps2: float,
-    y0_m: float,
-    walking_mps: float,
+    ego: Motion,
+    walker_x: Motion,
+    walker_y: Motion,
     duration_s: float,
     body: tuple[float, float, float],
 ) -> float | None:
     """Time into the step at which contact begins, or None.
 
-    The bumper moves as x0 + v s + a s²/2, the pedestrian stands at x = 0 and walks as y0 + w s.
     Candidates are all roots of the boundary's pieces (at most quartic); the earliest at which
     the distance is within the radius counts.
 
     Args:
-        x0_m: bumper at the start of the step.
-        speed_mps: ego's speed then.
-        acceleration_mps2: constant over the step.
-        y0_m: pedestrian's y then.
-        walking_mps: his signed velocity across the road.
+        ego: of the front bumper, along the road.
+        walker_x: the pedestrian along the road, without acceleration.
+        walker_y: across it, without acceleration.
         duration_s: length of the step.
         body: (length of the ego, y of its right side, y of its left side) in m.
     """
     length, right, left = body
     radius = PEDESTRIAN_RADIUS_M
-    front = np.array([-acceleration_mps2 / 2, -speed_mps, -x0_m])  # pedestrian ahead of bumper
-    across = np.array([walking_mps, y0_m])
+    front = np.array(  # pedestrian ahead of bumper
+        [
+            -ego.acceleration_mps2 / 2,
+            walker_x.speed_mps - ego.speed_mps,
+            walker_x.place_m - ego.place_m,
+        ]
+    )
+    across = np.array([walker_y.speed_mps, walker_y.place_m])
     pieces = [_shift(front, -radius), _shift(front, length + radius)]
     pieces += [_shift(across, radius - right), _shift(across, -left - radius)]
     for corner_x in (0.0, -length):
@@ -62,7 +77,7 @@ def first_contact_in_step(
 
 def gap(
     ahead_m: FloatArray | float, y_m: FloatArray | float, body: tuple[float, float, float]
-) -> FloatArray | float:
+) -> FloatArray:
     """Distance between the ego's rectangle and the disc's edge in m, negative inside."""
     length, right, left = body
     dx = np.maximum(np.maximum(ahead_m, -length - np.asarray(ahead_m)), 0.0)
@@ -74,8 +89,8 @@ def gap(
 def time_to_collision(
     ahead_m: FloatArray,
     y_m: FloatArray,
-    speed_mps: FloatArray,
-    walking_mps: FloatArray,
+    ahead_mps: FloatArray,
+    y_mps: FloatArray,
     body: tuple[float, float, float],
 ) -> FloatArray:
     """TTC: time until rectangle and disc meet if both keep their velocities, in s.
@@ -83,8 +98,8 @@ def time_to_collision(
     Args:
         ahead_m: pedestrian's distance ahead of the front bumper (negative beside the body).
         y_m: his y.
-        speed_mps: the ego's speed.
-        walking_mps: his signed velocity across the road.
+        ahead_mps: rate of ``ahead_m``: his velocity along the road less the ego's speed.
+        y_mps: his velocity across the road.
         body: (length, y of the right side, y of the left side) of the ego in m.
 
     Returns:
@@ -95,39 +110,33 @@ def time_to_collision(
     with np.errstate(divide="ignore", invalid="ignore"):
         times = [
             _enters_rectangle(
-                ahead_m, y_m, -speed_mps, walking_mps, (-length - radius, radius), (right, left)
+                (ahead_m, y_m), (ahead_mps, y_mps), (-length - radius, radius), (right, left)
             ),
             _enters_rectangle(
-                ahead_m,
-                y_m,
-                -speed_mps,
-                walking_mps,
+                (ahead_m, y_m),
+                (ahead_mps, y_mps),
                 (-length, 0.0),
                 (right - radius, left + radius),
             ),
         ]
         for corner_x in (0.0, -length):
             for corner_y in (right, left):
-                times.append(
-                    _enters_circle(ahead_m - corner_x, y_m - corner_y, -speed_mps, walking_mps)
-                )
+                times.append(_enters_circle(ahead_m - corner_x, y_m - corner_y, ahead_mps, y_mps))
     result: FloatArray = np.minimum.reduce(times)
     return result
 
 
 def _enters_rectangle(
-    x: FloatArray,
-    y: FloatArray,
-    vx: FloatArray,
-    vy: FloatArray,
+    place: tuple[FloatArray, FloatArray],
+    velocity: tuple[FloatArray, FloatArray],
     x_bounds: tuple[float, float],
     y_bounds: tuple[float, float],
 ) -> FloatArray:
     """Slab method; infinite where the ray misses."""
-    enter, leave = np.zeros_like(x), np.full_like(x, np.inf)
-    for position, velocity, (low, high) in ((x, vx, x_bounds), (y, vy, y_bounds)):
-        first, second = (low - position) / velocity, (high - position) / velocity
-        still = velocity == 0
+    enter, leave = np.zeros_like(place[0]), np.full_like(place[0], np.inf)
+    for position, speed, (low, high) in zip(place, velocity, (x_bounds, y_bounds), strict=True):
+        first, second = (low - position) / speed, (high - position) / speed
+        still = speed == 0
         outside = still & ((position < low) | (position > high))
         near = np.where(still, np.where(outside, np.inf, -np.inf), np.minimum(first, second))
         far = np.where(still, np.inf, np.maximum(first, second))

@@ -14,38 +14,31 @@ import pyarrow as pa
 
 from harness.comparison import Interval, PairColumns, Summary
 from harness.encounter import Arm, Contact, Ending, Side
-from harness.measures import EpisodeRecord, Outcome
+from harness.measures import MEASURES, Outcome
 
 SCHEMA = 1
 """Version of the run folder's format."""
 
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
 
-EPISODES = pa.schema(
-    [
-        *_KEYS,
-        ("strategy", pa.string()),
-        ("ending", pa.string()),
-        ("reason", pa.string()),
-        ("pass_time_s", pa.float64()),
-        ("contact", pa.string()),
-        ("contact_index", pa.int32()),
-        ("contact_time_s", pa.float64()),
-        ("contact_speed_mps", pa.float64()),
-        ("sumo_collision", pa.bool_()),
-        ("fallback", pa.bool_()),
-        ("steps", pa.int32()),
-        ("pedestrians", pa.int32()),
-        ("min_gap_m", pa.float64()),
-        ("min_ttc_s", pa.float64()),
-        ("min_time_advantage_s", pa.float64()),
-        ("pet_s", pa.float64()),
-        ("max_deceleration_mps2", pa.float64()),
-        ("stops", pa.int32()),
-        ("stopped_s", pa.float64()),
-        ("delay_s", pa.float64()),
-    ]
-)
+_TYPES = {float: pa.float64(), int: pa.int32(), bool: pa.bool_()}
+_MEASURES = {measure.column: _TYPES[measure.kind] for measure in MEASURES}
+_FACTS = {
+    "strategy": pa.string(),
+    "ending": pa.string(),
+    "reason": pa.string(),
+    "pass_time_s": _MEASURES["pass_time_s"],
+    "contact": pa.string(),
+    "contact_index": pa.int32(),
+    "contact_time_s": pa.float64(),
+    "contact_speed_mps": _MEASURES["contact_speed_mps"],
+    "sumo_collision": pa.bool_(),
+    "fallback": pa.bool_(),
+    "steps": pa.int32(),
+    "pedestrians": pa.int32(),
+}
+
+EPISODES = pa.schema([*_KEYS, *(_FACTS | _MEASURES).items()])
 
 PEDESTRIANS = pa.schema(
     [
@@ -92,7 +85,7 @@ TABLES = {
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
-_RECORD_COLUMNS = [field.name for field in fields(EpisodeRecord) if field.name in EPISODES.names]
+_RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
 
 
 def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:

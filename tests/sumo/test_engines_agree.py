@@ -13,7 +13,7 @@ import pytest
 
 from harness.engine.plain import PlainEngine
 from harness.interaction import InteractionModel
-from harness.measures import EpisodeRecord, Outcome
+from harness.measures import MEASURES, EpisodeRecord, Outcome
 from harness.pairing import PairRunner
 from harness.scenario import Scenario, validate
 
@@ -80,11 +80,11 @@ def assert_same_episode(sumo: Outcome, plain: Outcome, where: object) -> None:
     for walk, other in zip(ours, others, strict=True):
         for name in ("start_s", "speed_mps", "range_m", "vehicle_speed_mps"):
             assert same(getattr(walk, name), getattr(other, name)), (where, name, walk, other)
-    for field in fields(EpisodeRecord):
-        if field.name == "sumo_collision":
-            continue
-        mine, theirs = getattr(sumo.record, field.name), getattr(plain.record, field.name)
-        assert same(mine, theirs), (where, field.name, mine, theirs)
+    names = [field.name for field in fields(EpisodeRecord)]
+    names += [measure.column for measure in MEASURES]
+    for name in set(names) - {"sumo_collision", "values"}:
+        mine, theirs = getattr(sumo.record, name), getattr(plain.record, name)
+        assert same(mine, theirs), (where, name, mine, theirs)
     assert b.sumo_collision is None
     assert isinstance(a.sumo_collision, bool)
 

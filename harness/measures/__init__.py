@@ -1,0 +1,12 @@
+"""From traces to measures: contact, surrogate safety measures, time.  Pure functions.
+
+All traces of a chunk are worked through together, because numpy's cost is per call.  Every value
+of an episode depends on that episode alone, to the last bit: which others are in the chunk makes
+no difference.  The measures: ``table.MEASURES`` and docs/measures.md.
+"""
+
+from harness.measures.ego import crossing_time
+from harness.measures.record import EpisodeRecord, Outcome, measure
+from harness.measures.table import MEASURES, Measure
+
+__all__ = ["MEASURES", "EpisodeRecord", "Measure", "Outcome", "crossing_time", "measure"]

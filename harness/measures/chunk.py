@@ -1,0 +1,114 @@
+"""What the measures of a chunk of episodes share: worked out once, handed to every one of them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
+from harness.measures.contacts import Strike, strikes_of
+from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
+from harness.measures.rows import Legs, Rows, legs_of, rows_of
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Traces of one vehicle, crossing and step, and what follows from them.
+
+    Arrays have one entry for each episode unless said otherwise.
+    """
+
+    traces: tuple[Trace, ...]
+    ego: EgoStates
+    legs: Legs
+    met: Rows
+    """Only rows that begin within the record."""
+    strikes: tuple[Strike | None, ...]
+    crashed: np.ndarray
+    pass_time_s: FloatArray
+    """NaN where the ego did not cross, contacts included."""
+    end_s: FloatArray
+    """Where the record ends: at the contact, the pass, the time-out or the failure."""
+    steps: IntArray
+    """Steps of the record."""
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The ego's constants."""
+        return self.traces[0].vehicle
+
+    @property
+    def crossing(self) -> Crossing:
+        """The crosswalk's constants."""
+        return self.traces[0].crossing
+
+    @property
+    def step_s(self) -> float:
+        """Length of a step."""
+        return self.traces[0].step_s
+
+    @property
+    def body(self) -> tuple[float, float, float]:
+        """(length, y of the right side, y of the left side) of the ego in m."""
+        return body_of(self.traces[0])
+
+    def record_steps(self) -> tuple[IntArray, IntArray]:
+        """Every step of every record: number of its episode, place of its state in ``ego``."""
+        trace = np.repeat(np.arange(len(self.traces)), self.steps)
+        within = np.arange(len(trace)) - np.repeat(np.cumsum(self.steps) - self.steps, self.steps)
+        return trace, self.ego.first[trace] + within
+
+    def smallest(self, trace: IntArray, values: FloatArray) -> FloatArray:
+        """The smallest value of every episode; NaN where there is none, or an infinite one.
+
+        Args:
+            trace: number of the episode each value belongs to.
+            values: no NaN among them.
+        """
+        minima = np.full(len(self.traces), np.inf)
+        np.minimum.at(minima, trace, values)
+        return np.where(np.isinf(minima), np.nan, minima)
+
+
+def chunk_of(traces: Sequence[Trace]) -> Chunk:
+    """Find contacts and ends of some episodes; at least one."""
+    ego, legs, step_s = ego_states(traces), legs_of(traces), traces[0].step_s
+    rows = rows_of(legs, ego, step_s)
+    strikes = strikes_of(traces, legs, rows)
+    passes = [_pass_time(trace) for trace in traces]
+    ends = np.array(
+        [
+            _end(trace, strike, passed)
+            for trace, strike, passed in zip(traces, strikes, passes, strict=True)
+        ]
+    )
+    in_time = np.array([math.nan if time is None else time for time in passes])
+    crashed = np.array([strike is not None for strike in strikes])
+    return Chunk(
+        traces=tuple(traces),
+        ego=ego,
+        legs=legs,
+        met=rows.where(rows.start_s < ends[rows.trace]),
+        strikes=tuple(strikes),
+        crashed=crashed,
+        pass_time_s=np.where(crashed, np.nan, in_time),
+        end_s=ends,
+        steps=np.minimum(np.ceil(ends / step_s - 1e-9).astype(np.int64), ego.steps),
+    )
+
+
+def _pass_time(trace: Trace) -> float | None:
+    if trace.ending is not Ending.CROSSED:
+        return None
+    # The episode ends within rounding of that point.
+    passed_at = trace.vehicle.length_m + trace.crossing.width_m / 2
+    return crossing_time(trace, min(passed_at, float(trace.x_m[-1])))
+
+
+def _end(trace: Trace, strike: Strike | None, pass_time_s: float | None) -> float:
+    if strike is not None:
+        return strike.time_s
+    if pass_time_s is not None:
+        return pass_time_s
+    return (len(trace.x_m) - 1) * trace.step_s if len(trace.x_m) else 0.0

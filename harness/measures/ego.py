@@ -1,0 +1,69 @@
+"""The ego along its trace: where it is at any time, and when it is at any place.
+
+Within a step its acceleration is constant, so both are exact.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.encounter import FloatArray, Trace
+
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class EgoStates:
+    """The states of all egos of a chunk, one after another.
+
+    ``first`` is the place of each trace's first state; ``steps`` the number of its steps.
+    """
+
+    x_m: FloatArray
+    speed_mps: FloatArray
+    first: IntArray
+    steps: IntArray
+
+
+def ego_states(traces: Sequence[Trace]) -> EgoStates:
+    """The states of every trace, an episode without any included."""
+    counts = np.array([len(trace.x_m) for trace in traces], dtype=np.int64)
+    return EgoStates(
+        x_m=np.concatenate([trace.x_m for trace in traces]),
+        speed_mps=np.concatenate([trace.speed_mps for trace in traces]),
+        first=np.cumsum(counts) - counts,
+        steps=np.maximum(counts - 1, 0),
+    )
+
+
+def crossing_time(trace: Trace, x_m: float) -> float | None:
+    """When the front bumper reaches ``x_m``, exact within the step; None if it never does."""
+    step = int(np.searchsorted(trace.x_m, x_m, side="left"))
+    if step >= len(trace.x_m):
+        return None
+    if step == 0:
+        return 0.0
+    distance = x_m - float(trace.x_m[step - 1])
+    before, after = float(trace.speed_mps[step - 1]), float(trace.speed_mps[step])
+    acceleration = (after - before) / trace.step_s
+    root = math.sqrt(max(0.0, before**2 + 2 * acceleration * distance))
+    within = 2 * distance / (before + root) if before + root > 0 else trace.step_s
+    return (step - 1) * trace.step_s + min(within, trace.step_s)
+
+
+def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
+    """(x of the bumper, speed) at any time of the trace."""
+    step = min(int(time_s / trace.step_s), len(trace.x_m) - 2)
+    elapsed = time_s - step * trace.step_s
+    x, speed = float(trace.x_m[step]), float(trace.speed_mps[step])
+    acceleration = (float(trace.speed_mps[step + 1]) - speed) / trace.step_s
+    return x + speed * elapsed + acceleration * elapsed**2 / 2, speed + acceleration * elapsed
+
+
+def body_of(trace: Trace) -> tuple[float, float, float]:
+    """(length, y of the right side, y of the left side) of the ego in m."""
+    lane, half = trace.crossing.lane_centre_m, trace.vehicle.width_m / 2
+    return trace.vehicle.length_m, lane - half, lane + half

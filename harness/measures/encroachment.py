@@ -1,0 +1,38 @@
+"""Post-encroachment time: from one road user leaving the contact zone to the other entering it."""
+
+import numpy as np
+
+from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.measures.chunk import Chunk
+from harness.measures.ego import crossing_time
+from harness.measures.rows import time_at
+
+
+def pet_s(chunk: Chunk) -> FloatArray:
+    """Smallest PET over the pedestrians of the record in s; NaN after a crash.
+
+    The zone is where the ego's width and the walker's disc cross.  0 if both were in it at once
+    without touching (a corner); undefined if either never enters it.  Source: Allen, Shin, Cooper
+    1978, with the pedestrian going on at his speed after the trace's end.
+    """
+    legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
+    half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
+    lane = crossing.lane_centre_m
+    to_lane = np.where(legs.from_far, crossing.length_m - lane, lane)
+    length = crossing.length_m
+    enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
+    leaves = time_at(legs, np.minimum(length, to_lane + half), length)
+    trace = legs.of_walk
+    ego_enters = _bumper_at(chunk, -PEDESTRIAN_RADIUS_M)[trace]
+    ego_leaves = _bumper_at(chunk, vehicle.length_m + PEDESTRIAN_RADIUS_M)[trace]
+    # NaN passes on: whoever never gets there has no PET.
+    pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
+    began = np.array([walk.start_s for walk in legs.walks], dtype=float)
+    counts = ~np.isnan(pet) & (began < chunk.end_s[trace]) & ~chunk.crashed[trace]
+    return chunk.smallest(trace[counts], pet[counts])
+
+
+def _bumper_at(chunk: Chunk, x_m: float) -> FloatArray:
+    """When each ego's bumper reaches ``x_m``; NaN where it never does."""
+    times = [crossing_time(trace, x_m) for trace in chunk.traces]
+    return np.array([np.nan if time is None else time for time in times])

@@ -1,0 +1,90 @@
+"""The record of an episode, and the one function that makes records of traces."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from harness.encounter import Arm, Contact, Ending, Trace
+from harness.measures.chunk import Chunk, chunk_of
+from harness.measures.table import COLUMNS, MEASURES, Measure
+
+Value = float | int | bool | None
+
+_PLACE = {column: number for number, column in enumerate(COLUMNS)}
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeRecord:
+    """What is kept of an episode: a row of ``episodes.parquet`` (docs/files.md).
+
+    ``end_s`` is where the record ends: at the contact, the pass, the time-out or the failure.
+    ``values`` are those of ``MEASURES``, in its order; each is also an attribute by its column's
+    name (``record.pet_s``).  Undefined values are None.
+    """
+
+    ending: Ending
+    reason: str | None
+    end_s: float
+    contact: Contact | None
+    contact_index: int | None
+    contact_time_s: float | None
+    sumo_collision: bool | None
+    fallback: bool
+    steps: int
+    pedestrians: int
+    values: tuple[Value, ...]
+
+    def __getattr__(self, name: str) -> Any:
+        """A measure by its column's name."""
+        if name not in _PLACE:
+            raise AttributeError(name)
+        return self.values[_PLACE[name]]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """One episode: which one it was, its record and its trace."""
+
+    pair: int
+    arm: Arm
+    strategy: str
+    record: EpisodeRecord
+    trace: Trace
+
+
+def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
+    """The record of every trace, in order.
+
+    Args:
+        traces: of one vehicle, crossing and step (a chunk of one cell).
+    """
+    if not traces:
+        return []
+    chunk = chunk_of(traces)
+    columns = [_values(entry, chunk) for entry in MEASURES]
+    return [
+        _record(chunk, number, values) for number, values in enumerate(zip(*columns, strict=True))
+    ]
+
+
+def _values(entry: Measure, chunk: Chunk) -> list[Value]:
+    kind = entry.kind
+    return [None if value != value else kind(value) for value in entry.compute(chunk).tolist()]
+
+
+def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeRecord:
+    trace, strike = chunk.traces[number], chunk.strikes[number]
+    end_s = float(chunk.end_s[number])
+    return EpisodeRecord(
+        ending=trace.ending if strike is None else Ending.CRASHED,
+        reason=trace.reason,
+        end_s=end_s,
+        contact=None if strike is None else strike.contact,
+        contact_index=None if strike is None else strike.index,
+        contact_time_s=None if strike is None else strike.time_s,
+        sumo_collision=trace.sumo_collision,
+        fallback=trace.fallback,
+        steps=int(chunk.steps[number]),
+        pedestrians=sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks),
+        values=values,
+    )

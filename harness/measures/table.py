@@ -1,0 +1,128 @@
+"""Every measure, in one table.
+
+A new measure is a function of a chunk in one of this package's files and an entry here; tables,
+statistics, docs/measures.md's check and the conformance tests follow.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from harness.encounter import FloatArray
+from harness.measures import braking, collision, efficiency, encroachment, proximity
+from harness.measures.chunk import Chunk
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One number of an episode, for either arm.
+
+    ``compute`` gives one value for each trace of a chunk, NaN where undefined; each depends on
+    that trace alone, to the last bit.  ``kind`` is the type it is kept as.
+    """
+
+    column: str
+    unit: str
+    kind: type[float] | type[int] | type[bool]
+    formula: str
+    undefined_when: str
+    source: str
+    compute: Callable[[Chunk], FloatArray]
+
+
+MEASURES = (
+    Measure(
+        "pass_time_s",
+        "s",
+        float,
+        "time at which the rear bumper reaches x = width/2, solved inside the step",
+        "the ego did not cross",
+        'the paper\'s "time used"',
+        efficiency.pass_time_s,
+    ),
+    Measure(
+        "contact_speed_mps",
+        "m/s",
+        float,
+        "the ego's speed at the contact",
+        "no contact",
+        "",
+        collision.contact_speed_mps,
+    ),
+    Measure(
+        "min_gap_m",
+        "m",
+        float,
+        "smallest distance of the ego's rectangle and the pedestrian's disc over the states; "
+        "0 after a contact",
+        "nobody stepped off",
+        "",
+        proximity.min_gap_m,
+    ),
+    Measure(
+        "min_ttc_s",
+        "s",
+        float,
+        "smallest TTC over the states: time until the rectangle meets the disc (radius 0.25 m) "
+        "if both keep their velocities",
+        "never on a collision course",
+        "Hayward 1972, for a rectangle and a disc",
+        proximity.min_ttc_s,
+    ),
+    Measure(
+        "min_time_advantage_s",
+        "s",
+        float,
+        "smallest abs(R/v − L/v_p) while R > 0, L > 0 and v > 0",
+        "no such state",
+        "the paper's (tadv); Laureshyn 2010",
+        proximity.min_time_advantage_s,
+    ),
+    Measure(
+        "pet_s",
+        "s",
+        float,
+        "from one road user leaving the contact zone to the other entering it, smallest over "
+        "pedestrians; zone: ego's width × disc",
+        "crash, or one of the two never enters",
+        "Allen, Shin, Cooper 1978",
+        encroachment.pet_s,
+    ),
+    Measure(
+        "max_deceleration_mps2",
+        "m/s²",
+        float,
+        "largest −Δv/Δt over the steps; 0 if it never braked",
+        "never",
+        "",
+        braking.max_deceleration_mps2,
+    ),
+    Measure(
+        "stops",
+        "",
+        int,
+        "number of times the speed at a step's end falls below 0.1 m/s",
+        "never",
+        "SUMO's waiting-time threshold",
+        efficiency.stops,
+    ),
+    Measure(
+        "stopped_s",
+        "s",
+        float,
+        "number of steps that end below 0.1 m/s × step",
+        "never",
+        "SUMO's waiting-time threshold",
+        efficiency.stopped_s,
+    ),
+    Measure(
+        "delay_s",
+        "s",
+        float,
+        "pass time − (R0 + length + width/2)/v0",
+        "the ego did not cross",
+        "HCM: delay against the free pass time",
+        efficiency.delay_s,
+    ),
+)
+
+COLUMNS = tuple(measure.column for measure in MEASURES)
