@@ -5,7 +5,7 @@ Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 
 import importlib.metadata
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -86,6 +86,13 @@ TABLES = {
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
+
+
+def table_of(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
+    """Columns as the table of that name in ``TABLES``."""
+    schema = TABLES[name]
+    columns = [pa.array(rows[field.name], type=field.type) for field in schema]
+    return pa.table(columns, schema=schema)
 
 
 def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:

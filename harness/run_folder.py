@@ -10,9 +10,7 @@ import csv
 import io
 import json
 import os
-import re
 import shutil
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,20 +21,20 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from harness.errors import HarnessError, InputError
-from harness.results import TABLES, pair_rows
+from harness.results import TABLES, pair_rows, table_of
+from harness.shards import (
+    SHARDS,
+    DamagedShardError,
+    encode_shard,
+    read_shard,
+    shard_name,
+    shards_of,
+)
 
 MANIFEST = "manifest.json"
 
 _LOCK = ".lock"
-_SHARDS = "shards"
-_SHARD_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
 _ROW_GROUP = 100_000
-_CHECKSUM = 4
-"""Bytes of the CRC-32 each shard begins with."""
-
-
-class _DamagedShardError(Exception):
-    """A shard is not as it was written."""
 
 
 class RunFolder:
@@ -94,75 +92,50 @@ class RunFolder:
         self, cell: int, first: int, count: int, rows: Mapping[str, Mapping[str, Sequence[Any]]]
     ) -> None:
         """Keep the results of one task."""
-        buffer = io.BytesIO()
-        for name, columns in rows.items():
-            table = _table(name, columns)
-            with pa.ipc.new_stream(buffer, table.schema) as stream:
-                stream.write_table(table)
-        content = buffer.getvalue()
-        checked = zlib.crc32(content).to_bytes(_CHECKSUM) + content
-        write_file(self._shard_folder() / f"{cell}-{first}-{count}.arrows", checked)
+        tables = {name: table_of(name, columns) for name, columns in rows.items()}
+        path = self._shard_folder() / shard_name(cell, first, count)
+        write_file(path, encode_shard(tables))
 
     def done_pairs(self) -> dict[int, set[int]]:
         """Which pairs of which cell are finished; a shard that cannot be read does not count."""
         done: dict[int, set[int]] = {}
-        for cell, first, count, path in self._shards():
+        for shard in shards_of(self.path):
             try:
-                self._read_shard(path)
-            except (OSError, _DamagedShardError):
-                path.unlink()
+                read_shard(shard.path)
+            except (OSError, DamagedShardError):
+                shard.path.unlink()
                 continue
-            done.setdefault(cell, set()).update(range(first, first + count))
+            done.setdefault(shard.cell, set()).update(shard.numbers)
         return done
 
     def episodes_of(self, cell: int) -> pa.Table:
         """The ``episodes`` rows of a cell so far, by pair."""
-        parts = [self._read_shard(path)["episodes"] for c, *_, path in self._shards() if c == cell]
+        own = (shard.path for shard in shards_of(self.path) if shard.cell == cell)
+        parts = [read_shard(path)["episodes"] for path in own]
         return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
 
     def finish_tables(self, traces: bool) -> None:
         """Turn the shards into the run's tables."""
         names = ["episodes", "pedestrians", *(["traces"] if traces else [])]
+        shards = shards_of(self.path)
         for name in names:
-            parts = (self._read_shard(path)[name] for *_, path in self._shards())
+            parts = (read_shard(shard.path)[name] for shard in shards)
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
-        cells = sorted({cell for cell, *_ in self._shards()})
-        pairs = (_table("pairs", pair_rows(cell, self.episodes_of(cell))) for cell in cells)
+        cells = sorted({shard.cell for shard in shards})
+        pairs = (table_of("pairs", pair_rows(cell, self.episodes_of(cell))) for cell in cells)
         write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
 
     def drop_shards(self) -> None:
         """Remove the shards; their content is in the tables."""
-        shutil.rmtree(self.path / _SHARDS, ignore_errors=True)
-
-    def _shards(self) -> list[tuple[int, int, int, Path]]:
-        """(cell, first pair, number of pairs, file), in the order of the tables."""
-        found = []
-        for path in (self.path / _SHARDS).glob("*.arrows"):
-            match = _SHARD_NAME.fullmatch(path.name)
-            if match:
-                found.append((*(int(part) for part in match.groups()), path))
-        return sorted(found)  # type: ignore[arg-type]
+        shutil.rmtree(self.path / SHARDS, ignore_errors=True)
 
     def _shard_folder(self) -> Path:
-        folder = self.path / _SHARDS
+        folder = self.path / SHARDS
         try:
             folder.mkdir(exist_ok=True)
         except OSError as error:
             raise _cannot_write(folder, error) from None
         return folder
-
-    def _read_shard(self, path: Path) -> dict[str, pa.Table]:
-        content = path.read_bytes()
-        checksum, content = content[:_CHECKSUM], content[_CHECKSUM:]
-        # Arrow itself notices neither an empty file nor a changed number.
-        if checksum != zlib.crc32(content).to_bytes(_CHECKSUM):
-            raise _DamagedShardError(path)
-        tables = {}
-        file = io.BytesIO(content)
-        for name in ("episodes", "pedestrians", "traces"):
-            if file.tell() < len(content):
-                tables[name] = pa.ipc.open_stream(file).read_all()
-        return tables
 
 
 def claim_folder(out: Path | None, name: str) -> Path:
@@ -306,12 +279,6 @@ def _make(folder: Path, exist_ok: bool) -> None:
             raise
         why = f"cannot be written ({error.strerror})"
         raise InputError(where, why, "a writable folder") from None
-
-
-def _table(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
-    schema = TABLES[name]
-    columns = [pa.array(rows[field.name], type=field.type) for field in schema]
-    return pa.table(columns, schema=schema)
 
 
 def _cannot_write(path: Path, error: OSError) -> HarnessError:
