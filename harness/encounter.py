@@ -120,8 +120,10 @@ class Strategy(Protocol):
 
     The class is called with the parameters of its ``[strategies.<name>]`` table as keyword
     arguments.  A constructor that names ``model`` gets the interaction model, one that names
-    ``rng`` a ``numpy.random.Generator`` of its own, keyed by pair.  A boolean attribute
-    ``fallback``, where there is one, is recorded at the end of the episode.
+    ``rng`` a ``numpy.random.Generator`` of its own, keyed by pair, one that names ``step_s`` the
+    simulation's step.  A boolean attribute ``fallback``, where there is one, is recorded at the
+    end of the episode.  A classmethod ``prepare``, where there is one, is called with the same
+    parameters once per process before the first object is made.
     """
 
     def decide(self, observation: Observation, /) -> float | None:
@@ -162,8 +164,8 @@ class Trace:
 
     ``x_m`` and ``speed_mps`` have shape (steps + 1,), the state at times 0, step_s, 2 step_s …;
     in between the acceleration is constant.  ``ending`` is how the *engine* left off
-    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason``); contacts are found
-    afterwards, by ``measures``.
+    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason`` and, where a strategy
+    raised, its ``traceback``); contacts are found afterwards, by ``measures``.
     """
 
     vehicle: Vehicle
@@ -176,6 +178,7 @@ class Trace:
     reason: str | None
     sumo_collision: bool | None
     fallback: bool
+    traceback: str | None = None
 
 
 Parameters = dict[str, Any]

@@ -7,6 +7,7 @@ the trace; the loop only keeps what cannot be worked out later.
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from harness.encounter import (
     Walk,
 )
 from harness.engine.protocol import Engine
-from harness.errors import EngineError, StrategyError
+from harness.errors import EngineError, StrategyError, place_of
 
 ROUNDING_M = 1e-9
 """An ego this near a threshold is on it: engines differ in the last bits of their sums."""
@@ -126,12 +127,13 @@ def run_episode(
         record there.  An error of engine or strategy ends it as ``engine_failed``.
     """
     episode = Episode(engine, arrivals, choose_speed, rules)
-    reason, collided = None, None
+    reason, traceback, collided = None, None, None
     try:
         ending = _drive(episode.steps(), strategy)
         collided = engine.end()
     except EngineError as error:
         ending, reason = Ending.ENGINE_FAILED, str(error)
+        traceback = error.traceback if isinstance(error, StrategyError) else None
     return Trace(
         vehicle=rules.vehicle,
         crossing=rules.crossing,
@@ -143,6 +145,24 @@ def run_episode(
         reason=reason,
         sumo_collision=collided,
         fallback=bool(getattr(strategy, "fallback", False)),
+        traceback=traceback,
+    )
+
+
+def failed_episode(error: StrategyError, rules: Rules) -> Trace:
+    """The trace of an episode whose strategy could not even be made."""
+    return Trace(
+        vehicle=rules.vehicle,
+        crossing=rules.crossing,
+        step_s=rules.step_s,
+        x_m=np.array([]),
+        speed_mps=np.array([]),
+        walks=(),
+        ending=Ending.ENGINE_FAILED,
+        reason=str(error),
+        sumo_collision=None,
+        fallback=False,
+        traceback=error.traceback,
     )
 
 
@@ -156,8 +176,8 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
                 wanted = decide(observation)
             except Exception as error:
                 what = f"raised {type(error).__name__}: {error}"
-                when = f"at t = {observation.time_s:.3f} s"
-                raise StrategyError(f"the strategy {what} {when}") from error
+                when = f"at t = {observation.time_s:.3f} s ({place_of(error)})"
+                raise StrategyError(f"the strategy {what} {when}", error) from error
             observation = steps.send(wanted)
     except StopIteration as finished:
         ending: Ending = finished.value
@@ -239,20 +259,17 @@ class Episode:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
 
-    def _limited(self, wanted: float, now: float) -> float:
+    def _limited(self, answer: float, now: float) -> float:
         """A command within the vehicle's limits."""
         vehicle = self.rules.vehicle
-        try:
-            if wanted > vehicle.max_acceleration_mps2:
-                return vehicle.max_acceleration_mps2
-            if wanted < -vehicle.max_deceleration_mps2:
-                return -vehicle.max_deceleration_mps2
-            if wanted == wanted:
-                return wanted
-        except Exception as error:
-            what = f"returned {wanted!r}, no acceleration ({type(error).__name__}: {error})"
-            raise StrategyError(f"the strategy {what} at t = {now:.3f} s") from error
-        raise StrategyError(f"the strategy returned {wanted!r} at t = {now:.3f} s")
+        wanted = answer if type(answer) is float else _as_float(answer)
+        if wanted > vehicle.max_acceleration_mps2:
+            return vehicle.max_acceleration_mps2
+        if wanted < -vehicle.max_deceleration_mps2:
+            return -vehicle.max_deceleration_mps2
+        if wanted == wanted:
+            return wanted
+        raise StrategyError(f"the strategy returned {answer!r} at t = {now:.3f} s")
 
     def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
@@ -289,3 +306,8 @@ class Episode:
             return
         walking_speed = self.choose_speed(walker.walk.arrival, range_m, speed)
         walker.step_off(time_s, walking_speed, (range_m, speed))
+
+
+def _as_float(answer: object) -> float:
+    """A command that is another kind of number, as numpy's; NaN for what is none."""
+    return float(answer) if isinstance(answer, Real) else math.nan

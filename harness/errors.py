@@ -5,7 +5,12 @@ nearest valid one.
 """
 
 import difflib
+import traceback
 from collections.abc import Iterable
+from pathlib import Path
+
+_FRAMES = 20
+"""Frames of a strategy's traceback that are kept: the innermost ones."""
 
 
 class HarnessError(Exception):
@@ -42,7 +47,21 @@ class EngineError(HarnessError):
 
 
 class StrategyError(EngineError):
-    """A strategy raised, or asked for something that is no acceleration."""
+    """A strategy raised, or asked for something that is no acceleration.
+
+    Args:
+        message: one line.
+        cause: what it raised; its traceback, from the strategy's own frames on, is kept.
+    """
+
+    def __init__(self, message: str, cause: BaseException | None = None) -> None:
+        super().__init__(" ".join(message.split()))
+        self.traceback: str | None = None
+        if cause is not None and cause.__traceback__ is not None:
+            # The first frame is the harness's call.
+            own = cause.__traceback__.tb_next
+            lines = traceback.format_exception(type(cause), cause, own, limit=-_FRAMES)
+            self.traceback = "".join(lines)
 
 
 class InterruptedRunError(HarnessError):
@@ -55,7 +74,40 @@ class InterruptedRunError(HarnessError):
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:
     """The refusal of a name that is not in a known set, with the nearest valid one."""
     names = sorted(valid)
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     return InputError(
-        where, f"unknown {kind} {name!r}", ", ".join(names), close[0] if close else None
+        where, f"unknown {kind} {name!r}", ", ".join(names), nearest_name(name, names)
     )
+
+
+def nearest_name(name: str, valid: Iterable[str]) -> str | None:
+    """The valid name closest to a misspelt one, None where none is near."""
+    close = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
+    return close[0] if close else None
+
+
+def place_of(error: BaseException) -> str | None:
+    """``file:line`` where an error was raised, None without a traceback.
+
+    Frames of the import machinery do not count; a file in the working directory is named from
+    there.
+    """
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{_from_here(error.filename)}:{error.lineno}"
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if "importlib" not in frame.filename
+    ]
+    return f"{_from_here(frames[-1].filename)}:{frames[-1].lineno}" if frames else None
+
+
+def in_one_line(error: BaseException) -> str:
+    """The last line of an error's traceback, and its place."""
+    text = error.msg if isinstance(error, SyntaxError) else str(error)
+    place = place_of(error)
+    return f"{type(error).__name__}: {text}" + (f" ({place})" if place else "")
+
+
+def _from_here(file: str) -> str:
+    path, here = Path(file), Path.cwd()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else file

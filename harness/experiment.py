@@ -272,6 +272,8 @@ class _Work:
         try:
             for task, result in run_tasks(executor, iter(tasks), self.folder.note):
                 self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
+                for failure in result.failures:
+                    self.folder.note("episode failed", **failure)
                 pairs = range(task.first_pair, task.first_pair + task.count)
                 self.done.setdefault(task.cell, set()).update(pairs)
                 finished += task.count

@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.protocol import Engine
-from harness.episode import ChooseSpeed, Rules, run_episode
-from harness.errors import InputError
+from harness.episode import ChooseSpeed, Rules, failed_episode, run_episode
+from harness.errors import InputError, StrategyError, in_one_line
 from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
 from harness.plan import planned_arrivals
 from harness.scenario import Scenario
 from harness.seeding import stream
-from harness.strategies.registry import check_parameters, find_strategy, needs
+from harness.strategies.parameters import check_complete, check_parameters, needs
+from harness.strategies.registry import find_strategy, prepare, table_key
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
@@ -103,7 +104,12 @@ class PairRunner:
     ) -> Trace:
         if self._engine is None:
             self._engine = self._get_engine()
-        strategy = make_strategy(self._scenario, self._strategy_name(arm), pair, self._model)
+        name = self._strategy_name(arm)
+        try:
+            strategy = make_strategy(self._scenario, name, pair, self._model)
+        except Exception as error:
+            what = f"the strategy could not be made: {in_one_line(error)}"
+            return failed_episode(StrategyError(what, error), self._rules)
         trace = run_episode(self._engine, strategy, arrivals, choose, self._rules)
         if trace.ending is Ending.ENGINE_FAILED:
             # Nothing of a broken simulation may reach the next episode.
@@ -117,13 +123,15 @@ class PairRunner:
 
 
 def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
-    """A fresh strategy object for one episode."""
+    """A fresh strategy object for one episode; whatever its class has to prepare is prepared."""
     factory = find_strategy(name, "arms")
+    parameters = scenario.strategies.get(name, {})
+    prepare(factory, parameters)
     given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
     wanted = needs(factory)
     if "rng" in wanted:
         given["rng"] = stream(scenario.experiment.seed, "strategy", pair)
-    return factory(**{key: given[key] for key in wanted}, **scenario.strategies.get(name, {}))
+    return factory(**{key: given[key] for key in wanted}, **parameters)
 
 
 def check_arms(scenario: Scenario, model: InteractionModel) -> None:
@@ -133,20 +141,19 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         InputError: naming the key of the scenario.
     """
     for name in scenario.strategies:
-        check_parameters(
-            find_strategy(name, f"strategies.{name}"),
-            scenario.strategies[name],
-            f"strategies.{name}",
-        )
+        where = table_key(name)
+        check_parameters(find_strategy(name, where), scenario.strategies[name], where)
     for key, name in scenario.arms.model_dump().items():
-        find_strategy(name, f"arms.{key}")
+        where = table_key(name)
+        factory = find_strategy(name, f"arms.{key}")
+        check_complete(factory, scenario.strategies.get(name, {}), where)
         try:
             make_strategy(scenario, name, 0, model)
         except InputError as error:
-            raise InputError(f"strategies.{error.where}", error.problem, error.allowed) from None
+            parameter = error.where.removeprefix(f"{name}.")
+            raise InputError(f"{where}.{parameter}", error.problem, error.allowed) from None
         except Exception as error:
-            what = f"cannot be made ({type(error).__name__}: {error})"
-            raise InputError(f"strategies.{name}", what) from None
+            raise InputError(where, f"cannot be made: {in_one_line(error)}") from None
 
 
 class _WalkingSpeeds:

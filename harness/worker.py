@@ -15,6 +15,7 @@ from pathlib import Path
 from threading import Thread
 from typing import IO, Any
 
+from harness.encounter import Ending
 from harness.engine.control import SumoEngine
 from harness.engine.protocol import Engine
 from harness.interaction import InteractionModel
@@ -50,9 +51,10 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Columns of the tables, by table name."""
+    """Columns of the tables, by table name, and what the log is told of failed episodes."""
 
     rows: dict[str, dict[str, list[Any]]]
+    failures: tuple[dict[str, Any], ...] = ()
 
 
 _engine: tuple[str, SumoEngine] | None = None
@@ -108,7 +110,20 @@ def _result_of(task: Task, outcomes: list[Outcome]) -> TaskResult:
     }
     if task.traces:
         rows["traces"] = trace_rows(task.cell, outcomes)
-    return TaskResult(rows)
+    return TaskResult(rows, tuple(_failures(task.cell, outcomes)))
+
+
+def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[dict[str, Any]]:
+    for outcome in outcomes:
+        if outcome.record.ending is Ending.ENGINE_FAILED:
+            yield {
+                "cell": cell,
+                "pair": outcome.pair,
+                "arm": outcome.arm.value,
+                "strategy": outcome.strategy,
+                "reason": outcome.record.reason,
+                "traceback": outcome.trace.traceback,
+            }
 
 
 @contextmanager

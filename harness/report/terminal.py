@@ -14,7 +14,8 @@ from harness.errors import HarnessError
 from harness.experiment import Run
 from harness.results import summary_row, versions
 from harness.scenario import Scenario
-from harness.strategies.registry import STRATEGIES, describe, parameters_of
+from harness.strategies.parameters import describe, parameters_of
+from harness.strategies.registry import available
 
 PIPE_COLUMNS = 120
 
@@ -131,12 +132,13 @@ def is_the_papers(scenario: Scenario) -> bool:
 def print_strategies() -> None:
     """Every strategy with what it does and its parameters."""
     console = Console(highlight=False)
-    for name, factory in STRATEGIES.items():
-        summary = (factory.__doc__ or "").strip().splitlines()[0]
-        console.print(f"{name}: {summary}")
+    for name, factory in available().items():
+        summary = (factory.__doc__ or "no description").strip().splitlines()[0]
+        console.print(f"{name}: {summary}", markup=False)
         for parameter in parameters_of(factory):
+            default = "no default" if parameter.required else f"{parameter.default!r}"
             kind = describe(parameter.annotation)
-            console.print(f"    {parameter.name} = {parameter.default!r}  ({kind})")
+            console.print(f"    {parameter.name} = {default}  ({kind})", markup=False)
 
 
 def print_checks() -> bool:

@@ -1,18 +1,14 @@
-"""Every strategy that can drive an arm: one line each."""
+"""Every strategy that can drive an arm: one line each; a user's own are found by their names."""
 
-import inspect
-import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import lru_cache
-from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any
 
 from harness.encounter import StrategyFactory
-from harness.errors import InputError, unknown_name
+from harness.errors import InputError, nearest_name
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
+from harness.strategies.own import installed, load_installed, load_own
 from harness.strategies.soft_yield import SoftYield
 
 STRATEGIES: dict[str, StrategyFactory] = {
@@ -22,93 +18,42 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "human_gmm": HumanDriver,
 }
 
-GIVEN_BY_HARNESS = ("model", "rng", "step_s")
-"""Constructor arguments that the harness fills in; never keys of a scenario."""
-
-
-@dataclass(frozen=True)
-class StrategyParameter:
-    """One key of a ``[strategies.<name>]`` table."""
-
-    name: str
-    default: Any
-    annotation: Any
+_prepared: set[tuple[StrategyFactory, str]] = set()
+"""What this process has prepared: a strategy and the parameters it was prepared with."""
 
 
 def find_strategy(name: str, where: str) -> StrategyFactory:
-    """The strategy of that name.
+    """The strategy of that name: of the table, ``package.module:Class``, or an entry point.
 
     Raises:
-        InputError: no such name; ``where`` says which key named it.
+        InputError: no such name, or it cannot be imported; ``where`` says which key named it.
     """
-    if name not in STRATEGIES:
-        raise unknown_name(where, "strategy", name, STRATEGIES)
-    return STRATEGIES[name]
+    if name in STRATEGIES:
+        return STRATEGIES[name]
+    if ":" in name:
+        return load_own(name, where)
+    if name in installed():
+        return load_installed(name, where)
+    names = sorted({*STRATEGIES, *installed()})
+    allowed = ", ".join([*names, "or your own as package.module:Class"])
+    raise InputError(where, f"unknown strategy {name!r}", allowed, nearest_name(name, names))
 
 
-def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
-    """What a scenario may set for a strategy, in the order of its constructor."""
-    hints = get_type_hints(_constructor(strategy))
-    return [
-        StrategyParameter(parameter.name, parameter.default, hints.get(parameter.name, Any))
-        for parameter in inspect.signature(strategy).parameters.values()
-        if parameter.name not in GIVEN_BY_HARNESS
-    ]
+def available() -> dict[str, StrategyFactory]:
+    """Every strategy that has a name: those of the table and those that packages bring."""
+    found = {name: load_installed(name, f"entry point {name}") for name in installed()}
+    return {**STRATEGIES, **{name: own for name, own in found.items() if name not in STRATEGIES}}
 
 
-@lru_cache
-def needs(strategy: StrategyFactory) -> tuple[str, ...]:
-    """Which of ``GIVEN_BY_HARNESS`` the constructor asks for."""
-    names = inspect.signature(strategy).parameters
-    return tuple(name for name in GIVEN_BY_HARNESS if name in names)
+def table_key(name: str) -> str:
+    """The key of a strategy's table as a scenario writes it; names with a colon are quoted."""
+    return f'strategies."{name}"' if ":" in name else f"strategies.{name}"
 
 
-def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
-    """Hold a ``[strategies.<name>]`` table against the constructor's signature.
-
-    Raises:
-        InputError: an unknown key, or a value of another type than the annotation says.
-    """
-    known = {parameter.name: parameter for parameter in parameters_of(strategy)}
-    for name, value in parameters.items():
-        if name not in known:
-            if not known:
-                raise InputError(f"{where}.{name}", "this strategy has no parameters")
-            raise unknown_name(f"{where}.{name}", "parameter", name, known)
-        if not _fits(value, known[name].annotation):
-            raise InputError(
-                f"{where}.{name}", f"{value!r} is not accepted", describe(known[name].annotation)
-            )
-
-
-def describe(annotation: Any) -> str:
-    """An annotation in a reader's words: ``number``, ``'mode' or 'sampled'``."""
-    if get_origin(annotation) is Literal:
-        return " or ".join(repr(choice) for choice in get_args(annotation))
-    if get_origin(annotation) in (Union, UnionType):
-        return " or ".join(describe(part) for part in get_args(annotation))
-    words = {float: "finite number", int: "integer", bool: "true or false", str: "text"}
-    return words.get(annotation, str(annotation))
-
-
-def _constructor(strategy: StrategyFactory) -> Any:
-    return strategy.__init__ if isinstance(strategy, type) else strategy  # type: ignore[misc]
-
-
-def _fits(value: Any, annotation: Any) -> bool:
-    if annotation is Any:
-        return True
-    if get_origin(annotation) is Literal:
-        return value in get_args(annotation)
-    if get_origin(annotation) in (Union, UnionType):
-        return any(_fits(value, part) for part in get_args(annotation))
-    if annotation is NoneType:
-        return value is None
-    if annotation is float:
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            return False
-        # TOML's integers have no limit, a float's range has.
-        return abs(value) <= sys.float_info.max
-    if annotation is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return isinstance(value, annotation) if isinstance(annotation, type) else True
+def prepare(strategy: StrategyFactory, parameters: Mapping[str, Any]) -> None:
+    """Let a strategy load what it needs, once per process and set of parameters."""
+    own = getattr(strategy, "prepare", None)
+    key = (strategy, repr(sorted(parameters.items())))
+    if own is not None and key not in _prepared:
+        own(**parameters)
+        _prepared.add(key)

@@ -117,7 +117,7 @@ CULPRITS = {
 REASONS = {
     "raises": "the strategy raised RuntimeError: on purpose at t = 0.300 s",
     "nan": "the strategy returned nan at t = 0.300 s",
-    "text": "the strategy returned 'fast'",
+    "text": "the strategy returned 'fast' at t = 0.300 s",
     "loses_ego": "SUMO lost the episode",
     "exits": "SystemExit: 3",
     # 6 is SIGABRT's number on every POSIX system.
@@ -221,6 +221,22 @@ def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
         assert all(function in stack for stack in stacks)
     given_up = {event["pair"] for event in events if event["event"] == "pair given up"}
     assert given_up == {CULPRITS[name] for name in ("exits", "aborts", "hangs", "hangs_in_c")}
+
+
+def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
+    lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    events = [json.loads(line) for line in lines]
+    failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
+    assert set(failed) == {CULPRITS[name] for name in ("raises", "nan", "text", "loses_ego")}
+    event = failed[CULPRITS["raises"]]
+    assert (event["arm"], event["strategy"]) == ("av", "faulty")
+    assert REASONS["raises"] in event["reason"]
+    first, *_, last = event["traceback"].splitlines()
+    assert (first, last) == ("Traceback (most recent call last):", "RuntimeError: on purpose")
+    assert "in decide" in event["traceback"]
+    assert "in raise_error" in event["traceback"]
+    assert "episode.py" not in event["traceback"]
+    assert failed[CULPRITS["nan"]]["traceback"] is None
 
 
 def test_summary_counts_the_failed_apart(batch: Path) -> None:

@@ -1,0 +1,131 @@
+"""Parameters of strategies: what a constructor takes, and whether a scenario's table fits it."""
+
+import inspect
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from harness.encounter import StrategyFactory
+from harness.errors import InputError, unknown_name
+
+GIVEN_BY_HARNESS = ("model", "rng", "step_s")
+"""Constructor arguments that the harness fills in; never keys of a scenario."""
+
+_OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+
+
+@dataclass(frozen=True)
+class StrategyParameter:
+    """One key of a ``[strategies.<name>]`` table; ``required`` where it has no default."""
+
+    name: str
+    default: Any
+    annotation: Any
+
+    @property
+    def required(self) -> bool:
+        """Whether a scenario has to give it."""
+        return self.default is inspect.Parameter.empty
+
+
+def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
+    """What a scenario may set for a strategy, in the order of its constructor."""
+    try:
+        hints = get_type_hints(_constructor(strategy))
+    except (NameError, TypeError):
+        # A user's annotation that means nothing at run time, e.g. imported for type checkers only.
+        hints = {}
+    return [
+        StrategyParameter(parameter.name, parameter.default, hints.get(parameter.name, Any))
+        for parameter in inspect.signature(strategy).parameters.values()
+        if parameter.name not in GIVEN_BY_HARNESS and parameter.kind not in _OPEN
+    ]
+
+
+@lru_cache
+def needs(strategy: StrategyFactory) -> tuple[str, ...]:
+    """Which of ``GIVEN_BY_HARNESS`` the constructor asks for."""
+    names = inspect.signature(strategy).parameters
+    return tuple(name for name in GIVEN_BY_HARNESS if name in names)
+
+
+def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
+    """Hold a ``[strategies.<name>]`` table against the constructor's signature.
+
+    Raises:
+        InputError: an unknown key, or a value of another type than the annotation says.
+    """
+    known = {parameter.name: parameter for parameter in parameters_of(strategy)}
+    takes_any = any(
+        parameter.kind is inspect.Parameter.VAR_KEYWORD
+        for parameter in inspect.signature(strategy).parameters.values()
+    )
+    for name, value in parameters.items():
+        if name not in known:
+            if takes_any and name not in GIVEN_BY_HARNESS:
+                continue
+            if not known:
+                raise InputError(f"{where}.{name}", "this strategy has no parameters")
+            raise unknown_name(f"{where}.{name}", "parameter", name, known)
+        if not _fits(value, known[name].annotation):
+            raise InputError(
+                f"{where}.{name}", f"{value!r} is not accepted", describe(known[name].annotation)
+            )
+
+
+def check_complete(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
+    """Whether every parameter without a default is there.
+
+    Raises:
+        InputError: naming the first that is missing.
+    """
+    for parameter in parameters_of(strategy):
+        if parameter.required and parameter.name not in parameters:
+            raise InputError(
+                f"{where}.{parameter.name}",
+                "is missing and has no default",
+                describe(parameter.annotation),
+            )
+
+
+def describe(annotation: Any) -> str:
+    """An annotation in a reader's words: ``number``, ``'mode' or 'sampled'``."""
+    if get_origin(annotation) is Literal:
+        return " or ".join(repr(choice) for choice in get_args(annotation))
+    if get_origin(annotation) in (Union, UnionType):
+        return " or ".join(describe(part) for part in get_args(annotation))
+    words = {
+        float: "finite number",
+        int: "integer",
+        bool: "true or false",
+        str: "text",
+        NoneType: "nothing",
+        Any: "any value",
+    }
+    return words.get(annotation, getattr(annotation, "__name__", str(annotation)))
+
+
+def _constructor(strategy: StrategyFactory) -> Any:
+    return strategy.__init__ if isinstance(strategy, type) else strategy  # type: ignore[misc]
+
+
+def _fits(value: Any, annotation: Any) -> bool:
+    if annotation is Any:
+        return True
+    if get_origin(annotation) is Literal:
+        return value in get_args(annotation)
+    if get_origin(annotation) in (Union, UnionType):
+        return any(_fits(value, part) for part in get_args(annotation))
+    if annotation is NoneType:
+        return value is None
+    if annotation is float:
+        if not isinstance(value, int | float) or isinstance(value, bool):
+            return False
+        # TOML's integers have no limit, a float's range has.
+        return abs(value) <= sys.float_info.max
+    if annotation is int:
+        return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, annotation) if isinstance(annotation, type) else True

@@ -1,0 +1,87 @@
+"""A user's own strategy through the console script, whose folder is not the working directory."""
+
+import json
+import os
+import shutil
+import subprocess
+import sysconfig
+from pathlib import Path
+
+import pyarrow.parquet as pq
+
+from tests.batches import QUICK, options_of
+
+CHECKOUT = Path(__file__).parents[2]
+
+MODULE = """
+import os
+from pathlib import Path
+
+
+class Mine:
+    loaded = None
+
+    @classmethod
+    def prepare(cls, **parameters):
+        cls.loaded = parameters["until_s"]
+        with Path("prepared.txt").open("a") as file:
+            file.write(f"{os.getpid()}\\n")
+
+    def __init__(self, rng, *, until_s: float):
+        assert self.loaded == until_s
+        self.fails = rng.random() < 0.2
+
+    def decide(self, observation):
+        if self.fails and observation.time_s > self.loaded:
+            raise ArithmeticError("on purpose")
+        return -0.1
+"""
+
+
+def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    script = Path(sysconfig.get_path("scripts")) / "harness"
+    return subprocess.run(
+        [str(script), *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(MODULE, encoding="utf-8")
+    changes = {**QUICK, "arms.av": "mine:Mine", "experiment.pairs": 110}
+    own = ("--set", 'strategies."mine:Mine".until_s=0.35')
+    done = harness(
+        *("run", "cctc", "--out", "run", "--workers", 2, *options_of(changes), *own), cwd=tmp_path
+    )
+    assert done.returncode == 1, done.stderr
+    assert "Traceback" not in done.stderr
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    failed = [(row["pair"], row["arm"]) for row in episodes if row["ending"] == "engine_failed"]
+    assert 5 < len(failed) < 50
+    assert {arm for _, arm in failed} == {"av"}
+    assert {row["strategy"] for row in episodes} == {"mine:Mine", "constant_speed"}
+    lines = (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8").splitlines()
+    events = [event for event in map(json.loads, lines) if event["event"] == "episode failed"]
+    assert sorted((event["pair"], event["arm"]) for event in events) == sorted(failed)
+    for event in events:
+        assert event["traceback"].splitlines()[-1] == "ArithmeticError: on purpose"
+        assert str(tmp_path / "mine.py") in event["traceback"]
+    # Once in each worker and once where the scenario was checked.
+    prepared = (tmp_path / "prepared.txt").read_text().split()
+    assert len(prepared) == len(set(prepared)) == 3
+
+
+def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
+    shutil.copy(CHECKOUT / "examples" / "my_strategy.py", tmp_path)
+    setting = "arms.av=my_strategy:MyStrategy"
+    done = harness(
+        "run", "cctc", "--pairs", 3, "--out", "run", "-q", "--set", setting, cwd=tmp_path
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, "run"), done.stderr
+    again = harness("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
+    assert again.returncode == 0, again.stdout + again.stderr
