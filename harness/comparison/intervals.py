@@ -3,6 +3,7 @@
 Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ INDICATIVE_BELOW = {"mu": 4_000, "cv": 4_000}
 """Fewer pairs than this cover less than 93.5 % in the paper's scenario (docs/method.md)."""
 
 _DRAWS_IN_MEMORY = 2_000_000
+
+_RESAMPLES_BEYOND = 20
+"""At least so many resamples lie beyond each limit of an interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,28 +51,49 @@ def coefficient_of_variation(values: FloatArray) -> FloatArray:
     return result
 
 
-def bootstrap_mean_and_cv(
+def bootstrap_mean(
     values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
-) -> tuple[Interval, Interval]:
-    """Mean and coefficient of variation with BCa intervals from the same resamples.
+) -> Interval:
+    """Mean with its BCa interval.
 
     Args:
-        values: shape (n,), finite, of positive mean where c_v is wanted.
+        values: shape (n,), finite.
         rng: draws the resamples, in batches of bounded memory.
-        confidence: of the intervals, two-sided.
+        confidence: of the interval, two-sided.
 
     Returns:
         Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
     """
     n = len(values)
     if n == 0:
-        return UNDEFINED, UNDEFINED
-    mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
+        return UNDEFINED
+    mean = float(np.mean(values))
     if n == 1:
-        return Interval(mean, None, None), Interval(None, None, None)
+        return Interval(mean, None, None)
     if np.ptp(values) == 0:
-        return Interval(mean, mean, mean), Interval(0.0, 0.0, 0.0)
-    means, cvs = _resample(values, rng)
+        return Interval(mean, mean, mean)
+    total = _resamples(n, confidence)
+    means = np.concatenate([np.mean(sample, axis=-1) for sample in _samples(values, rng, total)])
+    return _bca(mean, means, mean - (values - mean) / (n - 1), confidence)
+
+
+def bootstrap_mean_and_cv(
+    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+) -> tuple[Interval, Interval]:
+    """Mean and coefficient of variation with BCa intervals from the same resamples.
+
+    As ``bootstrap_mean``; c_v needs a positive mean.
+    """
+    n = len(values)
+    if n < 2 or np.ptp(values) == 0:
+        spread = UNDEFINED if n < 2 else Interval(0.0, 0.0, 0.0)
+        return bootstrap_mean(values, rng, confidence), spread
+    mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
+    means, cvs = [], []
+    for sample in _samples(values, rng, _resamples(n, confidence)):
+        means.append(np.mean(sample, axis=-1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cvs.append(np.std(sample, axis=-1) / means[-1])
     deviation = values - mean
     left_out_mean = mean - deviation / (n - 1)
     # Variance without value i, from Σd² of the whole: no n × n table.
@@ -76,8 +101,8 @@ def bootstrap_mean_and_cv(
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
     return (
-        _bca(mean, means, left_out_mean, confidence),
-        _bca(cv, cvs, left_out_cv, confidence),
+        _bca(mean, np.concatenate(means), left_out_mean, confidence),
+        _bca(cv, np.concatenate(cvs), left_out_cv, confidence),
     )
 
 
@@ -96,22 +121,21 @@ def zero_bound(trials: int) -> float:
     return float(1 - (1 - CONFIDENCE) ** (1 / trials))
 
 
-def _resamples(n: int) -> int:
-    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on."""
-    return max(1_999, min(RESAMPLES, 20_000_000 // n))
+def _resamples(n: int, confidence: float) -> int:
+    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on.
+
+    More where the confidence leaves too few beyond the limits otherwise.
+    """
+    beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
+    return max(1_999, min(RESAMPLES, 20_000_000 // n), beyond)
 
 
-def _resample(values: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    n, total = len(values), _resamples(len(values))
+def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterator[FloatArray]:
+    """``total`` resamples, in batches of shape (some, n)."""
+    n = len(values)
     batch = max(1, _DRAWS_IN_MEMORY // n)
-    means, cvs = np.empty(total), np.empty(total)
     for begin in range(0, total, batch):
-        end = min(total, begin + batch)
-        sample = values[rng.integers(0, n, size=(end - begin, n))]
-        means[begin:end] = np.mean(sample, axis=-1)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cvs[begin:end] = np.std(sample, axis=-1) / means[begin:end]
-    return means, cvs
+        yield values[rng.integers(0, n, size=(min(batch, total - begin), n))]
 
 
 def _bca(

@@ -8,6 +8,7 @@ from harness.comparison.intervals import (
     CONFIDENCE,
     Interval,
     Proportion,
+    bootstrap_mean,
     bootstrap_mean_and_cv,
     proportion,
 )
@@ -90,10 +91,7 @@ def summarise(
     tau = av_time / human_time
     defined = ~np.isnan(tau)
     mu, cv = bootstrap_mean_and_cv(tau[defined], rng, confidence)
-    delays = [
-        bootstrap_mean_and_cv(delay[~np.isnan(delay)], rng, confidence)[0]
-        for delay in pairs.delay_s
-    ]
+    delays = [bootstrap_mean(delay[~np.isnan(delay)], rng, confidence) for delay in pairs.delay_s]
     with_timeout = np.where(av_out, timeout_s, av_time) / np.where(human_out, timeout_s, human_time)
     kappa = proportion(int(pairs.crashed[0].sum()), int(av_ran.sum()), confidence)
     return Summary(

@@ -1,0 +1,213 @@
+"""Which values of a strategy's parameter keep μ below μ0 and κ below κ0 (paper, figure of the
+vehicle's aggressiveness), as far as the pairs can tell.
+
+All bounds of a sweep hold together: m values have 2 m upper bounds, each one-sided at
+1 − level / 2m (Bonferroni), and as many lower ones.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from scipy import stats
+
+from harness.comparison.intervals import Interval, Proportion, bootstrap_mean, proportion
+from harness.encounter import FloatArray
+
+MOST_PAIRS = 10**9
+"""Numbers of pairs beyond are not worth naming."""
+
+
+class Verdict(StrEnum):
+    """On one value of the parameter."""
+
+    ALLOWED = "allowed"
+    """The upper bounds of μ and κ lie below μ0 and κ0."""
+    DENIED = "denied"
+    """The lower bound of μ or κ is not below its limit."""
+    UNDECIDED = "undecided"
+
+
+class SweepVerdict(StrEnum):
+    """Of the whole sweep."""
+
+    SOME = "allowed"
+    NONE = "none"
+    TOO_FEW_PAIRS = "too few pairs"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Below which μ and κ have to be: μ0 > 0, 0 < κ0 ≤ 1."""
+
+    mu0: float
+    kappa0: float
+
+
+@dataclass(frozen=True, slots=True)
+class SweptValue:
+    """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep."""
+
+    mu: Interval
+    kappa: Proportion
+    pairs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """On one value; ``pairs_needed`` would decide an undecided one at the present estimates."""
+
+    swept: SweptValue
+    verdict: Verdict
+    pairs_needed: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class AllowedInterval:
+    """On a sweep: allowed values, or none, or too few pairs to tell.
+
+    With too few, ``pairs_needed`` would show the first value allowed, or all of them denied,
+    whatever the present estimates point to; None where they point to nothing.
+    """
+
+    verdict: SweepVerdict
+    judgements: tuple[Judgement, ...]
+    pairs_needed: int | None
+
+
+def swept_value(
+    tau: FloatArray,
+    crashed: np.ndarray,
+    ran: np.ndarray,
+    rng: np.random.Generator,
+    values: int,
+    level: float,
+) -> SweptValue:
+    """μ and κ of one cell with bounds that hold over all values of the sweep.
+
+    Args:
+        tau: τ of each pair, NaN where undefined.
+        crashed: whether the AV crashed.
+        ran: whether its episode ran, that is, did not fail in the engine.
+        rng: draws the resamples.
+        values: m, the number of values swept.
+        level: chance that any upper (or any lower) bound is wrong.
+    """
+    confidence = 1 - 2 * _tail(values, level)
+    return SweptValue(
+        bootstrap_mean(tau[~np.isnan(tau)], rng, confidence),
+        proportion(int((crashed & ran).sum()), int(ran.sum()), confidence),
+        len(tau),
+    )
+
+
+def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) -> AllowedInterval:
+    """Judge every value of a sweep, and the sweep.
+
+    Args:
+        sweep: see ``swept_value``.
+        limits: μ0 and κ0.
+        level: the same as of the bounds.
+    """
+    tail = _tail(len(sweep), level)
+    judgements = tuple(_judge(swept, limits, tail) for swept in sweep)
+    verdicts = {judgement.verdict for judgement in judgements}
+    if Verdict.ALLOWED in verdicts:
+        return AllowedInterval(SweepVerdict.SOME, judgements, None)
+    if verdicts == {Verdict.DENIED}:
+        return AllowedInterval(SweepVerdict.NONE, judgements, None)
+    undecided = [judgement for judgement in judgements if judgement.verdict is Verdict.UNDECIDED]
+    towards = [item.pairs_needed for item in undecided if _within(item.swept, limits)]
+    if towards:
+        known = [pairs for pairs in towards if pairs is not None]
+        return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, judgements, min(known, default=None))
+    away = [item.pairs_needed for item in undecided if item.pairs_needed is not None]
+    most = max(away) if len(away) == len(undecided) else None
+    return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, judgements, most)
+
+
+def _tail(values: int, level: float) -> float:
+    return level / (2 * values)
+
+
+def _judge(swept: SweptValue, limits: Limits, tail: float) -> Judgement:
+    mu, kappa = swept.mu, swept.kappa
+    below = (_is(mu.high, limits.mu0, below=True), _is(kappa.high, limits.kappa0, below=True))
+    if all(below):
+        return Judgement(swept, Verdict.ALLOWED, None)
+    beyond = (_is(mu.low, limits.mu0, below=False), _is(kappa.low, limits.kappa0, below=False))
+    if any(beyond):
+        return Judgement(swept, Verdict.DENIED, None)
+    return Judgement(swept, Verdict.UNDECIDED, _pairs_needed(swept, limits, tail))
+
+
+def _pairs_needed(swept: SweptValue, limits: Limits, tail: float) -> int | None:
+    """Where both estimates lie below, to show it; else to show one of them beyond."""
+    sides = [
+        (swept.mu.value, limits.mu0, _pairs_for_mu(swept, limits.mu0)),
+        (swept.kappa.value, limits.kappa0, _pairs_for_kappa(swept, limits.kappa0, tail)),
+    ]
+    if _within(swept, limits):
+        known = [pairs for *_, pairs in sides if pairs is not None]
+        return max(known) if len(known) == len(sides) else None
+    beyond = [
+        pairs
+        for estimate, limit, pairs in sides
+        if pairs is not None and estimate is not None and estimate > limit
+    ]
+    return min(beyond, default=None)
+
+
+def _is(bound: float | None, limit: float, *, below: bool) -> bool:
+    return bound is not None and (bound < limit) == below
+
+
+def _within(swept: SweptValue, limits: Limits) -> bool:
+    """Whether both estimates lie below their limits."""
+    return _is(swept.mu.value, limits.mu0, below=True) and _is(
+        swept.kappa.value, limits.kappa0, below=True
+    )
+
+
+def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
+    """At which the bound on the limit's side would reach it: its distance goes with 1/√N."""
+    mu = swept.mu
+    if mu.value is None or mu.low is None or mu.high is None or mu.value == limit:
+        return None
+    distance = mu.high - mu.value if mu.value < limit else mu.value - mu.low
+    return _named(swept.pairs * (distance / (limit - mu.value)) ** 2)
+
+
+def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:
+    """At which the Clopper–Pearson bound on the limit's side would pass it, at the same share."""
+    rate, trials = swept.kappa.value, swept.kappa.trials
+    if rate is None or rate == limit:
+        return None
+    if rate < limit:
+        passes: Callable[[int], bool] = lambda n: _upper(rate, n, tail) < limit  # noqa: E731
+    else:
+        passes = lambda n: _lower(rate, n, tail) >= limit  # noqa: E731
+    if not passes(MOST_PAIRS):
+        return None
+    few, enough = 0, 1
+    while not passes(enough):
+        few, enough = enough, 2 * enough
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if passes(middle) else (middle, enough)
+    return _named(enough * swept.pairs / trials)
+
+
+def _upper(rate: float, n: int, tail: float) -> float:
+    return float(stats.beta.ppf(1 - tail, rate * n + 1, n - rate * n)) if rate < 1 else 1.0
+
+
+def _lower(rate: float, n: int, tail: float) -> float:
+    return float(stats.beta.ppf(tail, rate * n, n - rate * n + 1)) if rate > 0 else 0.0
+
+
+def _named(pairs: float) -> int | None:
+    whole = math.ceil(pairs)
+    return whole if whole <= MOST_PAIRS else None

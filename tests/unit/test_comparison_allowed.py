@@ -1,0 +1,187 @@
+"""The allowed interval of aggressiveness: all three verdicts on data made by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.comparison import (
+    Limits,
+    SweepVerdict,
+    SweptValue,
+    Verdict,
+    allowed_interval,
+    swept_value,
+)
+
+LEVEL = 0.05
+
+
+def swept(tau: np.ndarray, crashes: int, values: int, runs: int | None = None) -> SweptValue:
+    """A value at which ``crashes`` of the pairs crashed; τ is as given in all the same."""
+    count = len(tau)
+    ran = np.arange(count) < (count if runs is None else runs)
+    crashed = np.arange(count) < crashes
+    return swept_value(tau, crashed, ran, np.random.default_rng(0), values, LEVEL)
+
+
+def spread(mean: float, count: int) -> np.ndarray:
+    """Values of this mean and population standard deviation 0.1."""
+    return mean + np.tile([-0.1, 0.1], count // 2)
+
+
+def test_bounds_are_one_sided_and_shared_by_the_sweep() -> None:
+    # Five values have ten upper bounds: each at 1 − 0.05/10.
+    value = swept(spread(0.7, 400), 0, 5)
+    assert value.kappa.high == pytest.approx(1 - 0.005 ** (1 / 400), rel=1e-9)
+    # Symmetric two-point values: the bound on the mean is the normal one up to resampling noise.
+    reach = stats.norm.ppf(0.995) * 0.1 / math.sqrt(400)
+    assert value.mu.high - 0.7 == pytest.approx(reach, rel=0.07)
+    assert 0.7 - value.mu.low == pytest.approx(reach, rel=0.07)
+
+
+def test_some_values_are_allowed() -> None:
+    # Upper bounds of 0 of 1,000 at 1 − 0.05/6: 0.0048.
+    sweep = [
+        swept(np.full(1_000, 0.8), 40, 3),  # too many crashes: lower bound 0.025
+        swept(spread(0.85, 1_000), 0, 3),  # fine
+        swept(spread(0.95, 1_000), 0, 3),  # too slow
+    ]
+    found = allowed_interval(sweep, Limits(0.9, 0.01), LEVEL)
+    assert found.verdict is SweepVerdict.SOME
+    verdicts = [judgement.verdict for judgement in found.judgements]
+    assert verdicts == [Verdict.DENIED, Verdict.ALLOWED, Verdict.DENIED]
+    assert found.pairs_needed is None
+    assert {judgement.pairs_needed for judgement in found.judgements} == {None}
+
+
+def test_none_is_allowed() -> None:
+    # Each is denied by one of the two alone.
+    sweep = [swept(np.full(1_000, 0.8), 40, 2), swept(spread(0.95, 1_000), 0, 2)]
+    found = allowed_interval(sweep, Limits(0.9, 0.01), LEVEL)
+    assert found.verdict is SweepVerdict.NONE
+    assert {judgement.verdict for judgement in found.judgements} == {Verdict.DENIED}
+    assert found.pairs_needed is None
+
+
+def test_on_the_limit_is_denied() -> None:
+    # Below is asked for; without spread there is nothing to be undecided about.
+    found = allowed_interval([swept(np.full(400, 0.75), 0, 1)], Limits(0.75, 0.5), LEVEL)
+    assert found.verdict is SweepVerdict.NONE
+
+
+def test_too_few_pairs_for_the_crash_rate() -> None:
+    sweep = [swept(np.full(100, 0.8), 0, 2), swept(np.full(100, 1.0), 0, 2)]
+    found = allowed_interval(sweep, Limits(0.9, 0.01), LEVEL)
+    assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
+    assert [item.verdict for item in found.judgements] == [Verdict.UNDECIDED, Verdict.DENIED]
+    # No crash in n: 1 − 0.0125^(1/n) < 0.01, so n > ln 0.0125 / ln 0.99 = 436.01.
+    assert found.pairs_needed == math.ceil(math.log(0.0125) / math.log(0.99)) == 437
+    assert found.judgements[0].pairs_needed == 437
+    # With so many the verdict falls, with one less it does not.
+    for pairs, verdict in ((437, SweepVerdict.SOME), (436, SweepVerdict.TOO_FEW_PAIRS)):
+        more = [swept(np.full(pairs, 0.8), 0, 2), swept(np.full(pairs, 1.0), 0, 2)]
+        assert allowed_interval(more, Limits(0.9, 0.01), LEVEL).verdict is verdict
+
+
+def test_failed_episodes_make_the_number_larger() -> None:
+    # Of 100 pairs 50 ran: 437 runs take 874 pairs.
+    found = allowed_interval(
+        [swept(np.full(100, 0.8), 0, 2, runs=50)] * 2, Limits(0.9, 0.01), LEVEL
+    )
+    assert found.pairs_needed == 874
+
+
+def test_too_few_pairs_for_the_mean() -> None:
+    value = swept(spread(0.85, 100), 0, 1)
+    found = allowed_interval([value], Limits(0.86, 0.5), LEVEL)
+    assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
+    # Distance of the bound 1.96 · 0.1 / √N = 0.01 at N = 384.
+    assert found.pairs_needed == pytest.approx((1.96 * 0.1 / 0.01) ** 2, rel=0.1)
+    pairs = 2 * math.ceil(1.1 * found.pairs_needed / 2)
+    enough = allowed_interval([swept(spread(0.85, pairs), 0, 1)], Limits(0.86, 0.5), LEVEL)
+    assert enough.verdict is SweepVerdict.SOME
+
+
+def test_the_larger_number_of_the_two_decides() -> None:
+    value = swept(spread(0.85, 100), 0, 1)
+    alone = allowed_interval([value], Limits(0.86, 0.5), LEVEL).pairs_needed
+    both = allowed_interval([value], Limits(0.86, 0.01), LEVEL).pairs_needed
+    # ln 0.025 / ln 0.99 = 367.04; the mean needs about 384.
+    assert (alone, both) == (alone, max(alone, 368))
+    strict = allowed_interval([value], Limits(0.86, 0.001), LEVEL).pairs_needed
+    assert strict == math.ceil(math.log(0.025) / math.log(0.999))
+
+
+def test_what_would_deny_all() -> None:
+    # 3 crashes of 100 against κ0 = 0.01: the estimate points beyond, the lower bound does not yet.
+    found = allowed_interval([swept(np.full(100, 0.8), 3, 1)], Limits(0.9, 0.01), LEVEL)
+    assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
+    needed = found.pairs_needed
+
+    def low(crashes: int, runs: int) -> float:
+        test = stats.binomtest(crashes, runs, alternative="greater")
+        return float(test.proportion_ci(1 - 0.025, method="exact").low)
+
+    # At the same share of 3 %; whole crashes lie within 1/0.03 = 33 episodes of each other.
+    after = math.ceil(0.03 * needed)
+    before = after - 2
+    assert low(after, round(after / 0.03)) >= 0.01
+    assert low(before, round(before / 0.03)) < 0.01
+
+
+def test_the_quicker_way_to_deny_counts_and_all_have_to_be_denied() -> None:
+    quick = swept(spread(0.95, 50), 0, 2)  # μ beyond by two standard errors and more
+    slow = swept(np.full(50, 0.8), 1, 2)  # κ beyond, 1 of 50 against 0.01
+    limits = Limits(0.93, 0.01)
+    each = [allowed_interval([value, value], limits, LEVEL).pairs_needed for value in (quick, slow)]
+    assert None not in each
+    assert each[0] < each[1]
+    assert allowed_interval([quick, slow], limits, LEVEL).pairs_needed == each[1]
+
+
+def test_the_first_that_could_be_allowed_counts() -> None:
+    near, far = swept(spread(0.89, 50), 0, 2), swept(spread(0.87, 50), 0, 2)
+    found = allowed_interval([near, far], Limits(0.9, 0.2), LEVEL)
+    assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
+    # Distances to the limit of 0.01 and 0.03: nine times the pairs.
+    needed = [judgement.pairs_needed for judgement in found.judgements]
+    assert needed[0] == pytest.approx(9 * needed[1], rel=0.1)
+    assert found.pairs_needed == needed[1]
+
+
+@pytest.mark.parametrize(
+    ("tau", "crashes", "limits"),
+    [
+        (np.full(50, np.nan), 0, Limits(0.9, 0.2)),  # τ undefined in every pair
+        (np.append(np.full(49, np.nan), 0.8), 0, Limits(0.9, 0.2)),  # no interval from one
+        (np.full(50, 0.8), 1, Limits(0.9, 0.02)),  # the estimate lies on the limit
+    ],
+)
+def test_where_no_number_can_be_named(tau: np.ndarray, crashes: int, limits: Limits) -> None:
+    found = allowed_interval([swept(tau, crashes, 1)], limits, LEVEL)
+    assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
+    assert found.pairs_needed is None
+
+
+def test_undefined_mu_is_denied_by_its_crashes() -> None:
+    found = allowed_interval([swept(np.full(50, np.nan), 50, 1)], Limits(0.9, 0.2), LEVEL)
+    assert found.verdict is SweepVerdict.NONE
+
+
+@pytest.mark.parametrize("values", [1, 3, 10])
+def test_wrongly_allowed_by_crashes_at_most_the_level(values: int) -> None:
+    # κ = κ0 at every value: P(some upper bound below κ0), over all outcomes, independent values.
+    kappa0, runs = 0.03, 400
+    counts = np.arange(runs + 1)
+    allowed = [
+        crashes
+        for crashes in counts[:30]
+        if swept(np.full(runs, 0.8), int(crashes), values).kappa.high < kappa0
+    ]
+    single = float(stats.binom.pmf(allowed, runs, kappa0).sum())
+    assert 1 - (1 - single) ** values <= LEVEL / 2
+    # At 95 % each, without Bonferroni, ten values would not keep it.
+    naive = [c for c in counts[:30] if stats.beta.ppf(0.95, c + 1, runs - c) < kappa0]
+    assert 1 - (1 - stats.binom.pmf(naive, runs, kappa0).sum()) ** 10 > 2 * LEVEL
