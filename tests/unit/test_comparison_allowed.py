@@ -27,15 +27,16 @@ def swept(tau: np.ndarray, crashes: int, values: int, runs: int | None = None) -
 
 
 def spread(mean: float, count: int) -> np.ndarray:
-    """Values of this mean and population standard deviation 0.1."""
-    return mean + np.tile([-0.1, 0.1], count // 2)
+    """Normal scores of this mean and population standard deviation 0.1."""
+    scores = stats.norm.ppf((np.arange(count) + 0.5) / count)
+    return mean + 0.1 * (scores - scores.mean()) / scores.std()
 
 
 def test_bounds_are_one_sided_and_shared_by_the_sweep() -> None:
     # Five values have ten upper bounds: each at 1 − 0.05/10.
     value = swept(spread(0.7, 400), 0, 5)
     assert value.kappa.high == pytest.approx(1 - 0.005 ** (1 / 400), rel=1e-9)
-    # Symmetric two-point values: the bound on the mean is the normal one up to resampling noise.
+    # Symmetric values: the bound on the mean is the normal one up to resampling noise.
     reach = stats.norm.ppf(0.995) * 0.1 / math.sqrt(400)
     assert value.mu.high - 0.7 == pytest.approx(reach, rel=0.07)
     assert 0.7 - value.mu.low == pytest.approx(reach, rel=0.07)
@@ -99,7 +100,7 @@ def test_too_few_pairs_for_the_mean() -> None:
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
     # Distance of the bound 1.96 · 0.1 / √N = 0.01 at N = 384.
     assert found.pairs_needed == pytest.approx((1.96 * 0.1 / 0.01) ** 2, rel=0.1)
-    pairs = 2 * math.ceil(1.1 * found.pairs_needed / 2)
+    pairs = math.ceil(1.1 * found.pairs_needed)
     enough = allowed_interval([swept(spread(0.85, pairs), 0, 1)], Limits(0.86, 0.5), LEVEL)
     assert enough.verdict is SweepVerdict.SOME
 
