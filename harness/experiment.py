@@ -356,14 +356,18 @@ def _reach_precision(work: _Work, study: Study, planned: dict[int, int], until: 
 
 
 def _narrow(folder: RunFolder, cell: Cell, until: Precision, confidence: float) -> bool:
-    summary = _summarise(folder.episodes_of(cell.number), cell, confidence)
+    summary = summarise_cell(folder.episodes_of(cell.number), cell, confidence)
     interval: Interval = getattr(summary, until.measure)
     if interval.low is None or interval.high is None:
         return False
     return (interval.high - interval.low) / 2 <= until.half_width
 
 
-def _summarise(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    """What is reported of a cell, from its episodes by pair.
+
+    The resampling's stream is the scenario's alone: the same episodes give the same intervals.
+    """
     experiment = cell.scenario.experiment
     rng = np.random.default_rng((experiment.seed, _BOOTSTRAP))
     return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
@@ -380,7 +384,7 @@ def finish(
     counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
     for cell in study.cells:
         episodes = folder.episodes_of(cell.number)
-        summary = _summarise(episodes, cell, confidence)
+        summary = summarise_cell(episodes, cell, confidence)
         summaries.append(summary)
         rows.append({**cell.varied, **summary_row(summary)})
         counts["pairs"] += summary.pairs
@@ -402,7 +406,7 @@ def _read_finished(path: Path, study: Study, options: Options) -> Run:
     summaries, failures = [], []
     for cell in study.cells:
         episodes = read_table(path, "episodes", cell.number)
-        summaries.append(_summarise(episodes, cell, confidence))
+        summaries.append(summarise_cell(episodes, cell, confidence))
         failures += _failures(episodes, cell.number)
     return Run(path, study, tuple(summaries), tuple(failures))
 

@@ -12,6 +12,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -180,17 +181,42 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return document
 
 
-def read_table(folder: Path, name: str, cell: int | None = None) -> pa.Table:
-    """One table of a finished run, all of it or one cell's rows.
+def read_table(
+    folder: Path, name: str, cell: int | None = None, pair: int | None = None
+) -> pa.Table:
+    """One table of a finished run: all of it, one cell's rows, or one pair's.
 
     Raises:
         InputError: the table is missing, damaged, or of another format.
     """
+    wanted = [(key, "=", value) for key, value in (("cell", cell), ("pair", pair))]
+    filters = [condition for condition in wanted if condition[2] is not None]
+    with _reading(folder, name) as path:
+        table = pq.read_table(path, filters=filters or None)
+        if name not in TABLES:
+            return table
+        missing = [column for column in TABLES[name].names if column not in table.column_names]
+        if missing:
+            raise InputError(str(path), f"lacks {missing[0]}", "a run of this version")
+        return table.select(TABLES[name].names).cast(TABLES[name])
+
+
+def count_rows(folder: Path, name: str) -> int:
+    """Number of rows of a finished run's table, from its footer alone.
+
+    Raises:
+        InputError: the table is missing or damaged.
+    """
+    with _reading(folder, name) as path:
+        return int(pq.read_metadata(path).num_rows)
+
+
+@contextmanager
+def _reading(folder: Path, name: str) -> Iterator[Path]:
+    """The path of a table; what goes wrong with it becomes one line."""
     path = folder / f"{name}.parquet"
     try:
-        filters = None if cell is None else [("cell", "=", cell)]
-        table = pq.read_table(path, filters=filters)
-        return table.cast(TABLES[name]) if name in TABLES else table
+        yield path
     except FileNotFoundError:
         raise InputError(str(path), "is missing", "a finished run's table") from None
     except (OSError, pa.ArrowException, ValueError) as error:

@@ -69,7 +69,7 @@ def stopped(
     work: Any = Drawn(tau, crashed, options)
     experiment._reach_precision(work, study, {0: pairs}, until)
     cell, confidence = study.cells[0], confidence_of(study, options)
-    found = experiment._summarise(work.episodes_of(0), cell, confidence)
+    found = experiment.summarise_cell(work.episodes_of(0), cell, confidence)
     return getattr(found, until.measure), work.looks
 
 

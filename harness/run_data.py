@@ -1,0 +1,278 @@
+"""A run folder in Python: typed, read when asked for, finished or still going on.
+
+run = harness.load_run("runs/cctc-1")
+run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
+"""
+
+import csv
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from harness.encounter import Ending
+from harness.errors import InputError
+from harness.experiment import confidence_of, options_of, recall_study, summarise_cell
+from harness.results import TABLES, pair_rows, summary_row, table_of
+from harness.run_folder import MANIFEST, count_rows, read_manifest, read_table
+from harness.scenario import Scenario
+from harness.shards import DamagedShardError, Shard, read_shard, shards_of
+from harness.study import Study
+
+
+@dataclass(frozen=True)
+class RunData:
+    """What a run folder holds.  Tables are read on first use and kept; do not change them.
+
+    A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
+    it was loaded, and ``summary`` is worked out from those.
+    """
+
+    path: Path
+    manifest: Mapping[str, Any]
+    """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
+    study: Study
+    finished: bool
+    """False while the run goes on, or after it was broken off."""
+    shards: tuple[Shard, ...] = ()
+    """Finished work of an unfinished run."""
+
+    @property
+    def name(self) -> str:
+        """What the run is called: its scenario's name."""
+        return self.study.name
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario before anything was varied."""
+        return self.study.base
+
+    def scenario_of(self, cell: int) -> Scenario:
+        """The scenario of one cell."""
+        return self.study.cells[cell].scenario
+
+    @property
+    def varied_keys(self) -> list[str]:
+        """What a sweep varies; nothing for a run of one cell."""
+        return self.study.varied_keys
+
+    @property
+    def kept_traces(self) -> bool:
+        """Whether the run keeps every step (``--traces``)."""
+        return bool(self.manifest["traces"])
+
+    @property
+    def planned_pairs(self) -> int:
+        """Pairs of all cells as planned; ``--until`` may end with fewer."""
+        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
+
+    @cached_property
+    def cells(self) -> pd.DataFrame:
+        """One row per cell: ``cell`` and the varied keys."""
+        if self.finished:
+            return _frame(read_table(self.path, "cells"))
+        rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """One row per cell × pair × arm.
+
+        ``cell, pair, arm, strategy, ending, reason, contact, contact_index, contact_time_s,
+        sumo_collision, fallback, steps, pedestrians`` and a column for each of
+        ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
+        """
+        return self._read("episodes")
+
+    @cached_property
+    def pedestrians(self) -> pd.DataFrame:
+        """One row per pedestrian × arm.
+
+        ``cell, pair, arm, index, arrival_s, start_s, side, quantile, speed_mps, range_m,
+        vehicle_speed_mps, cleared_s``; what he saw and how fast he went is missing where he never
+        got to go.
+        """
+        return self._read("pedestrians")
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
+        if self.finished:
+            return self._read("pairs")
+        episodes = self._table("episodes")
+        numbers = episodes["cell"].to_numpy()
+        parts = [
+            table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
+            for cell in np.unique(numbers)
+        ]
+        return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
+
+        ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  Cells
+        of an unfinished run without a finished pair are left out.
+        """
+        if self.finished:
+            return _read_summary(self.path, self.study)
+        episodes = self._table("episodes")
+        numbers = episodes["cell"].to_numpy()
+        confidence = confidence_of(self.study, options_of(dict(self.manifest)))
+        rows = []
+        for cell in self.study.cells:
+            own = episodes.filter(pa.array(numbers == cell.number))
+            if own.num_rows:
+                summary = summary_row(summarise_cell(own, cell, confidence))
+                rows.append({"cell": cell.number, **cell.varied, **summary})
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """One row per step and object; big: ``traces_of`` reads one pair.
+
+        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (his centre).
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return self._read("traces")
+
+    def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
+        """The rows of ``traces`` of both arms of one pair.
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        if self.finished:
+            return _frame(read_table(self.path, "traces", cell, pair))
+        holding = [shard for shard in self.shards if shard.cell == cell and pair in shard.numbers]
+        rows = _frame(self._table("traces", holding))
+        return rows[rows["pair"] == pair].reset_index(drop=True)
+
+    def failures(self) -> pd.DataFrame:
+        """The episodes in which engine or strategy failed, with ``reason``."""
+        return self.episodes[self.episodes["ending"] == Ending.ENGINE_FAILED]
+
+    def _need_traces(self) -> None:
+        if not self.kept_traces:
+            raise InputError(str(self.path), "kept no traces", "a run with --traces")
+
+    def _read(self, name: str) -> pd.DataFrame:
+        return _frame(self._table(name))
+
+    def _table(self, name: str, shards: "list[Shard] | None" = None) -> pa.Table:
+        if self.finished:
+            return read_table(self.path, name)
+        parts = []
+        for shard in self.shards if shards is None else shards:
+            try:
+                parts.append(read_shard(shard.path)[name].cast(TABLES[name]))
+            except FileNotFoundError:
+                what = "has been finished or resumed meanwhile"
+                raise InputError(str(self.path), what, "load it again") from None
+            except (OSError, DamagedShardError, KeyError, ValueError, pa.ArrowException):
+                raise InputError(
+                    str(shard.path), "is damaged", "go on with: harness run --resume"
+                ) from None
+        return pa.concat_tables([TABLES[name].empty_table(), *parts])
+
+
+def load_run(path: str | Path) -> RunData:
+    """Open a run folder, finished or not.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        Its content; tables are read when they are asked for.
+
+    Raises:
+        InputError: it is no run folder, one of another format version, an incomplete copy, or
+            damaged.
+    """
+    folder = Path(path)
+    document = read_manifest(folder)
+    try:
+        study = recall_study(document)
+        options_of(document)
+        counts = document["counts"]
+        finished = counts is not None
+        expected = {
+            "cells": len(study.cells),
+            "episodes": int(counts["episodes"]) if finished else 0,
+            "pairs": int(counts["pairs"]) if finished else 0,
+        }
+    except InputError as error:
+        where = error.where.removeprefix(MANIFEST)
+        raise InputError(f"{folder / MANIFEST}{where}", error.problem, error.allowed) from None
+    except (KeyError, TypeError, ValueError):
+        where = str(folder / MANIFEST)
+        raise InputError(where, "is damaged", "a manifest as a run writes it") from None
+    if not finished:
+        shards = _readable(folder)
+        if read_manifest(folder).get("counts") is not None:
+            # It was finished while its shards were read, and they are gone.
+            return load_run(folder)
+        return RunData(folder, document, study, finished=False, shards=shards)
+    for name, rows in expected.items():
+        found = count_rows(folder, name)
+        if found != rows:
+            where = str(folder / f"{name}.parquet")
+            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+    return RunData(folder, document, study, finished=True)
+
+
+def _readable(folder: Path) -> tuple[Shard, ...]:
+    """The shards that can be read; one that cannot does not count, as when a run is resumed."""
+    readable = []
+    for shard in shards_of(folder):
+        try:
+            read_shard(shard.path)
+        except (OSError, DamagedShardError):
+            continue
+        readable.append(shard)
+    return tuple(readable)
+
+
+def _read_summary(folder: Path, study: Study) -> pd.DataFrame:
+    path = folder / "summary.csv"
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file, strict=True))
+        columns = {name: _numbers([row[name] for row in rows]) for name in (rows or [{}])[0]}
+    except FileNotFoundError:
+        raise InputError(str(path), "is missing", "a finished run's table") from None
+    except (OSError, ValueError, TypeError, csv.Error):
+        raise InputError(str(path), "cannot be read", "a run's table") from None
+    expected = {"pairs", "defined_pairs", "mu", "cv", "kappa", "delay_s", *study.varied_keys}
+    if len(rows) != len(study.cells) or not expected <= set(columns):
+        raise InputError(str(path), "is damaged", f"a row for each of {len(study.cells)} cells")
+    for key in study.varied_keys:
+        # CSV knows no types: a strategy may be called "nan".
+        columns[key] = [cell.varied[key] for cell in study.cells]
+    return pd.DataFrame({"cell": range(len(rows)), **columns})
+
+
+def _numbers(texts: Sequence[str]) -> list[Any]:
+    """A column of the summary: whole numbers, floats with NaN for empty, or else text."""
+    for read in (int, lambda text: float(text) if text else math.nan):
+        try:
+            return [read(text) for text in texts]
+        except ValueError:
+            continue
+    return list(texts)
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    frame: pd.DataFrame = table.to_pandas()
+    return frame

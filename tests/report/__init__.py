@@ -1,0 +1,1 @@
+"""Run folders read back, figures by their data, the page in a browser."""

@@ -1,0 +1,74 @@
+"""Small runs that the tests of this folder read: simulated once per session, never changed."""
+
+from concurrent.futures import Future
+from pathlib import Path
+
+import pytest
+
+from harness.errors import InterruptedRunError
+from harness.experiment import Options, run_study
+from harness.study import Study
+from harness.worker import Task, TaskResult, close_engine
+from tests.batches import Inline, one_cell, sweep
+from tests.conftest import _close_all
+
+
+class Stopping(Inline):
+    """Stops, as Ctrl-C does, when it is asked for more than so many tasks."""
+
+    tasks = 2
+
+    def __init__(self, workers: int) -> None:
+        super().__init__(workers)
+        self.left = self.tasks
+
+    def submit(self, task: Task) -> "Future[TaskResult]":
+        if not self.left:
+            raise KeyboardInterrupt
+        self.left -= 1
+        return super().submit(task)
+
+
+def simulate(
+    study: Study, folder: Path, options: Options | None = None, stop: bool = False
+) -> Path:
+    """Run a study in this process; with ``stop``, only its first two tasks."""
+    _close_all()
+    try:
+        if stop:
+            with pytest.raises(InterruptedRunError):
+                run_study(study, options or Options(), out=folder, make_executor=Stopping)
+        else:
+            run_study(study, options or Options(), out=folder, make_executor=Inline)
+    finally:
+        close_engine()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder the runs below lie in."""
+    return tmp_path_factory.mktemp("runs")
+
+
+@pytest.fixture(scope="session")
+def single(runs: Path) -> Path:
+    """The paper's experiment, 12 pairs, with traces."""
+    study = one_cell("cctc", {"experiment.pairs": 12})
+    return simulate(study, runs / "single", Options(traces=True))
+
+
+@pytest.fixture(scope="session")
+def swept(runs: Path) -> Path:
+    """Two flows × two strategies, one of which crashes; no traces."""
+    changes = {"experiment.pairs": 8, "experiment.timeout_s": 40.0}
+    vary = ("pedestrians.flow_per_hour=300,900", "arms.av=soft_yield,constant_speed")
+    return simulate(sweep("cctc_flow", changes, *vary), runs / "swept")
+
+
+@pytest.fixture(scope="session")
+def unfinished(runs: Path) -> Path:
+    """Stopped after 8 of 12 pairs, with traces."""
+    study = one_cell("cctc", {"experiment.pairs": 12})
+    options = Options(traces=True, task_pairs=4, workers=1)
+    return simulate(study, runs / "unfinished", options, stop=True)

@@ -1,0 +1,184 @@
+"""Run folders read back: the same numbers, finished or not; bad folders refused in one line."""
+
+import csv
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pyarrow.parquet as pq
+import pytest
+from pandas.testing import assert_frame_equal
+
+import harness
+from harness.errors import InputError
+from harness.experiment import Options
+from tests.batches import one_cell
+from tests.report.conftest import simulate
+
+
+def test_tables_are_what_the_files_hold(single: Path) -> None:
+    run = harness.load_run(single)
+    assert (run.finished, run.name, run.kept_traces) == (True, "cctc", True)
+    assert run.scenario.ego.trigger_range_m == 30
+    for name in ("cells", "episodes", "pedestrians", "pairs", "traces"):
+        stored = pq.read_table(single / f"{name}.parquet")
+        frame: pd.DataFrame = getattr(run, name)
+        assert list(frame.columns) == stored.column_names
+        for column, values in stored.to_pydict().items():
+            found = [None if pd.isna(value) else value for value in frame[column]]
+            assert found == values, column
+    with (single / "summary.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert list(run.summary.columns) == ["cell", *row]
+    assert {name: float(run.summary[name][0]) for name in row} == pytest.approx(
+        {name: float(value) if value else None for name, value in row.items()}, nan_ok=True
+    )
+
+
+def test_one_pair_of_the_traces(single: Path) -> None:
+    run = harness.load_run(single)
+    expected = run.traces[run.traces["pair"] == 7].reset_index(drop=True)
+    assert len(expected) > 100
+    assert_frame_equal(run.traces_of(0, 7), expected)
+
+
+def test_varied_keys_of_a_sweep(swept: Path) -> None:
+    run = harness.load_run(swept)
+    assert run.varied_keys == ["pedestrians.flow_per_hour", "arms.av"]
+    assert list(run.summary["arms.av"]) == ["soft_yield", "constant_speed"] * 2
+    assert list(run.summary["pedestrians.flow_per_hour"]) == [300, 300, 900, 900]
+    assert list(run.summary["cell"]) == list(run.cells["cell"]) == [0, 1, 2, 3]
+    assert run.scenario_of(3).arms.av == "constant_speed"
+    with pytest.raises(InputError, match="kept no traces"):
+        run.traces_of(0, 0)
+
+
+def test_text_of_a_varied_key_stays_text(swept: Path, tmp_path: Path) -> None:
+    folder = copy(swept, tmp_path)
+    document = json.loads((folder / "manifest.json").read_text())
+    for cell in document["cells"]:
+        cell["model.name"] = "nan"
+    (folder / "manifest.json").write_text(json.dumps(document))
+    text = (folder / "summary.csv").read_text().splitlines()
+    lines = ["model.name," + text[0], *("nan," + line for line in text[1:])]
+    (folder / "summary.csv").write_text("\n".join(lines) + "\n")
+    assert list(harness.load_run(folder).summary["model.name"]) == ["nan"] * 4
+
+
+def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Path) -> None:
+    """The same 8 pairs as a run of their own."""
+    whole = simulate(
+        one_cell("cctc", {"experiment.pairs": 8}), tmp_path / "eight", Options(traces=True)
+    )
+    run, expected = harness.load_run(unfinished), harness.load_run(whole)
+    assert (run.finished, run.planned_pairs) == (False, 12)
+    for name in ("episodes", "pedestrians", "pairs", "traces", "summary", "cells"):
+        frame: pd.DataFrame = getattr(run, name)
+        assert_frame_equal(frame, getattr(expected, name), check_dtype=False)
+    assert_frame_equal(run.traces_of(0, 5), expected.traces_of(0, 5))
+
+
+def test_an_unfinished_run_is_read_while_another_process_holds_it(unfinished: Path) -> None:
+    from harness.run_folder import RunFolder
+
+    folder = RunFolder(unfinished)
+    try:
+        assert len(harness.load_run(unfinished).pairs) == 8
+    finally:
+        folder.close()
+
+
+def test_a_damaged_shard_does_not_count(unfinished: Path, tmp_path: Path) -> None:
+    folder = copy(unfinished, tmp_path)
+    shard = folder / "shards" / "0-4-4.arrows"
+    content = bytearray(shard.read_bytes())
+    content[len(content) // 2] ^= 1
+    shard.write_bytes(bytes(content))
+    assert list(harness.load_run(folder).pairs["pair"]) == [0, 1, 2, 3]
+
+
+def test_a_run_that_was_finished_meanwhile_says_so(unfinished: Path, tmp_path: Path) -> None:
+    folder = copy(unfinished, tmp_path)
+    run = harness.load_run(folder)
+    shutil.rmtree(folder / "shards")
+    with pytest.raises(InputError, match="load it again"):
+        _ = run.episodes
+
+
+def copy(folder: Path, to: Path) -> Path:
+    """A copy to be spoilt."""
+    target = to / "copy"
+    shutil.copytree(folder, target)
+    return target
+
+
+def manifest(folder: Path, **changes: object) -> None:
+    path = folder / "manifest.json"
+    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-40])
+
+
+SPOILT = {
+    "empty folder": (lambda f: [p.unlink() for p in f.iterdir()], "is no run folder"),
+    "file": (lambda f: (shutil.rmtree(f), f.write_text("x")), "is no run folder"),
+    "nothing": (shutil.rmtree, "is no run folder"),
+    "another program's manifest": (
+        lambda f: (f / "manifest.json").write_text('{"name": "app"}'),
+        "manifest.json: is damaged",
+    ),
+    "no JSON": (lambda f: (f / "manifest.json").write_text("{"), "manifest.json: is damaged"),
+    "a list": (lambda f: (f / "manifest.json").write_text("[]"), "manifest.json: is damaged"),
+    "old": (lambda f: manifest(f, schema=0), "manifest.json: format version 0; allowed: 1"),
+    "counts": (lambda f: manifest(f, counts=[1]), "manifest.json: is damaged"),
+    "scenario": (lambda f: manifest(f, scenario={"ego": {"wheels": 4}}), "ego.wheels"),
+    "table missing": (lambda f: (f / "pairs.parquet").unlink(), "pairs.parquet: is missing"),
+    "table cut": (lambda f: cut(f / "episodes.parquet"), "episodes.parquet: cannot be read"),
+    "other table": (
+        lambda f: shutil.copy(f / "cells.parquet", f / "pairs.parquet"),
+        "pairs.parquet: 1 rows; allowed: 12, as the manifest says",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
+def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> None:
+    folder = copy(single, tmp_path)
+    spoil, words = SPOILT[case]
+    spoil(folder)
+    with pytest.raises(InputError) as caught:
+        harness.load_run(folder)
+    assert words in str(caught.value)
+    assert str(folder) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "is missing"),
+        (b"", "is damaged"),
+        (b"a,b\n1,2\n", "is damaged"),
+        (b"mu\n1\xff\n", "cannot be read"),
+    ],
+)
+def test_summary_missing_or_damaged(
+    single: Path, tmp_path: Path, content: bytes | None, words: str
+) -> None:
+    folder = copy(single, tmp_path)
+    (folder / "summary.csv").unlink()
+    if content is not None:
+        (folder / "summary.csv").write_bytes(content)
+    with pytest.raises(InputError, match=words):
+        _ = harness.load_run(folder).summary
+
+
+def test_a_table_of_an_earlier_version_is_refused(single: Path, tmp_path: Path) -> None:
+    folder = copy(single, tmp_path)
+    path = folder / "episodes.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["pet_s"]), path)
+    with pytest.raises(InputError, match=r"episodes.parquet: lacks pet_s"):
+        _ = harness.load_run(folder).episodes
