@@ -1,5 +1,6 @@
 """A strategy of your own: copy this file, change `decide`, and run
 
+    harness strategies --check my_strategy:MyStrategy
     harness run cctc --set arms.av=my_strategy:MyStrategy
 
 in the folder it lies in.  docs/strategies.md explains what an observation holds.

@@ -26,11 +26,35 @@ def network(
     print_line(str(files.net))
 
 
-def strategies() -> None:
-    """List the strategies and their parameters."""
+def strategies(
+    check: Annotated[
+        str | None,
+        typer.Option(
+            help="Check a strategy of your own, e.g. my_module:MyStrategy, or any of the list.",
+            metavar="STRATEGY",
+        ),
+    ] = None,
+) -> None:
+    """List the strategies and their parameters, or check one against the rules for all."""
     from harness.report.terminal import print_strategies
 
-    print_strategies()
+    if check is None:
+        print_strategies()
+        return
+    from harness.conformance import check_strategy
+    from harness.interaction import load_model
+    from harness.scenario import Scenario
+
+    verdicts = check_strategy(check, load_model(Scenario().model.name))
+    for verdict in verdicts:
+        failed = verdict.problem is not None
+        print_line(
+            f"FAILED   {verdict.check}: {verdict.problem}"
+            if failed
+            else f"ok       {verdict.check}"
+        )
+    if any(verdict.problem is not None for verdict in verdicts):
+        raise typer.Exit(1)
 
 
 def doctor() -> None:

@@ -43,6 +43,7 @@ LEVELS = {
     "harness.worker": 5,
     "harness.execution": 5,
     "harness.cluster": 5,
+    "harness.conformance": 5,
     "harness.replay": 5,
     "harness.scoring": 5,
     "harness.experiment": 5,

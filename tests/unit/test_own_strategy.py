@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from harness import cli
+from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.errors import InputError
@@ -273,3 +275,25 @@ def test_an_installed_entry_point(write: Write, model, monkeypatch: pytest.Monke
 
 def test_the_group_is_the_documented_one() -> None:
     assert own.GROUP == "harness.strategies"
+
+
+def checked(name: str, monkeypatch: pytest.MonkeyPatch, capsys) -> tuple[int, list[str]]:
+    monkeypatch.setattr(sys, "argv", ["harness", "strategies", "--check", name])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    printed = capsys.readouterr()
+    assert "Traceback" not in printed.err
+    return caught.value.code, (printed.out + printed.err).splitlines()
+
+
+def test_checked_from_the_shell(write: Write, monkeypatch, capsys) -> None:
+    write("mine_k", MODULE)
+    code, lines = checked("mine_k:Steady", monkeypatch, capsys)
+    assert (code, len(lines)) == (0, len(CHECKS))
+    assert all(line.startswith("ok  ") for line in lines)
+    code, lines = checked("mine_k:Demanding", monkeypatch, capsys)
+    assert (code, len(lines)) == (1, len(CHECKS))
+    assert "FAILED   every parameter has a default: no default for needed" in lines
+    code, lines = checked("mine_k:Demandin", monkeypatch, capsys)
+    assert (code, len(lines)) == (2, 1)
+    assert "did you mean 'Demanding'?" in lines[0]

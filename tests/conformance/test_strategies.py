@@ -1,0 +1,150 @@
+"""Every strategy of the table keeps every rule; strategies that break one are found out."""
+
+import math
+import sys
+import types
+from collections.abc import Iterator
+from typing import ClassVar
+
+import pytest
+
+from harness.conformance import CHECKS, Subject, check_strategy
+from harness.strategies.registry import STRATEGIES
+
+
+@pytest.mark.parametrize("check", CHECKS)
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_keeps(strategy: str, check: str, model) -> None:
+    CHECKS[check](Subject(strategy, model))
+
+
+class Steady:
+    """Keeps every rule."""
+
+    def decide(self, _seen):
+        return 0.0
+
+
+class Demanding(Steady):
+    def __init__(self, *, gap_s: float) -> None:
+        self.gap_s = gap_s
+
+
+class NeedsSomebody(Steady):
+    def decide(self, seen):
+        return 0.0 * seen.pedestrians[0].lateral_m
+
+
+class NeedsOne(Steady):
+    def decide(self, seen):
+        (_,) = seen.pedestrians or (None,)
+        return 0.0
+
+
+class NeedsThemAhead(Steady):
+    def decide(self, seen):
+        return 0.0 * math.sqrt(min([p.lateral_m for p in seen.pedestrians], default=0.0))
+
+
+class DividesByTheirSpeed(Steady):
+    def decide(self, seen):
+        return 0.0 * max([1 / p.speed_mps for p in seen.pedestrians], default=0.0)
+
+
+class NeedsTenths(Steady):
+    def decide(self, seen):
+        return {0.1: 0.0}[seen.step_s]
+
+
+class Infinite(Steady):
+    def decide(self, seen):
+        return math.inf if seen.pedestrians else 0.0
+
+
+class Text(Steady):
+    def decide(self, _seen):
+        return "0.0"
+
+
+class Stops(Steady):
+    def decide(self, _seen):
+        return -1.0
+
+
+class Whims(Steady):
+    count: ClassVar = [0]
+
+    def decide(self, _seen):
+        self.count[0] += 1
+        return math.sin(self.count[0]) / 10
+
+
+class Learns(Steady):
+    met = 0
+
+    def decide(self, seen):
+        Learns.met = max(Learns.met, len(seen.pedestrians))
+        return 0.01 * Learns.met
+
+
+class Interferes(Steady):
+    def decide(self, seen):
+        object.__setattr__(seen.vehicle, "max_acceleration_mps2", 99.0)
+        return 0.0
+
+
+BROKEN = {
+    Demanding: "every parameter has a default",
+    NeedsSomebody: "survives nobody, many, people past its lane and behind it",
+    NeedsOne: "survives nobody, many, people past its lane and behind it",
+    NeedsThemAhead: "survives nobody, many, people past its lane and behind it",
+    DividesByTheirSpeed: "survives nobody, many, people past its lane and behind it",
+    NeedsTenths: "survives nobody, many, people past its lane and behind it",
+    Infinite: "answers with a finite number or None",
+    Text: "answers with a finite number or None",
+    Stops: "crosses an empty road",
+    Whims: "the same episode twice gives the same answers",
+    Learns: "remembers nothing of other episodes",
+    Interferes: "leaves what it is given as it is",
+}
+
+
+@pytest.fixture
+def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """The strategies above as a module of a user."""
+    name = "made_up_strategies"
+    module = types.ModuleType(name)
+    for thing in (Steady, Nothing, *BROKEN):
+        setattr(module, thing.__name__, thing)
+    monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.setattr(Learns, "met", 0)
+    monkeypatch.setattr(Whims, "count", [0])
+    return name
+
+
+class Nothing(Steady):
+    """Hands over to SUMO, which conformance on the plain engine leaves out."""
+
+    def decide(self, _seen):
+        return None
+
+
+@pytest.mark.parametrize("strategy", [Steady, Nothing])
+def test_one_that_keeps_them_all(strategy, made_up: str, model) -> None:
+    verdicts = check_strategy(f"{made_up}:{strategy.__name__}", model)
+    assert [verdict.check for verdict in verdicts] == list(CHECKS)
+    assert [verdict.problem for verdict in verdicts] == [None] * len(CHECKS)
+
+
+@pytest.mark.parametrize("strategy", BROKEN, ids=lambda strategy: strategy.__name__)
+def test_one_that_breaks_a_rule_is_found_out(strategy, made_up: str, model) -> None:
+    verdicts = check_strategy(f"{made_up}:{strategy.__name__}", model)
+    found = {verdict.check: verdict.problem for verdict in verdicts if verdict.problem}
+    assert BROKEN[strategy] in found
+    assert all("\n" not in problem for problem in found.values())
+
+
+def test_state_in_the_class_is_found_out(made_up: str, model) -> None:
+    for strategy in (Whims, Learns):
+        with pytest.raises(Exception, match=r"changed (count|met) of the class"):
+            CHECKS["keeps nothing in its class"](Subject(f"{made_up}:{strategy.__name__}", model))
