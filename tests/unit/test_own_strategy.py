@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness import cli
+from harness.cli import app
 from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
@@ -280,7 +280,7 @@ def test_the_group_is_the_documented_one() -> None:
 def checked(name: str, monkeypatch: pytest.MonkeyPatch, capsys) -> tuple[int, list[str]]:
     monkeypatch.setattr(sys, "argv", ["harness", "strategies", "--check", name])
     with pytest.raises(SystemExit) as caught:
-        cli.main()
+        app.main()
     printed = capsys.readouterr()
     assert "Traceback" not in printed.err
     return caught.value.code, (printed.out + printed.err).splitlines()
