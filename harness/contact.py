@@ -12,6 +12,7 @@ import numpy as np
 from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 
 _EPSILON_M = 1e-12
+_MARGIN_M = 1e-6
 
 
 class Motion(NamedTuple):
@@ -55,13 +56,23 @@ def first_contact_in_step(
         ]
     )
     across = np.array([walker_y.speed_mps, walker_y.place_m])
-    pieces = [_shift(front, -radius), _shift(front, length + radius)]
-    pieces += [_shift(across, radius - right), _shift(across, -left - radius)]
+    ahead_range, across_range = _range(front, duration_s), _range(across, duration_s)
+    # Only pieces that the path comes near can have a root; finding roots is what costs.
+    pieces = [
+        _shift(path, -edge)
+        for path, span, edges in (
+            (front, ahead_range, (radius, -length - radius)),
+            (across, across_range, (right - radius, left + radius)),
+        )
+        for edge in edges
+        if _near(span, edge, 0.0)
+    ]
     for corner_x in (0.0, -length):
         for corner_y in (right, left):
-            dx, dy = _shift(front, -corner_x), _shift(across, -corner_y)
-            circle = np.polyadd(np.polymul(dx, dx), np.polymul(dy, dy))
-            pieces.append(_shift(circle, -(radius**2)))
+            if _near(ahead_range, corner_x, radius) and _near(across_range, corner_y, radius):
+                dx, dy = _shift(front, -corner_x), _shift(across, -corner_y)
+                circle = np.polyadd(np.polymul(dx, dx), np.polymul(dy, dy))
+                pieces.append(_shift(circle, -(radius**2)))
     candidates = [0.0]
     for piece in pieces:
         roots = np.roots(piece)
@@ -73,6 +84,22 @@ def first_contact_in_step(
         if gap(ahead, y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
             return time
     return None
+
+
+def _range(polynomial: FloatArray, duration_s: float) -> tuple[float, float]:
+    """Smallest and largest value of a polynomial, quadratic at most, over 0 … duration."""
+    square, slope, constant = np.concatenate((np.zeros(3 - len(polynomial)), polynomial)).tolist()
+    times = [0.0, duration_s]
+    if square != 0:
+        times.append(min(max(-slope / (2 * square), 0.0), duration_s))
+    values = [(square * time + slope) * time + constant for time in times]
+    return min(values), max(values)
+
+
+def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
+    """Whether a range of places comes within reach of one, rounding included."""
+    reach_m += _MARGIN_M
+    return span[0] - reach_m <= place_m <= span[1] + reach_m
 
 
 def gap(

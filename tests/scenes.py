@@ -2,11 +2,16 @@
 
 from collections.abc import Sequence
 
-from harness.encounter import Arrival, Side, Strategy, Trace
+import numpy as np
+
+from harness.encounter import Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode import Rules, run_episode
 from harness.scenario import Scenario, validate
+
+Walker = tuple[float, Side, float]
+"""When he steps off (or arrives), from where, how fast he walks in m/s."""
 
 
 def scenario(**sections: dict[str, object]) -> Scenario:
@@ -30,15 +35,48 @@ def rules_of(scene: Scenario) -> Rules:
 
 def play(
     strategy: Strategy,
-    walkers: Sequence[tuple[float, Side, float]],
+    walkers: Sequence[Walker],
     scene: Scenario | None = None,
     engine: Engine | None = None,
 ) -> Trace:
-    """One episode with walkers given as (arrival_s, side, walking speed in m/s)."""
+    """One episode with walkers by their arrival."""
     scene = scene or scenario()
     engine = engine or PlainEngine(scene.vehicle(), scene.experiment.step_s)
     speeds = [speed for _, _, speed in walkers]
     arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
     return run_episode(
         engine, strategy, arrivals, lambda who, _r, _v: speeds[who.index], rules_of(scene)
+    )
+
+
+def drive(
+    accelerations: Sequence[float],
+    walkers: Sequence[Walker] = (),
+    *,
+    speed: float = 5.0,
+    step: float = 0.1,
+    ending: Ending = Ending.CROSSED,
+    reason: str | None = None,
+    scene: Scenario | None = None,
+) -> Trace:
+    """An episode from R0 = 30 m with one acceleration for each step."""
+    scene = scene or scenario()
+    x, speeds = [-30.0], [speed]
+    for acceleration in accelerations:
+        x.append(x[-1] + speeds[-1] * step + acceleration * step**2 / 2)
+        speeds.append(speeds[-1] + acceleration * step)
+    return Trace(
+        vehicle=scene.vehicle(),
+        crossing=scene.crosswalk(),
+        step_s=step,
+        x_m=np.array(x),
+        speed_mps=np.array(speeds),
+        walks=tuple(
+            Walk(Arrival(i, start, side, 0.5), start, walking, 30.0, 5.0)
+            for i, (start, side, walking) in enumerate(walkers)
+        ),
+        ending=ending,
+        reason=reason,
+        sumo_collision=None,
+        fallback=False,
     )

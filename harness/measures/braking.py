@@ -1,9 +1,16 @@
-"""How hard the ego braked."""
+"""How hard the ego braked, and how hard it would have had to.
+
+The latter at states on a collision course with the front: ego and pedestrian would touch, with
+him ahead of the bumper, if both kept their velocities.  Where he would walk into the flank it is
+not the ego that avoids the contact by braking.
+"""
 
 import numpy as np
 
-from harness.encounter import FloatArray
+from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 from harness.measures.chunk import Chunk
+
+_ROUNDING_M = 1e-9
 
 
 def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
@@ -13,3 +20,69 @@ def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
     largest = np.zeros(len(chunk.traces))
     np.maximum.at(largest, trace, ego.speed_mps[state] - ego.speed_mps[state + 1])
     return largest / chunk.step_s
+
+
+def max_jerk_mps3(chunk: Chunk) -> FloatArray:
+    """Largest abs(Δa)/Δt from one step of the record to the next, in m/s³.
+
+    Before the trigger the ego drove at constant speed.  A change of acceleration takes a step
+    here, so the value is one for that length of step.
+    """
+    ego, step_s = chunk.ego, chunk.step_s
+    trace, state = chunk.record_steps()
+    acceleration = (ego.speed_mps[state + 1] - ego.speed_mps[state]) / step_s
+    before = np.concatenate(([0.0], acceleration[:-1]))[: len(acceleration)]
+    before[state == ego.first[trace]] = 0.0
+    largest = np.zeros(len(chunk.traces))
+    np.maximum.at(largest, trace, np.abs(acceleration - before))
+    return largest / step_s
+
+
+def max_drac_mps2(chunk: Chunk) -> FloatArray:
+    """Largest deceleration rate to avoid a crash over the states, in m/s²; NaN after a contact.
+
+    DRAC is the least constant deceleration with which the bumper comes to the pedestrian's disc,
+    d ahead, no sooner than the disc has left the ego's path, T from now: 2 (v − d/T)/T where the
+    ego still moves then (v T ≤ 2d), otherwise v²/2d, a stop.  As the ego closes in on someone it
+    hits DRAC grows without bound.  Source: Cooper and Ferguson 1976, Archer 2005; for crossing
+    paths as in SUMO's SSM device.
+    """
+    met = chunk.met
+    at_risk = _on_course_with_front(chunk)
+    ahead = met.ahead_m[at_risk] - PEDESTRIAN_RADIUS_M
+    speed, walking = met.closing_mps[at_risk], met.walker_y_mps[at_risk]
+    _, right, left = chunk.body
+    y = met.walker_y_m[at_risk]
+    to_leave = np.where(walking > 0, left - y, y - right) + PEDESTRIAN_RADIUS_M
+    with np.errstate(divide="ignore", invalid="ignore"):
+        leaves_s = np.where(walking == 0, np.inf, to_leave / np.abs(walking))
+        rolling = 2 * (speed - ahead / leaves_s) / leaves_s
+        stopping = speed**2 / (2 * ahead)
+        drac = np.where(speed * leaves_s <= 2 * ahead, rolling, stopping)
+    largest = chunk.largest(met.trace[at_risk], drac)
+    return np.where(chunk.crashed, np.nan, largest)
+
+
+def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
+    """Constant deceleration to stop before the pedestrian from first sight, v²/2d, in m/s².
+
+    First sight: the first state in which he has stepped off and the ego is within its detection
+    range.  Only those count who are on a collision course with the front at that state; of
+    several the largest.
+    """
+    met = chunk.met
+    in_sight = np.abs(met.x_m) <= chunk.vehicle.detection_range_m + _ROUNDING_M
+    walk = met.walk[in_sight]
+    first = np.flatnonzero(in_sight)[np.concatenate(([True], walk[1:] != walk[:-1]))[: len(walk)]]
+    first = first[_on_course_with_front(chunk)[first]]
+    ahead = met.ahead_m[first] - PEDESTRIAN_RADIUS_M
+    return chunk.largest(met.trace[first], met.closing_mps[first] ** 2 / (2 * ahead))
+
+
+def _on_course_with_front(chunk: Chunk) -> np.ndarray:
+    """Of every row of ``met``: a collision course with the front, and room before his disc."""
+    met, ttc = chunk.met, chunk.ttc_s
+    with np.errstate(invalid="ignore"):
+        ahead_then = met.ahead_m - met.closing_mps * ttc
+    room = met.ahead_m > PEDESTRIAN_RADIUS_M
+    return np.isfinite(ttc) & room & (ahead_then >= -_ROUNDING_M)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.contact import time_to_collision
 from harness.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
@@ -24,6 +25,8 @@ class Chunk:
     legs: Legs
     met: Rows
     """Only rows that begin within the record."""
+    ttc_s: FloatArray
+    """Time to collision of every row of ``met``; infinite off a collision course."""
     strikes: tuple[Strike | None, ...]
     crashed: np.ndarray
     pass_time_s: FloatArray
@@ -70,12 +73,16 @@ class Chunk:
         np.minimum.at(minima, trace, values)
         return np.where(np.isinf(minima), np.nan, minima)
 
+    def largest(self, trace: IntArray, values: FloatArray) -> FloatArray:
+        """The largest value of every episode, as ``smallest``."""
+        return -self.smallest(trace, -values)
+
 
 def chunk_of(traces: Sequence[Trace]) -> Chunk:
     """Find contacts and ends of some episodes; at least one."""
     ego, legs, step_s = ego_states(traces), legs_of(traces), traces[0].step_s
     rows = rows_of(legs, ego, step_s)
-    strikes = strikes_of(traces, legs, rows)
+    strikes = strikes_of(traces, rows)
     passes = [_pass_time(trace) for trace in traces]
     ends = np.array(
         [
@@ -85,11 +92,19 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
     )
     in_time = np.array([math.nan if time is None else time for time in passes])
     crashed = np.array([strike is not None for strike in strikes])
+    met = rows.where(rows.start_s < ends[rows.trace])
     return Chunk(
         traces=tuple(traces),
         ego=ego,
         legs=legs,
-        met=rows.where(rows.start_s < ends[rows.trace]),
+        met=met,
+        ttc_s=time_to_collision(
+            met.ahead_m,
+            met.walker_y_m,
+            -met.closing_mps,
+            met.walker_y_mps,
+            body_of(traces[0]),
+        ),
         strikes=tuple(strikes),
         crashed=crashed,
         pass_time_s=np.where(crashed, np.nan, in_time),

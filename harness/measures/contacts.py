@@ -8,20 +8,20 @@ import numpy as np
 from harness.contact import Motion, first_contact_in_step
 from harness.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, Trace
 from harness.measures.ego import body_of, ego_state
-from harness.measures.rows import Legs, Rows
+from harness.measures.rows import Rows
 
 
 @dataclass(frozen=True, slots=True)
 class Strike:
-    """A contact: when, with which pedestrian (his index), where, at what speed of the ego."""
+    """A contact: when, in which walk (its number among the legs'), where, at what speed."""
 
     time_s: float
-    index: int
+    walk: int
     contact: Contact
     speed_mps: float
 
 
-def strikes_of(traces: Sequence[Trace], legs: Legs, rows: Rows) -> list[Strike | None]:
+def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
     """The first contact of every trace; exact work only where bounding boxes overlap."""
     found: list[Strike | None] = [None] * len(traces)
     body = body_of(traces[0])
@@ -46,7 +46,7 @@ def strikes_of(traces: Sequence[Trace], legs: Legs, rows: Rows) -> list[Strike |
             x, _ = ego_state(traces[trace], time)
             found[trace] = Strike(
                 time,
-                legs.walks[walk].arrival.index,
+                walk,
                 Contact.FRONT if x <= walker_x.at(within) else Contact.SIDE,
                 max(0.0, ego.speed_mps + ego.acceleration_mps2 * within),
             )

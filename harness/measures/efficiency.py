@@ -34,6 +34,24 @@ def stopped_s(chunk: Chunk) -> FloatArray:
     return count * chunk.step_s
 
 
+def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
+    """Mean wait at the kerb of those who came within the record, in s; NaN if nobody did.
+
+    From arrival until stepping off, or until the record's end for whoever still waits then.
+    """
+    count, total = np.zeros(len(chunk.traces)), np.zeros(len(chunk.traces))
+    for number, (trace, end_s) in enumerate(zip(chunk.traces, chunk.end_s.tolist(), strict=True)):
+        for walk in trace.walks:
+            arrival_s = walk.arrival.arrival_s
+            if arrival_s <= end_s:
+                count[number] += 1
+                until_s = end_s if walk.start_s is None else min(walk.start_s, end_s)
+                total[number] += until_s - arrival_s
+    with np.errstate(invalid="ignore"):
+        mean: FloatArray = total / count
+    return mean
+
+
 def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of every step: whose it is, whether the ego stands at its beginning and at its end."""
     trace, state = chunk.record_steps()

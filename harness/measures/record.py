@@ -80,7 +80,7 @@ def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeReco
         reason=trace.reason,
         end_s=end_s,
         contact=None if strike is None else strike.contact,
-        contact_index=None if strike is None else strike.index,
+        contact_index=None if strike is None else chunk.legs.walks[strike.walk].arrival.index,
         contact_time_s=None if strike is None else strike.time_s,
         sumo_collision=trace.sumo_collision,
         fallback=trace.fallback,

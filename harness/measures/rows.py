@@ -57,6 +57,16 @@ class Rows:
     walker_x_mps: FloatArray
     walker_y_mps: FloatArray
 
+    @property
+    def ahead_m(self) -> FloatArray:
+        """The pedestrian's distance ahead of the bumper; negative beside the body."""
+        return self.walker_x_m - self.x_m
+
+    @property
+    def closing_mps(self) -> FloatArray:
+        """The rate at which ``ahead_m`` falls."""
+        return self.speed_mps - self.walker_x_mps
+
     def where(self, keep: np.ndarray) -> "Rows":
         """The rows that a mask keeps."""
         return Rows(*(getattr(self, name)[keep] for name in Rows.__slots__))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from harness.encounter import FloatArray
-from harness.measures import braking, collision, efficiency, encroachment, proximity
+from harness.measures import avoidable, braking, collision, efficiency, encroachment, proximity
 from harness.measures.chunk import Chunk
 
 
@@ -122,6 +122,56 @@ MEASURES = (
         "the ego did not cross",
         "HCM: delay against the free pass time",
         efficiency.delay_s,
+    ),
+    Measure(
+        "max_drac_mps2",
+        "m/s²",
+        float,
+        "largest DRAC over the states on a collision course with the front: the least constant "
+        "deceleration with which the bumper reaches the disc, d ahead, no sooner than it has left "
+        "the ego's path, T from now: 2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d)",
+        "crash (it grows without bound), or never on such a course",
+        "Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
+        braking.max_drac_mps2,
+    ),
+    Measure(
+        "required_deceleration_mps2",
+        "m/s²",
+        float,
+        "v²/(2 d) at first sight: the first state with the pedestrian stepped off and the ego "
+        "within its detection range; largest over pedestrians",
+        "nobody on a collision course with the front at first sight",
+        "constant deceleration to a stop at distance d",
+        braking.required_deceleration_mps2,
+    ),
+    Measure(
+        "max_jerk_mps3",
+        "m/s³",
+        float,
+        "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
+        "never",
+        "finite difference: a value for that length of step",
+        braking.max_jerk_mps3,
+    ),
+    Measure(
+        "avoidable",
+        "",
+        bool,
+        "whether full braking (`max_deceleration_mps2`) from the moment the pedestrian stepped off "
+        "would have prevented the contact, he walking as he did; solved exactly",
+        "no contact",
+        "after UN Regulation 157: was the collision preventable?",
+        avoidable.avoidable,
+    ),
+    Measure(
+        "pedestrian_delay_s",
+        "s",
+        float,
+        "mean over those who arrived within the record of the wait at the kerb, until stepping off "
+        "or the record's end",
+        "nobody arrived",
+        "HCM: pedestrian delay",
+        efficiency.pedestrian_delay_s,
     ),
 )
 

@@ -6,52 +6,19 @@ is a disc of radius 0.25 m on x = 0.
 """
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Ending, Side, Trace, Walk
+from harness.encounter import Arrival, Ending, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.soft_yield import SoftYield
-from tests.scenes import play, scenario
+from tests.scenes import Walker, drive, play
 
-SCENE = scenario()
 LENGTH, RIGHT, LEFT, RADIUS = 5.0, 1.35, 3.15, 0.25
-Walker = tuple[float, Side, float]
-
-
-def drive(
-    accelerations: Sequence[float],
-    walkers: Sequence[Walker] = (),
-    *,
-    speed: float = 5.0,
-    step: float = 0.1,
-    ending: Ending = Ending.CROSSED,
-    reason: str | None = None,
-) -> Trace:
-    """An episode from R0 = 30 m with one acceleration for each step."""
-    x, speeds = [-30.0], [speed]
-    for acceleration in accelerations:
-        x.append(x[-1] + speeds[-1] * step + acceleration * step**2 / 2)
-        speeds.append(speeds[-1] + acceleration * step)
-    return Trace(
-        vehicle=SCENE.vehicle(),
-        crossing=SCENE.crosswalk(),
-        step_s=step,
-        x_m=np.array(x),
-        speed_mps=np.array(speeds),
-        walks=tuple(
-            Walk(Arrival(i, start, side, 0.5), start, walking, 30.0, 5.0)
-            for i, (start, side, walking) in enumerate(walkers)
-        ),
-        ending=ending,
-        reason=reason,
-        sumo_collision=None,
-        fallback=False,
-    )
 
 
 def record(*args: object, **kwargs: object) -> EpisodeRecord:
@@ -317,3 +284,18 @@ def test_a_record_does_not_depend_on_its_chunk() -> None:
     assert together[::-1] == measure(traces[::-1])
     assert len({r.ending for r in together}) == 2
     assert measure([]) == []
+
+
+def test_pedestrian_delay_by_hand() -> None:
+    # The record ends with the pass at 7.4 s.  Waits: 0.5 s; 4.0 s; from 3 s on to the end; from
+    # 7.0 s on to the end, for he goes only later.  Nobody counts who comes after it.
+    plan = [(1.0, 1.5), (2.0, 6.0), (3.0, None), (7.0, 9.0), (7.5, 7.5)]
+    walks = tuple(
+        Walk(Arrival(i, came, Side.FAR, 0.5), went, None if went is None else 2.5, 30.0, 5.0)
+        for i, (came, went) in enumerate(plan)
+    )
+    (result,) = measure([replace(drive([0.0] * 76), walks=walks)])
+    assert result.pass_time_s == pytest.approx(7.4)
+    assert result.pedestrian_delay_s == pytest.approx((0.5 + 4.0 + 4.4 + 0.4) / 4, abs=1e-9)
+    assert cruise().pedestrian_delay_s is None
+    assert cruise((0.0, Side.NEAR, 1.5)).pedestrian_delay_s == 0.0

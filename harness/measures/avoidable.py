@@ -1,0 +1,52 @@
+"""Whether a crash need not have happened."""
+
+import numpy as np
+
+from harness.contact import Motion, first_contact_in_step
+from harness.encounter import FloatArray
+from harness.measures.chunk import Chunk
+from harness.measures.contacts import Strike
+from harness.measures.ego import ego_state
+
+
+def avoidable(chunk: Chunk) -> FloatArray:
+    """1 where full braking from the moment he stepped off would have prevented the contact.
+
+    The ego brakes at ``max_deceleration_mps2`` from its state at that very moment until it
+    stands, and stays there; the pedestrian it struck walks as he did, all the way across.  0
+    where they would have touched all the same, the standing ego included; NaN without a contact.
+    """
+    values = np.full(len(chunk.traces), np.nan)
+    for number, strike in enumerate(chunk.strikes):
+        if strike is not None:
+            values[number] = not _hit_all_the_same(chunk, number, strike)
+    return values
+
+
+def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
+    legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
+    own = np.flatnonzero(legs.walk == strike.walk)
+    begin = float(legs.begin_s[own[0]])
+    x, speed = ego_state(chunk.traces[number], begin)
+    stands = begin + speed / braking
+    for leg in own.tolist():
+        leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
+        middle = min(max(stands, leg_begin), leg_end)
+        for since, until, deceleration in ((leg_begin, middle, braking), (middle, leg_end, 0.0)):
+            braked = min(since, stands) - begin
+            ego = Motion(
+                x + speed * braked - braking * braked**2 / 2,
+                0.0 if deceleration == 0 else speed - braking * braked,
+                -deceleration,
+            )
+            walked = since - leg_begin
+            walker_x = Motion(
+                float(legs.x_m[leg] + legs.x_mps[leg] * walked), float(legs.x_mps[leg])
+            )
+            walker_y = Motion(
+                float(legs.y_m[leg] + legs.y_mps[leg] * walked), float(legs.y_mps[leg])
+            )
+            touch = first_contact_in_step(ego, walker_x, walker_y, until - since, chunk.body)
+            if touch is not None:
+                return True
+    return False

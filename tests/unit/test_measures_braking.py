@@ -1,0 +1,186 @@
+"""Deceleration that was needed, deceleration that was used, and crashes that need not have been.
+
+The scene is that of ``test_measures``: body between y = 1.35 m and 3.15 m, 5 m long; crosswalk of
+9 m; a disc of 0.25 m on x = 0, so the bumper may come up to x = −0.25 m.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from harness.encounter import Ending, Side
+from harness.measures import EpisodeRecord, measure
+from harness.strategies.soft_yield import SoftYield
+from tests.scenes import Walker, drive, play, scenario
+
+
+def record(*args: object, **kwargs: object) -> EpisodeRecord:
+    return measure([drive(*args, **kwargs)])[0]  # type: ignore[arg-type]
+
+
+def cruise(*walkers: Walker, speed: float = 5.0) -> EpisodeRecord:
+    return record([0.0] * math.ceil(38 / speed / 0.1), walkers, speed=speed)
+
+
+def braking(plan: list[float], *walkers: Walker) -> EpisodeRecord:
+    return record(plan, walkers, ending=Ending.TIMED_OUT)
+
+
+# --- DRAC ----------------------------------------------------------------------------------------
+
+
+def test_drac_that_lets_him_leave() -> None:
+    # d = 29.75 m; his disc is past the right side after 9 − 1.10 = 7.9 m, T = 7.9 s.  A constant
+    # a with 5 T − a T²/2 = d; still moving then, as 5 · 7.9 < 2 · 29.75.  Braking at 1 m/s² from
+    # there on, DRAC falls.
+    result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
+    expected = (5 * 7.9 - 29.75) * 2 / 7.9**2
+    assert result.max_drac_mps2 == pytest.approx(expected, abs=1e-9)
+
+
+def test_drac_that_stops() -> None:
+    # At 0.25 m/s from the near kerb he is in the way from 4.4 s until 13.6 s: rolling up to him in
+    # that time would take a negative speed, so it is v²/2d.
+    result = braking([-1.0] * 50, (0.0, Side.NEAR, 0.25))
+    assert result.max_drac_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
+
+
+def test_drac_is_the_largest_over_the_states() -> None:
+    # 3 s at constant speed: d = 14.75 m, T = 4.9 s; then 2 m/s², more than DRAC, which so falls.
+    result = braking([0.0] * 30 + [-2.0] * 25, (0.0, Side.FAR, 1.0))
+    assert result.max_drac_mps2 == pytest.approx((5 * 4.9 - 14.75) * 2 / 4.9**2, abs=1e-9)
+
+
+def test_drac_is_undefined_after_a_crash_and_off_a_collision_course() -> None:
+    assert cruise((0.0, Side.FAR, 1.0)).contact == "front"
+    assert cruise((0.0, Side.FAR, 1.0)).max_drac_mps2 is None
+    assert cruise((0.0, Side.NEAR, 1.5)).max_drac_mps2 is None
+    assert cruise().max_drac_mps2 is None
+
+
+def test_drac_is_not_for_someone_who_would_walk_into_the_flank() -> None:
+    # At constant speed he would reach the side at 7.0 s, 0.05 s before the rear has gone; the ego
+    # accelerates at 6 s and is gone by 6.84 s.  A collision course, but braking is no way out.
+    result = record([0.0] * 60 + [3.0] * 15, [(5.9, Side.NEAR, 1.0)])
+    assert result.contact is None
+    assert result.min_ttc_s is not None
+    assert (result.max_drac_mps2, result.required_deceleration_mps2) == (None, None)
+
+
+def least_deceleration(ahead: float, speed: float, leaves_s: float) -> float:
+    """By bisection: the bumper, moved 1 ms at a time, has not come to him while he is there."""
+    times = np.arange(0.0, leaves_s, 0.001)
+    low, high = 0.0, 20.0
+    for _ in range(40):
+        a = (low + high) / 2
+        moving = np.minimum(times, speed / a)
+        reached = np.any(speed * moving - a * moving**2 / 2 > ahead)
+        low, high = (a, high) if reached else (low, a)
+    return high
+
+
+def test_drac_against_stepping_through_an_episode() -> None:
+    # Soft-Yield slows from the trigger on; its walker is on a collision course only at first.
+    trace = play(SoftYield(), [(0.0, Side.FAR, 1.1)])
+    (result,) = measure([trace])
+    states = []
+    for n, (x, speed) in enumerate(zip(trace.x_m[:-1], trace.speed_mps[:-1], strict=True)):
+        y = 9 - 1.1 * n * 0.1
+        arrives, passes = (-x - 0.25) / speed, (-x + 5.25) / speed
+        if y < 1.1 or x > -0.25:
+            break
+        fronts = np.linspace(arrives, passes, 20_000)
+        ys = y - 1.1 * fronts
+        along = np.maximum(0.0, -(x + speed * fronts))
+        across = np.maximum(0.0, np.maximum(1.35 - ys, ys - 3.15))
+        hits = np.flatnonzero(np.hypot(along, across) <= 0.25)
+        if len(hits) and x + speed * fronts[hits[0]] <= 1e-4:
+            states.append(least_deceleration(-x - 0.25, speed, (y - 1.1) / 1.1))
+    assert len(states) > 5
+    assert result.max_drac_mps2 == pytest.approx(max(states), abs=2e-3)
+
+
+# --- required deceleration at first sight --------------------------------------------------------
+
+
+def test_required_deceleration_from_the_trigger() -> None:
+    result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
+    assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
+    # A crash does not change what was needed when he came into sight.
+    assert cruise((0.0, Side.FAR, 1.0)).required_deceleration_mps2 == pytest.approx(
+        25 / (2 * 29.75), abs=1e-9
+    )
+
+
+def test_required_deceleration_when_he_steps_off_inside_a_step() -> None:
+    # At 3.05 s the bumper is 14.75 m before the centre line; he will be hit 2.9 s later.
+    result = cruise((3.05, Side.NEAR, 0.6))
+    assert result.contact == "front"
+    assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
+
+
+def test_required_deceleration_waits_for_the_detection_range() -> None:
+    # 20 m of sight: the first such state is at 2.0 s.
+    trace = drive(
+        [0.0] * 76, [(0.0, Side.FAR, 1.0)], scene=scenario(ego={"detection_range_m": 20.0})
+    )
+    (result,) = measure([trace])
+    assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 19.75), abs=1e-9)
+
+
+def test_required_deceleration_is_for_those_on_a_collision_course() -> None:
+    assert cruise((0.0, Side.NEAR, 1.5)).required_deceleration_mps2 is None
+    assert cruise().required_deceleration_mps2 is None
+    # Of two the larger.
+    two = cruise((0.0, Side.FAR, 1.0), (3.05, Side.NEAR, 0.6))
+    assert two.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
+
+
+# --- jerk ----------------------------------------------------------------------------------------
+
+
+def test_jerk_by_hand() -> None:
+    # 0 → −2 → 0 → 1.25 m/s², each from one step of 0.1 s to the next.
+    assert record([-2.0] * 25 + [0.0] * 30 + [1.25] * 80).max_jerk_mps3 == pytest.approx(20)
+    assert record([0.0] * 10 + [1.0] * 60).max_jerk_mps3 == pytest.approx(10)
+    assert cruise().max_jerk_mps3 == 0.0
+    # The jump at 6.0 s comes after the contact at 5.95 s.
+    assert record(
+        [0.0] * 60 + [-4.5] * 5, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT
+    ).max_jerk_mps3 == pytest.approx(0.0, abs=1e-9)
+
+
+# --- avoidable -----------------------------------------------------------------------------------
+
+
+def test_avoidable_by_stopping_short() -> None:
+    # From 5 m/s at 4.5 m/s² the ego stops in 2.778 m, so it must have 3.028 m when he steps off,
+    # at 5.3944 s.  He walks into the flank all the same at constant speed.
+    for start, expected in ((5.38, True), (5.3943, True), (5.3946, False), (5.4, False)):
+        result = cruise((start, Side.NEAR, 1.0))
+        assert result.contact == "side"
+        assert result.avoidable is expected, start
+
+
+def test_avoidable_by_letting_him_leave() -> None:
+    # 20 m away at 15 m/s the ego cannot stop (25 m), but with 15 t − 2.25 t² = 19.75 it comes to
+    # him after 1.806 s, when he has left (3.4 m at 2.5 m/s, 1.36 s); without braking after 1.317 s.
+    result = cruise((2 / 3, Side.NEAR, 2.5), speed=15.0)
+    assert result.contact == "front"
+    assert result.avoidable is True
+    # At 1.8 m/s he is in the way until 1.889 s.
+    slower = cruise((2 / 3, Side.NEAR, 1.8), speed=15.0)
+    assert slower.contact == "front"
+    assert slower.avoidable is False
+
+
+def test_avoidable_is_about_the_one_who_was_hit() -> None:
+    # The first to be hit is he who steps off at the trigger: any braking would have done.
+    result = cruise((5.4, Side.NEAR, 1.0), (0.0, Side.FAR, 1.0))
+    assert (result.contact_index, result.avoidable) == (1, True)
+
+
+def test_avoidable_needs_a_crash() -> None:
+    assert cruise((0.0, Side.NEAR, 1.5)).avoidable is None
+    assert cruise().avoidable is None
