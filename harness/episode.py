@@ -134,14 +134,8 @@ def run_episode(
     except EngineError as error:
         ending, reason = Ending.ENGINE_FAILED, str(error)
         traceback = error.traceback if isinstance(error, StrategyError) else None
-    return Trace(
-        vehicle=rules.vehicle,
-        crossing=rules.crossing,
-        step_s=rules.step_s,
-        x_m=np.array(episode.x_m),
-        speed_mps=np.array(episode.speed_mps),
-        walks=tuple(episode.walks),
-        ending=ending,
+    return episode.trace(
+        ending,
         reason=reason,
         sumo_collision=collided,
         fallback=bool(getattr(strategy, "fallback", False)),
@@ -188,7 +182,8 @@ class Episode:
     """One running episode: who drives it answers the observations of ``steps``.
 
     Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
-    ``walks`` everyone who has arrived.
+    ``walks`` everyone who has arrived, ``places`` (index, y in m) of everyone who was at the
+    crosswalk at the end of the last step.
     """
 
     def __init__(
@@ -205,6 +200,31 @@ class Episode:
         self.walks: list[Walk] = []
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
+        self.places: list[tuple[int, float]] = []
+
+    def trace(
+        self,
+        ending: Ending,
+        *,
+        reason: str | None = None,
+        sumo_collision: bool | None = None,
+        fallback: bool = False,
+        traceback: str | None = None,
+    ) -> Trace:
+        """What has been simulated so far, as of an engine that left off like this."""
+        return Trace(
+            vehicle=self.rules.vehicle,
+            crossing=self.rules.crossing,
+            step_s=self.rules.step_s,
+            x_m=np.array(self.x_m),
+            speed_mps=np.array(self.speed_mps),
+            walks=tuple(self.walks),
+            ending=ending,
+            reason=reason,
+            sumo_collision=sumo_collision,
+            fallback=fallback,
+            traceback=traceback,
+        )
 
     def steps(self) -> Steps:
         """Simulate step by step.
@@ -248,7 +268,7 @@ class Episode:
             # Those who arrive within this step see the ego where it is at that very moment.
             if next_arrival_s <= then:
                 next_arrival_s = self._admit(now, then, x, speed, acceleration)
-            places = [(walker.index, walker.walk_until(then)) for walker in walkers]
+            self.places = places = [(w.index, w.walk_until(then)) for w in walkers]
             x, after = engine.step(target, places)
             if after != target:
                 acceleration = (after - speed) / step

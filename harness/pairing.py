@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.protocol import Engine
-from harness.episode import ChooseSpeed, Rules, failed_episode, run_episode
+from harness.episode import ChooseSpeed, Episode, Rules, failed_episode, run_episode
 from harness.errors import InputError, StrategyError, in_one_line
 from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
@@ -70,6 +70,13 @@ class PairRunner:
             records = measure([trace for _, _, trace in episodes])
             for (pair, arm, trace), record in zip(episodes, records, strict=True):
                 yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+
+    def begin(self, pair: int) -> Episode:
+        """The AV's episode of a pair, for somebody else to drive; the caller ends the engine's."""
+        self._engine = self._get_engine()
+        arrivals = planned_arrivals(self._scenario, pair)
+        self._speeds.foresee([arrivals])
+        return Episode(self._engine, arrivals, self._speeds, self._rules)
 
     def run_arm(self, pair: int, arm: Arm, other_engine: Engine) -> Outcome:
         """One arm of a pair alone, exactly as in ``run``.

@@ -1,0 +1,35 @@
+"""What a strategy sees, as a vector of fixed length: for learned policies."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.encounter import Observation
+
+EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
+PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_crossing")
+"""``present`` and ``on_crossing`` are 1 or 0; all entries of one who is not there are 0."""
+
+
+def observation_vector(observation: Observation, nearest: int) -> NDArray[np.float32]:
+    """An observation as numbers.
+
+    Args:
+        observation: what the strategy sees.
+        nearest: k, how many pedestrians find room; those nearest to the centre of the ego's lane
+            (smallest abs(lateral_m)) come first, of equals the one who arrived first.
+
+    Returns:
+        Shape (3 + 5 k,): ``EGO_ENTRIES``, then ``PEDESTRIAN_ENTRIES`` of each of the k.
+    """
+    vector = np.zeros(len(EGO_ENTRIES) + nearest * len(PEDESTRIAN_ENTRIES), dtype=np.float32)
+    vector[: len(EGO_ENTRIES)] = observation.ego
+    seen = observation.pedestrians
+    if seen:
+        if len(seen) > 1:
+            seen = tuple(sorted(seen, key=lambda one: (abs(one.lateral_m), one.index)))[:nearest]
+        at = len(EGO_ENTRIES)
+        for one in seen[:nearest]:
+            entries = (1.0, one.lateral_m, one.remaining_m, one.speed_mps, one.on_crossing)
+            vector[at : at + len(PEDESTRIAN_ENTRIES)] = entries
+            at += len(PEDESTRIAN_ENTRIES)
+    return vector

@@ -1,0 +1,173 @@
+"""The Gymnasium environment: its contract, and the same episodes as the harness."""
+
+import math
+import warnings
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
+from harness.encounter import (  # noqa: E402
+    Arm,
+    Crossing,
+    EgoView,
+    Ending,
+    Observation,
+    PedestrianView,
+    Side,
+)
+from harness.engine.plain import PlainEngine  # noqa: E402
+from harness.errors import EngineError, InputError  # noqa: E402
+from harness.interaction import load_model  # noqa: E402
+from harness.pairing import PairRunner  # noqa: E402
+from harness.scenario import Setting, load_scenario  # noqa: E402
+from harness.strategies.registry import STRATEGIES  # noqa: E402
+from harness.strategies.vector import observation_vector  # noqa: E402
+
+NAME = "harness.rl:harness/Crosswalk-v0"
+BUSY = {"pedestrians.flow_per_hour": 800.0, "pedestrians.kerb_wait_s": 0.0}
+"""Many conflicts in few episodes."""
+
+
+def environment(settings=None, scenario="cctc_flow", engine="plain", **more):
+    return gymnasium.make(
+        NAME,
+        scenario=scenario,
+        settings=settings,
+        engine=engine,
+        disable_env_checker=True,
+        **more,
+    )
+
+
+def drive(env, policy, **reset):
+    """One episode: its record, the sum of its rewards and its number of steps."""
+    vector, _ = env.reset(**reset)
+    total, steps = 0.0, 0
+    while True:
+        action = np.array([policy(vector)], dtype=np.float64)
+        vector, reward, terminated, truncated, info = env.step(action)
+        total, steps = total + reward, steps + 1
+        if terminated or truncated:
+            return info["record"], total, steps, (terminated, truncated)
+
+
+def in_the_harness(settings, strategy, pairs):
+    """Records of the AV's arm as the harness makes them, on the plain engine."""
+    changes = [Setting(key, value) for key, value in {**settings, "arms.av": strategy}.items()]
+    scenario = load_scenario("cctc_flow", changes)
+    model = load_model(scenario.model.name)
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    outcomes = PairRunner(scenario, model, lambda: engine).run(pairs)
+    return [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
+
+
+def test_gymnasiums_own_checker_accepts_it():
+    with warnings.catch_warnings():
+        # It recommends actions from -1 to 1; ours are accelerations in m/s².
+        warnings.filterwarnings("ignore", message=".*Box action spaces.*")
+        check_env(environment(BUSY).unwrapped)
+
+
+@pytest.mark.parametrize("seed", [1, 7])
+def test_the_same_seed_gives_the_harness_episodes(seed):
+    settings = {**BUSY, "experiment.seed": seed}
+    expected = in_the_harness(settings, "constant_speed", range(60))
+    env = environment(BUSY)
+    found = [drive(env, lambda _: 0.0, seed=seed)[0]]
+    found += [drive(env, lambda _: 0.0)[0] for _ in range(59)]
+    # Both have crashes and passes, or the test would say nothing.
+    assert 5 < sum(record.ending is Ending.CRASHED for record in found) < 55
+    assert found == expected
+
+
+def test_a_policy_drives_the_same_as_a_strategy(monkeypatch):
+    monkeypatch.setitem(STRATEGIES, "policy", YieldToTheNearest)
+    expected = in_the_harness(BUSY, "policy", range(40))
+    env = environment(BUSY, nearest=NEAREST)
+    found = [drive(env, yield_to_the_nearest, options={"pair": pair})[0] for pair in range(40)]
+    assert sum(record.stops > 0 for record in found) > 5
+    assert found == expected
+
+
+def test_reward_is_minus_the_time_and_100_for_a_crash():
+    # Free road: 37 m at 5 m/s is 7.4 s, 74 steps of 0.1 s.
+    free = environment({"pedestrians.flow_per_hour": 0.0})
+    record, total, steps, ends = drive(free, lambda _: 0.0)
+    assert (steps, ends) == (74, (True, False))
+    assert total == pytest.approx(-7.4)
+    assert record.pass_time_s == pytest.approx(7.4)
+    crashed = environment({**BUSY, "pedestrians.flow_per_hour": 3000.0})
+    record, total, steps, ends = drive(crashed, lambda _: 0.0, seed=3)
+    assert record.ending is Ending.CRASHED
+    assert steps == math.ceil(record.contact_time_s / 0.1 - 1e-9)
+    assert total == pytest.approx(-0.1 * steps - 100)
+    assert ends == (True, False)
+
+
+def test_speeding_costs_the_metres_beyond_v0():
+    # From 5 m/s at 1 m/s² each step begins at 5 + 0.1 n m/s: 0.1 · 0.1 n m too many.
+    free = environment({"pedestrians.flow_per_hour": 0.0})
+    _, total, steps, _ = drive(free, lambda _: 1.0)
+    excess = sum(0.1 * 0.1 * n for n in range(steps))
+    assert total == pytest.approx(-0.1 * steps - excess)
+
+
+def test_standing_still_is_truncated():
+    env = environment({"experiment.timeout_s": 12.0})
+    record, total, steps, ends = drive(env, lambda _: -4.0)
+    assert (record.ending, steps, ends) == (Ending.TIMED_OUT, 120, (False, True))
+    assert total == pytest.approx(-12.0)
+
+
+def test_the_reward_can_be_replaced():
+    seen = []
+
+    def reward(step):
+        seen.append(step)
+        return 1.0 if step.crossed else 0.0
+
+    env = environment({"pedestrians.flow_per_hour": 0.0}, reward=reward)
+    _, total, steps, _ = drive(env, lambda _: 0.5)
+    assert total == 1.0
+    assert len(seen) == steps
+    assert [step.after is None for step in seen] == [False] * (steps - 1) + [True]
+    assert {step.acceleration_mps2 for step in seen} == {0.5}
+
+
+def test_the_vector_takes_the_nearest_first():
+    vehicle = load_scenario("cctc").vehicle()
+    far = PedestrianView(0, Side.FAR, 6.0, 8.25, 1.5, True)
+    near = PedestrianView(1, Side.NEAR, -1.0, 5.75, 1.25, True)
+    waits = PedestrianView(2, Side.NEAR, 2.25, 9.0, 0.0, False)
+    ego = EgoView(20.0, 4.0, -0.5)
+    observation = Observation(1.0, 0.1, ego, vehicle, Crossing(9.0, 4.0), (far, near, waits))
+    expected = [20, 4, -0.5, 1, -1, 5.75, 1.25, 1, 1, 2.25, 9, 0, 0]
+    assert observation_vector(observation, 2).tolist() == expected
+    assert observation_vector(observation, 4).tolist()[13:] == [1, 6, 8.25, 1.5, 1, 0, 0, 0, 0, 0]
+
+
+def test_misuse_is_refused_in_words():
+    with pytest.raises(InputError, match="nearest"):
+        environment(nearest=0)
+    with pytest.raises(InputError, match="flow_per_hour"):
+        environment({"pedestrians.flow_per_hours": 1})
+    with pytest.raises(InputError, match="pair"):
+        environment().reset(options={"pair": -1})
+    with pytest.raises(EngineError, match="reset first"):
+        environment().unwrapped.step(np.zeros(1, dtype=np.float32))
+
+
+def test_training_by_cross_entropy_improves():
+    from examples.policies import features
+    from examples.train_policy import total_reward, train
+
+    env = environment({"pedestrians.flow_per_hour": 1000.0}, nearest=NEAREST)
+    vector, _ = env.reset(seed=1)
+    idle = total_reward(env, np.zeros(features(vector).size), range(500, 520))
+    trained = total_reward(env, train(env, 1, population=8, elite=2, episodes=6), range(500, 520))
+    assert trained > idle
