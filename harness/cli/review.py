@@ -12,24 +12,68 @@ from harness.errors import InputError
 def replay(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     pair: Annotated[int, typer.Option(help="Which pair.")],
-    out: Annotated[Path, typer.Option(help="A new folder for SUMO's output files.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
+    ] = None,
     cell: Annotated[int, typer.Option(help="Which cell of a sweep.")] = 0,
     arm: Annotated[str, typer.Option(help="av, human or both.")] = "both",
+    gui: Annotated[
+        bool, typer.Option("--gui", help="Show it in sumo-gui, both arms one after the other.")
+    ] = False,
+    pace: Annotated[
+        float | None, typer.Option(help="With --gui: 1 (default) is real time, 4 four times it.")
+    ] = None,
+    screenshots: Annotated[
+        Path | None,
+        typer.Option(help="With --gui: a new folder for pictures (PNG).", metavar="DIR"),
+    ] = None,
+    every: Annotated[
+        float | None,
+        typer.Option(help="With --screenshots: seconds between two of them; default 0.5."),
+    ] = None,
 ) -> None:
-    """Run one episode again in a fresh SUMO, with SUMO's own outputs on."""
+    """Run one episode again: with SUMO's own outputs on, or before your eyes in sumo-gui."""
     from harness.encounter import Arm
-    from harness.replay import replay as run_again
 
     if arm not in ("av", "human", "both"):
         raise InputError(f"--arm {arm}", "no such arm", "av, human or both")
     arms = list(Arm) if arm == "both" else [Arm(arm)]
+    if gui:
+        if out is not None:
+            raise InputError("--out", "stands beside --gui", "--screenshots DIR")
+        from harness.watch import watch
+
+        watched = watch(
+            run_folder,
+            pair,
+            arms,
+            cell,
+            pace=1.0 if pace is None else pace,
+            screenshots=screenshots,
+            every_s=0.5 if every is None else every,
+        )
+        _compare([(f"pair {pair}, arm {one.arm}", one.differences) for one in watched])
+        return
+    for option, value in (("--pace", pace), ("--screenshots", screenshots), ("--every", every)):
+        if value is not None:
+            raise InputError(option, "goes with --gui", "--gui")
+    if out is None:
+        raise InputError("--out", "is missing", "a new folder for SUMO's files, or --gui")
+    from harness.replay import replay as run_again
+
     replayed = run_again(run_folder, pair, arms, cell, out)
-    for episode in replayed:
-        verdict = "differs from" if episode.differences else "is identical to"
-        print_line(f"{episode.folder}: the record {verdict} the stored one")
-        for difference in episode.differences:
+    _compare([(str(one.folder), one.differences) for one in replayed])
+
+
+def _compare(episodes: list[tuple[str, tuple[str, ...]]]) -> None:
+    """Say of each repeated episode whether it came out as stored."""
+    for name, differences in episodes:
+        verdict = "differs from" if differences else "is identical to"
+        print_line(f"{name}: the record {verdict} the stored one")
+        for difference in differences:
             print_line(f"    {difference}")
-    if any(episode.differences for episode in replayed):
+    if any(differences for _, differences in episodes):
         raise typer.Exit(1)
 
 

@@ -1,19 +1,45 @@
-"""SUMO in a process of its own, through TraCI: what libsumo is measured against.
+"""SUMO in a process of its own, through TraCI: what libsumo is measured against, and sumo-gui.
 
-Slower than libsumo by far (every call crosses a socket).
+Slower than libsumo by far (every call crosses a socket).  The only module that imports traci.
 """
 
+import contextlib
+import io
 import os
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import sumo
 import traci
 
-from harness.encounter import Crossing, Vehicle
+from harness.encounter import Arrival, Crossing, Vehicle
 from harness.engine.control import SumoEngine, start_command, types_file
+from harness.engine.protocol import Engine
+from harness.engine.view import view_settings
 from harness.errors import EngineError
 from harness.site import read_site
+
+_VIEW = "View #0"
+_PIXELS = (1280, 860)
+_AROUND_M = 6.0
+"""Shown beyond the trigger and the crosswalk's far side."""
+
+
+@dataclass(frozen=True)
+class Gui:
+    """How an episode is shown.
+
+    Attributes:
+        delay_ms: pause after each step.
+        screenshots: PNGs go here; None takes none.
+        every_s: time between two of them, a whole number of steps.
+    """
+
+    delay_ms: float
+    screenshots: Path | None = None
+    every_s: float = 0.5
 
 
 def traci_engine(
@@ -24,19 +50,91 @@ def traci_engine(
     Raises:
         EngineError: SUMO does not start or does not answer.
     """
+    return _start("sumo", net, vehicle, crossing, step_s, sumo_seed, "")
+
+
+def gui_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui) -> Engine:
+    """Start sumo-gui, its view on the crosswalk, and connect to it.
+
+    Raises:
+        EngineError: it does not start (it needs a display) or does not answer.
+    """
+    settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
+    engine = _start("sumo-gui", net, vehicle, crossing, step_s, 1, settings)
+    return _Shown(engine, vehicle, step_s, gui)
+
+
+class _Shown:
+    """A SUMO engine whose window is looked after: the view at the start, pictures on the way."""
+
+    def __init__(self, engine: SumoEngine, vehicle: Vehicle, step_s: float, gui: Gui) -> None:
+        self._engine, self._folder = engine, gui.screenshots
+        self._step_s, self._steps = step_s, 0
+        self._every = max(1, round(gui.every_s / step_s))
+        reach = 0.7 * vehicle.trigger_range_m + _AROUND_M
+        traci.gui.setBoundary(_VIEW, -reach, -reach, reach, reach)
+
+    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
+        """See ``Engine.begin``."""
+        self._steps = 0
+        return self._engine.begin(arrivals)
+
+    def step(
+        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
+    ) -> tuple[float, float]:
+        """See ``Engine.step``."""
+        if self._folder is not None and self._steps % self._every == 0:
+            # SUMO takes the picture at the end of the step that follows.
+            time_s = (self._steps + 1) * self._step_s
+            name = str((self._folder / f"t-{time_s:07.3f}-s.png").absolute())
+            traci.gui.screenshot(_VIEW, name, *_PIXELS)
+        self._steps += 1
+        return self._engine.step(speed_mps, pedestrians)
+
+    def remove(self, index: int) -> None:
+        """See ``Engine.remove``."""
+        self._engine.remove(index)
+
+    def end(self) -> bool | None:
+        """See ``Engine.end``."""
+        return self._engine.end()
+
+    def close(self) -> None:
+        """See ``Engine.close``."""
+        self._engine.close()
+
+
+def _start(
+    program: str,
+    net: Path,
+    vehicle: Vehicle,
+    crossing: Crossing,
+    step_s: float,
+    sumo_seed: int,
+    settings: str,
+) -> SumoEngine:
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = Path(folder.name) / "types.add.xml"
     types.write_text(types_file(vehicle), encoding="utf-8")
     _, *options = start_command(net, types, step_s, sumo_seed)
-    binary = os.path.join(sumo.SUMO_HOME, "bin", "sumo")  # noqa: PTH118
+    if settings:
+        view = Path(folder.name) / "view.xml"
+        view.write_text(settings, encoding="utf-8")
+        options += ["--gui-settings-file", str(view), "--start", "true", "--quit-on-end", "true"]
+        options += ["--window-size", f"{_PIXELS[0]},{_PIXELS[1]}"]
+    binary = os.path.join(sumo.SUMO_HOME, "bin", program)  # noqa: PTH118
     try:
-        traci.start([binary, *options])
+        # It says on stdout that it retries; results go there, and nothing else.
+        with contextlib.redirect_stdout(io.StringIO()):
+            traci.start([binary, *options])
     except (traci.TraCIException, traci.FatalTraCIError, OSError) as error:
         folder.cleanup()
         raise EngineError(f"SUMO did not start: {error}") from None
 
     def close() -> None:
-        traci.close()
+        # Somebody may have closed the window.
+        with contextlib.suppress(traci.FatalTraCIError):
+            traci.close()
         folder.cleanup()
 
     return SumoEngine(traci, close, read_site(net), vehicle, crossing, step_s)

@@ -45,6 +45,8 @@ LEVELS = {
     "harness.cluster": 5,
     "harness.conformance": 5,
     "harness.replay": 5,
+    "harness.stored": 5,
+    "harness.watch": 5,
     "harness.scoring": 5,
     "harness.experiment": 5,
     "harness.run_data": 5,

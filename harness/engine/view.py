@@ -1,0 +1,48 @@
+"""How sumo-gui shows a crosswalk: the ego coloured by speed, pedestrians large enough to see."""
+
+from xml.sax.saxutils import quoteattr
+
+PEDESTRIAN_EXAGGERATION = 4
+"""People are drawn so many times as large as they are."""
+
+_BY_SPEED = 8
+_UNIFORM = 1
+"""Indices of sumo-gui's colouring schemes of vehicles and of persons."""
+
+
+def view_settings(initial_speed_mps: float, delay_ms: float) -> str:
+    """A settings file for ``--gui-settings-file``.
+
+    Args:
+        initial_speed_mps: v0, the ego's colour there is blue; standing it is red.
+        delay_ms: pause after each step.
+    """
+    colours = (("215,48,39", 0.0), ("254,224,144", 0.5), ("69,117,180", 1.0))
+    speeds = "".join(
+        f'<entry color="{colour}" threshold={quoteattr(f"{share * initial_speed_mps:.6g}")}/>'
+        for colour, share in colours
+    )
+    return f"""<viewsettings>
+    <scheme name="crosswalk">
+        <background backgroundColor="236,236,230" showGrid="0"/>
+        <edges laneEdgeMode="0" laneShowBorders="1" showLinkDecals="1">
+            <colorScheme name="uniform">
+                <entry color="110,110,110" name="road"/>
+                <entry color="180,180,180" name="sidewalk"/>
+            </colorScheme>
+        </edges>
+        <vehicles vehicleMode="{_BY_SPEED}" vehicleQuality="2" vehicle_exaggeration="1">
+            <colorScheme name="by speed" interpolated="1">{speeds}</colorScheme>
+        </vehicles>
+        <persons personMode="{_UNIFORM}" personQuality="2"
+                 person_exaggeration="{PEDESTRIAN_EXAGGERATION}">
+            <colorScheme name="uniform"><entry color="197,27,125"/></colorScheme>
+        </persons>
+        <junctions junctionMode="0" drawCrossingsAndWalkingareas="1">
+            <colorScheme name="uniform"><entry color="110,110,110"/></colorScheme>
+        </junctions>
+    </scheme>
+    <viewport x="0" y="0" zoom="1200"/>
+    <delay value="{delay_ms:.6g}"/>
+</viewsettings>
+"""

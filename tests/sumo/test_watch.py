@@ -1,0 +1,94 @@
+"""An episode in sumo-gui, under a virtual display: the same record, and pictures of it."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.encounter import Arm
+from harness.errors import InputError
+from harness.experiment import Options, run_study
+from harness.watch import watch
+from harness.worker import close_engine
+from tests.batches import FLOW, HARNESS, Inline, one_cell
+
+needs_xvfb = pytest.mark.skipif(
+    shutil.which("xvfb-run") is None, reason="needs a virtual display: Debian's package xvfb"
+)
+
+EGO_AT_V0 = (69, 117, 180)
+PEDESTRIAN = (197, 27, 125)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    from tests.conftest import _close_all
+
+    _close_all()
+    folder = tmp_path_factory.mktemp("watch") / "run"
+    changes = {**FLOW, "experiment.pairs": 4, "pedestrians.flow_per_hour": 1500.0}
+    run_study(one_cell("cctc_flow", changes), Options(), out=folder, make_executor=Inline)
+    close_engine()
+    return folder
+
+
+def pixels(path: Path, colour: tuple[int, int, int]) -> int:
+    """How many pixels of a picture have about that colour."""
+    picture = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    return int((np.abs(picture - colour).max(axis=2) < 40).sum())
+
+
+@needs_xvfb
+def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
+    run: Path, tmp_path: Path
+) -> None:
+    shots = tmp_path / "shots"
+    command = [*HARNESS, "replay", str(run), "--pair", "2", "--arm", "both", "--gui"]
+    options = ["--pace", "100", "--screenshots", str(shots), "--every", "1"]
+    found = subprocess.run(
+        ["xvfb-run", "-a", "-s", "-screen 0 1280x900x24", *command, *options],
+        capture_output=True,
+        text=True,
+        timeout=180,
+    )
+    assert found.returncode == 0, found.stderr
+    assert found.stdout.splitlines() == [
+        f"pair 2, arm {arm}: the record is identical to the stored one" for arm in ("av", "human")
+    ]
+    for arm in ("av", "human"):
+        pictures = sorted((shots / arm).glob("*.png"))
+        assert len(pictures) >= 5
+        assert pictures[0].name == "t-000.100-s.png"
+        # A car of 5 x 1.8 m at 16 pixels a metre has about 2,300; a fifth of it is its windows.
+        assert pixels(pictures[0], EGO_AT_V0) > 300
+        assert max(pixels(picture, PEDESTRIAN) for picture in pictures) > 30
+
+
+def test_without_a_display_it_says_so(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(InputError, match="Xvfb"):
+        watch(run, 0, [Arm.AV])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        ({"pair": 4}, "--pair"),
+        ({"pair": 0, "cell": 1}, "--cell"),
+        ({"pair": 0, "pace": 0.0}, "--pace"),
+        ({"pair": 0, "pace": float("nan")}, "--pace"),
+        ({"pair": 0, "every_s": -1.0}, "--every"),
+        ({"pair": 0, "screenshots": Path(__file__)}, "--screenshots"),
+    ],
+)
+def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        watch(run, arguments.pop("pair"), [Arm.AV], **arguments)
+
+
+def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no run folder"):
+        watch(tmp_path, 0, [Arm.AV])
