@@ -15,6 +15,7 @@ from harness.encounter import Ending
 from harness.errors import InputError, InterruptedRunError
 from harness.execution import Executor, LocalPool, default_workers, run_tasks
 from harness.interaction import InteractionModel, load_model
+from harness.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
 from harness.pairing import check_arms
 from harness.place import network_of
 from harness.results import SCHEMA, pair_columns, summary_row, versions
@@ -72,6 +73,7 @@ class Run:
     folder: Path
     study: Study
     summaries: tuple[Summary, ...]
+    conflicts: tuple[tuple[ConflictRate, ...], ...]
     failures: tuple[tuple[int, int, str, str], ...]
     """(cell, pair, arm, reason) of every episode the engine failed in."""
 
@@ -380,35 +382,43 @@ def finish(
     confidence = confidence_of(study, options)
     folder.finish_tables(options.traces)
     write_parquet(folder.path / "cells.parquet", *_cells_table(study))
-    summaries, rows, failures = [], [], []
+    summaries, conflicts, failures = [], [], []
+    tables: dict[str, list[dict[str, Any]]] = {"summary": [], "measures": [], "conflicts": []}
     counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
     for cell in study.cells:
         episodes = folder.episodes_of(cell.number)
         summary = summarise_cell(episodes, cell, confidence)
+        rates = conflict_rates(episodes, cell.scenario.conflicts, confidence)
         summaries.append(summary)
-        rows.append({**cell.varied, **summary_row(summary)})
+        conflicts.append(rates)
+        which = {"cell": cell.number, **cell.varied}
+        tables["summary"].append({**cell.varied, **summary_row(summary)})
+        tables["measures"] += [which | row for row in measure_rows(episodes)]
+        tables["conflicts"] += [which | conflict_row(rate) for rate in rates]
         counts["pairs"] += summary.pairs
         counts["episodes"] += episodes.num_rows
         endings = episodes["ending"].to_pylist()
         for ending in Ending:
             counts[ending.value] += endings.count(ending.value)
         failures += _failures(episodes, cell.number)
-    write_csv(folder.path / "summary.csv", rows)
+    for name, rows in tables.items():
+        write_csv(folder.path / f"{name}.csv", rows)
     folder.write_manifest(_manifest(study, models, options, counts))
     folder.drop_shards()
     folder.note("finished")
-    return Run(folder.path, study, tuple(summaries), tuple(failures))
+    return Run(folder.path, study, tuple(summaries), tuple(conflicts), tuple(failures))
 
 
 def _read_finished(path: Path, study: Study, options: Options) -> Run:
     """What a run folder with all its tables says."""
     confidence = confidence_of(study, options)
-    summaries, failures = [], []
+    summaries, conflicts, failures = [], [], []
     for cell in study.cells:
         episodes = read_table(path, "episodes", cell.number)
         summaries.append(summarise_cell(episodes, cell, confidence))
+        conflicts.append(conflict_rates(episodes, cell.scenario.conflicts, confidence))
         failures += _failures(episodes, cell.number)
-    return Run(path, study, tuple(summaries), tuple(failures))
+    return Run(path, study, tuple(summaries), tuple(conflicts), tuple(failures))
 
 
 def _failures(episodes: pa.Table, cell: int) -> list[tuple[int, int, str, str]]:

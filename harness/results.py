@@ -16,7 +16,7 @@ from harness.comparison import Interval, PairColumns, Summary
 from harness.encounter import Arm, Contact, Ending, Side
 from harness.measures import MEASURES, Outcome
 
-SCHEMA = 1
+SCHEMA = 2
 """Version of the run folder's format."""
 
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
@@ -225,6 +225,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     ending = np.array(episodes["ending"].to_pylist())
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
     crashed = ending == Ending.CRASHED
+    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
 
     def numbers(name: str) -> Any:
         return episodes[name].to_numpy().astype(float)
@@ -240,6 +241,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         stopped_s=both(numbers("stopped_s")),
         crashed=both(crashed),
         front=both(crashed & front),
+        avoidable=both(crashed & avoidable),
         timed_out=both(ending == Ending.TIMED_OUT),
         failed=both(ending == Ending.ENGINE_FAILED),
         av_fallback=both(numbers("fallback") > 0)[0],

@@ -80,6 +80,15 @@ class ArmsSection(_Section):
     human: str = "human_gmm"
 
 
+class ConflictsSection(_Section):
+    """``[conflicts]``: thresholds of the measures beyond which an episode counts as a conflict."""
+
+    ttc_s: NonNegative = 1.5
+    time_advantage_s: NonNegative = 1.5
+    pet_s: NonNegative = 1.5
+    drac_mps2: NonNegative = 3.35
+
+
 class ExperimentSection(_Section):
     """``[experiment]``: how many pairs, from which seed, at which step."""
 
@@ -98,6 +107,7 @@ class Scenario(_Section):
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
     strategies: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
 
     def vehicle(self) -> Vehicle:

@@ -23,8 +23,9 @@ class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
     ``time_s`` and ``delay_s`` are NaN where the arm did not cross, ``stops`` and ``stopped_s``
-    where it failed; ``front`` marks contacts with the front; ``met`` is the number of pedestrians
-    on the crossing over both arms.
+    where it failed; ``front`` marks contacts with the front, ``avoidable`` crashes that full
+    braking would have prevented; ``met`` is the number of pedestrians on the crossing over both
+    arms.
     """
 
     time_s: BothArms
@@ -33,6 +34,7 @@ class PairColumns:
     stopped_s: BothArms
     crashed: BothArms
     front: BothArms
+    avoidable: BothArms
     timed_out: BothArms
     failed: BothArms
     av_fallback: np.ndarray
@@ -66,6 +68,8 @@ class Summary:
     stops_human: float | None
     stopped_s: float | None
     stopped_human_s: float | None
+    kappa_avoidable: Proportion
+    kappa_avoidable_human: Proportion
 
 
 def summarise(
@@ -114,6 +118,10 @@ def summarise(
         stops_human=_mean(pairs.stops[1][human_ran]),
         stopped_s=_mean(pairs.stopped_s[0][av_ran]),
         stopped_human_s=_mean(pairs.stopped_s[1][human_ran]),
+        kappa_avoidable=proportion(int(pairs.avoidable[0].sum()), int(av_ran.sum()), confidence),
+        kappa_avoidable_human=proportion(
+            int(pairs.avoidable[1].sum()), int(human_ran.sum()), confidence
+        ),
     )
 
 

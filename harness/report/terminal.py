@@ -2,6 +2,7 @@
 
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,15 +10,28 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
+from harness.comparison import (
+    CONFIDENCE,
+    INDICATIVE_BELOW,
+    Interval,
+    Proportion,
+    Summary,
+    zero_bound,
+)
+from harness.encounter import Arm
 from harness.errors import HarnessError
 from harness.experiment import Run
+from harness.measure_tables import CONFLICTS, ConflictRate, conflict_row
+from harness.measures import MEASURES
 from harness.results import summary_row, versions
 from harness.scenario import Scenario
 from harness.strategies.parameters import describe, parameters_of
 from harness.strategies.registry import available
 
 PIPE_COLUMNS = 120
+
+_Row = tuple[str, str, str, str, str]
+"""Measure, value, interval, key of the paper's value, remark."""
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
 """Chen, Zhao, Peng 2017, section III-E; N = 50."""
@@ -35,22 +49,25 @@ def print_run(run: Run) -> None:
     console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
     if run.study.varied_keys:
         console.print(_table_over_cells(run))
+        console.print(_conflicts_over_cells(run))
         for line in _sweep_lines(run):
             console.print(line)
     else:
-        _print_cell(console, run.summaries[0], run.study.base)
+        _print_cell(console, run.summaries[0], run.conflicts[0], run.study.base)
     console.print(f"Run folder: {run.folder}", soft_wrap=True)
 
 
-def _print_cell(console: Console, summary: Summary, scenario: Scenario) -> None:
+def _print_cell(
+    console: Console, summary: Summary, conflicts: Sequence[ConflictRate], scenario: Scenario
+) -> None:
     paper = is_the_papers(scenario)
     title = f"{scenario.arms.av} against {scenario.arms.human}, N = {summary.pairs}"
     table = Table(title=title, box=box.SIMPLE_HEAD)
     table.add_column("measure", no_wrap=True)
     for heading in ("value", "95 % interval", *(["paper"] if paper else []), "remark"):
         table.add_column(heading, overflow="fold")
-    for cells in _measure_rows(summary, paper):
-        table.add_row(*cells)
+    for name, value, interval, key, remark in (*_measure_rows(summary), *_conflict_rows(conflicts)):
+        table.add_row(name, value, interval, *([PAPER.get(key, "")] if paper else []), remark)
     console.print(table)
     for line in (*_crash_lines(summary), *_count_lines(summary)):
         console.print(line)
@@ -90,7 +107,8 @@ def _sweep_lines(run: Run) -> list[str]:
     failed = sum(summary.failed for summary in run.summaries)
     lines.append(
         f"Of {pairs} pairs {out} ({out / pairs:.1%}) timed out, {nobody} ({nobody / pairs:.1%}) "
-        f"met nobody, {failed} failed in the engine. Everything else: summary.csv."
+        f"met nobody, {failed} failed in the engine. Everything else: "
+        "summary.csv, measures.csv, conflicts.csv."
     )
     return lines
 
@@ -103,13 +121,16 @@ def run_document(run: Run) -> dict[str, Any]:
             {
                 "varied": cell.varied,
                 "summary": summary_row(summary),
+                "conflicts": [conflict_row(rate) for rate in rates],
                 "indicative": [
                     name
                     for name, limit in INDICATIVE_BELOW.items()
                     if summary.defined_pairs < limit
                 ],
             }
-            for cell, summary in zip(run.study.cells, run.summaries, strict=True)
+            for cell, summary, rates in zip(
+                run.study.cells, run.summaries, run.conflicts, strict=True
+            )
         ],
         "failures": [
             {"cell": cell, "pair": pair, "arm": arm, "reason": why}
@@ -178,66 +199,68 @@ def _check_episode() -> None:
         raise HarnessError(run.failures[0][-1])
 
 
-def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
+def _measure_rows(summary: Summary) -> list[_Row]:
     n = summary.defined_pairs
-
-    def row(name: str, value: str, interval: str, key: str, remark: str) -> list[str]:
-        return [name, value, interval, *([PAPER.get(key, "")] if paper else []), remark]
-
     return [
-        row(
+        (
             "μ   mean of τ",
             _number(summary.mu.value),
             _range(summary.mu),
             "mu",
             _indicative(n, "mu"),
         ),
-        row("μ   without fallbacks", _number(summary.mu_without_fallback), "", "", ""),
-        row(
+        ("μ   without fallbacks", _number(summary.mu_without_fallback), "", "", ""),
+        (
             "μ   time-outs counted",
             _number(summary.mu_timeout),
             "",
             "",
             "",
         ),
-        row(
+        (
             "c_v spread of τ",
             _percent(summary.cv.value),
             _range(summary.cv, percent=True),
             "cv",
             _indicative(n, "cv"),
         ),
-        row(
+        (
             "κ   crash rate, AV",
             _percent(summary.kappa.value),
             _range(summary.kappa, percent=True),
             "kappa",
             "",
         ),
-        row("κ   with the front", _percent(summary.kappa_front), "", "", ""),
-        row(
+        ("κ   with the front", _percent(summary.kappa_front), "", "", ""),
+        (
+            "κ   avoidable, AV / human",
+            *_both(summary.kappa_avoidable, summary.kappa_avoidable_human),
+            "",
+            "by full braking at once",
+        ),
+        (
             "κ   crash rate, human",
             _percent(summary.kappa_human.value),
             _range(summary.kappa_human, percent=True),
             "",
             "",
         ),
-        row("delay AV, s", _seconds(summary.delay_s.value), _range(summary.delay_s), "", ""),
-        row(
+        ("delay AV, s", _seconds(summary.delay_s.value), _range(summary.delay_s), "", ""),
+        (
             "delay human, s",
             _seconds(summary.delay_human_s.value),
             _range(summary.delay_human_s),
             "",
             "",
         ),
-        row(
+        (
             "stops, AV / human",
             f"{_seconds(summary.stops)} / {_seconds(summary.stops_human)}",
             "",
             "",
             "per episode",
         ),
-        row(
+        (
             "stopped s, AV / human",
             f"{_seconds(summary.stopped_s)} / {_seconds(summary.stopped_human_s)}",
             "",
@@ -245,6 +268,62 @@ def _measure_rows(summary: Summary, paper: bool) -> list[list[str]]:
             "per episode",
         ),
     ]
+
+
+def _conflict_rows(rates: Sequence[ConflictRate]) -> list[_Row]:
+    """A row for each kind of conflict."""
+    return [
+        (f"{_condition(av)}, AV / human", *_both(av.rate, human.rate), "", "conflict rate")
+        for av, human in _both_arms(rates)
+    ]
+
+
+def _conflicts_over_cells(run: Run) -> Table:
+    """Avoidable crashes and conflicts of every cell, without their intervals."""
+    title = "% of episodes, AV / human: avoidable crashes; conflicts, crashes included"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    keys = run.study.varied_keys
+    kinds = [f"{_shown(av)} conflicts" for av, _ in _both_arms(run.conflicts[0])]
+    for heading in (*(key.split(".")[-1] for key in keys), "κ avoidable", *kinds):
+        table.add_column(heading, overflow="fold")
+    for cell, summary, rates in zip(run.study.cells, run.summaries, run.conflicts, strict=True):
+        both = [(summary.kappa_avoidable, summary.kappa_avoidable_human)]
+        both += [(av.rate, human.rate) for av, human in _both_arms(rates)]
+        shares = [_both(av, human)[0].removesuffix(" %") for av, human in both]
+        table.add_row(*(_plain(cell.varied[key]) for key in keys), *shares)
+    return table
+
+
+def _both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, ConflictRate]]:
+    """The AV's and the human's rate of each kind of conflict."""
+    av, human = ([rate for rate in rates if rate.arm is arm] for arm in (Arm.AV, Arm.HUMAN))
+    return list(zip(av, human, strict=True))
+
+
+def _condition(rate: ConflictRate) -> str:
+    """Which values of which measure are a conflict."""
+    conflict = next(entry for entry in CONFLICTS if entry.name == rate.conflict)
+    unit = next(measure.unit for measure in MEASURES if measure.column == conflict.column)
+    return f"{_shown(rate)} {'>' if conflict.above else '<'} {rate.threshold:g} {unit}"
+
+
+def _shown(rate: ConflictRate) -> str:
+    name = rate.conflict.replace("_", " ")
+    return name if " " in name else name.upper()
+
+
+def _both(av: Proportion, human: Proportion) -> tuple[str, str]:
+    """Two shares and their intervals in per cent."""
+    values = [
+        "undefined" if share.value is None else f"{100 * share.value:.1f}" for share in (av, human)
+    ]
+    ranges = [
+        "undefined"
+        if share.low is None or share.high is None
+        else f"{100 * share.low:.1f} … {100 * share.high:.1f}"
+        for share in (av, human)
+    ]
+    return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
 
 
 def _crash_lines(summary: Summary) -> list[str]:

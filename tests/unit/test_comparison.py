@@ -145,6 +145,7 @@ def columns() -> PairColumns:
         "timed_out": tuple(np.array([e == "t" for e in arm]) for arm in (av, human)),
         "failed": tuple(np.array([e == "e" for e in arm]) for arm in (av, human)),
         "front": tuple(np.array([e == "f" for e in arm]) for arm in (av, human)),
+        "avoidable": tuple(np.array([e == "f" for e in arm]) for arm in (av, human)),
         "av_fallback": np.array([False, True] + [False] * 6),
         "met": np.array([2, 1, 0, 1, 1, 3, 0, 1]),
     }
@@ -165,6 +166,10 @@ def test_summary_of_hand_counted_pairs() -> None:
     # κ: 2 crashes in the 7 AV episodes that ran; the human's 1 in all 8.
     assert summary.kappa.value == pytest.approx(2 / 7)
     assert summary.kappa_front == pytest.approx(1 / 7)
+    # Those with the front were avoidable, by the hand that made the pairs.
+    assert summary.kappa_avoidable.value == pytest.approx(1 / 7)
+    assert summary.kappa_avoidable.high == pytest.approx(stats.beta.ppf(0.975, 2, 6), abs=1e-10)
+    assert (summary.kappa_avoidable_human.successes, summary.kappa_avoidable_human.trials) == (0, 8)
     assert summary.kappa_human.value == pytest.approx(1 / 8)
     assert summary.kappa.low == pytest.approx(stats.beta.ppf(0.025, 2, 6), abs=1e-10)
 

@@ -35,6 +35,7 @@ LEVELS = {
     "harness.engine": 3,
     "harness.episode": 3,
     "harness.results": 4,
+    "harness.measure_tables": 4,
     "harness.run_folder": 4,
     "harness.shards": 4,
     "harness.calibration": 4,
