@@ -6,7 +6,7 @@ run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,11 +19,12 @@ import pyarrow as pa
 from harness.encounter import Ending
 from harness.errors import InputError
 from harness.experiment import confidence_of, options_of, recall_study, summarise_cell
+from harness.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results import TABLES, pair_rows, summary_row, table_of
 from harness.run_folder import MANIFEST, count_rows, read_manifest, read_table
 from harness.scenario import Scenario
 from harness.shards import DamagedShardError, Shard, read_shard, shards_of
-from harness.study import Study
+from harness.study import Cell, Study
 
 
 @dataclass(frozen=True)
@@ -122,16 +123,45 @@ class RunData:
         """
         if self.finished:
             return _read_summary(self.path, self.study)
-        episodes = self._table("episodes")
-        numbers = episodes["cell"].to_numpy()
-        confidence = confidence_of(self.study, options_of(dict(self.manifest)))
-        rows = []
-        for cell in self.study.cells:
-            own = episodes.filter(pa.array(numbers == cell.number))
-            if own.num_rows:
-                summary = summary_row(summarise_cell(own, cell, confidence))
-                rows.append({"cell": cell.number, **cell.varied, **summary})
-        return pd.DataFrame(rows)
+        return pd.DataFrame(
+            [
+                {
+                    "cell": cell.number,
+                    **cell.varied,
+                    **summary_row(summarise_cell(own, cell, self._confidence)),
+                }
+                for cell, own in self._episodes_by_cell()
+            ]
+        )
+
+    @cached_property
+    def measures(self) -> pd.DataFrame:
+        """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
+
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **row}
+                for cell, own in self._episodes_by_cell()
+                for row in measure_rows(own)
+            ]
+        )
+
+    @cached_property
+    def conflicts(self) -> pd.DataFrame:
+        """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
+
+        ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
+        ci_high``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **conflict_row(rate)}
+                for cell, own in self._episodes_by_cell()
+                for rate in conflict_rates(own, cell.scenario.conflicts, self._confidence)
+            ]
+        )
 
     @cached_property
     def traces(self) -> pd.DataFrame:
@@ -162,6 +192,19 @@ class RunData:
     def failures(self) -> pd.DataFrame:
         """The episodes in which engine or strategy failed, with ``reason``."""
         return self.episodes[self.episodes["ending"] == Ending.ENGINE_FAILED]
+
+    @property
+    def _confidence(self) -> float:
+        return confidence_of(self.study, options_of(dict(self.manifest)))
+
+    def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
+        """The episodes of every cell that has any."""
+        episodes = self._table("episodes")
+        numbers = episodes["cell"].to_numpy()
+        for cell in self.study.cells:
+            own = episodes.filter(pa.array(numbers == cell.number))
+            if own.num_rows:
+                yield cell, own
 
     def _need_traces(self) -> None:
         if not self.kept_traces:

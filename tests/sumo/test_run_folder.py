@@ -92,6 +92,7 @@ def test_nothing_half_written_is_left(runs: Path) -> None:
         assert {path.name for path in folder.iterdir()} == {
             *("manifest.json", "log.jsonl", "summary.csv", "cells.parquet", "episodes.parquet"),
             *("pedestrians.parquet", "pairs.parquet", "traces.parquet"),
+            *("measures.csv", "conflicts.csv"),
         }
 
 
@@ -290,3 +291,34 @@ def test_sumos_own_seed_decides_nothing(model) -> None:
         return [repr(make(0, outcomes)) for make in tables]
 
     assert content(1) == content(987_654)
+
+
+def csv_rows(folder: Path, name: str) -> list[dict[str, str]]:
+    with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_measures_and_conflicts_follow_from_the_episodes(runs: Path) -> None:
+    folder = runs / "flow"
+    episodes = [row for row in rows(folder, "episodes") if row["ending"] != "engine_failed"]
+    for row in csv_rows(folder, "measures"):
+        own = [e[row["measure"]] for e in episodes if e["arm"] == row["arm"]]
+        values = [float(value) for value in own if value is not None]
+        assert int(row["defined"]) == len(values)
+        if values:
+            assert float(row["mean"]) == pytest.approx(sum(values) / len(values), abs=1e-12)
+            assert min(values) <= float(row["p05"]) <= float(row["p50"]) <= float(row["p95"])
+    for row in csv_rows(folder, "conflicts"):
+        if row["conflict"] == "ttc":
+            own = [e for e in episodes if e["arm"] == row["arm"]]
+            found = [
+                e
+                for e in own
+                if e["contact"] or (e["min_ttc_s"] is not None and e["min_ttc_s"] < 1.5)
+            ]
+            assert (int(row["conflicts"]), int(row["episodes"])) == (len(found), len(own))
+    (summary,) = csv_rows(folder, "summary")
+    avoidable = [e for e in episodes if e["arm"] == "av" and e["avoidable"]]
+    assert float(summary["kappa_avoidable"]) == pytest.approx(
+        len(avoidable) / sum(e["arm"] == "av" for e in episodes)
+    )

@@ -1,0 +1,116 @@
+"""Statistics of measures and conflict rates, from episodes counted by hand."""
+
+import pyarrow as pa
+import pytest
+from scipy import stats
+
+from harness.measure_tables import CONFLICTS, conflict_rates, conflict_row, measure_rows
+from harness.measures import MEASURES
+from harness.results import EPISODES
+from harness.scenario import ConflictsSection, Scenario
+
+# ending, min_ttc_s, pet_s, max_drac_mps2, avoidable
+AV = [
+    ("crossed", 1.49, 0.0, 3.36, None),
+    ("crossed", 1.5, 1.5, 3.35, None),
+    ("crossed", 8.0, 4.0, 0.5, None),
+    ("crossed", None, 6.0, None, None),
+    ("crashed", 0.05, None, None, True),
+    ("crashed", None, None, None, False),
+    ("timed_out", 2.0, None, 1.0, None),
+    ("engine_failed", 0.1, 0.1, 9.0, None),
+]
+HUMAN = [("crossed", None, None, None, None)] * len(AV)
+
+
+def table(av: list[tuple[object, ...]], human: list[tuple[object, ...]]) -> pa.Table:
+    """Two rows for each pair; what is not named is null."""
+    names = ("ending", "min_ttc_s", "pet_s", "max_drac_mps2", "avoidable")
+    rows = []
+    for pair, arms in enumerate(zip(av, human, strict=True)):
+        for arm, values in zip(("av", "human"), arms, strict=True):
+            rows.append(
+                {"cell": 0, "pair": pair, "arm": arm, **dict(zip(names, values, strict=True))}
+            )
+    return pa.Table.from_pylist(rows, schema=EPISODES)
+
+
+def row_of(arm: str, measure: str) -> dict[str, object]:
+    found = [
+        r for r in measure_rows(table(AV, HUMAN)) if (r["arm"], r["measure"]) == (arm, measure)
+    ]
+    assert len(found) == 1
+    return found[0]
+
+
+def test_every_measure_has_a_row_for_each_arm() -> None:
+    named = [(row["arm"], row["measure"]) for row in measure_rows(table(AV, HUMAN))]
+    assert named == [(arm, measure.column) for arm in ("av", "human") for measure in MEASURES]
+
+
+def test_statistics_by_hand() -> None:
+    # 0.05, 1.49, 1.5, 2.0, 8.0; the failed episode's 0.1 does not count.
+    ttc = row_of("av", "min_ttc_s")
+    assert (ttc["defined"], ttc["p50"]) == (5, 1.5)
+    assert ttc["mean"] == pytest.approx((0.05 + 1.49 + 1.5 + 2.0 + 8.0) / 5)
+    # A fifth of the way from the first to the second; four fifths from the fourth to the fifth.
+    assert ttc["p05"] == pytest.approx(0.05 + 0.2 * 1.44)
+    assert ttc["p95"] == pytest.approx(2.0 + 0.8 * 6.0)
+    # Truth counts as 1: the share of the crashes.
+    assert (row_of("av", "avoidable")["defined"], row_of("av", "avoidable")["mean"]) == (2, 0.5)
+
+
+def test_a_measure_defined_nowhere() -> None:
+    row = row_of("human", "min_ttc_s")
+    assert row["defined"] == 0
+    assert [row[name] for name in ("mean", "p05", "p50", "p95")] == [None] * 4
+
+
+def counted(thresholds: ConflictsSection) -> dict[tuple[str, str], tuple[int, int]]:
+    rates = conflict_rates(table(AV, HUMAN), thresholds, 0.95)
+    return {
+        (rate.arm.value, rate.conflict): (rate.rate.successes, rate.rate.trials) for rate in rates
+    }
+
+
+def test_conflicts_by_hand() -> None:
+    # Of seven that ran: 1.49 s and both crashes; a threshold itself is no conflict.
+    found = counted(ConflictsSection())
+    assert found["av", "ttc"] == (3, 7)
+    assert found["av", "pet"] == (3, 7)
+    assert found["av", "drac"] == (3, 7)
+    # No time advantage is known of any of them: the crashes alone.
+    assert found["av", "time_advantage"] == (2, 7)
+    assert {found["human", conflict.name] for conflict in CONFLICTS} == {(0, 8)}
+
+
+def test_thresholds_are_the_scenarios() -> None:
+    found = counted(ConflictsSection(ttc_s=2.1, pet_s=0.0, drac_mps2=0.4))
+    assert found["av", "ttc"] == (5, 7)
+    assert found["av", "pet"] == (2, 7)
+    assert found["av", "drac"] == (6, 7)
+
+
+def test_interval_of_a_rate() -> None:
+    rates = conflict_rates(table(AV, HUMAN), ConflictsSection(), 0.9)
+    row = conflict_row(rates[0])
+    assert (row["arm"], row["conflict"], row["threshold"]) == ("av", "ttc", 1.5)
+    assert (row["episodes"], row["conflicts"], row["rate"]) == (7, 3, 3 / 7)
+    assert row["ci_low"] == pytest.approx(stats.beta.ppf(0.05, 3, 5))
+    assert row["ci_high"] == pytest.approx(stats.beta.ppf(0.95, 4, 4))
+
+
+def test_nothing_ran() -> None:
+    failed = [("engine_failed", None, None, None, None)]
+    rates = conflict_rates(table(failed, failed), ConflictsSection(), 0.95)
+    assert {(rate.rate.value, rate.rate.low, rate.rate.trials) for rate in rates} == {
+        (None, None, 0)
+    }
+
+
+def test_every_threshold_belongs_to_a_conflict_on_a_measure() -> None:
+    assert {entry.threshold for entry in CONFLICTS} == set(ConflictsSection.model_fields)
+    assert {entry.column for entry in CONFLICTS} <= {measure.column for measure in MEASURES}
+    assert Scenario().conflicts == ConflictsSection(
+        ttc_s=1.5, time_advantage_s=1.5, pet_s=1.5, drac_mps2=3.35
+    )
