@@ -7,6 +7,9 @@ from harness.encounter import Observation, PedestrianView
 from harness.strategies.driving import clearing_time, resume
 from harness.strategies.hard_yield import HardYield
 
+_ROUNDING_S = 1e-9
+"""Within it a planned arrival and a step's time are the same."""
+
 
 class _Plan(NamedTuple):
     """Decelerate until ``decelerate_until_s``, then coast to x = 0 at ``arrival_s``."""
@@ -21,22 +24,35 @@ class SoftYield:
 
     With the state (v, R) of the moment it perceives a pedestrian:
     a = p1 + p2 v + p3 R (paper, section III-C) and
-    T1 = t_L − sqrt(t_L² − 2 (R − v t_L) / a), t_L = remaining distance / v_p.
-    R ≥ v t_L: the pedestrian clears first and the speed is kept.  Of several pedestrians it plans
-    for the one who leaves last, and plans again when that is another one.
+    T1 = t_x − sqrt(t_x² − 2 (R − v t_x) / a), t_x = remaining distance / v_p + time_margin_s.
+    R ≥ v t_x: the pedestrian clears first and the speed is kept.  Of several pedestrians it plans
+    for the one who leaves last, and plans again when that is another one.  With a positive margin
+    it keeps to the plan after he has left, until t_x.  The paper's strategy has no margin; its
+    aggressiveness (paper, figure 1) is here −time_margin_s.
 
     *No answer* where a ≥ 0, the root is of a negative number, the speed would fall below zero
-    within T1, or a exceeds the vehicle's maximum deceleration: then Hard-Yield drives and
-    ``fallback`` is set.  At R = 30 m, v = 5 m/s that is every v_p below 0.97565 m/s.
+    within T1, or a exceeds the vehicle's maximum deceleration: then Hard-Yield drives, which knows
+    no margin, and ``fallback`` is set.  At R = 30 m, v = 5 m/s that is every t_x above 9.2246 s:
+    without a margin every v_p below 0.97565 m/s, with a margin m those below 9 m / (9.2246 s − m).
 
     Args:
         p1: constant of the regression, m/s².
         p2: coefficient of the speed, 1/s.
         p3: coefficient of the range, 1/s².
+        time_margin_s: how long after the pedestrian has left it arrives at x = 0, s; before he has
+            left where negative.
     """
 
-    def __init__(self, *, p1: float = 0.0169, p2: float = -0.13986, p3: float = 0.010115) -> None:
+    def __init__(
+        self,
+        *,
+        p1: float = 0.0169,
+        p2: float = -0.13986,
+        p3: float = 0.010115,
+        time_margin_s: float = 0.0,
+    ) -> None:
         self._p1, self._p2, self._p3 = p1, p2, p3
+        self._margin_s = time_margin_s
         self.fallback = False
         self._target: int | None = None
         self._plan: _Plan | None = None
@@ -46,32 +62,46 @@ class SoftYield:
         """Wanted acceleration in m/s²."""
         last = _last_to_leave(observation.pedestrians)
         if last is None or observation.ego.range_m <= 0:
+            if self._waits_out_margin(observation):
+                assert self._plan is not None
+                return _follow(self._plan, observation)
             self._target = None
             return resume(observation)
         if last.index != self._target:
             self._target = last.index
-            self._plan = self._make_plan(observation, clearing_time(last))
+            self._plan = self._make_plan(observation, clearing_time(last) + self._margin_s)
             self._hard_yield = HardYield()
             self.fallback = self.fallback or self._plan is None
         if self._plan is None:
             return self._hard_yield.decide(observation)
         return _follow(self._plan, observation)
 
-    def _make_plan(self, observation: Observation, clearing_s: float) -> _Plan | None:
+    def _waits_out_margin(self, observation: Observation) -> bool:
+        """Whether the last one has left and the plan still says to arrive later."""
+        return (
+            self._margin_s > 0
+            and self._plan is not None
+            and self._target is not None
+            and observation.ego.range_m > 0
+            and observation.time_s < self._plan.arrival_s
+        )
+
+    def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
+        """The way to x = 0 in ``until_s``; None where there is no answer."""
         now, ego = observation.time_s, observation.ego
-        shortfall = ego.range_m - ego.speed_mps * clearing_s
+        shortfall = ego.range_m - ego.speed_mps * until_s
         if shortfall >= 0:
-            return _Plan(0.0, now, now + clearing_s)
+            return _Plan(0.0, now, now + until_s)
         a = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
         if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
             return None
-        discriminant = clearing_s**2 - 2 * shortfall / a
+        discriminant = until_s**2 - 2 * shortfall / a
         if discriminant < 0:
             return None
-        t1 = clearing_s - math.sqrt(discriminant)
+        t1 = until_s - math.sqrt(discriminant)
         if ego.speed_mps + a * t1 < 0:
             return None
-        return _Plan(a, now + t1, now + clearing_s)
+        return _Plan(a, now + t1, now + until_s)
 
 
 def _follow(plan: _Plan, observation: Observation) -> float:
@@ -88,8 +118,10 @@ def _follow(plan: _Plan, observation: Observation) -> float:
             return 2 * (range_m - speed * until_arrival) / until_arrival**2
         coasting_speed = _coasting_speed(observation, until_arrival)
         return (coasting_speed - speed) / step
+    if until_arrival < -_ROUNDING_S:
+        return resume(observation)
     if until_arrival <= step:
-        # The pedestrian leaves inside this step: from then on a0, spread over the whole step.
+        # The arrival is inside this step: from then on a0, spread over the whole step.
         return _gain(observation, step - until_arrival, speed) / step
     return 0.0
 

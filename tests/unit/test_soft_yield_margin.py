@@ -1,0 +1,87 @@
+"""Soft-Yield with a time margin: t_L becomes t_L + margin (paper, section III-C and figure 1)."""
+
+import math
+
+import numpy as np
+import pytest
+
+from harness.encounter import Side
+from harness.measures.ego import crossing_time
+from harness.strategies.soft_yield import SoftYield
+from tests.scenes import play, scenario
+
+R0, V0, L0 = 30.0, 5.0, 9.0
+A = 0.0169 - 0.13986 * V0 + 0.010115 * R0
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize(
+    ("walking_speed", "margin"),
+    [(1.2, 0.5), (1.2, -0.5), (1.2, 1.7), (1.2, -1.4), (1.6, 1.0), (2.0, 2.0), (0.8, -3.0)],
+)
+def test_arrives_that_much_after_the_pedestrian_has_left(walking_speed, margin, side) -> None:
+    trace = play(SoftYield(time_margin_s=margin), [(0.0, side, walking_speed)])
+    until = L0 / walking_speed + margin
+    assert 6.0 < until < 9.2246  # there is an answer, and it has to slow down
+    assert not trace.fallback
+    assert crossing_time(trace, 0.0) == pytest.approx(until, abs=1e-6)
+    # One deceleration until T1, one speed from then until the arrival.
+    t1 = until - math.sqrt(until**2 - 2 * (R0 - V0 * until) / A)
+    whole = int(t1 / 0.1)
+    np.testing.assert_allclose(
+        trace.speed_mps[: whole + 1], V0 + A * np.arange(whole + 1) * 0.1, atol=1e-9
+    )
+    coasting = trace.speed_mps[whole + 1 : int(until / 0.1)]
+    np.testing.assert_allclose(coasting, coasting[:1].repeat(len(coasting)), atol=1e-9)
+    # Then a0 to v0, whether or not he is still on the crossing.
+    after = trace.speed_mps[int(until / 0.1) + 1 :]
+    gains = np.diff(after) / 0.1
+    assert gains[0] == pytest.approx(min(1.0, (V0 - after[0]) / 0.1))
+    assert gains.max() <= 1.0 + 1e-9
+    assert after.max() <= V0
+
+
+@pytest.mark.parametrize("margin", [0.5, 1.0, -1.0])
+def test_window_of_answers(margin: float) -> None:
+    # t_x² = 2 (R − v t_x)/a has its root at 9.2246 s.
+    last = min(t for t in np.roots([1, 2 * V0 / A, -2 * R0 / A]) if t > R0 / V0)
+    assert last == pytest.approx(9.2246, abs=5e-5)
+    slowest = L0 / (last - margin)
+    for speed, fallback in ((slowest - 1e-4, True), (slowest + 1e-4, False)):
+        trace = play(SoftYield(time_margin_s=margin), [(0.0, Side.NEAR, speed)])
+        assert trace.fallback is fallback
+
+
+@pytest.mark.parametrize(("margin", "walking_speed"), [(-1.0, 1.286), (-10.0, 0.6), (0.7, 1.699)])
+def test_whoever_clears_in_time_does_not_slow_it(margin: float, walking_speed: float) -> None:
+    # R ≥ v (t_L + margin): 9/1.286 − 1 and 9/1.699 + 0.7 are just under 6 s, 5 under 0.
+    trace = play(SoftYield(time_margin_s=margin), [(0.0, Side.FAR, walking_speed)])
+    np.testing.assert_array_equal(trace.speed_mps, V0)
+
+
+def test_another_who_comes_while_it_waits_out_the_margin() -> None:
+    # The first leaves at 6.923 s; the second comes at 7.05 s, when it still coasts to 8.423 s.
+    strategy = SoftYield(time_margin_s=1.5)
+    trace = play(strategy, [(0.0, Side.NEAR, 1.3), (7.05, Side.NEAR, 2.0)])
+    alone = play(SoftYield(time_margin_s=1.5), [(0.0, Side.NEAR, 1.3)])
+    np.testing.assert_array_equal(trace.speed_mps[:71], alone.speed_mps[:71])
+    assert trace.speed_mps[80] < alone.speed_mps[80] - 0.05
+
+
+def test_no_margin_is_the_default_to_the_last_bit() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(40):
+        walkers = [
+            (float(at), list(Side)[int(near)], float(speed))
+            for at, near, speed in zip(
+                np.sort(rng.uniform(0, 12, 4)),
+                rng.integers(0, 2, 4),
+                rng.uniform(0.4, 2.5, 4),
+                strict=True,
+            )
+        ]
+        scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+        plain, none = (
+            play(strategy, walkers, scene) for strategy in (SoftYield(), SoftYield(time_margin_s=0))
+        )
+        np.testing.assert_array_equal(plain.speed_mps, none.speed_mps)
