@@ -98,6 +98,13 @@ class ExperimentSection(_Section):
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
 
 
+class LimitsSection(_Section):
+    """``[limits]``: below which a strategy is allowed; for comparing, no part of a simulation."""
+
+    mu0: Positive | None = None
+    kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
+
+
 class Scenario(_Section):
     """One experiment, complete: what a run of it needs and nothing else."""
 
@@ -109,6 +116,7 @@ class Scenario(_Section):
     strategies: dict[str, dict[str, Any]] = Field(default_factory=dict)
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
+    limits: LimitsSection = LimitsSection()
 
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""

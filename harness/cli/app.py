@@ -14,6 +14,7 @@ COMMANDS = (
     batch.sweep,
     review.replay,
     review.score,
+    review.compare,
     review.export,
     about.network,
     about.strategies,

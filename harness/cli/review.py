@@ -1,11 +1,12 @@
-"""Commands on a run folder: ``replay``, ``score``, ``export``."""
+"""Commands on a run folder: ``replay``, ``score``, ``compare``, ``export``."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.cli.output import print_line
+from harness.cli.options import JsonOption
+from harness.cli.output import print_json, print_line, progress_bar
 from harness.errors import InputError
 
 
@@ -85,6 +86,45 @@ def score(
     from harness.scoring import score as recompute
 
     print_line(str(recompute(run_folder, out)))
+
+
+def compare(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished sweep.")],
+    mu0: Annotated[
+        float | None, typer.Option(help="μ has to lie below; default: limits.mu0 of the scenario.")
+    ] = None,
+    kappa0: Annotated[
+        float | None, typer.Option(help="κ has to lie below; default: limits.kappa0.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare the strategies of a sweep pair by pair; with limits, find the allowed values."""
+    from harness.compare import compare as compare_run
+
+    if out is not None:
+        if out.exists():
+            raise InputError(f"--out {out}", "exists already", "a new file")
+        if not out.parent.is_dir():
+            raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
+    with progress_bar("comparisons", hidden=as_json) as advance:
+        result = compare_run(run_folder, mu0, kappa0, advance)
+    if out is not None:
+        from harness.report.comparison_document import comparison_rows
+        from harness.run_folder import write_csv
+
+        write_csv(out, comparison_rows(result))
+    if as_json:
+        from harness.report.comparison_document import comparison_document
+
+        print_json(comparison_document(result))
+    else:
+        from harness.report.comparison_terminal import print_comparison
+
+        print_comparison(result)
 
 
 def export(

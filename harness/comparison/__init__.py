@@ -13,6 +13,7 @@ from harness.comparison.allowed import (
 from harness.comparison.intervals import (
     CONFIDENCE,
     INDICATIVE_BELOW,
+    INDICATIVE_COMPARED_BELOW,
     Interval,
     Proportion,
     bootstrap_mean,
@@ -34,6 +35,7 @@ from harness.comparison.summary import PairColumns, Summary, summarise
 __all__ = [
     "CONFIDENCE",
     "INDICATIVE_BELOW",
+    "INDICATIVE_COMPARED_BELOW",
     "AllowedInterval",
     "CrashTest",
     "Interval",

@@ -68,11 +68,12 @@ class Judgement:
 class AllowedInterval:
     """On a sweep: allowed values, or none, or too few pairs to tell.
 
-    With too few, ``pairs_needed`` would show the first value allowed, or all of them denied,
-    whatever the present estimates point to; None where they point to nothing.
+    With too few, ``expected`` is what the present estimates point to, and ``pairs_needed`` would
+    show it: the first value allowed, or all of them denied.  None where no number is known.
     """
 
     verdict: SweepVerdict
+    expected: SweepVerdict
     judgements: tuple[Judgement, ...]
     pairs_needed: int | None
 
@@ -115,17 +116,17 @@ def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) 
     judgements = tuple(_judge(swept, limits, tail) for swept in sweep)
     verdicts = {judgement.verdict for judgement in judgements}
     if Verdict.ALLOWED in verdicts:
-        return AllowedInterval(SweepVerdict.SOME, judgements, None)
+        return AllowedInterval(SweepVerdict.SOME, SweepVerdict.SOME, judgements, None)
     if verdicts == {Verdict.DENIED}:
-        return AllowedInterval(SweepVerdict.NONE, judgements, None)
+        return AllowedInterval(SweepVerdict.NONE, SweepVerdict.NONE, judgements, None)
     undecided = [judgement for judgement in judgements if judgement.verdict is Verdict.UNDECIDED]
-    towards = [item.pairs_needed for item in undecided if _within(item.swept, limits)]
-    if towards:
-        known = [pairs for pairs in towards if pairs is not None]
-        return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, judgements, min(known, default=None))
-    away = [item.pairs_needed for item in undecided if item.pairs_needed is not None]
-    most = max(away) if len(away) == len(undecided) else None
-    return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, judgements, most)
+    within = [judgement for judgement in undecided if _within(judgement.swept, limits)]
+    known = [item.pairs_needed for item in within or undecided if item.pairs_needed is not None]
+    if within:
+        expected, pairs = SweepVerdict.SOME, min(known, default=None)
+    else:
+        expected, pairs = SweepVerdict.NONE, max(known) if len(known) == len(undecided) else None
+    return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, expected, judgements, pairs)
 
 
 def _tail(values: int, level: float) -> float:

@@ -1,6 +1,5 @@
 """What the command line prints: the table of a run, the strategies, the checks."""
 
-import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,12 +22,11 @@ from harness.errors import HarnessError
 from harness.experiment import Run
 from harness.measure_tables import CONFLICTS, ConflictRate, conflict_row
 from harness.measures import MEASURES
+from harness.report.console import make_console, plain, table_of_columns, with_range
 from harness.results import summary_row, versions
 from harness.scenario import Scenario
 from harness.strategies.parameters import describe, parameters_of
 from harness.strategies.registry import available
-
-PIPE_COLUMNS = 120
 
 _Row = tuple[str, str, str, str, str]
 """Measure, value, interval, key of the paper's value, remark."""
@@ -45,8 +43,7 @@ _PAPER_REMARK = (
 
 def print_run(run: Run) -> None:
     """The results of a finished run, on stdout: one cell in full, or a table over cells."""
-    # Rich takes 80 columns for a pipe, where nothing limits the width.
-    console = Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
+    console = make_console()
     if run.study.varied_keys:
         console.print(_table_over_cells(run))
         console.print(_conflicts_over_cells(run))
@@ -78,21 +75,20 @@ def _print_cell(
 def _table_over_cells(run: Run) -> Table:
     """μ, κ and delay of every cell with their intervals."""
     title = f"{run.study.name}: {len(run.summaries)} cells, 95 % intervals"
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     keys = run.study.varied_keys
     headings = [key.split(".")[-1] for key in keys]
-    for heading in (*headings, "N", "μ", "κ AV", "κ human", "delay AV s", "delay human s"):
-        table.add_column(heading, overflow="fold")
+    measures = ("N", "μ", "κ AV", "κ human", "delay AV s", "delay human s")
+    table = table_of_columns(title, *headings, *measures)
     for cell, summary in zip(run.study.cells, run.summaries, strict=True):
         few = "*" if summary.defined_pairs < INDICATIVE_BELOW["mu"] else ""
         table.add_row(
-            *(_plain(cell.varied[key]) for key in keys),
+            *(plain(cell.varied[key]) for key in keys),
             str(summary.pairs),
-            _with_range(summary.mu, 3) + few,
-            _with_range(summary.kappa, 4),
-            _with_range(summary.kappa_human, 4),
-            _with_range(summary.delay_s, 2),
-            _with_range(summary.delay_human_s, 2),
+            with_range(summary.mu, 3) + few,
+            with_range(summary.kappa, 4),
+            with_range(summary.kappa_human, 4),
+            with_range(summary.delay_s, 2),
+            with_range(summary.delay_human_s, 2),
         )
     return table
 
@@ -281,16 +277,15 @@ def _conflict_rows(rates: Sequence[ConflictRate]) -> list[_Row]:
 def _conflicts_over_cells(run: Run) -> Table:
     """Avoidable crashes and conflicts of every cell, without their intervals."""
     title = "% of episodes, AV / human: avoidable crashes; conflicts, crashes included"
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     keys = run.study.varied_keys
     kinds = [f"{_shown(av)} conflicts" for av, _ in _both_arms(run.conflicts[0])]
-    for heading in (*(key.split(".")[-1] for key in keys), "κ avoidable", *kinds):
-        table.add_column(heading, overflow="fold")
+    headings = (key.split(".")[-1] for key in keys)
+    table = table_of_columns(title, *headings, "κ avoidable", *kinds)
     for cell, summary, rates in zip(run.study.cells, run.summaries, run.conflicts, strict=True):
         both = [(summary.kappa_avoidable, summary.kappa_avoidable_human)]
         both += [(av.rate, human.rate) for av, human in _both_arms(rates)]
         shares = [_both(av, human)[0].removesuffix(" %") for av, human in both]
-        table.add_row(*(_plain(cell.varied[key]) for key in keys), *shares)
+        table.add_row(*(plain(cell.varied[key]) for key in keys), *shares)
     return table
 
 
@@ -366,16 +361,3 @@ def _range(interval: Interval, percent: bool = False) -> str:
     if percent:
         return f"{100 * interval.low:.2f} … {100 * interval.high:.2f} %"
     return f"{interval.low:.4f} … {interval.high:.4f}"
-
-
-def _with_range(interval: Interval, digits: int) -> str:
-    if interval.value is None:
-        return "undefined"
-    text = f"{interval.value:.{digits}f}"
-    if interval.low is None or interval.high is None:
-        return text
-    return f"{text} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
-
-
-def _plain(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,116 @@
+"""A comparison as the JSON document and the CSV rows of ``harness compare``."""
+
+from typing import Any
+
+from harness.compare import CellResult, Comparison, GroupResult, RunComparison, SweepResult
+from harness.comparison import Interval, Standing
+
+
+def comparison_document(result: RunComparison) -> dict[str, Any]:
+    """What ``--json`` prints."""
+    return {
+        "folder": str(result.folder),
+        "confidence": result.confidence,
+        "groups": [
+            {
+                "shared": group.group.shared,
+                "cells": [
+                    _cell_document(cell, standing, group)
+                    for cell, standing in zip(group.cells, group.standings(), strict=True)
+                ],
+                "comparisons": [_row(item, group) for item in group.comparisons],
+                "allowed": [_sweep_document(sweep, group) for sweep in group.sweeps],
+            }
+            for group in result.groups
+        ],
+    }
+
+
+def comparison_rows(result: RunComparison) -> list[dict[str, Any]]:
+    """The rows of ``--out``: every comparison, with what its group shares."""
+    return [
+        {**group.group.shared, **_row(item, group), "indicative": " ".join(item.indicative)}
+        for group in result.groups
+        for item in group.comparisons
+    ]
+
+
+def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
+    a, b = (group.cells[position].strategy for position in (item.a, item.b))
+    crashes = item.crashes
+    return {
+        "cell_a": a.cell.number,
+        "cell_b": b.cell.number,
+        "a": a.label,
+        "b": b.label,
+        "defined_in_both": item.defined_in_both,
+        **_columns("mu_difference", item.mu_difference),
+        "mu_timeout_difference": item.mu_timeout_difference,
+        "crossed_in_both": item.crossed_in_both,
+        **_columns("delay_difference_s", item.delay_difference_s),
+        "ran_in_both": crashes.pairs,
+        "crashed_in_a_alone": crashes.only_a,
+        "crashed_in_b_alone": crashes.only_b,
+        "kappa_difference": crashes.kappa_difference,
+        "mcnemar_p": crashes.p,
+        "mcnemar_p_holm": item.p_holm,
+        "indicative": item.indicative,
+    }
+
+
+def _cell_document(cell: CellResult, standing: Standing, group: GroupResult) -> dict[str, Any]:
+    def numbers(positions: tuple[int, ...]) -> list[int]:
+        return [group.cells[position].strategy.cell.number for position in positions]
+
+    return {
+        "cell": cell.strategy.cell.number,
+        "label": cell.strategy.label,
+        "strategy": cell.strategy.strategy,
+        "parameters": cell.strategy.parameters,
+        "pairs": cell.pairs,
+        "defined_pairs": cell.defined_pairs,
+        "timed_out": cell.timed_out,
+        "mu": cell.mu,
+        "mu_timeout": cell.mu_timeout,
+        "delay_s": cell.delay_s,
+        **_columns("kappa", cell.kappa),
+        "place": standing.place.value,
+        "dominated_by": numbers(standing.dominated_by),
+        "undecided_against": numbers(standing.open_against),
+    }
+
+
+def _sweep_document(result: SweepResult, group: GroupResult) -> dict[str, Any]:
+    sweep, found = result.sweep, result.found
+    bold = sweep.aggressiveness
+    return {
+        "parameter": sweep.key,
+        "fixed": sweep.fixed,
+        "mu0": result.limits.mu0,
+        "kappa0": result.limits.kappa0,
+        "verdict": found.verdict.value,
+        "expected": found.expected.value,
+        "pairs_needed": found.pairs_needed,
+        "values": [
+            {
+                "value": sweep.values[position],
+                "aggressiveness": bold[position] if bold else None,
+                "cell": group.cells[sweep.cells[position]].strategy.cell.number,
+                "verdict": judgement.verdict.value,
+                "pairs": judgement.swept.pairs,
+                "pairs_needed": judgement.pairs_needed,
+                **_columns("mu", judgement.swept.mu, "bound"),
+                **_columns("kappa", judgement.swept.kappa, "bound"),
+                "indicative": ["mu_bound"] if result.indicative[position] else [],
+            }
+            for position, judgement in enumerate(found.judgements)
+        ],
+    }
+
+
+def _columns(name: str, interval: Interval, kind: str = "ci") -> dict[str, float | None]:
+    return {
+        name: interval.value,
+        f"{name}_{kind}_low": interval.low,
+        f"{name}_{kind}_high": interval.high,
+    }

@@ -1,0 +1,122 @@
+"""Which cells of a study are comparable, and which sweep one parameter."""
+
+import pytest
+
+from harness.strategy_groups import parameter_sweeps, strategy_groups
+from harness.study import Study
+from tests.batches import one_cell, scenario_file, sweep
+
+
+def numbers(study: Study) -> list[list[int]]:
+    return [[member.cell.number for member in group.cells] for group in strategy_groups(study)]
+
+
+def labels(study: Study) -> list[str]:
+    return [member.label for group in strategy_groups(study) for member in group.cells]
+
+
+def test_one_group_for_each_flow() -> None:
+    study = sweep(
+        "cctc_flow", {}, "arms.av=soft_yield,hard_yield", "pedestrians.flow_per_hour=50,250"
+    )
+    assert numbers(study) == [[0, 2], [1, 3]]
+    groups = strategy_groups(study)
+    assert [group.shared for group in groups] == [
+        {"pedestrians.flow_per_hour": 50},
+        {"pedestrians.flow_per_hour": 250},
+    ]
+    assert labels(study) == ["soft_yield", "hard_yield"] * 2
+
+
+def test_parameters_of_the_strategy_stay_within_a_group() -> None:
+    study = sweep("cctc", {}, "strategies.soft_yield.p1=0.01,0.02")
+    assert numbers(study) == [[0, 1]]
+    assert labels(study) == ["soft_yield p1=0.01", "soft_yield p1=0.02"]
+
+
+@pytest.mark.parametrize(
+    "key", ["experiment.seed=1,2", "ego.initial_speed_mps=4,5", "arms.human=human_gmm,hard_yield"]
+)
+def test_anything_else_sets_cells_apart(key: str) -> None:
+    study = sweep("cctc", {}, "arms.av=soft_yield,constant_speed", key)
+    assert numbers(study) == [[0, 2], [1, 3]]
+
+
+def test_a_parameter_of_the_reference_arm_sets_cells_apart() -> None:
+    study = sweep(
+        "cctc",
+        {},
+        "arms.av=soft_yield,human_gmm",
+        "strategies.human_gmm.decision_interval_s=0.5,1.0",
+    )
+    assert numbers(study) == [[0, 2], [1, 3]]
+    assert [group.shared for group in strategy_groups(study)] == [
+        {"strategies.human_gmm.decision_interval_s": 0.5},
+        {"strategies.human_gmm.decision_interval_s": 1.0},
+    ]
+
+
+def test_cells_that_are_the_same_are_kept_once() -> None:
+    # The parameter of a strategy that does not drive changes nothing.
+    study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.01,0.02")
+    (group,) = strategy_groups(study)
+    assert [member.cell.number for member in group.cells] == [0, 1, 2]
+    assert group.repeats == 1
+
+
+def test_a_default_is_the_same_as_the_value_written_out() -> None:
+    file = scenario_file("cctc", {})
+    file.tree["strategies"] = {}
+    assert file.sweep is None
+    from harness.study import study_of
+
+    study = study_of(file, [("strategies.soft_yield.p1", [0.0169, 0.02])])
+    plain = one_cell("cctc", {})
+    # The shipped file writes all three defaults out, this one leaves two to the class.
+    assert (
+        strategy_groups(study)[0].cells[0].parameters
+        == strategy_groups(plain)[0].cells[0].parameters
+    )
+
+
+def test_a_sweep_over_one_parameter() -> None:
+    study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.2,0,0.1")
+    (group,) = strategy_groups(study)
+    (found,) = parameter_sweeps(group)
+    assert found.key == "strategies.soft_yield.p1"
+    # Rising, wherever the cells stand.
+    assert found.values == (0.0, 0.1, 0.2)
+    assert found.cells == (1, 2, 0)
+    assert (found.fixed, found.aggressiveness) == ({}, None)
+
+
+def test_two_parameters_give_lines_in_both_directions() -> None:
+    study = sweep(
+        "cctc", {}, "strategies.soft_yield.p1=0,0.1", "strategies.soft_yield.p3=0.01,0.02"
+    )
+    found = parameter_sweeps(strategy_groups(study)[0])
+    assert [(line.parameter, line.fixed, line.cells) for line in found] == [
+        ("p1", {"p3": 0.01}, (0, 2)),
+        ("p1", {"p3": 0.02}, (1, 3)),
+        ("p3", {"p1": 0}, (0, 1)),
+        ("p3", {"p1": 0.1}, (2, 3)),
+    ]
+
+
+def test_words_are_no_sweep() -> None:
+    study = sweep(
+        "cctc",
+        {"arms.human": "hard_yield", "arms.av": "human_gmm"},
+        "strategies.human_gmm.speed=mode,sampled",
+    )
+    (group,) = strategy_groups(study)
+    assert len(group.cells) == 2
+    assert parameter_sweeps(group) == []
+
+
+def test_aggressiveness_is_the_margin_turned_round() -> None:
+    from harness.strategy_groups import ParameterSweep
+
+    line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
+    assert line.aggressiveness == (0.0, -1.5, -3.0)
+    assert str(line.aggressiveness[0]) == "0.0"
