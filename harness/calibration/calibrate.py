@@ -40,7 +40,7 @@ class Settings:
         starts: k-means++ starts of every fit, the best kept.
         folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
         seed: of starts and folds.
-        tol: EM stops at two gains below this per unit of weight.
+        tol: a fit stops where its steps gain less than this per unit of weight.
     """
 
     components: tuple[int, ...]

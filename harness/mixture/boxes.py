@@ -20,18 +20,23 @@ Array = NDArray[np.float64]
 FAR = 30.0
 # Corners with a smaller weight change no probability by more than rounding.
 _NEGLIGIBLE = 1e-17
-# Up to each correlation: the Gauss-Legendre rule that gives a rectangle to 1e-13, then Owen's T.
+# Up to each correlation: the Gauss-Legendre rule that gives a rectangle to 1e-12, then Owen's T.
 _RULES = (
-    (0.3, np.polynomial.legendre.leggauss(6)),
+    (0.3, np.polynomial.legendre.leggauss(5)),
     (0.6, np.polynomial.legendre.leggauss(8)),
+    (0.85, np.polynomial.legendre.leggauss(12)),
     (np.inf, None),
 )
-# Up to each canonical correlation: the rule that gives a box of three or four variables to 1e-11.
-_PATHS = (
-    (0.5, np.polynomial.legendre.leggauss(7)),
-    (0.8, np.polynomial.legendre.leggauss(11)),
-    (np.inf, np.polynomial.legendre.leggauss(24)),
+# Up to each canonical correlation: the Gauss-Legendre nodes that give a box of three or four
+# variables to 1e-11.
+_PATH_LIMITS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95])
+_PATH_SIZES = np.array([4, 5, 7, 9, 11, 13, 24])
+_PATH_STARTS = np.cumsum(_PATH_SIZES) - _PATH_SIZES
+_PATH_NODES, _PATH_WEIGHTS = np.concatenate(
+    [np.polynomial.legendre.leggauss(int(size)) for size in _PATH_SIZES], axis=1
 )
+# Boxes handled at once; more would need much memory.
+_CHUNK = 2048
 _TINY = 1e-30
 
 
@@ -130,16 +135,11 @@ def standard_box(correlations: Array, a: Array, b: Array) -> Array:
 
 def _by_paths(correlations: Array, a: Array, b: Array) -> Array:
     """Boxes of three or four variables, each with as many nodes as its path needs."""
-    canonical = _largest_canonical(correlations)
-    result = np.empty(a.shape[0])
-    below = 0.0
-    for limit, rule in _PATHS:
-        chosen = np.flatnonzero((canonical >= below) & (canonical < limit))
-        if chosen.size:
-            path = _path(canonical[chosen], *rule)
-            result[chosen] = _plackett(correlations[chosen], a[chosen], b[chosen], *path)
-        below = limit
-    return result
+    parts = []
+    for at in range(0, a.shape[0], _CHUNK):
+        part = correlations[at : at + _CHUNK], a[at : at + _CHUNK], b[at : at + _CHUNK]
+        parts.append(_plackett(*part, *_path(_largest_canonical(part[0]))))
+    return np.concatenate(parts) if parts else np.empty(0)
 
 
 def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
@@ -179,85 +179,110 @@ def _determinant(matrices: Array) -> Array:
     return result
 
 
-def _path(canonical: Array, nodes: Array, weights: Array) -> tuple[Array, Array]:
-    """Positions t in [0, 1] and weights (N, M) along the path that joins the two blocks.
+def _path(canonical: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Nodes along the path that joins the two blocks: their boxes, positions t in [0, 1], weights.
 
     The integrand is singular beyond t = 1/c with c the largest canonical correlation of the
     blocks; t = sin(θ)/c removes that singularity, as r = sin(θ) does for two variables.
     """
-    angle = 0.5 * np.arcsin(canonical)[:, None]
-    theta = angle * (nodes + 1.0)
-    scale = canonical[:, None]
-    return np.sin(theta) / scale, angle * weights * np.cos(theta) / scale
+    rule = np.searchsorted(_PATH_LIMITS, canonical, side="right")
+    sizes = _PATH_SIZES[rule]
+    owner = np.repeat(np.arange(canonical.size), sizes)
+    within = np.arange(owner.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    node = _PATH_STARTS[rule][owner] + within
+    scale = canonical[owner]
+    angle = 0.5 * np.arcsin(scale)
+    theta = angle * (_PATH_NODES[node] + 1.0)
+    return owner, np.sin(theta) / scale, angle * _PATH_WEIGHTS[node] * np.cos(theta) / scale
 
 
-def _plackett(correlations: Array, a: Array, b: Array, t: Array, weights: Array) -> Array:
-    """Blocks (1, 2) and (3) or (3, 4): their product plus the integral over the joining path."""
+def _plackett(
+    correlations: Array,
+    a: Array,
+    b: Array,
+    owner: NDArray[np.intp],
+    t: Array,
+    weights: Array,
+) -> Array:
+    """Blocks (1, 2) and (3) or (3, 4): their product plus the integral over the joining path.
+
+    The terms of the integral: every pair (i, j) across the blocks, corner of i and j and node;
+    each a bivariate density at the corner times the probability of the other variables there.
+    """
     dimension = a.shape[1]
     total = standard_box(correlations[:, :2, :2], a[:, :2], b[:, :2]) * standard_box(
         correlations[:, 2:, 2:], a[:, 2:], b[:, 2:]
     )
-    pairs = [(i, j) for i in range(2) for j in range(2, dimension)]
-    found = [_joining(correlations, a, b, t, weights, i, j) for i, j in pairs]
-    owners, factors, rho, *bounds = (np.concatenate(part) for part in zip(*found, strict=True))
+    i, j = (at.ravel() for at in np.meshgrid([0, 1], range(2, dimension), indexing="ij"))
+    others = [1 - i] if dimension == 3 else [1 - i, 5 - j]
+    # Variables first, nodes last.
+    along = np.ascontiguousarray(np.moveaxis(correlations, 0, 2)[:, :, owner])
+    edges = np.ascontiguousarray(np.stack((a.T, b.T), axis=1)[:, :, owner])
+    factor = _joining(along, edges, t, weights, i, j)
+    pair, at_i, at_j, node = np.unravel_index(
+        np.flatnonzero(np.abs(factor) > _NEGLIGIBLE), factor.shape
+    )
+    on_i, on_j, spreads, rho = _given_pair(along, t, i, j, others)
+    corner = edges[i[pair], at_i, node], edges[j[pair], at_j, node]
+    bounds = []
+    for k, other in enumerate(others):
+        centre = on_i[k][pair, node] * corner[0] + on_j[k][pair, node] * corner[1]
+        scale = spreads[k][pair, node]
+        for side in range(2):
+            bound = (edges[other[pair], side, node] - centre) / scale
+            bounds.append(np.clip(bound, -FAR, FAR))
     if dimension == 3:
         inner = interval(bounds[0], bounds[1])
     else:
-        inner = rectangle(bounds[0], bounds[1], bounds[2], bounds[3], rho)
-    change = np.bincount(owners.astype(np.intp), factors * inner, minlength=a.shape[0])
-    result: Array = total + change
+        inner = rectangle(bounds[0], bounds[1], bounds[2], bounds[3], rho[pair, node])
+    terms = factor[pair, at_i, at_j, node] * inner
+    result: Array = total + np.bincount(owner[node], terms, minlength=a.shape[0])
     return result
 
 
 def _joining(
-    correlations: Array, a: Array, b: Array, t: Array, weights: Array, i: int, j: int
-) -> tuple[Array, ...]:
-    """The terms of the path integral that come from the correlation of variables i and j.
-
-    For every node and corner that counts: box, factor, and the correlation and bounds of the
-    other variables given that i and j lie at the corner.
-    """
-    edges = np.stack((a, b), axis=2)
-    r = correlations[:, i, j, None] * t
-    x = edges[:, i, :, None, None]
-    y = edges[:, j, None, :, None]
-    rest = (1.0 - r * r)[:, None, None, :]
-    exponent = -0.5 * (x * x - 2.0 * r[:, None, None, :] * x * y + y * y) / rest
-    density = np.exp(exponent) / (2.0 * np.pi * np.sqrt(rest))
+    along: Array,
+    edges: Array,
+    t: Array,
+    weights: Array,
+    i: NDArray[np.intp],
+    j: NDArray[np.intp],
+) -> Array:
+    """Weights times signed densities of the pairs (i, j) at their corners, (pairs, 2, 2, T)."""
+    full = along[i, j]
+    r = (full * t)[:, None, None, :]
+    rest = 1.0 - r * r
+    x, y = edges[i][:, :, None, :], edges[j][:, None, :, :]
+    density = np.exp(-0.5 * (x * x - 2.0 * r * x * y + y * y) / rest)
     sign = np.array([[1.0, -1.0], [-1.0, 1.0]])[None, :, :, None]
-    factor = sign * density * (correlations[:, i, j, None] * weights)[:, None, None, :]
-    n, p, q, m = np.nonzero(np.abs(factor) > _NEGLIGIBLE)
-    others = [1 - i] if a.shape[1] == 3 else [1 - i, 5 - j]
-    slopes_i, slopes_j, spreads, rho = _given_pair(correlations, t, i, j, others)
-    bounds = []
-    for at, other in enumerate(others):
-        centre = slopes_i[at][n, m] * edges[n, i, p] + slopes_j[at][n, m] * edges[n, j, q]
-        scale = spreads[at][n, m]
-        bounds += [(a[n, other] - centre) / scale, (b[n, other] - centre) / scale]
-    cut = [np.clip(bound, -FAR, FAR) for bound in bounds]
-    return n, factor[n, p, q, m], rho[n, m], *cut
+    factor: Array = sign * density * ((full * weights)[:, None, None, :] / np.sqrt(rest))
+    return factor / (2.0 * np.pi)
 
 
 def _given_pair(
-    correlations: Array, t: Array, i: int, j: int, others: list[int]
+    along: Array,
+    t: Array,
+    i: NDArray[np.intp],
+    j: NDArray[np.intp],
+    others: list[NDArray[np.intp]],
 ) -> tuple[list[Array], list[Array], list[Array], Array]:
-    """Regression of the other variables on i and j along the path, all (N, M).
+    """Regression of the other variables on the pairs (i, j) along the path, all (pairs, T).
 
     Slopes on i and on j and the spreads that remain, one array for each of the others, and the
     correlation that remains between two of them.
     """
-    ones = np.ones_like(t)
-    r = correlations[:, i, j, None] * t
+    r = along[i, j] * t
     rest = 1.0 - r * r
-    with_i = [correlations[:, p, i, None] * (ones if p < 2 else t) for p in others]
-    with_j = [correlations[:, p, j, None] * (t if p < 2 else ones) for p in others]
+    # The first of the others is in the block of i, the second in that of j.
+    with_i = [along[p, i] * t if at else along[p, i] for at, p in enumerate(others)]
+    with_j = [along[p, j] if at else along[p, j] * t for at, p in enumerate(others)]
     on_i = [(u - r * v) / rest for u, v in zip(with_i, with_j, strict=True)]
     on_j = [(v - r * u) / rest for u, v in zip(with_i, with_j, strict=True)]
     variances = [1.0 - on_i[at] * with_i[at] - on_j[at] * with_j[at] for at in range(len(others))]
     spreads = [np.sqrt(np.maximum(variance, 1e-14)) for variance in variances]
-    rho = ones
+    rho = r
     if len(others) == 2:
-        rho = correlations[:, others[0], others[1], None] * t
+        rho = along[others[0], others[1]] * t
         rho = (rho - on_i[0] * with_i[1] - on_j[0] * with_j[1]) / (spreads[0] * spreads[1])
         rho = np.clip(rho, -1.0 + 1e-14, 1.0 - 1e-14)
     return on_i, on_j, spreads, rho

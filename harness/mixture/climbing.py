@@ -1,6 +1,8 @@
-"""Climbing the penalised likelihood: EM with Anderson acceleration, from k-means++ starts.
+"""Climbing the penalised likelihood: EM, then quasi-Newton steps, from k-means++ starts.
 
-Sources: Anderson (1965); Walker and Ni (2011); Arthur and Vassilvitskii (2007).
+EM is quick at first and slow at the end; the moments that it needs give the exact gradient, and
+with that BFGS is quick to the end. Sources: Jamshidian and Jennrich (1997); Nocedal and Wright
+(2006), chapters 3 and 6; Arthur and Vassilvitskii (2007).
 """
 
 from dataclasses import dataclass
@@ -8,13 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.mixture.coordinates import Coordinates
 from harness.mixture.em import Evaluation, Parameters, Problem
 
 Array = NDArray[np.float64]
 
-_MEMORY = 10
-_PATIENCE = 15
-_SHORTENINGS = 12
+_FIRST_STEPS = 15
+_SHORTENINGS = 20
+# Part of the gain a straight slope would give that a step must bring.
+_ENOUGH = 1e-4
+_LEAST_BEND = 1e-10
 _CLUSTER_ROUNDS = 10
 _CLUSTER_ROWS = 20_000
 _FIRST_EIGENVALUE = 1e-3
@@ -78,112 +83,106 @@ def _distances(rows: Array, centres: Array) -> Array:
 
 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:
-    """EM steps from `first` until two in a row gain less than tol per unit of weight.
+    """A few EM steps from `first`, then quasi-Newton steps until they gain next to nothing.
 
-    Every accepted step raises the penalised likelihood: an accelerated step that does not is
-    dropped for the plain one, and in a plain one that does not, the components to blame go on
-    with shorter steps. None if nothing can be computed at `first`.
+    Every accepted step raises the penalised likelihood. The end: two steps in a row and then one
+    of EM from the same place each gain less than tol per unit of weight. None if nothing can be
+    computed at `first`.
     """
     at = problem.evaluate(problem.allowed(first))
     if at is None:
         return None
-    history, lengths, since = _History(), np.full(at.counts.size, np.inf), 0
-    trace = [at.objective]
-    small = 0
-    for _ in range(max_iter):
-        plain = problem.step(at, lengths)
-        faster = history.proposal(at.parameters, plain)
-        following = None if faster is None else _accepted(problem, at, problem.allowed(faster))
-        if following is None:
-            history.forget()
-            following = _accepted(problem, at, plain)
-        if following is None:
-            history, since = _History(), 0
-            lengths = _shortened(problem, at, lengths)
-            following = _accepted(problem, at, problem.step(at, lengths))
-        if following is None:
-            following = _accepted(problem, at, problem.step(at, problem.exact_lengths(at)))
-        if following is None:
-            return Climb(at, np.array(trace), True)
-        gain = (following.objective - at.objective) / problem.total
-        at, since = following, since + 1
-        trace.append(at.objective)
-        small = small + 1 if gain < tol else 0
-        if small == 2:
-            return Climb(at, np.array(trace), True)
-        if since == _PATIENCE and np.isfinite(lengths).any():
-            # Further on, longer steps may work again.
-            history, since = _History(), 0
-            lengths = np.where(lengths < 0.5, 2.0 * lengths, np.inf)
-    return Climb(at, np.array(trace), False)
-
-
-def _accepted(problem: Problem, at: Evaluation, wanted: Parameters) -> Evaluation | None:
-    """The evaluation at the wanted parameters if it is no lower than the present one."""
-    found = problem.evaluate(wanted)
-    return found if found is not None and found.objective >= at.objective else None
-
-
-def _shortened(problem: Problem, at: Evaluation, lengths: Array) -> Array:
-    """Lengths at which no component's expected log-likelihood drops; at least EM's own."""
-    exact = problem.exact_lengths(at)
-    for _ in range(_SHORTENINGS):
-        blamed = problem.dropped(at, problem.step(at, lengths)) & (lengths > exact)
-        if not blamed.any():
+    path = _Path(problem, at, tol, max_iter)
+    for _ in range(_FIRST_STEPS):
+        if path.full or not path.em_step():
             break
-        shorter = np.where(np.isinf(lengths), 0.5, 0.3 * lengths)
-        lengths = np.where(blamed, np.maximum(shorter, exact), lengths)
-    return lengths
+    while not path.full:
+        _quasi_newton(path)
+        if not path.em_step() or path.gain < tol:
+            return Climb(path.at, np.array(path.trace), True)
+    return Climb(path.at, np.array(path.trace), False)
 
 
-class _History:
-    """Anderson acceleration over the last few steps, in unconstrained coordinates."""
+class _Path:
+    """Where a climb is and what each of its steps gained."""
 
-    def __init__(self) -> None:
-        self._points: list[Array] = []
-        self._steps: list[Array] = []
+    def __init__(self, problem: Problem, at: Evaluation, tol: float, max_iter: int) -> None:
+        self.problem, self.at, self.tol = problem, at, tol
+        self.trace = [at.objective]
+        self._most = max_iter + 1
 
-    def forget(self) -> None:
-        """Start again from the last step: the ones before it misled."""
-        del self._points[:-1], self._steps[:-1]
+    @property
+    def full(self) -> bool:
+        """No steps are left."""
+        return len(self.trace) >= self._most
 
-    def proposal(self, at: Parameters, plain: Parameters) -> Parameters | None:
-        """Parameters extrapolated from this and earlier steps; None at the first one."""
-        point, image = _coordinates(at), _coordinates(plain)
-        self._points.append(point)
-        self._steps.append(image - point)
-        del self._points[: -_MEMORY - 1], self._steps[: -_MEMORY - 1]
-        if len(self._points) < 2:
-            return None
-        steps = np.diff(np.array(self._steps), axis=0).T
-        points = np.diff(np.array(self._points), axis=0).T
-        # Nearly repeated directions would blow up the solution into steps that lose height.
-        shares = np.linalg.lstsq(steps, self._steps[-1], rcond=1e-2)[0]
-        return _from_coordinates(image - (points + steps) @ shares, at.locations.shape)
+    @property
+    def gain(self) -> float:
+        """Gain of the last step per unit of weight."""
+        return (self.trace[-1] - self.trace[-2]) / self.problem.total
 
+    def go(self, at: Evaluation) -> None:
+        self.at = at
+        self.trace.append(at.objective)
 
-def _coordinates(parameters: Parameters) -> Array:
-    """Log weights, locations, Cholesky factors with the log of their diagonal, in one vector."""
-    factors = np.linalg.cholesky(parameters.scales)
-    steps = np.arange(factors.shape[1])
-    factors[:, steps, steps] = np.log(factors[:, steps, steps])
-    low = np.tril_indices(factors.shape[1])
-    parts = (np.log(parameters.weights), parameters.locations.ravel(), factors[:, *low].ravel())
-    return np.concatenate(parts)
+    def em_step(self) -> bool:
+        """Take a step of EM if it does not lower the objective."""
+        found = self.problem.evaluate(self.problem.step(self.at))
+        if found is None or found.objective < self.at.objective:
+            return False
+        self.go(found)
+        return True
 
 
-def _from_coordinates(vector: Array, shape: tuple[int, ...]) -> Parameters | None:
-    """The inverse of `_coordinates`, or None where it overflows."""
-    count, dimension = shape
-    low = np.tril_indices(dimension)
-    factors = np.zeros((count, dimension, dimension))
-    factors[:, *low] = vector[count * (1 + dimension) :].reshape(count, -1)
-    steps = np.arange(dimension)
-    logs = factors[:, steps, steps]
-    if not np.isfinite(vector).all() or np.abs(logs).max() > 50.0:
+def _quasi_newton(path: _Path) -> None:
+    """BFGS with a backtracking line search, until two gains in a row are below tol."""
+    coordinates = Coordinates(path.problem, path.at)
+    z = np.zeros(coordinates.size)
+    gradient = coordinates.gradient(z, path.at)
+    inverse = np.eye(z.size)
+    small = 0
+    while small < 2 and not path.full:
+        direction = inverse @ gradient
+        found = _uphill(path, coordinates, z, direction, float(gradient @ direction))
+        if found is None:
+            return
+        step, at = found
+        path.go(at)
+        z = z + step
+        before, gradient = gradient, coordinates.gradient(z, at)
+        _learn(inverse, step, before - gradient)
+        small = small + 1 if path.gain < path.tol else 0
+
+
+def _uphill(
+    path: _Path, coordinates: Coordinates, z: Array, direction: Array, slope: float
+) -> tuple[Array, Evaluation] | None:
+    """A step along the direction that gains enough (Armijo), or None."""
+    if not slope > 0.0:
         return None
-    factors[:, steps, steps] = np.exp(logs)
-    weights = np.exp(vector[:count] - vector[:count].max())
-    locations = vector[count : count * (1 + dimension)].reshape(shape)
-    scales = factors @ np.swapaxes(factors, 1, 2)
-    return Parameters(weights / weights.sum(), locations, scales)
+    length = 1.0
+    for _ in range(_SHORTENINGS):
+        step = length * direction
+        found = path.problem.evaluate(coordinates.parameters(z + step))
+        if found is None:
+            length *= 0.2
+            continue
+        gain = found.objective - path.at.objective
+        if gain >= _ENOUGH * length * slope:
+            return step, found
+        # The top of the parabola through what is known.
+        best = 0.5 * slope * length**2 / (slope * length - gain)
+        length = min(max(best, 0.1 * length), 0.5 * length)
+    return None
+
+
+def _learn(inverse: Array, step: Array, change: Array) -> None:
+    """The BFGS update, in place, of the inverse of minus the Hessian; none where it bends up."""
+    bend = float(step @ change)
+    if not bend > _LEAST_BEND * np.sqrt(float(step @ step) * float(change @ change)):
+        return
+    seen = inverse @ change
+    outer = np.outer(seen, step / bend)
+    inverse -= outer
+    inverse -= outer.T
+    inverse += np.outer(step * ((1.0 + float(change @ seen) / bend) / bend), step)

@@ -141,61 +141,46 @@ class Problem:
             statistics += terms @ features.T
         return total, statistics
 
-    def step(self, at: Evaluation, lengths: Array) -> Parameters:
-        """The parameters to try next.
+    def step(self, at: Evaluation) -> Parameters:
+        """The parameters of the next EM step.
 
-        For a component of infinite length the large step m' = m + (ȳ − E), S' = C + (S − V), with
-        the prior's share in E and V: at the maximum the rows' moments equal those of a mixture
-        of the truncated component (its share c = 1 − λ/N_k) and the untruncated one (1 − c). For
-        the others a step of that length in mean parameters: with T the first and second moments,
-        T' = T_full + length (T_rows − c T_in − (1 − c) T_full), which is EM's own step for the
-        length `exact_lengths` and climbs for any shorter one.
+        m' = m + (ȳ − E), S' = C + (S − V), with the prior's share in E and V: at the maximum the
+        rows' moments equal those of a mixture of the truncated component (its share
+        c = 1 − λ/N_k) and the untruncated one (1 − c). Larger than the exact step of EM, so it
+        need not climb, and nearly always does.
         """
-        share = self._share(at)[:, None]
+        share = np.maximum(1.0 - self.mass_penalty / at.counts, 0.0)[:, None]
         m, scales = at.parameters.locations, at.parameters.scales
         away = share * (at.inner_means - m)
         spread = scales + share[:, :, None] * (
             at.inner_covariances - scales + _outer(at.inner_means - m)
         )
-        large_scales = at.covariances + scales - (spread - _outer(away))
-        size = np.where(np.isinf(lengths), 1.0, lengths)[:, None]
-        means = m + size * (at.means - m - away)
-        # Second moments about the present location, to spare digits.
-        wanted = at.covariances + _outer(at.means - m) - spread
-        short_scales = scales + size[:, :, None] * wanted - _outer(means - m)
-        large = np.isinf(lengths)[:, None, None]
-        return self._parameters(at, means, np.where(large, large_scales, short_scales))
+        wanted = at.covariances + scales - (spread - _outer(away))
+        weights = at.counts / at.counts.sum()
+        return Parameters(weights, m + (at.means - m - away), self._lifted(wanted))
 
-    def exact_lengths(self, at: Evaluation) -> Array:
-        """EM's own step lengths (K,): about the mass inside the box, 1 without bounds."""
-        return 1.0 / (1.0 + self._share(at) * (1.0 / at.masses - 1.0))
+    def gradient(self, at: Evaluation) -> tuple[Array, Array, Array]:
+        """Gradient of the objective in the logits of the weights (K,), locations (K, d), scales.
+
+        That in the scales (K, d, d) is symmetric: the change for a symmetric dS is Σ_ij g_ij dS_ij.
+        Exact: of log α it is (E − m) and (V + (E − m)(E − m)ᵀ − S)/2 between inverses of S.
+        """
+        m, scales = at.parameters.locations, at.parameters.scales
+        counts, cut = at.counts, at.counts - self.mass_penalty
+        precisions = np.linalg.inv(scales)
+        away, inner = at.means - m, at.inner_means - m
+        first = counts[:, None] * away - cut[:, None] * inner
+        second = counts[:, None, None] * (at.covariances + _outer(away) - scales)
+        second -= cut[:, None, None] * (at.inner_covariances + _outer(inner) - scales)
+        return (
+            counts - at.parameters.weights * self.total,
+            (precisions @ first[:, :, None])[:, :, 0],
+            0.5 * precisions @ second @ precisions,
+        )
 
     def allowed(self, parameters: Parameters) -> Parameters:
         """The parameters with scale matrices lifted to the floor."""
         return Parameters(parameters.weights, parameters.locations, self._lifted(parameters.scales))
-
-    def dropped(self, at: Evaluation, wanted: Parameters) -> NDArray[np.bool_]:
-        """Components whose expected log-likelihood falls from `at` to the wanted parameters."""
-        masses = moments(wanted.locations, wanted.scales, self.lower, self.upper)[0]
-        before = self._expected(at, at.parameters, at.masses)
-        return ~(self._expected(at, wanted, masses) >= before - 1e-12 * np.abs(before))
-
-    def _expected(self, at: Evaluation, parameters: Parameters, masses: Array) -> Array:
-        """Expected penalised log-likelihood of each component given the rows' moments, (K,)."""
-        away = at.means - parameters.locations
-        quadratic = np.einsum(
-            "kij,kij->k", np.linalg.inv(parameters.scales), at.covariances + _outer(away)
-        )
-        logs = -0.5 * (np.linalg.slogdet(parameters.scales)[1] + quadratic)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cut = (at.counts - self.mass_penalty) * np.log(masses)
-        return np.where(masses > _SMALLEST_MASS, at.counts * logs - cut, -np.inf)
-
-    def _share(self, at: Evaluation) -> Array:
-        return np.maximum(1.0 - self.mass_penalty / at.counts, 0.0)
-
-    def _parameters(self, at: Evaluation, locations: Array, scales: Array) -> Parameters:
-        return Parameters(at.counts / at.counts.sum(), locations, self._lifted(scales))
 
     def _lifted(self, scales: Array) -> Array:
         """Nearest matrices whose eigenvalues are not below the floor."""

@@ -24,7 +24,7 @@ class FitResult:
 
     Attributes:
         mixture: the truncated mixture, in the units of the data.
-        converged: whether the steps became small before they ran out.
+        converged: whether the steps' gains became small before the steps ran out.
         n_iter: steps taken from the start that was kept.
         log_likelihoods: (n_iter + 1,), the penalised log-likelihood after each step, in the units
             of the data; never falls.
@@ -55,7 +55,7 @@ def fit_mixture(
     scale_floor: float = 1e-4,
     names: Sequence[str] | None = None,
 ) -> FitResult:
-    """Maximum penalised likelihood by EM for truncated Gaussians (Lee and Scott 2012).
+    """Maximum penalised likelihood: EM for truncated Gaussians (Lee and Scott 2012), then BFGS.
 
     Maximises Σ w_i log f(x_i) + λ Σ log α_k with α_k the mass of component k inside the box:
     without the prior a location can run away from the box for ever, its mass going to 0. Scale
@@ -71,7 +71,8 @@ def fit_mixture(
         lower, upper: (d,), may be infinite.
         seed: of the starts; an integer or a SeedSequence.
         sample_weight: (n,) ≥ 0; 1 each when not given. Their sum counts as the number of rows.
-        tol: stop when two steps in a row gain less than this per unit of weight.
+        tol: stop when two steps in a row, and one of EM after them, each gain less than this per
+            unit of weight.
         n_init: number of k-means++ starts; the highest penalised likelihood is kept.
         max_iter: most steps from each start.
         mass_penalty: λ ≥ 0.

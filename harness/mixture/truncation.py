@@ -41,16 +41,17 @@ def moments(
     """Masses (K,), means (K, d) and covariances (K, d, d) of the truncated components.
 
     Arguments as for `masses`. Means and covariances are right to 1e-7 of the component's spread
-    at condition numbers up to 100; undefined (nan) where the mass is 0.
+    at condition numbers up to 100; undefined (nan, inf) where the mass is 0 or nearly.
     """
     correlations, a, b, spread = _standardised(locations, scale_matrices, lower, upper)
     mass = _masses(correlations, a, b)
     gradient, hessian = _derivatives(correlations, a, b)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    # A mass near 0 has no moments to speak of; callers look at the mass.
+    with np.errstate(all="ignore"):
         slope = gradient / mass[:, None]
         curvature = hessian / mass[:, None, None] - slope[:, :, None] * slope[:, None, :]
-    shift = np.einsum("kij,kj->ki", correlations, slope)
-    covariance = correlations + correlations @ curvature @ correlations
+        shift = np.einsum("kij,kj->ki", correlations, slope)
+        covariance = correlations + correlations @ curvature @ correlations
     return (
         mass,
         locations + spread * shift,
@@ -122,21 +123,18 @@ def _derivatives(correlations: Array, a: Array, b: Array) -> tuple[Array, Array]
 def _faces(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
     """φ at both bounds of each variable times the probability of the others there, (K, d, 2)."""
     dimension = a.shape[1]
+    others = np.array([[p for p in range(dimension) if p != i] for i in range(dimension)], int)
     result: Array = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)
-    parts = []
-    for i in range(dimension):
-        others = [p for p in range(dimension) if p != i]
-        slopes = correlations[:, others, i]
-        rest = correlations[:, others][:, :, others] - slopes[:, :, None] * slopes[:, None, :]
-        k, side = np.nonzero(result[:, i] > _NEGLIGIBLE)
-        centre = slopes[k] * edges[k, i, side][:, None]
-        parts.append((rest[k], a[k][:, others] - centre, b[k][:, others] - centre))
-    inside = box_probability(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-    at = 0
-    for i in range(dimension):
-        k, side = np.nonzero(result[:, i] > _NEGLIGIBLE)
-        result[k, i, side] *= inside[at : at + k.size]
-        at += k.size
+    k, i, side = np.nonzero(result > _NEGLIGIBLE)
+    rest = others[i]
+    slopes = correlations[k[:, None], rest, i[:, None]]
+    within = correlations[k[:, None, None], rest[:, :, None], rest[:, None, :]]
+    centre = slopes * edges[k, i, side][:, None]
+    result[k, i, side] *= box_probability(
+        within - slopes[:, :, None] * slopes[:, None, :],
+        a[k[:, None], rest] - centre,
+        b[k[:, None], rest] - centre,
+    )
     return result
 
 
@@ -144,38 +142,35 @@ def _corners(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
     """Signed sums over the four corners of each pair of variables, (K, d, d), 0 on the diagonal."""
     count, dimension = a.shape
     hessian = np.zeros((count, dimension, dimension))
-    parts, owners = [], []
-    for i in range(dimension):
-        for j in range(i + 1, dimension):
-            k, weights, box = _corner_boxes(correlations, a, b, edges, i, j)
-            parts.append(box)
-            owners.append((i, j, k, weights))
-    if parts:
-        inside = box_probability(*(np.concatenate(part) for part in zip(*parts, strict=True)))
-    at = 0
-    for i, j, k, weights in owners:
-        terms = weights * inside[at : at + k.size]
-        hessian[:, i, j] = hessian[:, j, i] = np.bincount(k, terms, minlength=count)
-        at += k.size
+    first, second = np.triu_indices(dimension, 1)
+    others = np.array(
+        [
+            [p for p in range(dimension) if p not in (i, j)]
+            for i, j in zip(first, second, strict=True)
+        ],
+        int,
+    ).reshape(first.size, max(dimension - 2, 0))
+    r = correlations[:, first, second][:, :, None, None]
+    x, y = edges[:, first, :, None], edges[:, second, None, :]
+    left = 1.0 - r * r
+    density = np.exp(-0.5 * (x * x - 2.0 * r * x * y + y * y) / left)
+    density *= np.array([[1.0, -1.0], [-1.0, 1.0]]) / (2.0 * np.pi * np.sqrt(left))
+    k, pair, p, q = np.nonzero(np.abs(density) > _NEGLIGIBLE)
+    i, j, rest = first[pair], second[pair], others[pair]
+    # Regression of the others on the two variables at the corner.
+    with_i = correlations[k[:, None], rest, i[:, None]]
+    with_j = correlations[k[:, None], rest, j[:, None]]
+    r, left = r[k, pair, 0, 0][:, None], left[k, pair, 0, 0][:, None]
+    on_i, on_j = (with_i - r * with_j) / left, (with_j - r * with_i) / left
+    within = correlations[k[:, None, None], rest[:, :, None], rest[:, None, :]]
+    centre = on_i * edges[k, i, p][:, None] + on_j * edges[k, j, q][:, None]
+    inside = box_probability(
+        within - on_i[:, :, None] * with_i[:, None, :] - on_j[:, :, None] * with_j[:, None, :],
+        a[k[:, None], rest] - centre,
+        b[k[:, None], rest] - centre,
+    )
+    sums = np.bincount(
+        k * first.size + pair, density[k, pair, p, q] * inside, minlength=count * first.size
+    )
+    hessian[:, first, second] = hessian[:, second, first] = sums.reshape(count, first.size)
     return hessian
-
-
-def _corner_boxes(
-    correlations: Array, a: Array, b: Array, edges: Array, i: int, j: int
-) -> tuple[NDArray[np.intp], Array, tuple[Array, Array, Array]]:
-    """For each corner of i and j that counts: component, signed density, box of the others."""
-    others = [p for p in range(a.shape[1]) if p not in (i, j)]
-    r = correlations[:, i, j, None, None]
-    x, y = edges[:, i, :, None], edges[:, j, None, :]
-    rest = 1.0 - r * r
-    density = np.exp(-0.5 * (x * x - 2.0 * r * x * y + y * y) / rest)
-    density = density * np.array([[1.0, -1.0], [-1.0, 1.0]]) / (2.0 * np.pi * np.sqrt(rest))
-    k, p, q = np.nonzero(np.abs(density) > _NEGLIGIBLE)
-    pair = correlations[:, [[i], [j]], [i, j]]
-    cross = correlations[:, others][:, :, [i, j]]
-    slopes = np.swapaxes(np.linalg.solve(pair, np.swapaxes(cross, 1, 2)), 1, 2)
-    conditional = correlations[:, others][:, :, others] - slopes @ np.swapaxes(cross, 1, 2)
-    corner = np.stack((edges[k, i, p], edges[k, j, q]), axis=1)
-    centre = np.einsum("kij,kj->ki", slopes[k], corner)
-    box = (conditional[k], a[k][:, others] - centre, b[k][:, others] - centre)
-    return k, density[k, p, q], box

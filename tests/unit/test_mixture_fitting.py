@@ -6,6 +6,7 @@ from scipy.stats import multivariate_normal
 
 from harness.errors import InputError
 from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.mixture.coordinates import Coordinates
 from harness.mixture.em import Parameters, Problem
 
 INF = np.inf
@@ -54,11 +55,10 @@ def test_without_bounds_one_step_equals_scikit_learn(rows):
     free = np.full(4, INF)
     problem = Problem(standard, np.ones(len(rows)), -free, free, 1.0, 0.0)
     at = problem.evaluate(Parameters(weights, means, scales))
-    for lengths in (np.full(3, INF), problem.exact_lengths(at)):
-        step = problem.step(at, lengths)
-        np.testing.assert_allclose(step.weights, other.weights_, atol=1e-10)
-        np.testing.assert_allclose(step.locations, other.means_, atol=1e-10)
-        np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
+    step = problem.step(at)
+    np.testing.assert_allclose(step.weights, other.weights_, atol=1e-10)
+    np.testing.assert_allclose(step.locations, other.means_, atol=1e-10)
+    np.testing.assert_allclose(step.scales, other.covariances_, atol=1e-10)
 
 
 def test_without_bounds_the_end_is_a_fixed_point_of_scikit_learn(rows):
@@ -90,6 +90,30 @@ def test_penalised_likelihood_never_falls_and_ends_at_the_reported_one(rows, fit
     assert fitted.log_likelihoods[-1] == pytest.approx(penalised, rel=1e-10)
     # p = 2 + 12 + 30 for three components in four variables.
     assert fitted.bic == pytest.approx(-2.0 * plain + 44 * np.log(1500), rel=1e-10)
+
+
+def test_gradient_the_steps_follow_is_the_slope_of_the_density(rows):
+    """Away from the optimum and the reference, against differences of log f and log α."""
+    box = truth()
+    problem = Problem(rows, np.ones(len(rows)), box.lower, box.upper, 1.0, 1e-4)
+    at = problem.evaluate(Parameters(box.weights, box.locations, box.scale_matrices))
+    coordinates = Coordinates(problem, at)
+    z = np.random.default_rng(4).normal(size=coordinates.size)
+
+    def objective(z):
+        moved = coordinates.parameters(z)
+        mixture = TruncatedGaussianMixture(
+            moved.weights, moved.locations, moved.scales, box.lower, box.upper
+        )
+        return mixture.logpdf(rows).sum() + np.log(mixture.masses).sum()
+
+    gradient = coordinates.gradient(z, problem.evaluate(coordinates.parameters(z)))
+    for i, step in enumerate(1e-5 * np.eye(z.size)):
+        slope = (objective(z + step) - objective(z - step)) / 2e-5
+        assert gradient[i] == pytest.approx(slope, abs=2e-4 * np.abs(gradient).max()), i
+    np.testing.assert_allclose(
+        coordinates.parameters(np.zeros(z.size)).scales, box.scale_matrices, atol=1e-9
+    )
 
 
 def test_gradient_vanishes_at_the_optimum(rows, fitted):
