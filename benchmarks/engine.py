@@ -36,6 +36,11 @@ class Cost:
     episodes: int
     steps: int
     model_s: float = 0.0
+    measures_s: float = 0.0
+
+    @property
+    def measures_share(self) -> float:
+        return self.measures_s / self.seconds
 
     @property
     def per_step_us(self) -> float:
@@ -90,10 +95,12 @@ def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cos
     runner._speeds.foresee(planned.values())
     for pair, arrivals in planned.items():
         traces.append(runner._run_arm(Arm.AV, pair, arrivals, runner._speeds))
+    simulated = time.perf_counter()
     measure(traces)
-    seconds = time.perf_counter() - begin
+    end = time.perf_counter()
     engine.close()
-    return Cost(seconds, episodes, sum(len(t.x_m) - 1 for t in traces), model.spent_s)
+    steps = sum(len(trace.x_m) - 1 for trace in traces)
+    return Cost(end - begin, episodes, steps, model.spent_s, end - simulated)
 
 
 def bare(episodes: int, steps: int) -> Cost:
@@ -206,7 +213,7 @@ def main() -> None:
         for name, measure_it in rows.items():
             found[name].append(measure_it())
     table = Table(title="medians of the rounds")
-    for heading in ("way", "episodes/s", "µs/step", "model µs/step", "steps/episode"):
+    for heading in ("way", "episodes/s", "µs/step", "model µs/step", "measures", "steps/episode"):
         table.add_column(heading)
     for name, costs in found.items():
         table.add_row(
@@ -214,6 +221,7 @@ def main() -> None:
             f"{statistics.median(c.per_second for c in costs):.0f}",
             f"{statistics.median(c.per_step_us for c in costs):.2f}",
             f"{statistics.median(c.model_us for c in costs):.2f}",
+            f"{statistics.median(c.measures_share for c in costs):.1%}",
             f"{costs[0].steps / costs[0].episodes:.0f}",
         )
     console = Console()

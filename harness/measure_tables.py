@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 
 from harness.comparison import Proportion, proportion
 from harness.encounter import Arm, Ending, FloatArray
@@ -92,7 +93,7 @@ def conflict_rates(
     rates = []
     for arm in Arm:
         own = _that_ran(episodes, arm)
-        crashed = np.array(own["ending"].to_pylist()) == Ending.CRASHED
+        crashed = pc.equal(own["ending"], Ending.CRASHED.value).to_numpy()
         for conflict in CONFLICTS:
             values = _numbers(own, conflict.column)
             threshold: float = getattr(thresholds, conflict.threshold)
@@ -119,9 +120,9 @@ def conflict_row(rate: ConflictRate) -> dict[str, Any]:
 
 
 def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:
-    of_arm = np.array(episodes["arm"].to_pylist()) == arm
-    failed = np.array(episodes["ending"].to_pylist()) == Ending.ENGINE_FAILED
-    return episodes.filter(pa.array(of_arm & ~failed))
+    of_arm = pc.equal(episodes["arm"], arm.value)
+    ran = pc.not_equal(episodes["ending"], Ending.ENGINE_FAILED.value)
+    return episodes.filter(pc.and_(of_arm, ran))
 
 
 def _numbers(episodes: pa.Table, column: str) -> FloatArray:

@@ -6,6 +6,7 @@ statistics, docs/measures.md's check and the conformance tests follow.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from harness.encounter import FloatArray
 from harness.measures import avoidable, braking, collision, efficiency, encroachment, proximity
@@ -17,7 +18,9 @@ class Measure:
     """One number of an episode, for either arm.
 
     ``compute`` gives one value for each trace of a chunk, NaN where undefined; each depends on
-    that trace alone, to the last bit.  ``kind`` is the type it is kept as.
+    that trace alone, to the last bit.  ``kind`` is the type it is kept as.  ``on_step`` says what
+    the length of a step does to it: nothing (``exact``); it is an extreme over states, of which a
+    shorter step has more (``states``); or it is counted in steps (``steps``).
     """
 
     column: str
@@ -26,6 +29,7 @@ class Measure:
     formula: str
     undefined_when: str
     source: str
+    on_step: Literal["exact", "states", "steps"]
     compute: Callable[[Chunk], FloatArray]
 
 
@@ -37,6 +41,7 @@ MEASURES = (
         "time at which the rear bumper reaches x = width/2, solved inside the step",
         "the ego did not cross",
         'the paper\'s "time used"',
+        "exact",
         efficiency.pass_time_s,
     ),
     Measure(
@@ -46,6 +51,7 @@ MEASURES = (
         "the ego's speed at the contact",
         "no contact",
         "",
+        "exact",
         collision.contact_speed_mps,
     ),
     Measure(
@@ -56,6 +62,7 @@ MEASURES = (
         "0 after a contact",
         "nobody stepped off",
         "",
+        "states",
         proximity.min_gap_m,
     ),
     Measure(
@@ -66,6 +73,7 @@ MEASURES = (
         "if both keep their velocities",
         "never on a collision course",
         "Hayward 1972, for a rectangle and a disc",
+        "states",
         proximity.min_ttc_s,
     ),
     Measure(
@@ -75,6 +83,7 @@ MEASURES = (
         "smallest abs(R/v − L/v_p) while R > 0, L > 0 and v > 0",
         "no such state",
         "the paper's (tadv); Laureshyn 2010",
+        "states",
         proximity.min_time_advantage_s,
     ),
     Measure(
@@ -85,6 +94,7 @@ MEASURES = (
         "pedestrians; zone: ego's width × disc",
         "crash, or one of the two never enters",
         "Allen, Shin, Cooper 1978",
+        "exact",
         encroachment.pet_s,
     ),
     Measure(
@@ -94,6 +104,7 @@ MEASURES = (
         "largest −Δv/Δt over the steps; 0 if it never braked",
         "never",
         "",
+        "exact",
         braking.max_deceleration_mps2,
     ),
     Measure(
@@ -103,6 +114,7 @@ MEASURES = (
         "number of times the speed at a step's end falls below 0.1 m/s",
         "never",
         "SUMO's waiting-time threshold",
+        "steps",
         efficiency.stops,
     ),
     Measure(
@@ -112,6 +124,7 @@ MEASURES = (
         "number of steps that end below 0.1 m/s × step",
         "never",
         "SUMO's waiting-time threshold",
+        "steps",
         efficiency.stopped_s,
     ),
     Measure(
@@ -121,6 +134,7 @@ MEASURES = (
         "pass time − (R0 + length + width/2)/v0",
         "the ego did not cross",
         "HCM: delay against the free pass time",
+        "exact",
         efficiency.delay_s,
     ),
     Measure(
@@ -132,6 +146,7 @@ MEASURES = (
         "the ego's path, T from now: 2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d)",
         "crash (it grows without bound), or never on such a course",
         "Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
+        "states",
         braking.max_drac_mps2,
     ),
     Measure(
@@ -142,6 +157,7 @@ MEASURES = (
         "within its detection range; largest over pedestrians",
         "nobody on a collision course with the front at first sight",
         "constant deceleration to a stop at distance d",
+        "states",
         braking.required_deceleration_mps2,
     ),
     Measure(
@@ -151,6 +167,7 @@ MEASURES = (
         "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
         "never",
         "finite difference: a value for that length of step",
+        "steps",
         braking.max_jerk_mps3,
     ),
     Measure(
@@ -161,6 +178,7 @@ MEASURES = (
         "would have prevented the contact, he walking as he did; solved exactly",
         "no contact",
         "after UN Regulation 157: was the collision preventable?",
+        "exact",
         avoidable.avoidable,
     ),
     Measure(
@@ -171,6 +189,7 @@ MEASURES = (
         "or the record's end",
         "nobody arrived",
         "HCM: pedestrian delay",
+        "exact",
         efficiency.pedestrian_delay_s,
     ),
 )
