@@ -8,12 +8,15 @@ centre is y = length_m / 4.  Nothing here knows an engine.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+
+Behaviour = Literal["constant", "gap_acceptance", "reactive", "sumo"]
+"""How pedestrians decide and walk (docs/method.md, Pedestrians)."""
 
 PEDESTRIAN_RADIUS_M = 0.25
 """Radius of the disc that stands for a pedestrian in every contact and distance."""
@@ -93,7 +96,8 @@ class PedestrianView(NamedTuple):
     """What a strategy sees of one pedestrian.
 
     ``lateral_m`` (L): distance along his direction to the centre of the ego's lane, negative
-    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while he waits.
+    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while he stands.
+    ``on_crossing``: he has stepped off and is between the kerbs, walking or standing.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -134,13 +138,34 @@ class Strategy(Protocol):
 StrategyFactory = Callable[..., Strategy]
 
 
+class Leg(NamedTuple):
+    """A stretch of a walk in the road frame, from ``time_s`` until the next leg begins.
+
+    He begins it at (``x_m``, ``y_m``) with that velocity; only the one across the road may change
+    on the way, at ``y_mps2``.
+    """
+
+    time_s: float
+    x_m: float
+    y_m: float
+    x_mps: float
+    y_mps: float
+    y_mps2: float
+
+
 class Arrival(NamedTuple):
-    """One planned pedestrian: when he reaches the kerb, which one, and his speed's quantile."""
+    """One planned pedestrian: when he reaches the kerb, which one, and his speed's quantile.
+
+    ``critical_gap_s`` is the shortest gap he accepts, None where the kerb rule alone decides.
+    ``path`` is the whole walk of a timed pedestrian, who has no quantile; None for all others.
+    """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
     arrival_s: float
     side: Side
-    quantile: float
+    quantile: float | None
+    critical_gap_s: float | None = None
+    path: tuple[Leg, ...] | None = None
 
 
 @dataclass(slots=True)
@@ -148,7 +173,8 @@ class Walk:
     """What became of one arrival in one arm.
 
     ``start_s``, ``speed_mps`` and the state (``range_m``, ``vehicle_speed_mps``) he saw when he
-    stepped off are None for someone who never got to go.
+    stepped off are None for someone who never got to go.  ``legs`` None: he walks along x = 0
+    from kerb to kerb at ``speed_mps``; else ``speed_mps`` is the speed he wanted at first.
     """
 
     arrival: Arrival
@@ -156,6 +182,7 @@ class Walk:
     speed_mps: float | None = None
     range_m: float | None = None
     vehicle_speed_mps: float | None = None
+    legs: tuple[Leg, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ the trace; the loop only keeps what cannot be worked out later.
 """
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from numbers import Real
 
@@ -13,12 +13,12 @@ import numpy as np
 
 from harness.encounter import (
     Arrival,
+    Behaviour,
     Crossing,
     EgoView,
     Ending,
     Observation,
     PedestrianView,
-    Side,
     Strategy,
     Trace,
     Vehicle,
@@ -26,12 +26,10 @@ from harness.encounter import (
 )
 from harness.engine.protocol import Engine
 from harness.errors import EngineError, StrategyError, place_of
+from harness.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
 
 ROUNDING_M = 1e-9
 """An ego this near a threshold is on it: engines differ in the last bits of their sums."""
-
-ChooseSpeed = Callable[[Arrival, float, float], float]
-"""(who, range_m, vehicle_speed_mps) → walking speed in m/s, > 0."""
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""
@@ -42,7 +40,8 @@ class Rules:
     """What is the same in all episodes of a cell.
 
     ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
-    edge within that time, or while its body overlaps the crosswalk.
+    edge within that time, or while its body overlaps the crosswalk.  Whoever has a critical gap
+    of his own goes by that instead of ``kerb_wait_s``.
     """
 
     vehicle: Vehicle
@@ -50,60 +49,7 @@ class Rules:
     kerb_wait_s: float
     step_s: float
     timeout_s: float
-
-
-class _Walker:
-    """One pedestrian while he is at the crosswalk.
-
-    ``due_s`` is when he needs attention: always while he waits, then when he reaches the kerb.
-    """
-
-    __slots__ = (
-        "_direction",
-        "_kerb",
-        "_length",
-        "_progress",
-        "_speed",
-        "_start",
-        "_to_lane",
-        "due_s",
-        "index",
-        "side",
-        "walk",
-    )
-
-    def __init__(self, walk: Walk, crossing: Crossing) -> None:
-        self.walk = walk
-        self.index, self.side = walk.arrival.index, walk.arrival.side
-        self.due_s = -math.inf
-        self._start, self._speed, self._progress = 0.0, 0.0, 0.0
-        self._length = crossing.length_m
-        near = self.side is Side.NEAR
-        self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
-        lane = crossing.lane_centre_m
-        self._to_lane = lane if near else crossing.length_m - lane
-
-    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
-        self._start, self._speed = time_s, speed_mps
-        self.walk.start_s, self.walk.speed_mps = time_s, speed_mps
-        self.walk.range_m, self.walk.vehicle_speed_mps = state
-        self.due_s = time_s + self._length / speed_mps
-
-    def walk_until(self, time_s: float) -> float:
-        """Move on to that time; returns y.  One who waits has no speed yet."""
-        progress = self._speed * (time_s - self._start)
-        self._progress = progress if progress < self._length else self._length
-        return self._kerb + self._direction * self._progress
-
-    def view(self) -> PedestrianView:
-        return PedestrianView(
-            self.index,
-            self.side,
-            self._to_lane - self._progress,
-            self._length - self._progress,
-            self._speed,
-            self._speed > 0,
-        )
+    behaviour: Behaviour = "constant"
 
 
 def run_episode(
@@ -196,7 +142,8 @@ class Episode:
         self.engine, self.rules = engine, rules
         self.arrivals, self.choose_speed = arrivals, choose_speed
         self.next_arrival = 0
-        self.walkers: list[_Walker] = []
+        self.next_event_s = 0.0
+        self.walkers: list[Walker] = []
         self.walks: list[Walk] = []
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
@@ -241,12 +188,12 @@ class Episode:
         passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
-        walkers = self.walkers
+        walkers, natives = self.walkers, rules.behaviour == "sumo"
         acceleration = 0.0
-        x, speed = engine.begin(self.arrivals)
+        x, speed = engine.begin(self._held())
         note_x(x)
         note_speed(speed)
-        next_arrival_s = self._admit(0.0, 0.0, x, speed, 0.0)
+        self._happen(0.0, 0.0, x, speed, 0.0)
         for n in range(steps):
             now, then = n * step, (n + 1) * step
             for walker in walkers:
@@ -266,10 +213,13 @@ class Episode:
                     target = 0.0
                 acceleration = (target - speed) / step
             # Those who arrive within this step see the ego where it is at that very moment.
-            if next_arrival_s <= then:
-                next_arrival_s = self._admit(now, then, x, speed, acceleration)
-            self.places = places = [(w.index, w.walk_until(then)) for w in walkers]
-            x, after = engine.step(target, places)
+            if self.next_event_s <= then:
+                self._happen(now, then, x, speed, acceleration)
+            if natives:
+                x, after = self._step_with_natives(target, now, then)
+            else:
+                self.places = places = [(w.index, w.walk_until(then)) for w in walkers]
+                x, after = engine.step(target, places)
             if after != target:
                 acceleration = (after - speed) / step
             speed = after
@@ -294,38 +244,88 @@ class Episode:
     def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
         for walker in tuple(self.walkers):
+            if walker.due_s > now:
+                continue
             if walker.walk.start_s is None:
                 self._look(walker, now, range_m, speed)
-            elif walker.due_s <= now:
+                self.next_event_s = min(self.next_event_s, walker.look_s)
+            else:
                 self.walkers.remove(walker)
                 self.engine.remove(walker.index)
 
-    def _admit(
+    def _happen(
         self, now: float, until: float, x: float, speed: float, acceleration: float
-    ) -> float:
-        """Everyone who arrives in (now, until] reaches the kerb and looks; returns who is next."""
+    ) -> None:
+        """Everyone who arrives or looks again in (now, until] sees the ego where it is then."""
+
+        def seen_at(time_s: float) -> tuple[float, float]:
+            elapsed = time_s - now
+            range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
+            return range_then, speed + acceleration * elapsed
+
+        self.next_event_s = math.inf
         while self.next_arrival < len(self.arrivals):
             arrival = self.arrivals[self.next_arrival]
             if arrival.arrival_s > until:
-                return arrival.arrival_s
+                self.next_event_s = arrival.arrival_s
+                break
             self.next_arrival += 1
-            walk = Walk(arrival)
-            walker = _Walker(walk, self.rules.crossing)
-            self.walks.append(walk)
-            self.walkers.append(walker)
-            elapsed = arrival.arrival_s - now
-            range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
-            self._look(walker, arrival.arrival_s, range_then, speed + acceleration * elapsed)
-        return math.inf
+            self._admit(arrival, *seen_at(arrival.arrival_s))
+        for walker in self.walkers:
+            while walker.look_s <= until:
+                walker.look(*seen_at(walker.look_s))
+            self.next_event_s = min(self.next_event_s, walker.look_s)
 
-    def _look(self, walker: _Walker, time_s: float, range_m: float, speed: float) -> None:
-        """Kerb rule: step off now, or wait for the next step."""
-        rules = self.rules
-        to_edge = range_m - rules.crossing.width_m / 2
-        if to_edge <= speed * rules.kerb_wait_s + ROUNDING_M:
+    def _admit(self, arrival: Arrival, range_m: float, speed: float) -> None:
+        """Someone arrives: he waits for his time, looks for his gap, or is left to the engine."""
+        walk, crossing = Walk(arrival), self.rules.crossing
+        self.walks.append(walk)
+        if arrival.path is not None:
+            self.walkers.append(TimedWalker(walk, crossing))
             return
-        walking_speed = self.choose_speed(walker.walk.arrival, range_m, speed)
+        if self.rules.behaviour == "sumo":
+            walking_speed = self.choose_speed(arrival, range_m, speed)
+            walk.speed_mps, walk.range_m, walk.vehicle_speed_mps = walking_speed, range_m, speed
+            self.walkers.append(NativeWalker(walk, crossing))
+            self.engine.let_walk(arrival.index, arrival.side, walking_speed)
+            return
+        walker = Walker(walk, crossing)
+        if self.rules.behaviour == "reactive":
+            walker = ReactiveWalker(walk, crossing, self.rules.vehicle, self.choose_speed)
+        self.walkers.append(walker)
+        self._look(walker, arrival.arrival_s, range_m, speed)
+
+    def _look(self, walker: Walker, time_s: float, range_m: float, speed: float) -> None:
+        """Kerb rule: step off now, or wait for the next step."""
+        rules, arrival = self.rules, walker.walk.arrival
+        gap_s = arrival.critical_gap_s
+        wait_s = rules.kerb_wait_s if gap_s is None else gap_s
+        to_edge = range_m - rules.crossing.width_m / 2
+        if to_edge <= speed * wait_s + ROUNDING_M:
+            return
+        walking_speed = self.choose_speed(arrival, range_m, speed)
         walker.step_off(time_s, walking_speed, (range_m, speed))
+
+    def _held(self) -> Sequence[Arrival]:
+        """Those whom the engine holds where it is told to."""
+        if self.rules.behaviour == "sumo":
+            return [arrival for arrival in self.arrivals if arrival.path is not None]
+        return self.arrivals
+
+    def _step_with_natives(
+        self, target: float | None, now: float, then: float
+    ) -> tuple[float, float]:
+        """A step in which some walk by the engine's own model."""
+        natives = [walker for walker in self.walkers if isinstance(walker, NativeWalker)]
+        held = [walker for walker in self.walkers if not isinstance(walker, NativeWalker)]
+        places = [(walker.index, walker.walk_until(then)) for walker in held]
+        state = self.engine.step(target, places)
+        for walker in natives:
+            x, y = self.engine.place_of(walker.index)
+            walker.note(now, then, x, y)
+            places.append((walker.index, y))
+        self.places = places
+        return state
 
 
 def _as_float(answer: object) -> float:

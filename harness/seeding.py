@@ -9,10 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-Purpose = Literal["arrival", "side", "quantile", "strategy"]
+Purpose = Literal["arrival", "side", "quantile", "strategy", "critical_gap"]
 
 # The numbers enter the seeds: changing one changes every result.
-_PURPOSES: dict[Purpose, int] = {"arrival": 1, "side": 2, "quantile": 3, "strategy": 4}
+_PURPOSES: dict[Purpose, int] = {
+    "arrival": 1,
+    "side": 2,
+    "quantile": 3,
+    "strategy": 4,
+    "critical_gap": 5,
+}
 
 
 def stream(root_seed: int, purpose: Purpose, pair: int) -> np.random.Generator:

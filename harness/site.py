@@ -32,7 +32,8 @@ class Site:
 
     ``origin_x_m``/``origin_y_m`` are the network coordinates of the road frame's (0, 0);
     ``along_x``/``along_y`` the unit vector of the ego's direction in the network. Footpath
-    positions lie about 1 m outside the junction, for inserting a pedestrian and as his goal.
+    positions lie about 1 m outside the junction, for inserting a pedestrian and as his goal; at
+    ``near_length_m`` the near footpath ends, the far one begins at 0.
     """
 
     latitude_deg: float
@@ -46,6 +47,7 @@ class Site:
     near_edge: str
     far_edge: str
     crossing_edge: str
+    near_length_m: float
     near_position_m: float
     far_position_m: float
     max_range_m: float
@@ -176,6 +178,7 @@ def _site(root: ET.Element) -> Site:
     if max(point.imag for point in ego) - min(point.imag for point in ego) > TOLERANCE_M:
         raise ValueError("the ego's lane is not straight")
     latitude, longitude = _projection_centre(root)
+    near_length = float(lanes["near_0"].attrib["length"])
     return Site(
         latitude_deg=latitude,
         longitude_deg=longitude,
@@ -188,7 +191,8 @@ def _site(root: ET.Element) -> Site:
         near_edge="near",
         far_edge="far",
         crossing_edge=crossing_id,
-        near_position_m=float(lanes["near_0"].attrib["length"]) - 1.0,
+        near_length_m=near_length,
+        near_position_m=near_length - 1.0,
         far_position_m=1.0,
         max_range_m=-ego[0].real,
         min_range_m=-ego[1].real,

@@ -67,12 +67,14 @@ class SumoEngine:
             Side.NEAR: site.to_network(0.0, 0.0),
             Side.FAR: site.to_network(0.0, crossing.length_m),
         }
+        self._to_network, self._to_road = site.to_network, site.to_road
         # Network coordinates of (0, y) are origin + y · across.
         self._origin, self._across = self._kerbs[Side.NEAR], (-site.along_y, site.along_x)
         self._footpaths = {
             Side.NEAR: (site.near_edge, site.near_position_m),
             Side.FAR: (site.far_edge, site.far_position_m),
         }
+        self._path_ends = {Side.NEAR: site.near_length_m, Side.FAR: 0.0}
         api.route.add("drive", [site.approach_edge, site.exit_edge])
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
@@ -125,6 +127,21 @@ class SumoEngine:
         except self._lost as error:
             raise EngineError(f"SUMO lost the episode: {error}") from None
 
+    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
+        """See ``Engine.let_walk``; he enters at the footpath's end, 1.5 m before the kerb."""
+        try:
+            name = self._add_person(index, side, self._path_ends[side])
+            self._api.person.setSpeed(name, speed_mps)
+        except self._lost as error:
+            raise EngineError(f"SUMO could not add pedestrian {index}: {error}") from None
+
+    def place_of(self, index: int) -> tuple[float, float]:
+        """See ``Engine.place_of``."""
+        try:
+            return self._to_road(*self._api.person.getPosition(self._ids[index]))
+        except self._lost as error:
+            raise EngineError(f"SUMO lost pedestrian {index}: {error}") from None
+
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
         try:
@@ -173,18 +190,23 @@ class SumoEngine:
             arrival = self._arrivals[self._announced]
             if arrival.arrival_s > time_s:
                 break
-            name = f"pedestrian-{self._episode}-{arrival.index}"
-            other = Side.FAR if arrival.side is Side.NEAR else Side.NEAR
-            (origin, start_m), (goal, goal_m) = (
-                self._footpaths[arrival.side],
-                self._footpaths[other],
-            )
-            self._api.person.add(name, origin, start_m, typeID="walker")
-            self._api.person.appendWalkingStage(name, [origin, goal], goal_m)
-            self._ids[arrival.index] = name
-            coming[arrival.index] = self._kerbs[arrival.side]
+            self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side][1])
+            place = self._kerbs[arrival.side]
+            if arrival.path is not None:
+                place = self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
+            coming[arrival.index] = place
             self._announced += 1
         return coming
+
+    def _add_person(self, index: int, side: Side, start_m: float) -> str:
+        """Put someone on the footpath of his side, on his way to the other one."""
+        name = f"pedestrian-{self._episode}-{index}"
+        origin, _ = self._footpaths[side]
+        goal, goal_m = self._footpaths[Side.FAR if side is Side.NEAR else Side.NEAR]
+        self._api.person.add(name, origin, start_m, typeID="walker")
+        self._api.person.appendWalkingStage(name, [origin, goal], goal_m)
+        self._ids[index] = name
+        return name
 
     def _place(self, pedestrians: Sequence[tuple[int, float]]) -> None:
         (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
@@ -220,6 +242,7 @@ def start_command(
         "--collision.check-junctions": "true",
         "--collision.mingap-factor": "0",
         "--collision.action": "warn",
+        "--pedestrian.striping.dawdling": "0",
         "--pedestrian.striping.jamtime": "-1",
         "--pedestrian.striping.jamtime.crossing": "-1",
         "--time-to-teleport": "-1",

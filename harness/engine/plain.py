@@ -6,8 +6,12 @@ against it.  It cannot drive the ego by itself and sees no collisions.
 
 from collections.abc import Sequence
 
-from harness.encounter import Arrival, Vehicle
+from harness.encounter import Arrival, Side, Vehicle
 from harness.errors import EngineError
+
+_NO_PEDESTRIANS = (
+    'the plain engine has no pedestrians of its own: pedestrians.behaviour = "sumo" needs SUMO'
+)
 
 
 class PlainEngine:
@@ -39,6 +43,14 @@ class PlainEngine:
         self._x += (self._speed + speed_mps) / 2 * self._step_s
         self._speed = speed_mps
         return self._x, self._speed
+
+    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:  # noqa: ARG002
+        """Refused; see ``Engine.let_walk``."""
+        raise EngineError(_NO_PEDESTRIANS)
+
+    def place_of(self, index: int) -> tuple[float, float]:  # noqa: ARG002
+        """Refused; see ``Engine.place_of``."""
+        raise EngineError(_NO_PEDESTRIANS)
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``; nothing is kept here."""

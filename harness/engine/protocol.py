@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from harness.encounter import Arrival
+from harness.encounter import Arrival, Side
 
 
 class Engine(Protocol):
@@ -17,7 +17,8 @@ class Engine(Protocol):
         """Insert the ego at the trigger.
 
         Args:
-            arrivals: everyone who may come during the episode, by arrival time.
+            arrivals: everyone who may come during the episode and is to be held, by arrival
+                time.
 
         Returns:
             The ego's state (x of the front bumper in m, speed in m/s) at t = 0.
@@ -38,6 +39,20 @@ class Engine(Protocol):
         Returns:
             The ego's state (x, speed) at the end of the step.
         """
+        ...
+
+    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
+        """Let a pedestrian come from that side and walk by the engine's own model.
+
+        From the next step on, wanting that speed; he is not among those whom ``begin`` named.
+
+        Raises:
+            EngineError: the engine has no pedestrians of its own.
+        """
+        ...
+
+    def place_of(self, index: int) -> tuple[float, float]:
+        """(x, y) in m of someone who walks by the engine's own model."""
         ...
 
     def remove(self, index: int) -> None:
