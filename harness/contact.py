@@ -42,7 +42,7 @@ def first_contact_in_step(
     Args:
         ego: of the front bumper, along the road.
         walker_x: the pedestrian along the road, without acceleration.
-        walker_y: across it, without acceleration.
+        walker_y: across it.
         duration_s: length of the step.
         body: (length of the ego, y of its right side, y of its left side) in m.
     """
@@ -55,7 +55,7 @@ def first_contact_in_step(
             walker_x.place_m - ego.place_m,
         ]
     )
-    across = np.array([walker_y.speed_mps, walker_y.place_m])
+    across = np.array([walker_y.acceleration_mps2 / 2, walker_y.speed_mps, walker_y.place_m])
     ahead_range, across_range = _range(front, duration_s), _range(across, duration_s)
     # Only pieces that the path comes near can have a root; finding roots is what costs.
     pieces = [

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.protocol import Engine
-from harness.episode import ChooseSpeed, Episode, Rules, failed_episode, run_episode
+from harness.episode import Episode, Rules, failed_episode, run_episode
 from harness.errors import InputError, StrategyError, in_one_line
 from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
@@ -18,6 +18,7 @@ from harness.scenario import Scenario
 from harness.seeding import stream
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key
+from harness.walkers import ChooseSpeed
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
@@ -47,6 +48,7 @@ class PairRunner:
             kerb_wait_s=scenario.pedestrians.kerb_wait_s,
             step_s=scenario.experiment.step_s,
             timeout_s=scenario.experiment.timeout_s,
+            behaviour=scenario.pedestrians.behaviour,
         )
         self._speeds = _WalkingSpeeds(model, self._rules, scenario.model.pedestrian_reading)
         check_arms(scenario, model)
@@ -180,35 +182,56 @@ class _WalkingSpeeds:
         self._foreseen: dict[tuple[float, Side], float] = {}
 
     def foresee(self, planned: Iterable[tuple[Arrival, ...]]) -> None:
-        first = [arrival for arrivals in planned for arrival in arrivals if arrival.arrival_s == 0]
+        first = [
+            arrival
+            for arrivals in planned
+            for arrival in arrivals
+            if arrival.arrival_s == 0 and arrival.quantile is not None
+        ]
         self._foreseen = {}
         if first:
-            keys = [(arrival.quantile, arrival.side) for arrival in first]
-            speeds = self._speeds(first, *self._at_trigger)
+            keys = [(_quantile_of(arrival), arrival.side) for arrival in first]
+            lateral = [self._lateral_m[arrival.side] for arrival in first]
+            speeds = self._speeds([key for key, _ in keys], lateral, *self._at_trigger)
             self._foreseen = dict(zip(keys, speeds.tolist(), strict=True))
 
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:
-        key = (arrival.quantile, arrival.side)
-        if (range_m, speed_mps) == self._at_trigger and key in self._foreseen:
+    def __call__(
+        self, arrival: Arrival, range_m: float, speed_mps: float, lateral_m: float | None = None
+    ) -> float:
+        quantile = _quantile_of(arrival)
+        key = (quantile, arrival.side)
+        if (range_m, speed_mps) == self._at_trigger and lateral_m is None and key in self._foreseen:
             return self._foreseen[key]
         if range_m <= 0:
-            return self._model.walking_speed_unconditional(arrival.quantile)
-        return float(self._speeds([arrival], range_m, speed_mps)[0])
+            return self._model.walking_speed_unconditional(quantile)
+        if lateral_m is None:
+            lateral_m = self._lateral_m[arrival.side]
+        return float(self._speeds([quantile], [lateral_m], range_m, speed_mps)[0])
 
     def _speeds(
-        self, arrivals: Sequence[Arrival], range_m: float, speed_mps: float
+        self,
+        quantile: Sequence[float],
+        lateral_m: Sequence[float],
+        range_m: float,
+        speed_mps: float,
     ) -> NDArray[np.float64]:
-        quantiles = np.array([arrival.quantile for arrival in arrivals])
-        range_of, speed_of = np.full(len(arrivals), range_m), np.full(len(arrivals), speed_mps)
-        if self._on_curve:
-            lateral = np.array([self._lateral_m[arrival.side] for arrival in arrivals])
-            speeds = self._model.walking_speed_on_curve(quantiles, range_of, lateral, speed_of)
+        quantiles, laterals = np.array(quantile), np.array(lateral_m)
+        range_of, speed_of = np.full(len(quantiles), range_m), np.full(len(quantiles), speed_mps)
+        # Past the ego's lane there is no L: the curve says nothing there.
+        if self._on_curve and (laterals > 0).all():
+            speeds = self._model.walking_speed_on_curve(quantiles, range_of, laterals, speed_of)
             if not np.isnan(speeds).any():
                 return speeds
             # Where no walking speed fits the box, L says nothing and is left out.
             marginal = self._model.walking_speed(quantiles, range_of, speed_of)
             return np.where(np.isnan(speeds), marginal, speeds)
         return self._model.walking_speed(quantiles, range_of, speed_of)
+
+
+def _quantile_of(arrival: Arrival) -> float:
+    """His quantile; timed pedestrians, who have none, never choose a speed."""
+    assert arrival.quantile is not None
+    return arrival.quantile
 
 
 class _SpeedsOfOtherArm:
@@ -218,8 +241,14 @@ class _SpeedsOfOtherArm:
         self._speeds = {walk.arrival.index: walk.speed_mps for walk in walks}
         self._model = model
 
-    def __call__(self, arrival: Arrival, range_m: float, speed_mps: float) -> float:  # noqa: ARG002
+    def __call__(
+        self,
+        arrival: Arrival,
+        range_m: float,  # noqa: ARG002
+        speed_mps: float,  # noqa: ARG002
+        lateral_m: float | None = None,  # noqa: ARG002
+    ) -> float:
         speed = self._speeds.get(arrival.index)
         if speed is None:
-            return self._model.walking_speed_unconditional(arrival.quantile)
+            return self._model.walking_speed_unconditional(_quantile_of(arrival))
         return speed

@@ -13,8 +13,9 @@ import numpy as np
 import pyarrow as pa
 
 from harness.comparison import Interval, PairColumns, Summary
-from harness.encounter import Arm, Contact, Ending, Side
+from harness.encounter import Arm, Contact, Ending, Leg, Side
 from harness.measures import MEASURES, Outcome
+from harness.walking import cleared_s, states_at
 
 SCHEMA = 2
 """Version of the run folder's format."""
@@ -40,6 +41,8 @@ _FACTS = {
 
 EPISODES = pa.schema([*_KEYS, *(_FACTS | _MEASURES).items()])
 
+_LEG = pa.struct([(name, pa.float64()) for name in Leg._fields])
+
 PEDESTRIANS = pa.schema(
     [
         *_KEYS,
@@ -48,10 +51,12 @@ PEDESTRIANS = pa.schema(
         ("start_s", pa.float64()),
         ("side", pa.string()),
         ("quantile", pa.float64()),
+        ("critical_gap_s", pa.float64()),
         ("speed_mps", pa.float64()),
         ("range_m", pa.float64()),
         ("vehicle_speed_mps", pa.float64()),
         ("cleared_s", pa.float64()),
+        ("legs", pa.list_(_LEG)),
     ]
 )
 
@@ -118,9 +123,8 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
             if arrival.arrival_s > end_s:
                 continue
             went = walk.start_s is not None and walk.start_s < end_s
-            cleared = None
-            if went and walk.start_s is not None and walk.speed_mps is not None:
-                cleared = walk.start_s + outcome.trace.crossing.length_m / walk.speed_mps
+            cleared = cleared_s(walk, outcome.trace.crossing) if went else None
+            legs = walk.legs if went else None
             values = {
                 "cell": cell,
                 "pair": outcome.pair,
@@ -130,10 +134,12 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
                 "start_s": walk.start_s if went else None,
                 "side": arrival.side.value,
                 "quantile": arrival.quantile,
+                "critical_gap_s": arrival.critical_gap_s,
                 "speed_mps": walk.speed_mps if went else None,
                 "range_m": walk.range_m if went else None,
                 "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,
                 "cleared_s": cleared if cleared is not None and cleared <= end_s else None,
+                "legs": legs and [leg._asdict() for leg in legs],
             }
             for name, value in values.items():
                 rows[name].append(value)
@@ -161,7 +167,7 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
     """Columns of ``traces.parquet``: the ego's bumper and every pedestrian's centre.
 
     At each step of the record, with the acceleration of the step that begins there (null at the
-    last); a pedestrian has rows while he is on the crossing.
+    last); a pedestrian has rows from when he stepped off to the other kerb.
     """
     rows: dict[str, list[Any]] = {name: [] for name in TRACES.names}
     for outcome in outcomes:
@@ -169,7 +175,7 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
         if not len(trace.x_m):
             continue  # failed before there was a state
         count = outcome.record.steps + 1
-        times = np.arange(count) * trace.step_s
+        times = np.arange(count, dtype=np.float64) * trace.step_s
         speeds = trace.speed_mps[:count]
         accelerations: list[float | None] = (np.diff(speeds) / trace.step_s).tolist()
         lane = [trace.crossing.lane_centre_m] * count
@@ -187,20 +193,13 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
             ],
         )
         for walk in trace.walks:
-            if walk.start_s is None or walk.speed_mps is None or walk.start_s >= end_s:
+            if walk.start_s is None or walk.start_s >= end_s:
                 continue
-            progress = walk.speed_mps * (times - walk.start_s)
-            on = (progress >= 0) & (progress <= trace.crossing.length_m)
-            far = walk.arrival.side is Side.FAR
-            y = trace.crossing.length_m - progress[on] if far else progress[on]
-            number = int(on.sum())
-            columns = [
-                times[on].tolist(),
-                [0.0] * number,
-                y.tolist(),
-                [walk.speed_mps] * number,
-                [0.0] * number,
-            ]
+            since = times[times >= walk.start_s]
+            x, y, speed, gain = states_at(walk, trace.crossing, since)
+            near = walk.arrival.side is Side.NEAR
+            on = y <= trace.crossing.length_m if near else y >= 0
+            columns = [values[on].tolist() for values in (since, x, y, speed, gain)]
             _extend(rows, cell, outcome, f"pedestrian-{walk.arrival.index}", columns)
     return rows
 

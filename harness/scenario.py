@@ -15,12 +15,16 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from harness.encounter import Crossing, Vehicle
+from harness.encounter import PEDESTRIAN_RADIUS_M, Behaviour, Crossing, Leg, Side, Vehicle
 from harness.errors import InputError, unknown_name
 from harness.resources import shipped_directory
+from harness.walking import timed_path
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the networks' approach road ends beyond it."""
+
+MAX_BEFORE_KERB_M = 8.0
+"""How far before his kerb a timed pedestrian may start: a footpath is 10 m long."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -54,8 +58,27 @@ class EgoSection(_Section):
     resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 1.0
 
 
+class TimedSection(_Section):
+    """``[[pedestrians.timed]]``: someone whom a car that never brakes would hit."""
+
+    name: str = ""
+    side: Literal["near", "far"]
+    start_lateral_m: Positive
+    acceleration_distance_m: NonNegative = 0.0
+    speed_mps: Annotated[float, Field(gt=0, le=10)]
+    impact_share: Share
+
+
+class GapAcceptanceSection(_Section):
+    """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
+
+    distribution: Literal["lognormal", "logistic"] = "lognormal"
+    mean_s: Positive = 4.0
+    std_s: NonNegative = 2.5
+
+
 class PedestriansSection(_Section):
-    """``[pedestrians]``: who comes, from where, and the rule at the kerb."""
+    """``[pedestrians]``: who comes, from where, how they decide and walk."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
     max_count: Annotated[int, Field(ge=0)] | None = None
@@ -63,6 +86,10 @@ class PedestriansSection(_Section):
     near_side_share: Share = 0.5
     kerb_wait_s: NonNegative = 2.0
     pairing: Literal["quantile", "speed"] = "quantile"
+    behaviour: Behaviour = "constant"
+    gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
+    timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
+    timed_case: str | None = None
 
 
 class ModelSection(_Section):
@@ -128,6 +155,15 @@ class Scenario(_Section):
     def crosswalk(self) -> Crossing:
         """The crosswalk's constants."""
         return Crossing(self.crossing.length_m, self.crossing.width_m)
+
+    def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
+        """Side and path of every timed pedestrian of the case, or of all where none is named."""
+        case = self.pedestrians.timed_case
+        return tuple(
+            (Side(timed.side), _path_of(timed, self))
+            for timed in self.pedestrians.timed
+            if case is None or timed.name == case
+        )
 
 
 class Setting(NamedTuple):
@@ -303,9 +339,12 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
 def _keys_of(path: list[str]) -> list[str]:
     section: type[BaseModel] = Scenario
     for name in path:
-        annotation = section.model_fields[name].annotation
-        assert isinstance(annotation, type)
-        section = annotation
+        if name.isdecimal():  # an entry of [[pedestrians.timed]], the only array of tables
+            section = TimedSection
+        elif name != "timed":
+            annotation = section.model_fields[name].annotation
+            assert isinstance(annotation, type)
+            section = annotation
     return list(section.model_fields)
 
 
@@ -331,6 +370,7 @@ def _check_consistency(scenario: Scenario, source: str) -> None:
             f"{ego.trigger_range_m:g} m is on the crosswalk or too near",
             f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m",
         )
+    _check_pedestrians(scenario, f"{source}: pedestrians")
     milliseconds = experiment.step_s * 1000
     if abs(milliseconds - round(milliseconds)) > 1e-9:
         raise InputError(
@@ -344,4 +384,54 @@ def _check_consistency(scenario: Scenario, source: str) -> None:
             f"{source}: experiment.timeout_s",
             f"{experiment.timeout_s:g} s",
             f"whole steps of experiment.step_s = {experiment.step_s:g} s",
+        )
+
+
+def _path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:
+    return timed_path(
+        Side(timed.side),
+        timed.start_lateral_m,
+        timed.acceleration_distance_m,
+        timed.speed_mps,
+        timed.impact_share,
+        scenario.vehicle(),
+        scenario.crosswalk(),
+    )
+
+
+def _check_pedestrians(scenario: Scenario, where: str) -> None:
+    pedestrians = scenario.pedestrians
+    if pedestrians.pairing == "speed" and pedestrians.behaviour in ("reactive", "sumo"):
+        raise InputError(
+            f"{where}.pairing",
+            f"'speed' with behaviour {pedestrians.behaviour!r}, who has no one speed",
+            "quantile",
+        )
+    names = [timed.name for timed in pedestrians.timed]
+    case = pedestrians.timed_case
+    if case is not None and case not in names:
+        raise unknown_name(f"{where}.timed_case", "case", case, names)
+    for number, timed in enumerate(pedestrians.timed):
+        _check_timed(timed, scenario, f"{where}.timed.{number}")
+
+
+def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
+    """He starts on his footpath or on the road, clear of the car, and not before the trigger."""
+    ego, length_m = scenario.ego, scenario.crossing.length_m
+    to_kerb_m = length_m / 4 if timed.side == "near" else 3 * length_m / 4
+    nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
+    if not nearest < timed.start_lateral_m <= farthest:
+        raise InputError(
+            f"{where}.start_lateral_m",
+            f"{timed.start_lateral_m:g} m",
+            f"above {nearest:g} m, where the car would touch him, up to {farthest:g} m",
+        )
+    start_s = _path_of(timed, scenario)[0].time_s
+    if start_s < 0:
+        # Each metre of trigger range is 1/v0 of time.
+        needed = ego.trigger_range_m - start_s * ego.initial_speed_mps
+        raise InputError(
+            f"{where}.speed_mps",
+            f"he would have to start {-start_s:.3g} s before the trigger",
+            f"ego.trigger_range_m of at least {needed:.4g} m, or a faster walk",
         )

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.encounter import Arm, Arrival, Ending, Side, Trace, Walk
+from harness.encounter import Arm, Arrival, Ending, Leg, Side, Trace, Walk
 from harness.errors import InputError
 from harness.experiment import finish, options_of, recall_models, recall_study
 from harness.measures import Outcome, measure
@@ -120,8 +120,14 @@ def _walks(pedestrians: pa.Table) -> dict[tuple[int, str], list[Walk]]:
     walks: dict[tuple[int, str], list[Walk]] = {}
     for row in pedestrians.to_pylist():
         arrival = Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"])
+        legs = row["legs"]
         walk = Walk(
-            arrival, row["start_s"], row["speed_mps"], row["range_m"], row["vehicle_speed_mps"]
+            arrival,
+            row["start_s"],
+            row["speed_mps"],
+            row["range_m"],
+            row["vehicle_speed_mps"],
+            None if legs is None else tuple(Leg(**leg) for leg in legs),
         )
         walks.setdefault((row["pair"], row["arm"]), []).append(walk)
     return walks

@@ -208,10 +208,14 @@ class ReactiveWalker(Walker):
             return False
         y = self._kerb + self._direction * self._progress
         lane = self._kerb + self._direction * self._to_lane
-        columns = [range_m, y, vehicle_speed_mps, self._direction * speed_mps]
-        ahead, across, driving, walking = (np.array([value]) for value in columns)
-        body = (self._vehicle.length_m, lane - half, lane + half)
-        return bool(np.isfinite(time_to_collision(ahead, across, driving, walking, body))[0])
+        course = time_to_collision(
+            np.array([range_m]),
+            np.array([y]),
+            np.array([-vehicle_speed_mps]),
+            np.array([self._direction * speed_mps]),
+            (self._vehicle.length_m, lane - half, lane + half),
+        )
+        return bool(np.isfinite(course[0]))
 
 
 class NativeWalker(Walker):

@@ -88,7 +88,7 @@ def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
     for leg, end_s in zip(walk.legs, ends, strict=True):
         time_s = leg.time_s + time_over(leg, kerb_m - leg.y_m)
         # The kerb may lie a rounding beyond the leg's end.
-        if time_s <= end_s + 1e-9:
+        if math.isfinite(time_s) and time_s <= end_s + 1e-9:
             return time_s
     return None
 

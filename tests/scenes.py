@@ -4,10 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.encounter import Arrival, Ending, Side, Strategy, Trace, Walk
+from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode import Rules, run_episode
+from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 
 Walker = tuple[float, Side, float]
@@ -30,7 +31,13 @@ def rules_of(scene: Scenario) -> Rules:
         kerb_wait_s=scene.pedestrians.kerb_wait_s,
         step_s=scene.experiment.step_s,
         timeout_s=scene.experiment.timeout_s,
+        behaviour=scene.pedestrians.behaviour,
     )
+
+
+def outcome_of(trace: Trace) -> Outcome:
+    """A trace as the AV's episode of pair 0, measured."""
+    return Outcome(0, Arm.AV, "test", measure([trace])[0], trace)
 
 
 def play(
@@ -45,7 +52,11 @@ def play(
     speeds = [speed for _, _, speed in walkers]
     arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
     return run_episode(
-        engine, strategy, arrivals, lambda who, _r, _v: speeds[who.index], rules_of(scene)
+        engine,
+        strategy,
+        arrivals,
+        lambda who, _range, _speed, _lateral=None: speeds[who.index],
+        rules_of(scene),
     )
 
 

@@ -43,8 +43,11 @@ def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
             walker_x = Motion(
                 float(legs.x_m[leg] + legs.x_mps[leg] * walked), float(legs.x_mps[leg])
             )
+            gain = float(legs.y_mps2[leg])
             walker_y = Motion(
-                float(legs.y_m[leg] + legs.y_mps[leg] * walked), float(legs.y_mps[leg])
+                float(legs.y_m[leg] + legs.y_mps[leg] * walked) + gain * walked**2 / 2,
+                float(legs.y_mps[leg]) + gain * walked,
+                gain,
             )
             touch = first_contact_in_step(ego, walker_x, walker_y, until - since, chunk.body)
             if touch is not None:

@@ -34,7 +34,11 @@ def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
             float(rows.x_m[row]), float(rows.speed_mps[row]), float(rows.acceleration_mps2[row])
         )
         walker_x = Motion(float(rows.walker_x_m[row]), float(rows.walker_x_mps[row]))
-        walker_y = Motion(float(rows.walker_y_m[row]), float(rows.walker_y_mps[row]))
+        walker_y = Motion(
+            float(rows.walker_y_m[row]),
+            float(rows.walker_y_mps[row]),
+            float(rows.walker_y_mps2[row]),
+        )
         duration = float(rows.stop_s[row] - rows.start_s[row])
         within = first_contact_in_step(ego, walker_x, walker_y, duration, body)
         if within is None:
@@ -59,7 +63,8 @@ def _close_rows(rows: Rows, body: tuple[float, float, float]) -> np.ndarray:
     radius = PEDESTRIAN_RADIUS_M
     duration = rows.stop_s - rows.start_s
     x, y = rows.walker_x_m, rows.walker_y_m
-    x_stop, y_stop = x + rows.walker_x_mps * duration, y + rows.walker_y_mps * duration
+    x_stop = x + rows.walker_x_mps * duration
+    y_stop = y + rows.walker_y_mps * duration + rows.walker_y_mps2 * duration**2 / 2
     return np.flatnonzero(
         (rows.x_stop_m >= np.minimum(x, x_stop) - radius)
         & (rows.x_m <= np.maximum(x, x_stop) + length + radius)

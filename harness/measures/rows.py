@@ -1,6 +1,7 @@
 """How pedestrians move, and where they and the ego are at every step.
 
-The one place among the measures that knows a walk: as straight legs at constant velocity.
+The one place among the measures that knows a walk: as straight legs, at constant velocity but for
+an even acceleration across the road.
 """
 
 from collections.abc import Sequence
@@ -8,16 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.encounter import FloatArray, Side, Trace, Walk
+from harness import walking
+from harness.encounter import FloatArray, Leg, Side, Trace, Walk
 from harness.measures.ego import EgoStates, IntArray
 
 
 @dataclass(frozen=True, slots=True)
 class Legs:
-    """Straight stretches of walks at constant velocity, in order of traces, walks and time.
+    """Straight stretches of walks, in order of traces, walks and time.
 
     ``walk`` counts those who stepped off, over all traces.  A leg begins at (``x_m``, ``y_m``)
-    with ``x_mps`` along the road and ``y_mps`` across it.
+    with ``x_mps`` along the road and ``y_mps`` across it, which changes by ``y_mps2``.
     """
 
     trace: IntArray
@@ -28,6 +30,7 @@ class Legs:
     y_m: FloatArray
     x_mps: FloatArray
     y_mps: FloatArray
+    y_mps2: FloatArray
     walks: tuple[Walk, ...]
     """The walk behind each number; ``of_walk`` and ``from_far`` have an entry for each, too."""
     of_walk: IntArray
@@ -56,6 +59,7 @@ class Rows:
     walker_y_m: FloatArray
     walker_x_mps: FloatArray
     walker_y_mps: FloatArray
+    walker_y_mps2: FloatArray
 
     @property
     def ahead_m(self) -> FloatArray:
@@ -81,10 +85,11 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
         for walk in trace.walks
         if walk.start_s is not None
     ]
-    owner = np.array([number for number, _ in walks], dtype=np.int64)
+    if any(walk.legs is not None for _, walk in walks):
+        return _legs_one_by_one(traces, walks)
+    owner, far = _owners_and_sides(walks)
     begin = np.array([walk.start_s for _, walk in walks], dtype=float)
     pace = np.array([walk.speed_mps for _, walk in walks], dtype=float)
-    far = np.array([walk.arrival.side is Side.FAR for _, walk in walks], dtype=bool)
     along = np.zeros(len(walks))  # on the centre line, straight across the road
     return Legs(
         trace=owner,
@@ -95,8 +100,48 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
         y_m=np.where(far, crossing.length_m, 0.0),
         x_mps=along,
         y_mps=np.where(far, -pace, pace),
+        y_mps2=along,
         walks=tuple(walk for _, walk in walks),
         of_walk=owner,
+        from_far=far,
+    )
+
+
+def _owners_and_sides(walks: Sequence[tuple[int, Walk]]) -> tuple[IntArray, np.ndarray]:
+    owner = np.array([number for number, _ in walks], dtype=np.int64)
+    return owner, np.array([walk.arrival.side is Side.FAR for _, walk in walks], dtype=bool)
+
+
+def _legs_one_by_one(traces: Sequence[Trace], walks: Sequence[tuple[int, Walk]]) -> Legs:
+    """The legs where not everyone walks steadily from kerb to kerb."""
+    crossing = traces[0].crossing
+    numbers: list[int] = []
+    ends: list[float] = []
+    found: list[Leg] = []
+    for number, (owner, walk) in enumerate(walks):
+        legs, trace = walking.legs_of(walk, crossing), traces[owner]
+        # Who stands for good is there as long as the trace goes on.
+        trace_end_s = max(legs[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
+        cleared = walking.cleared_s(walk, crossing)
+        numbers += [number] * len(legs)
+        ends += [leg.time_s for leg in legs[1:]]
+        ends.append(trace_end_s if cleared is None else cleared)
+        found += legs
+    owner_of, far = _owners_and_sides(walks)
+    begin, x, y, x_mps, y_mps, y_mps2 = np.array(found).T
+    walk_of = np.array(numbers, dtype=np.int64)
+    return Legs(
+        trace=owner_of[walk_of],
+        walk=walk_of,
+        begin_s=begin,
+        end_s=np.array(ends),
+        x_m=x,
+        y_m=y,
+        x_mps=x_mps,
+        y_mps=y_mps,
+        y_mps2=y_mps2,
+        walks=tuple(walk for _, walk in walks),
+        of_walk=owner_of,
         from_far=far,
     )
 
@@ -109,9 +154,13 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
         across_m: distance from the walker's kerb, one for each walk, shape (walks,).
         length_m: of the crosswalk, kerb to kerb.
     """
-    before_m = np.where(legs.from_far[legs.walk], length_m - legs.y_m, legs.y_m)
+    far = legs.from_far[legs.walk]
+    forward = np.where(far, -1.0, 1.0)
+    ahead_m = across_m[legs.walk] - np.where(far, length_m - legs.y_m, legs.y_m)
+    speed, gain = forward * legs.y_mps, forward * legs.y_mps2
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = legs.begin_s + (across_m[legs.walk] - before_m) / np.abs(legs.y_mps)
+        # 2d/(v + sqrt(v² + 2ad)) is d/v without acceleration, to the last bit.
+        time = legs.begin_s + 2 * ahead_m / (speed + np.sqrt(speed**2 + 2 * gain * ahead_m))
     # The far kerb may lie a rounding beyond the end.
     on_leg = (time >= legs.begin_s) & (time <= legs.end_s + 1e-9)
     first = np.full(len(legs.walks), np.inf)
@@ -147,7 +196,8 @@ def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
         speed_mps=speed + acceleration * elapsed,
         acceleration_mps2=acceleration,
         walker_x_m=legs.x_m[leg] + legs.x_mps[leg] * walked,
-        walker_y_m=legs.y_m[leg] + legs.y_mps[leg] * walked,
+        walker_y_m=legs.y_m[leg] + legs.y_mps[leg] * walked + legs.y_mps2[leg] * walked**2 / 2,
         walker_x_mps=legs.x_mps[leg],
-        walker_y_mps=legs.y_mps[leg],
+        walker_y_mps=legs.y_mps[leg] + legs.y_mps2[leg] * walked,
+        walker_y_mps2=legs.y_mps2[leg],
     )

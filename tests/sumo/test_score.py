@@ -7,8 +7,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness import scoring
+from harness.encounter import Arm
 from harness.errors import InputError
 from harness.experiment import Options, Precision, run_study
+from harness.replay import replay
 from harness.scoring import score
 from harness.study import Study
 from harness.worker import close_engine
@@ -91,3 +93,37 @@ def test_refused(tmp_path: Path) -> None:
     done = shell("score", tmp_path / "run", "--out", tmp_path / "scored")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "--traces" in done.stderr
+
+
+TIMED = [
+    {
+        "name": "CPFA-50",
+        "side": "far",
+        "start_lateral_m": 6.0,
+        "acceleration_distance_m": 1.5,
+        "speed_mps": 2.2,
+        "impact_share": 0.5,
+    }
+]
+
+
+def test_walks_of_every_behaviour_are_scored_and_replayed(tmp_path: Path) -> None:
+    changes = {**FLOW, "experiment.pairs": 4, "pedestrians.flow_per_hour": 900.0}
+    study = sweep(
+        "cctc_flow",
+        {**changes, "pedestrians.timed": TIMED},
+        "pedestrians.behaviour=constant,gap_acceptance,reactive,sumo",
+    )
+    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
+    pedestrians = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
+    walked = [row for row in pedestrians if row["start_s"] is not None]
+    with_legs = {row["cell"] for row in walked if row["legs"] is not None and row["index"] > 0}
+    assert with_legs == {2, 3}
+    assert {row["cell"] for row in walked if row["critical_gap_s"] is not None} == {1}
+    assert all(row["legs"] is not None for row in walked if row["index"] == 0)
+    score(tmp_path / "run", tmp_path / "scored")
+    assert content(tmp_path / "scored") == content(tmp_path / "run")
+    close_engine()
+    for cell in range(4):
+        for again in replay(tmp_path / "run", 3, list(Arm), cell, tmp_path / f"again-{cell}"):
+            assert again.differences == (), (cell, again.arm)

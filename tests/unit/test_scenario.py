@@ -37,6 +37,10 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "near_side_share": 0.5,
         "kerb_wait_s": 2.0,
         "pairing": "quantile",
+        "behaviour": "constant",
+        "gap_acceptance": {"distribution": "lognormal", "mean_s": 4.0, "std_s": 2.5},
+        "timed": (),
+        "timed_case": None,
     },
     "arms": {"av": "soft_yield", "human": "human_gmm"},
     "experiment": {"pairs": 50, "step_s": 0.1, "timeout_s": 60.0},
@@ -89,7 +93,12 @@ def test_every_key_of_the_shipped_scenario_is_there_and_explained() -> None:
         for line in uncommented
     ), uncommented
     tree = tomllib.loads("\n".join(lines))
-    optional = {("model", "path"), ("limits", "mu0"), ("limits", "kappa0")}
+    optional = {
+        ("model", "path"),
+        ("pedestrians", "timed_case"),
+        ("limits", "mu0"),
+        ("limits", "kappa0"),
+    }
     for section, values in Scenario().model_dump().items():
         if section == "strategies":
             continue
@@ -188,6 +197,16 @@ def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
         ("[pedestrians]\nflow_per_hour = -1", ["pedestrians.flow_per_hour", "-1", "0"]),
         ("[pedestrians]\nmax_count = 1.5", ["pedestrians.max_count", "1.5", "integer"]),
         ("[pedestrians]\npairing = 'both'", ["pedestrians.pairing", "'both'", "quantile", "speed"]),
+        ("[pedestrians]\nbehaviour = 'fast'", ["pedestrians.behaviour", "'fast'", "reactive"]),
+        (
+            "[pedestrians]\nbehaviour = 'reactive'\npairing = 'speed'",
+            ["pedestrians.pairing", "'speed' with behaviour 'reactive'", "quantile"],
+        ),
+        (
+            "[pedestrians.gap_acceptance]\nmean = 3.0",
+            ["gap_acceptance.mean", "unknown key", "did you mean 'mean_s'"],
+        ),
+        ("[pedestrians.gap_acceptance]\nmean_s = 0", ["gap_acceptance.mean_s", "greater than 0"]),
         ("[model]\npedestrian_reading = 'x'", ["model.pedestrian_reading", "'x'", "marginal"]),
         ("[experiment]\npairs = 0", ["experiment.pairs", "0", "1"]),
         ("[experiment]\npairs = 10.0", ["experiment.pairs", "10.0", "integer"]),

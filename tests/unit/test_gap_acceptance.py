@@ -1,0 +1,148 @@
+"""Pedestrians who wait for a gap of their own: who they are, and when they go."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.encounter import Arrival, Observation, Side
+from harness.engine.plain import PlainEngine
+from harness.episode import run_episode
+from harness.pairing import PairRunner
+from harness.plan import critical_gap_s, planned_arrivals
+from harness.scenario import GapAcceptanceSection, Scenario, validate
+from harness.strategies.constant_speed import ConstantSpeed
+from tests.scenes import rules_of
+
+
+def scene(**pedestrians: object) -> Scenario:
+    return validate({"pedestrians": {"behaviour": "gap_acceptance", **pedestrians}}, "test")
+
+
+def cross(gap_s: float | None, arrival_s: float, command=lambda _: 0.0, **pedestrians: object):
+    """The walk of one person with that critical gap."""
+    scenario = scene(**pedestrians)
+    arrival = Arrival(0, arrival_s, Side.NEAR, 0.5, gap_s)
+
+    class Driver(ConstantSpeed):
+        def decide(self, observation: Observation, /) -> float:
+            return command(observation)
+
+    engine = PlainEngine(scenario.vehicle(), 0.1)
+    trace = run_episode(engine, Driver(), [arrival], lambda *_: 1.2, rules_of(scenario))
+    return trace.walks[0]
+
+
+@pytest.mark.parametrize(
+    ("gap_s", "arrival_s", "goes"),
+    # At 5 m/s from R = 30 m the near edge (R = 2 m) is 5.6 s − t away.
+    [
+        (3.0, 2.5, True),
+        (3.0, 2.59, True),
+        (3.0, 2.61, False),
+        (5.5, 0.05, True),
+        (5.7, 0.0, False),
+        (0.5, 5.0, True),  # kerb_wait_s, 2 s here, is not his rule
+    ],
+)
+def test_goes_while_the_gap_is_longer_than_his(gap_s: float, arrival_s: float, goes: bool) -> None:
+    walk = cross(gap_s, arrival_s)
+    assert walk.start_s == (arrival_s if goes else None)
+
+
+def test_waits_until_the_ego_yields_him_a_gap() -> None:
+    # From 10 m/s² … at −1 m/s² from t = 1 s: v = 5 − (t − 1), edge at 23 − 5 (t − 1) + (t − 1)²/2.
+    walk = cross(8.0, 0.5, lambda o: -1.0 if o.time_s > 0.95 else 0.0)
+    braking = np.arange(0.0, 4.9, 0.1)
+    gap = (23 - 5 * braking + braking**2 / 2) / (5 - braking)
+    first = 1 + braking[np.argmax(gap > 8.0)]
+    assert 2.0 < first < 5.5
+    assert walk.start_s == pytest.approx(first, abs=1e-9)
+    assert walk.vehicle_speed_mps == pytest.approx(5 - (first - 1))
+
+
+def test_goes_in_front_of_one_that_stands_however_near() -> None:
+    # Braking at 0.5 m/s² it would need 25 m: it stands at R = 5 m, 3 m before the edge, at 10 s.
+    walk = cross(1000.0, 0.0, lambda _: -0.5)
+    assert walk.start_s == pytest.approx(10.0)
+    assert (walk.range_m, walk.vehicle_speed_mps) == pytest.approx((5.0, 0.0), abs=1e-9)
+
+
+def test_never_under_the_body() -> None:
+    # A critical gap of nothing at all; the bumper is over the near edge at 5.6 s.
+    assert cross(0.0, 5.59).start_s == 5.59
+    assert cross(0.0, 5.7).start_s is None
+
+
+# --- who they are --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("mean", "std"), [(4.0, 2.5), (6.2, 0.7)])
+def test_lognormal_gaps(mean: float, std: float) -> None:
+    gaps = GapAcceptanceSection(mean_s=mean, std_s=std)
+    uniform = np.linspace(0.001, 0.999, 21)
+    # scipy's lognormal with these two moments.
+    sigma = math.sqrt(math.log(1 + std**2 / mean**2))
+    reference = stats.lognorm(s=sigma, scale=mean / math.sqrt(1 + std**2 / mean**2))
+    assert reference.mean() == pytest.approx(mean)
+    assert reference.std() == pytest.approx(std)
+    found = [critical_gap_s(u, gaps) for u in uniform]
+    np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
+
+
+def test_default_gaps_lie_where_published_ones_do() -> None:
+    # Brewer et al. (2006): 85th percentiles of accepted gaps at eleven approaches, 5.3 to 9.4 s.
+    assert 5.3 < critical_gap_s(0.85, GapAcceptanceSection()) < 9.4
+
+
+def test_logistic_gaps() -> None:
+    gaps = GapAcceptanceSection(distribution="logistic", mean_s=4.0, std_s=1.5)
+    reference = stats.logistic(loc=4.0, scale=1.5 * math.sqrt(3) / math.pi)
+    uniform = np.array([0.05, 0.3, 0.5, 0.9])
+    found = [critical_gap_s(u, gaps) for u in uniform]
+    np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
+    assert critical_gap_s(1e-6, gaps) == 0.0
+
+
+def test_gaps_without_spread_are_all_the_mean() -> None:
+    for distribution in ("lognormal", "logistic"):
+        gaps = GapAcceptanceSection(distribution=distribution, std_s=0.0)
+        assert critical_gap_s(0.1, gaps) == pytest.approx(4.0)
+
+
+def test_planned_gaps_are_as_distributed_and_change_nothing_else() -> None:
+    waiting = scene(flow_per_hour=900.0)
+    steady = validate({"pedestrians": {"flow_per_hour": 900.0}}, "test")
+    found = []
+    for pair in range(400):
+        plan, other = planned_arrivals(waiting, pair), planned_arrivals(steady, pair)
+        assert [arrival._replace(critical_gap_s=None) for arrival in plan] == list(other)
+        found += [arrival.critical_gap_s for arrival in plan]
+    sigma = math.sqrt(math.log(1 + 2.5**2 / 4.0**2))
+    reference = stats.lognorm(s=sigma, scale=4.0 / math.sqrt(1 + 2.5**2 / 4.0**2))
+    assert len(found) > 5000
+    assert stats.kstest(found, reference.cdf).pvalue > 1e-3
+
+
+def test_both_arms_meet_the_same_people(model) -> None:
+    scenario = scene(flow_per_hour=900.0)
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    outcomes = list(PairRunner(scenario, model, lambda: engine).run(range(15)))
+    differing = waited = 0
+    for av, human in zip(outcomes[::2], outcomes[1::2], strict=True):
+        planned = planned_arrivals(scenario, av.pair)
+        for outcome in (av, human):
+            assert (
+                tuple(w.arrival for w in outcome.trace.walks) == planned[: len(outcome.trace.walks)]
+            )
+            for walk in outcome.trace.walks:
+                gap_s = walk.arrival.critical_gap_s
+                assert gap_s is not None
+                if walk.start_s is not None and walk.range_m is not None:
+                    assert walk.range_m - 2.0 > gap_s * (walk.vehicle_speed_mps or 0.0)
+                    waited += walk.start_s > walk.arrival.arrival_s
+        starts = [[w.start_s for w in o.trace.walks] for o in (av, human)]
+        differing += starts[0] != starts[1]
+    assert differing > 3
+    assert waited > 5

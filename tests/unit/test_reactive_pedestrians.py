@@ -1,0 +1,220 @@
+"""Pedestrians who look again every second: when they look, what they do, what is kept of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arrival, Contact, Ending, Observation, Side, Walk
+from harness.engine.plain import PlainEngine
+from harness.episode import run_episode
+from harness.measures import measure
+from harness.pairing import PairRunner
+from harness.results import pedestrian_rows, trace_rows
+from harness.scenario import Scenario, validate
+from tests.scenes import outcome_of, rules_of
+
+
+def scene(**sections: dict[str, object]) -> Scenario:
+    pedestrians = {"behaviour": "reactive", "kerb_wait_s": 0.0, **sections.pop("pedestrians", {})}
+    return validate({"pedestrians": pedestrians, **sections}, "test")
+
+
+class Driver:
+    """Drives by a function of what it sees, and keeps that."""
+
+    def __init__(self, command=lambda _: 0.0) -> None:
+        self._command = command
+        self.seen: list[Observation] = []
+
+    def decide(self, observation: Observation, /) -> float:
+        self.seen.append(observation)
+        return self._command(observation)
+
+
+class Speeds:
+    """Gives one speed after the other, and keeps what was asked."""
+
+    def __init__(self, *speeds: float) -> None:
+        self._speeds = list(speeds)
+        self.asked: list[tuple[float, ...]] = []
+
+    def __call__(self, _who, range_m, speed_mps, lateral_m=None) -> float:
+        self.asked.append((range_m, speed_mps, lateral_m))
+        return self._speeds[min(len(self.asked), len(self._speeds)) - 1]
+
+
+def play(speeds: Speeds, driver: Driver, arrival_s: float = 0.0, side=Side.NEAR, **sections):
+    scenario = scene(**sections)
+    arrivals = [Arrival(0, arrival_s, side, 0.5)]
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    trace = run_episode(engine, driver, arrivals, speeds, rules_of(scenario))
+    return trace, trace.walks[0]
+
+
+FAR_AWAY = {"ego": {"trigger_range_m": 300.0, "initial_speed_mps": 20.0}}
+"""An ego that needs 15 s to the crosswalk: whoever walks has crossed before it."""
+
+
+def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
+    speeds = Speeds(1.0, 2.0, 0.5, 1.5)
+    trace, walk = play(speeds, Driver(lambda _: -0.6), arrival_s=0.234, **FAR_AWAY)
+    # Steps off at 0.234 s and looks 1, 2, 3 … s later, at the ego as it is at that very moment.
+    # 1 m, 2 m, 0.5 m, then 1.5 m/s: 8 of 9 m at 6.234 s, the last look before 6.9 s.
+    for number, (range_m, speed_mps, lateral_m) in enumerate(speeds.asked):
+        at = 0.234 + number
+        assert range_m == pytest.approx(300 - 20 * at + 0.3 * at**2, abs=1e-9)
+        assert speed_mps == pytest.approx(20 - 0.6 * at, abs=1e-9)
+        walked = [0.0, 1.0, 3.0, 3.5, 5.0, 6.5, 8.0][number]
+        assert lateral_m == (None if number == 0 else pytest.approx(2.25 - walked))
+    assert len(speeds.asked) == 7
+    assert walk.legs is not None
+    assert [leg.time_s for leg in walk.legs] == pytest.approx([0.234, 1.234, 2.234, 3.234])
+    assert [leg.y_m for leg in walk.legs] == pytest.approx([0.0, 1.0, 3.0, 3.5])
+    assert [leg.y_mps for leg in walk.legs] == [1.0, 2.0, 0.5, 1.5]
+    assert (walk.speed_mps, walk.start_s) == (1.0, 0.234)
+    rows = pedestrian_rows(0, [outcome_of(trace)])
+    assert rows["cleared_s"] == [pytest.approx(3.234 + 5.5 / 1.5)]
+
+
+def test_seen_and_kept_at_his_present_speed() -> None:
+    driver = Driver()
+    trace, _ = play(Speeds(1.0, 2.0, 1.5), driver, arrival_s=0.55, side=Side.FAR, **FAR_AWAY)
+    by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
+    # 1 m until 1.55 s, 2 m until 2.55 s, then at 1.5 m/s.
+    for time_s, walked, speed in ((1.5, 0.95, 1.0), (1.6, 1.1, 2.0), (2.6, 3.075, 1.5)):
+        view = by_time[time_s]
+        assert view.remaining_m == pytest.approx(9 - walked)
+        assert view.lateral_m == pytest.approx(6.75 - walked)
+        assert (view.speed_mps, view.on_crossing) == (speed, True)
+    rows = trace_rows(0, [outcome_of(trace)])
+    places = {
+        round(time, 1): y
+        for name, time, y in zip(rows["object"], rows["time_s"], rows["y_m"], strict=True)
+        if name == "pedestrian-0"
+    }
+    assert places[1.5] == pytest.approx(9 - 0.95)
+    assert places[1.6] == pytest.approx(9 - 1.1)
+    # 9 m: 6 m at 1.5 m/s from 2.55 s on.
+    assert max(places) == pytest.approx(6.5)
+
+
+def test_contact_on_a_later_leg_inside_a_step() -> None:
+    # Near side, steps off at 3.56 s at 1 m/s and is at y = 1 m at 4.56 s, when the bumper is
+    # 30 − 22.8 = 7.2 m away.  He hurries: at 2.5 m/s he would have crossed the car's way, y =
+    # 1.1 to 3.4 m with his disc, after 0.96 s, before it is there (7.2/5 = 1.44 s): no stop.
+    # Next look at 5.56 s: bumper at −2.2 m, y = 3.5 m: past the way, nothing happens any more.
+    trace, walk = play(Speeds(1.0, 2.5), Driver(), arrival_s=3.56)
+    (record,) = measure([trace])
+    assert (record.ending, walk.legs is not None and len(walk.legs)) == (Ending.CROSSED, 2)
+    # PET: he leaves the way (y = 3.4 m) at 4.56 + 2.4/2.5 s; the front enters it (0.25 m before
+    # the line) at 5.95 s.
+    assert record.pet_s == pytest.approx(5.95 - 4.56 - 0.96, abs=1e-9)
+    # Slower, 1.3 m/s from y = 1.2 m on at 4.56 s: his disc is already in the car's way, he cannot
+    # stop; at 5.56 s, y = 2.5 m, he slows to 0.5 m/s; the front is there at 5.95 s.
+    trace, walk = play(Speeds(1.2, 1.3, 0.5), Driver(), arrival_s=3.56)
+    (record,) = measure([trace])
+    assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
+    assert record.contact_time_s == pytest.approx(5.95, abs=1e-9)
+    assert walk.legs is not None
+    assert [leg.y_mps for leg in walk.legs] == [1.2, 1.3, 0.5]
+
+
+def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
+    # Far side at 1.5 m/s from 0.5 s on.  At 2.5 s (third look) y = 6 m, bumper 17.5 m away: his
+    # disc is in the way (y = 3.4 to 1.1 m) from 1.73 to 3.27 s later, the car over the line from
+    # 3.45 to 4.55 s later: no contact ahead.  He slows to 1 m/s: in the way from 2.6 to 4.9 s
+    # later: he stops.  So he would be at 3.5 s (car 2.45 to 3.55 s later); at 4.5 s it is over
+    # the line 1.45 to 2.55 s later, before him: he walks on.
+    driver = Driver()
+    trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR)
+    assert walk.legs is not None
+    assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 4.5])
+    assert walk.legs[1] == pytest.approx((2.5, 0.0, 6.0, 0.0, 0.0, 0.0))
+    assert walk.legs[2] == pytest.approx((4.5, 0.0, 6.0, 0.0, -1.0, 0.0))
+    (record,) = measure([trace])
+    standing = [o.pedestrians[0] for o in driver.seen if 2.55 < o.time_s < 4.45]
+    assert {(view.speed_mps, view.on_crossing) for view in standing} == {(0.0, True)}
+    # The car's rear is 0.25 m past the line at 7.05 s, he enters its way at 7.1 s.
+    assert (record.ending, record.pet_s) == (Ending.CROSSED, pytest.approx(0.05, abs=1e-9))
+    assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [None]
+
+
+def test_who_stands_for_good_never_clears() -> None:
+    # As above, but he never walks on.
+    _, walk = play(Speeds(1.5, 1.5, 1.0), Driver(), arrival_s=0.5, side=Side.FAR)
+    assert walk.legs is not None
+    stands = Walk(walk.arrival, walk.start_s, 1.5, 30.0, 5.0, walk.legs[:2])
+    trace, _ = play(Speeds(1.0), Driver(), arrival_s=0.5)
+    (record,) = measure([replace(trace, walks=(stands,))])
+    # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less his radius.
+    assert (record.ending, record.pet_s) == (Ending.CROSSED, None)
+    assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
+
+
+def test_walks_on_in_front_of_one_that_has_stopped() -> None:
+    # The ego stands from 4 s on, 30 − 10 = 20 m away.
+    driver = Driver(lambda o: -1.25 if o.time_s < 3.95 else 0.0)
+    trace, walk = play(
+        Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR, experiment={"timeout_s": 20.0}
+    )
+    assert walk.legs is not None
+    times = [leg.time_s for leg in walk.legs]
+    # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, he is long past.
+    assert times == pytest.approx([0.5, 2.5])
+    assert [leg.y_mps for leg in walk.legs] == [-1.5, -1.0]
+    assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [pytest.approx(8.5)]
+
+
+def test_standing_still_he_looks_again() -> None:
+    # As in the stop above, but the ego brakes from 2.6 s on and stands before the crosswalk.
+    driver = Driver(lambda o: -3.0 if o.time_s > 2.55 else 0.0)
+    _, walk = play(
+        Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR, experiment={"timeout_s": 20.0}
+    )
+    assert walk.legs is not None
+    # At 3.5 s it comes at 2.3 m/s from 13.9 m and would be there after 6 s: he goes on.
+    assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 3.5])
+    assert [leg.y_mps for leg in walk.legs] == [-1.5, 0.0, -1.0]
+
+
+FLOW = {"flow_per_hour": 900.0, "kerb_wait_s": 2.0}
+
+
+def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
+    scenario = scene(pedestrians=FLOW, experiment={"seed": 4})
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    conditional = model.mixture.conditional(2, (0, 1))
+    checked = stopped = 0
+    for outcome in PairRunner(scenario, model, lambda: engine).run(range(12)):
+        trace = outcome.trace
+        for walk in trace.walks:
+            for leg in walk.legs or ():
+                step = int(leg.time_s / 0.1 + 1e-9)
+                if step + 1 >= len(trace.x_m):
+                    continue
+                elapsed = leg.time_s - step * 0.1
+                gain = (trace.speed_mps[step + 1] - trace.speed_mps[step]) / 0.1
+                range_m = -(
+                    trace.x_m[step] + trace.speed_mps[step] * elapsed + gain * elapsed**2 / 2
+                )
+                if range_m <= 0.1:
+                    continue
+                stopped += leg.y_mps == 0
+                if leg.y_mps:
+                    seen = np.array([[1 / range_m, trace.speed_mps[step] + gain * elapsed]])
+                    seen = np.clip(seen, model.mixture.lower[:2], model.mixture.upper[:2])
+                    back = conditional.cdf(np.array([abs(leg.y_mps)]), seen)[0]
+                    assert back == pytest.approx(walk.arrival.quantile, abs=1e-6)
+                    checked += 1
+    assert checked > 100
+    assert stopped > 5
+
+
+def test_the_same_bits_alone_or_among_others(model) -> None:
+    scenario = scene(pedestrians=FLOW)
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    runner = PairRunner(scenario, model, lambda: engine)
+    together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(6))]
+    alone = [(repr(o.trace.walks), repr(o.record)) for pair in (5, 2) for o in runner.run([pair])]
+    assert alone == together[10:12] + together[4:6]

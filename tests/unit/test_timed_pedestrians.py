@@ -1,0 +1,235 @@
+"""Pedestrians whom a car that never brakes would hit at a given share of its width."""
+
+import math
+
+import pytest
+
+from harness.encounter import Arrival, Contact, Ending, Observation, Side, Trace
+from harness.engine.plain import PlainEngine
+from harness.episode import run_episode
+from harness.errors import InputError
+from harness.measures import measure
+from harness.plan import planned_arrivals
+from harness.results import pedestrian_rows, trace_rows
+from harness.scenario import Scenario, validate
+from harness.strategies.constant_speed import ConstantSpeed
+from tests.scenes import outcome_of, rules_of
+
+WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
+
+CASES = {
+    # Euro NCAP: side, from where (m), acceleration distance (m), speed (km/h), share.
+    "CPNA-25": ("near", 4.0, 1.0, 5.0, 0.25),
+    "CPNA-75": ("near", 4.0, 1.0, 5.0, 0.75),
+    "CPFA-50": ("far", 6.0, 1.5, 8.0, 0.50),
+}
+
+
+def timed(case: str, **changes: object) -> dict[str, object]:
+    side, start, accelerating, kmh, share = CASES[case]
+    table = {
+        "name": case,
+        "side": side,
+        "start_lateral_m": start,
+        "acceleration_distance_m": accelerating,
+        "speed_mps": kmh / 3.6,
+        "impact_share": share,
+    }
+    return {**table, **changes}
+
+
+def scene(*walkers: dict[str, object], ego: dict[str, float] | None = None, **more) -> Scenario:
+    tree = {
+        "ego": {"initial_speed_mps": 10.0, "trigger_range_m": 70.0, **(ego or {})},
+        "pedestrians": {"flow_per_hour": 0.0, "timed": list(walkers), **more},
+    }
+    return validate(tree, "my.toml")
+
+
+class Watching(ConstantSpeed):
+    """Never brakes and keeps what it sees."""
+
+    def __init__(self) -> None:
+        self.seen: list[Observation] = []
+
+    def decide(self, observation: Observation, /) -> float:
+        self.seen.append(observation)
+        return 0.0
+
+
+def play(scenario: Scenario, strategy=None) -> Trace:
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    arrivals = planned_arrivals(scenario, 0)
+    return run_episode(
+        engine,
+        strategy or ConstantSpeed(),
+        arrivals,
+        lambda _who, _range, _speed, _lateral=None: 1.3,
+        rules_of(scenario),
+    )
+
+
+@pytest.mark.parametrize("kmh", [20, 25, 30, 35, 40, 45, 50, 55, 60])
+@pytest.mark.parametrize("case", list(CASES))
+def test_hit_at_the_stated_share_of_the_width(case: str, kmh: int) -> None:
+    *_, walking_kmh, share = CASES[case]
+    driver = Watching()
+    trace = play(scene(timed(case), ego={"initial_speed_mps": kmh / 3.6}), driver)
+    (record,) = measure([trace])
+    assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
+    # The front meets the disc's edge when the bumper is a radius before the centre line.
+    contact_s = (70.0 - RADIUS) / (kmh / 3.6)
+    assert record.contact_time_s == pytest.approx(contact_s, abs=1e-9)
+    # From a state seen at full speed he walks on evenly until then.
+    walking = walking_kmh / 3.6
+    last = [o for o in driver.seen if o.time_s <= contact_s][-1]
+    (view,) = last.pedestrians
+    assert view.speed_mps == pytest.approx(walking)
+    lateral = view.lateral_m - walking * (contact_s - last.time_s)
+    # At the edge he reaches first, half a width is left to the centre line; share of the width on.
+    assert lateral == pytest.approx(WIDTH / 2 - share * WIDTH, abs=1e-9)
+
+
+def test_start_and_acceleration_worked_out_by_hand() -> None:
+    # CPNA-25 at 36 km/h from 70 m: contact at 69.75/10 = 6.975 s.  He walks 4 − (0.9 − 0.45) =
+    # 3.55 m at 25/18 m/s: 1 m evenly from rest in 2 · 1/(25/18) = 1.44 s, 2.55 m in 1.836 s.
+    trace = play(scene(timed("CPNA-25")))
+    (walk,) = trace.walks
+    assert walk.start_s == pytest.approx(6.975 - 1.44 - 1.836, abs=1e-12)
+    assert walk.speed_mps == pytest.approx(25 / 18)
+    # He sees the ego at 10 m/s, 70 − 10 · 3.699 m away.
+    assert (walk.range_m, walk.vehicle_speed_mps) == pytest.approx((33.01, 10.0))
+    assert walk.legs is not None
+    first, second = walk.legs
+    # From 4 m right of the lane's centre (y = −1.75), a = v²/2d = (25/18)²/2.
+    assert first == pytest.approx((3.699, 0.0, -1.75, 0.0, 0.0, (25 / 18) ** 2 / 2))
+    assert second == pytest.approx((5.139, 0.0, -0.75, 0.0, 25 / 18, 0.0))
+    # CPFA-50: 6 m at 20/9 m/s: 1.5 m in 1.35 s, 4.5 m in 2.025 s, from y = 8.25 downwards.
+    (walk,) = play(scene(timed("CPFA-50"))).walks
+    assert walk.legs is not None
+    assert walk.legs[0] == pytest.approx((3.6, 0.0, 8.25, 0.0, 0.0, -((20 / 9) ** 2) / 3))
+    assert walk.legs[1] == pytest.approx((4.95, 0.0, 6.75, 0.0, -20 / 9, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("accelerating", "start_s"),
+    [
+        # At once at 2 m/s: 4 − 0.45 m in 1.775 s.
+        (0.0, 6.975 - 1.775),
+        # Still accelerating at the contact: a = 4/20, sqrt(2 · 3.55/0.2) = 5.958 s.
+        (10.0, 6.975 - math.sqrt(35.5)),
+    ],
+)
+def test_other_accelerations_hit_the_same_point(accelerating: float, start_s: float) -> None:
+    walker = timed("CPNA-25", speed_mps=2.0, acceleration_distance_m=accelerating)
+    trace = play(scene(walker))
+    assert trace.walks[0].start_s == pytest.approx(start_s, abs=1e-12)
+    (record,) = measure([trace])
+    assert record.contact_time_s == pytest.approx(6.975, abs=1e-9)
+
+
+def test_what_is_seen_of_him() -> None:
+    driver = Watching()
+    play(scene(timed("CPNA-25")), driver)
+    by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
+    # He stands 4 m from the centre line from the trigger on.
+    assert by_time[0.0] == (0, Side.NEAR, 4.0, 10.75, 0.0, False)
+    assert by_time[3.6] == by_time[0.0]
+    # Half a second after 3.699 s: a = 0.96451, 0.12056 m on, 0.48225 m/s.
+    seen = by_time[4.2]
+    assert seen.lateral_m == pytest.approx(4 - 0.964506 * 0.501**2 / 2, abs=1e-6)
+    assert seen.speed_mps == pytest.approx(0.964506 * 0.501, abs=1e-6)
+    assert not seen.on_crossing
+    # He reaches the kerb 0.75 m after the 1 m, 0.54 s after 5.139 s.
+    assert not by_time[5.6].on_crossing
+    assert by_time[5.7].on_crossing
+    assert by_time[5.7].remaining_m == pytest.approx(9 - 25 / 18 * (5.7 - 5.679), abs=1e-9)
+
+
+def test_on_the_road_he_is_on_the_crossing_when_he_starts() -> None:
+    driver = Watching()
+    play(scene(timed("CPFA-50")), driver)
+    before = [o.pedestrians[0] for o in driver.seen if o.time_s < 3.6 - 1e-9]
+    after = [o.pedestrians[0] for o in driver.seen if o.time_s > 3.6 + 1e-9 and o.pedestrians]
+    # 0.75 m from the far kerb he stands on the road, but has not stepped off.
+    assert {view[2:] for view in before} == {(6.0, 8.25, 0.0, False)}
+    assert all(view.on_crossing for view in after)
+
+
+class StopEarly:
+    """Stops far away and waits until nobody is there any more."""
+
+    def decide(self, observation: Observation, /) -> float:
+        return -3.0 if observation.pedestrians else 1.0
+
+
+def test_he_walks_to_the_other_kerb_and_is_gone() -> None:
+    scenario = scene(timed("CPNA-25"))
+    trace = play(scenario, StopEarly())
+    (record,) = measure([trace])
+    assert record.ending is Ending.CROSSED
+    # From y = −0.75 at 5.139 s to y = 9 at 25/18 m/s: 7.02 s.
+    rows = pedestrian_rows(0, [outcome_of(trace)])
+    assert rows["cleared_s"] == [pytest.approx(12.159)]
+    assert rows["quantile"] == [None]
+    traces = trace_rows(0, [outcome_of(trace)])
+    mine = [i for i, name in enumerate(traces["object"]) if name == "pedestrian-0"]
+    times, places = ([traces[c][i] for i in mine] for c in ("time_s", "y_m"))
+    assert (times[0], times[-1]) == pytest.approx((3.7, 12.1))
+    assert places[0] == pytest.approx(-1.75 + 0.964506 * 0.001**2 / 2, abs=1e-8)
+    assert places[-1] == pytest.approx(9 - 25 / 18 * 0.059, abs=1e-9)
+    speeds = [traces["speed_mps"][i] for i in mine]
+    assert speeds[10] == pytest.approx(0.964506 * 1.001, abs=1e-6)
+    assert speeds[20] == pytest.approx(25 / 18)
+
+
+def test_he_comes_in_every_pair_beside_the_others() -> None:
+    alone = scene(flow_per_hour=900.0)
+    both = scene(timed("CPNA-25"), timed("CPFA-50"), flow_per_hour=900.0)
+    for pair in range(5):
+        others, everyone = planned_arrivals(alone, pair), planned_arrivals(both, pair)
+        one, two, *rest = everyone
+        assert (one.index, one.arrival_s, one.side, one.quantile) == (0, 0.0, Side.NEAR, None)
+        assert (two.index, two.arrival_s, two.side, two.quantile) == (1, 0.0, Side.FAR, None)
+        assert [arrival._replace(index=arrival.index - 2) for arrival in rest] == list(others)
+        assert len(others) > 3
+
+
+def test_the_kerb_rule_does_not_hold_him_back() -> None:
+    # At 2 s the ego is never as near as now: he would wait, were he one of the flow.
+    trace = play(scene(timed("CPNA-25", speed_mps=5.0), kerb_wait_s=100.0))
+    assert trace.walks[0].start_s is not None
+
+
+def test_one_case_of_several() -> None:
+    scenario = scene(timed("CPNA-25"), timed("CPFA-50"), timed_case="CPFA-50")
+    (arrival,) = planned_arrivals(scenario, 0)
+    assert isinstance(arrival, Arrival)
+    assert arrival.side is Side.FAR
+
+
+@pytest.mark.parametrize(
+    ("changes", "parts"),
+    [
+        ({"start_lateral_m": 1.15}, ["timed.0.start_lateral_m", "1.15 m", "touch"]),
+        ({"start_lateral_m": 10.3}, ["timed.0.start_lateral_m", "10.25 m"]),
+        ({"impact_share": 1.1}, ["timed.0.impact_share", "1.1", "less than or equal to 1"]),
+        ({"side": "left"}, ["timed.0.side", "'left'", "near"]),
+        ({"walking_speed": 1}, ["unknown key 'walking_speed'", "speed_mps"]),
+        # 3.55 m at 0.4 m/s, 1 m of it from rest, take 11.375 s; the car is there in 6.975 s.
+        (
+            {"speed_mps": 0.4},
+            ["timed.0.speed_mps", "4.4 s before the trigger", "trigger_range_m", "114 m"],
+        ),
+    ],
+)
+def test_what_is_refused(changes: dict[str, object], parts: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        scene(timed("CPNA-25", **changes))
+    for part in parts:
+        assert part in str(caught.value)
+
+
+def test_an_unknown_case_is_refused() -> None:
+    with pytest.raises(InputError, match=r"timed_case.*did you mean 'CPNA-25'"):
+        scene(timed("CPNA-25"), timed_case="CPNA25")
