@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import sumo
 import traci
 
-from harness.encounter import Arrival, Crossing, Vehicle
+from harness.encounter import Arrival, Crossing, Side, Vehicle
 from harness.engine.control import SumoEngine, start_command, types_file
 from harness.engine.protocol import Engine
 from harness.engine.view import view_settings
@@ -90,6 +90,14 @@ class _Shown:
             traci.gui.screenshot(_VIEW, name, *_PIXELS)
         self._steps += 1
         return self._engine.step(speed_mps, pedestrians)
+
+    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
+        """See ``Engine.let_walk``."""
+        self._engine.let_walk(index, side, speed_mps)
+
+    def place_of(self, index: int) -> tuple[float, float]:
+        """See ``Engine.place_of``."""
+        return self._engine.place_of(index)
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
