@@ -138,7 +138,7 @@ def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterat
     n = len(values)
     batch = max(1, _DRAWS_IN_MEMORY // n)
     for begin in range(0, total, batch):
-        yield values[rng.integers(0, n, size=(min(batch, total - begin), n))]
+        yield values.take(rng.integers(0, n, size=(min(batch, total - begin), n)))
 
 
 def _bca(

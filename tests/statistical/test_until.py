@@ -16,7 +16,7 @@ from benchmarks.coverage import population
 from harness import experiment
 from harness.comparison import Interval, intervals, summary
 from harness.experiment import Options, Precision, confidence_of, looks
-from harness.results import EPISODES
+from harness.results import EPISODES, pair_columns
 from harness.study import Study
 from tests.batches import one_cell
 
@@ -133,8 +133,8 @@ def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def simulated(scenario: str) -> tuple[np.ndarray, np.ndarray]:
     """τ (NaN where undefined) and crashes of pairs of a shipped scenario, on the plain engine."""
-    rows = np.array(population(scenario, range(3_000)), dtype=float)
-    return rows[:, 0], rows[:, 1] > 0
+    pairs = pair_columns(population(scenario, range(3_000)))
+    return pairs.time_s[0] / pairs.time_s[1], pairs.crashed[0]
 
 
 @pytest.mark.slow

@@ -1,0 +1,123 @@
+"""Whether intervals and tests hold what they say: by enumeration where possible, else simulated."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from benchmarks.coverage import drawn, holds, intervals, population
+from harness.comparison import (
+    INDICATIVE_BELOW,
+    INDICATIVE_COMPARED_BELOW,
+    PairColumns,
+    holm,
+    mcnemar,
+    paired_difference,
+    proportion,
+)
+from harness.results import pair_columns
+from harness.scenario import load_scenario
+
+
+def least_coverage(low: np.ndarray, high: np.ndarray, n: int) -> float:
+    """The smallest coverage over shares p of intervals for 0 … n successes, summed exactly."""
+    # Coverage falls to its local minima at the intervals' own ends.
+    ends = np.concatenate([low, high])
+    p = np.concatenate([np.linspace(0.0005, 0.9995, 1_999), ends - 1e-9, ends + 1e-9])
+    p = p[(p > 0) & (p < 1), np.newaxis]
+    inside = (low <= p) & (p <= high)
+    chances = stats.binom.pmf(np.arange(n + 1), n, p)
+    return float((chances * inside).sum(axis=1).min())
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 10, 50, 200])
+def test_clopper_pearson_covers_at_least_95_percent(n: int) -> None:
+    found = [proportion(successes, n) for successes in range(n + 1)]
+    low, high = (np.array([getattr(item, end) for item in found]) for end in ("low", "high"))
+    assert least_coverage(low, high, n) >= 0.95 - 1e-7
+
+
+def test_another_interval_would_be_caught() -> None:
+    # Wilson's covers 95 % on average, but not everywhere.
+    found = [stats.binomtest(k, 50).proportion_ci(0.95, "wilson") for k in range(51)]
+    low, high = (np.array([getattr(item, end) for item in found]) for end in ("low", "high"))
+    assert least_coverage(low, high, 50) < 0.9
+
+
+def test_mcnemar_rejects_at_most_5_percent() -> None:
+    # Equal crash rates: of n discordant pairs each is on either side with chance ½.
+    for discordant in range(1, 80):
+        ran = np.ones(discordant, dtype=bool)
+        counts, order = np.arange(discordant + 1), np.arange(discordant)
+        p = [mcnemar(order < k, order >= k, ran, ran).p for k in counts]
+        chances = stats.binom.pmf(counts, discordant, 0.5)
+        assert chances[np.array(p) < 0.05].sum() <= 0.05
+
+
+def believable(hits: int, trials: int, share: float) -> bool:
+    """Whether so many hits may come from that share (1 in 1,000 on each side)."""
+    low, high = stats.binom.ppf([0.001, 0.999], trials, share)
+    return bool(low <= hits <= high)
+
+
+def test_two_strategies_alike() -> None:
+    """The same in distribution, each with noise of its own: nothing must be found."""
+    rng = np.random.default_rng(11)
+    trials, pairs = 400, 100
+    covered = rejected = 0
+    for _ in range(trials):
+        shared = rng.lognormal(-0.2, 0.4, pairs)
+        first, second = (shared * rng.gamma(50.0, 1 / 50.0, pairs) for _ in range(2))
+        covered += holds(paired_difference(first, second, rng), 0.0)
+        danger = rng.beta(0.5, 4.0, pairs)
+        crashes = (rng.random(pairs) < danger for _ in range(2))
+        ran = np.ones(pairs, dtype=bool)
+        rejected += mcnemar(*crashes, ran, ran).p < 0.05
+    assert believable(covered, trials, 0.95), f"{covered} of {trials}"
+    assert rejected <= stats.binom.ppf(0.999, trials, 0.05), f"{rejected} of {trials}"
+    # A difference of a tenth is found, so that the test can tell.
+    assert not holds(paired_difference(1.1 * first, second, rng), 0.0)
+
+
+def test_family_of_strategies_alike() -> None:
+    """Five strategies of the same crash rate make ten tests: any wrong one in at most 5 %."""
+    rng = np.random.default_rng(12)
+    trials, pairs, wrong, unadjusted = 300, 150, 0, 0
+    ran = np.ones(pairs, dtype=bool)
+    for _ in range(trials):
+        danger = rng.beta(2.0, 4.0, pairs)
+        cells = rng.random((5, pairs)) < danger
+        p = [mcnemar(cells[a], cells[b], ran, ran).p for a in range(5) for b in range(a)]
+        wrong += min(holm(p)) < 0.05
+        unadjusted += min(p) < 0.05
+    assert wrong <= stats.binom.ppf(0.999, trials, 0.05), f"{wrong} of {trials}"
+    assert unadjusted > stats.binom.ppf(0.999, trials, 0.05)
+
+
+@cache
+def simulated(scenario: str) -> tuple[PairColumns, PairColumns]:
+    """Pairs of a shipped scenario on the plain engine, with its AV and with Hard-Yield."""
+    av, other = (pair_columns(population(scenario, range(6_000), s)) for s in (None, "hard_yield"))
+    return av, other
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["cctc", "cctc_flow"])
+def test_intervals_hold_where_they_are_not_called_indicative(scenario: str) -> None:
+    columns = simulated(scenario)
+    timeout_s = load_scenario(scenario).experiment.timeout_s
+    rng = np.random.default_rng(13)
+    truth = {name: found.value for name, found in intervals(*columns, timeout_s, rng)}
+    limits = {**INDICATIVE_BELOW, **INDICATIVE_COMPARED_BELOW}
+    trials = 150
+    for n in sorted(set(limits.values())):
+        hits = dict.fromkeys(truth, 0)
+        for _ in range(trials):
+            chosen = rng.integers(0, 6_000, n)
+            found = intervals(*(drawn(part, chosen) for part in columns), timeout_s, rng)
+            for name, interval in found:
+                hits[name] += holds(interval, truth[name])
+        least = stats.binom.ppf(0.001, trials, 0.935)
+        for name, hit in hits.items():
+            assert hit >= least or limits.get(name, 0) > n, f"N = {n}, {name}: {hit} of {trials}"
