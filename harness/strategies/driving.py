@@ -2,7 +2,7 @@
 
 import math
 
-from harness.encounter import Observation, PedestrianView
+from harness.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
 
 
 def resume(observation: Observation) -> float:
@@ -50,3 +50,23 @@ def clearing_time(pedestrian: PedestrianView) -> float:
     if pedestrian.speed_mps <= 0:
         return math.inf
     return pedestrian.remaining_m / pedestrian.speed_mps
+
+
+def half_path(vehicle: Vehicle) -> float:
+    """Half the width in which the ego touches a walker's disc: w/2 + 0.25 m."""
+    return vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
+
+
+def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
+    """From when to when a pedestrian is in the ego's path if he keeps his velocity, s from now.
+
+    Returns:
+        (enters, leaves): enters is 0 for one who is in it, leaves below 0 for one who is past it;
+        one who stands before it never enters: both infinite.
+    """
+    to_centre, speed = pedestrian.lateral_m, pedestrian.speed_mps
+    if speed > 0:
+        return max(0.0, (to_centre - half_path_m) / speed), (to_centre + half_path_m) / speed
+    if to_centre < -half_path_m:
+        return 0.0, -math.inf
+    return (0.0 if to_centre <= half_path_m else math.inf), math.inf

@@ -6,6 +6,7 @@ from typing import Any
 from harness.encounter import StrategyFactory
 from harness.errors import InputError, nearest_name
 from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.own import installed, load_installed, load_own
@@ -16,6 +17,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "hard_yield": HardYield,
     "constant_speed": ConstantSpeed,
     "human_gmm": HumanDriver,
+    "emergency_brake": EmergencyBrake,
 }
 
 _prepared: set[tuple[StrategyFactory, str]] = set()

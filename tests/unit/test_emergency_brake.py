@@ -1,0 +1,152 @@
+"""The emergency brake: when it brakes, where it stands, when it goes on.
+
+The ego is 1.8 m wide, its lane's centre 2.25 m from the near kerb: with the disc of 0.25 m its path
+is 1.1 to 3.4 m from there.  It is at R = 30 − 5 t until it brakes at 4.5 m/s².
+"""
+
+import numpy as np
+import pytest
+
+from harness.contact import time_to_collision
+from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.errors import InputError
+from harness.measures import measure
+from harness.strategies.driving import half_path
+from harness.strategies.emergency_brake import EmergencyBrake, _time_to_collision
+from tests.scenes import play, scenario
+
+STEP = 0.1
+
+
+def first_braking(trace) -> float | None:
+    braking = np.flatnonzero(np.diff(trace.speed_mps) < -1e-9)
+    return float(braking[0] * STEP) if len(braking) else None
+
+
+def test_brakes_at_the_threshold_stands_and_goes_on() -> None:
+    # 0.5 m/s: in the path from 2.2 to 6.8 s.  TTC (R − 0.25)/5: 1.25 s at t = 4.7 s (R = 6.5 m),
+    # 1.15 s at 4.8 s.
+    trace = play(EmergencyBrake(), [(0.0, Side.NEAR, 0.5)])
+    assert first_braking(trace) == pytest.approx(4.8)
+    np.testing.assert_array_equal(trace.speed_mps[:49], 5.0)
+    losses = -np.diff(trace.speed_mps)[48:] / STEP
+    np.testing.assert_allclose(losses[:11], 4.5, atol=1e-9)
+    # 25/9 m later, in the last step up to b step²/8 more.
+    standing = -trace.x_m[trace.speed_mps == 0]
+    assert standing[0] == pytest.approx(6.0 - 25 / 9, abs=4.5 * STEP**2 / 8)
+    # He leaves the path at 6.8 s; the sum of steps decides whether that step already starts it.
+    moving = np.flatnonzero(trace.speed_mps[62:] > 0)[0] + 62
+    assert moving in (69, 70)
+    np.testing.assert_allclose(np.diff(trace.speed_mps)[moving : moving + 20], STEP, atol=1e-9)
+    assert trace.speed_mps.max() == 5.0
+
+
+@pytest.mark.parametrize(
+    ("side", "speed", "threshold", "at"),
+    [
+        # In the path from 2.2 s on, long before the ego: TTC = (R − 0.25)/5 = 5.95 − t.
+        (Side.NEAR, 0.5, 1.0, 5.0),
+        (Side.NEAR, 0.5, 2.0, 4.0),
+        (Side.NEAR, 0.5, 3.72, 2.3),
+        (Side.NEAR, 0.5, 9.0, 0.0),
+        # In the path only from 5.6 m / 0.93 m/s = 6.0215 s on: TTC = 6.0215 − t.
+        (Side.FAR, 0.93, 1.0, 5.1),
+        (Side.FAR, 0.93, 2.05, 4.0),
+    ],
+)
+def test_the_threshold(side: Side, speed: float, threshold: float, at: float) -> None:
+    trace = play(EmergencyBrake(ttc_threshold_s=threshold), [(0.0, side, speed)])
+    assert first_braking(trace) == pytest.approx(at)
+
+
+@pytest.mark.parametrize(
+    ("side", "speed", "brakes"),
+    [
+        # The ego is over his line from 5.95 s (front, 0.25 m before it) to 7.05 s (rear past it).
+        (Side.NEAR, 3.4 / 5.90, False),  # he has left its path just before
+        (Side.NEAR, 3.4 / 6.00, True),  # he has not
+        (Side.NEAR, 1.1 / 7.00, True),  # he walks into its flank
+        (Side.NEAR, 1.1 / 7.10, False),  # he enters when it has passed
+        (Side.FAR, 7.9 / 5.90, False),
+        (Side.FAR, 7.9 / 6.00, True),
+        (Side.FAR, 5.6 / 7.10, False),
+    ],
+)
+def test_only_for_whom_it_would_hit(side: Side, speed: float, brakes: bool) -> None:
+    trace = play(EmergencyBrake(), [(0.0, side, speed)])
+    hit = measure([play(EmergencyBrake(ttc_threshold_s=1e-9), [(0.0, side, speed)])])[0]
+    assert (first_braking(trace) is not None) is brakes
+    # Without braking the geometry says the same.
+    assert (hit.contact is not None) is brakes
+
+
+def test_never_past_the_walkers_line() -> None:
+    # He would walk into its flank: TTC falls under 1.2 s at R > 0.25 m only for larger thresholds.
+    walker = (0.0, Side.NEAR, 1.1 / 7.0)
+    trace = play(EmergencyBrake(ttc_threshold_s=0.5), [walker])
+    np.testing.assert_array_equal(trace.speed_mps, 5.0)
+
+
+def test_waiting_people_do_not_count() -> None:
+    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    trace = play(EmergencyBrake(), [(3.7, Side.NEAR, 1.0)], scene)
+    np.testing.assert_array_equal(trace.speed_mps, 5.0)
+
+
+def view(lateral: float, speed: float, side: Side = Side.NEAR) -> PedestrianView:
+    return PedestrianView(0, side, lateral, lateral + 6.75, speed, on_crossing=True)
+
+
+def seen(range_m: float, speed: float, *people: PedestrianView) -> Observation:
+    scene = scenario()
+    ego = EgoView(range_m, speed, 0.0)
+    return Observation(0.0, STEP, ego, scene.vehicle(), scene.crosswalk(), people)
+
+
+def test_goes_on_when_he_stops_outside_its_path() -> None:
+    strategy = EmergencyBrake()
+    assert strategy.decide(seen(5.0, 5.0, view(2.0, 1.0))) == -4.5
+    assert strategy.decide(seen(4.5, 4.55, view(1.9, 1.0))) == -4.5
+    # He stands at 1.2 m, outside the 1.15 m of its path: on it goes.
+    assert strategy.decide(seen(3.0, 2.0, view(1.2, 0.0))) == 1.0
+    # He stands in it.
+    assert strategy.decide(seen(1.5, 2.0, view(1.1, 0.0))) == -4.5
+
+
+def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
+    # harness.contact has the exact rounded rectangle, worked out in another way.
+    rng = np.random.default_rng(3)
+    scene = scenario()
+    vehicle, half = scene.vehicle(), half_path(scene.vehicle())
+    courses = flat = 0
+    for _ in range(3000):
+        range_m, speed = rng.uniform(-4.0, 25.0), rng.uniform(0.5, 15.0)
+        lateral, walking = rng.uniform(-2.2, 2.2), rng.uniform(0.3, 3.0)
+        ours = _time_to_collision(
+            seen(range_m, speed, view(lateral, walking)), view(lateral, walking), half
+        )
+        body = (vehicle.length_m, 2.25 - 0.9, 2.25 + 0.9)
+        exact = float(
+            time_to_collision(
+                np.array([range_m]),
+                np.array([2.25 - lateral]),
+                np.array([-speed]),
+                np.array([walking]),
+                body,
+            )[0]
+        )
+        # The full corner is met no later than the rounded one.
+        assert ours <= exact + 1e-9
+        if np.isfinite(exact):
+            courses += 1
+            # Later by the way through the corner's square at most, 0.25 m · √2.
+            assert exact - ours <= 0.25 * np.sqrt(2) / np.hypot(speed, walking) + 1e-9
+            flat += exact - ours < 1e-9
+    assert courses > 500
+    assert flat > 0.7 * courses
+
+
+@pytest.mark.parametrize("threshold", [0.0, -1.0])
+def test_refuses_a_threshold_that_is_none(threshold: float) -> None:
+    with pytest.raises(InputError, match=r"emergency_brake\.ttc_threshold_s.*above 0"):
+        EmergencyBrake(ttc_threshold_s=threshold)
