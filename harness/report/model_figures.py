@@ -17,6 +17,7 @@ from harness.encounter import FloatArray
 from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
 from harness.mixture.boxes import box_probability
+from harness.report.style import BLUE, GRID, MUTED, SERIES, VERMILLION
 
 AXIS_LABELS = (
     "1/R (1/m)",
@@ -26,9 +27,8 @@ AXIS_LABELS = (
 )
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
-# Dark to light in greyscale, and told apart by their dashes.
-STYLES = (("#08306b", "-"), ("#c0392b", "--"), ("#2e8b57", "-."), ("#8a8a8a", ":"))
-_MAIN, _MARK = "#08306b", "#c0392b"
+STYLES = tuple((look.colour, look.dash) for look in SERIES)
+_MAIN, _MARK = BLUE, VERMILLION
 _CELLS = 48
 # Density is drawn by its square root: ridges and the thin surroundings show side by side.
 _GAMMA = 0.5
@@ -67,7 +67,7 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
     """
     ks = sorted(gain)
     axes.plot(ks, [100 * gain[k] for k in ks], "o-", color=_MAIN, ms=4, lw=1.4)
-    axes.axhline(0, color="#b0b0b0", lw=0.8)
+    axes.axhline(0, color=MUTED, lw=0.8)
     axes.axhline(100 * limit, color=_MARK, lw=1.2, ls="--")
     axes.annotate(
         f"{limit:.0%}: the rule",
@@ -90,7 +90,7 @@ def draw_bic_change(axes: Axes, bic: Mapping[int, float]) -> None:
     """
     ks = [k for k in sorted(bic) if k - 1 in bic and bic[k - 1] != 0]
     change = [100 * abs(bic[k] - bic[k - 1]) / abs(bic[k - 1]) for k in ks]
-    axes.plot(ks, change, "o-", color="#6a6a6a", ms=4, lw=1.4)
+    axes.plot(ks, change, "o-", color=MUTED, ms=4, lw=1.4)
     if change and min(change) > 0 and max(change) > 100 * min(change):
         axes.set_yscale("log")
     _over_components(axes, ks, f"Change rate as in the paper ({RAW_REMARK})", "|ΔBIC / BIC| (%)")
@@ -110,7 +110,7 @@ def draw_held_out(
     means = [scores[k][0] for k in ks]
     errors = [scores[k][1] or 0.0 for k in ks]
     axes.errorbar(
-        ks, means, yerr=errors, fmt="o-", color=_MAIN, ms=4, lw=1.4, ecolor="#9a9a9a", capsize=2
+        ks, means, yerr=errors, fmt="o-", color=_MAIN, ms=4, lw=1.4, ecolor=MUTED, capsize=2
     )
     if chosen in scores:
         axes.plot(chosen, scores[chosen][0], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
@@ -308,7 +308,7 @@ def _of_density(
 
 
 def _quiet(axes: Axes) -> None:
-    axes.grid(color="#e6e6e6", lw=0.6)
+    axes.grid(color=GRID, lw=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)

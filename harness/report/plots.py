@@ -14,6 +14,7 @@ from harness.calibration import Sample
 from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
+from harness.report.style import INK
 from harness.report.trajectory_figures import draw_map, draw_passing_event
 from harness.run_folder import write_file
 from harness.trajectories import Clip
@@ -189,4 +190,4 @@ def _figure(down: int, across: int, width: float, height: float) -> tuple[Figure
 
 
 def _caption(figure: Figure, words: str) -> None:
-    figure.supxlabel(words, fontsize=9.5, color="#303030")
+    figure.supxlabel(words, fontsize=9.5, color=INK)

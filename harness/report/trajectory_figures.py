@@ -14,11 +14,12 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 from harness.errors import unknown_name
+from harness.report.style import BLUE, GRID, MUTED, VERMILLION
 from harness.trajectories import Clip, Rules, Track, conflict_point
 
-VEHICLE_COLOUR = "#b2182b"
-PEDESTRIAN_COLOUR = "#2166ac"
-PATH_COLOUR = "#b0b0b0"
+VEHICLE_COLOUR = VERMILLION
+PEDESTRIAN_COLOUR = BLUE
+PATH_COLOUR = MUTED
 # Positions are drawn at this interval: the model's rows stand as far apart, and dots stay apart.
 DRAWN_EVERY_S = 0.2
 LEGEND_DROP_INCH = -0.5
@@ -147,7 +148,7 @@ def _finish(axes: Axes, clips: Sequence[Clip], title: str, counted: str) -> None
     axes.set_ylabel("y (m)")
     axes.set_aspect("equal", adjustable="box")
     _set_limits(axes)
-    axes.grid(color="#e6e6e6", lw=0.6)
+    axes.grid(color=GRID, lw=0.6)
     axes.set_axisbelow(True)
     axes.set_title(title, fontsize=11, loc="left", pad=20)
     axes.annotate(
@@ -157,7 +158,7 @@ def _finish(axes: Axes, clips: Sequence[Clip], title: str, counted: str) -> None
         xytext=(0, 6),
         textcoords="offset points",
         fontsize=9,
-        color="#404040",
+        color=MUTED,
     )
     if any(clip.y_down for clip in clips):
         axes.invert_yaxis()

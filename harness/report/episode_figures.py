@@ -1,0 +1,139 @@
+"""Figures of single episodes: arrivals of pedestrians, speed over distance and over time.
+
+After the paper's figures of arriving times and of the Soft-Yield model.  Each function draws into
+an axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from harness.encounter import Arm, Arrival, Side
+from harness.report.style import AV, BLUE, GRID, HUMAN, MUTED, SERIES, VERMILLION, finish, legend
+
+_ARMS = {Arm.AV: ("AV", AV), Arm.HUMAN: ("human", HUMAN)}
+
+
+def draw_arrivals(
+    axes: Axes, arrivals: Sequence[Arrival], flow_per_hour: float, horizon_s: float = 60.0
+) -> None:
+    """How many pedestrians have arrived by each time, marked by the side they come from.
+
+    Args:
+        axes: drawn into.
+        arrivals: of one pair, by time.
+        flow_per_hour: λ; λt is drawn beside them.
+        horizon_s: end of the time axis; later arrivals are left out.
+    """
+    shown = [arrival for arrival in arrivals if arrival.arrival_s <= horizon_s]
+    times = [arrival.arrival_s for arrival in shown]
+    counts = list(range(1, len(times) + 1))
+    axes.step(
+        [0.0, *times, horizon_s], [0, *counts, len(counts)], where="post", color=MUTED, lw=1.4,
+        label="arrived so far",
+    )  # fmt: skip
+    for side, marker, colour, words in (
+        (Side.NEAR, "^", BLUE, "from the ego's side"),
+        (Side.FAR, "v", VERMILLION, "from the other side"),
+    ):
+        own = [i for i, arrival in enumerate(shown) if arrival.side is side]
+        if own:
+            axes.plot(
+                [times[i] for i in own], [counts[i] for i in own], marker, color=colour, ms=7,
+                label=words,
+            )  # fmt: skip
+    axes.plot(
+        [0, horizon_s], [0, flow_per_hour * horizon_s / 3600], color=MUTED, ls=":", lw=1.2,
+        label="λt expected",
+    )  # fmt: skip
+    axes.set_xlim(0, horizon_s)
+    axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    finish(axes, "time since the trigger (s)", "pedestrians arrived", f"n = {len(shown)}")
+    legend(axes, loc="upper left")
+
+
+def draw_speed_over_distance(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], crossing_width_m: float
+) -> None:
+    """Speed of the ego over the distance of its front bumper to the centre line, both arms.
+
+    Args:
+        axes: drawn into; the ego comes from the left.
+        traces: by label, the ``traces`` rows of both arms of one pair.
+        crossing_width_m: the crosswalk's band is shaded.
+    """
+    half = crossing_width_m / 2
+    axes.axvspan(-half, half, color=GRID, alpha=0.8, lw=0, label="crosswalk", zorder=0)
+    for rows, look, label in _profiles(traces):
+        axes.plot(-rows["x_m"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
+    axes.invert_xaxis()
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    finish(axes, "R, front bumper to centre line (m)", "speed v (m/s)", _counted(traces))
+    legend(axes, loc="best")
+
+
+def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
+    """Speed of the ego over the time since the trigger, both arms.
+
+    Args:
+        axes: drawn into.
+        traces: as for ``draw_speed_over_distance``.
+    """
+    for rows, look, label in _profiles(traces):
+        axes.plot(rows["time_s"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    finish(axes, "time since the trigger (s)", "speed v (m/s)", _counted(traces))
+    legend(axes, loc="best")
+
+
+def _profiles(
+    traces: Mapping[str, pd.DataFrame],
+) -> "list[tuple[pd.DataFrame, tuple[str, str], str]]":
+    """The ego's rows of every pair and arm with colour (pair), dash (arm) and label."""
+    found = []
+    for (label, rows), series in zip(traces.items(), SERIES, strict=False):
+        ego = rows[rows["object"] == "ego"]
+        for arm, (name, look) in _ARMS.items():
+            own = ego[ego["arm"] == arm.value]
+            if len(own):
+                found.append((own, (series.colour, look.dash), f"{label}, {name}"))
+    return found
+
+
+def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
+    episodes = len(_profiles(traces))
+    return f"n = {episodes} episodes of {len(traces)} pair{'s'[: len(traces) != 1]}"
+
+
+def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> "pd.Series[float]":
+    """T_adv = |R/v − L/v_p| of one episode over time: the smallest over the pedestrians.
+
+    Args:
+        rows: the ``traces`` rows of one arm of one pair.
+        lane_centre_m: y of the centre of the ego's lane.
+
+    Returns:
+        Seconds, by ``time_s`` of the ego's rows; NaN where nobody on the crossing has L > 0, or
+        where R ≤ 0, v = 0 or he stands still.
+    """
+    ego = rows[rows["object"] == "ego"].set_index("time_s")
+    walkers = rows[rows["object"] != "ego"].copy()
+    # Where he was first seen on the crossing says which kerb he came from.
+    first = walkers.groupby("object")["y_m"].transform("first")
+    direction = np.where(first < 2 * lane_centre_m, 1.0, -1.0)
+    lateral = ((lane_centre_m - walkers["y_m"]) * direction).to_numpy()
+    state = ego.loc[walkers["time_s"], ["x_m", "speed_mps"]].to_numpy()
+    distance, speed = -state[:, 0], state[:, 1]
+    walking = np.abs(walkers["speed_mps"].to_numpy())
+    ahead = (distance > 0) & (lateral > 0) & (speed > 0) & (walking > 0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        advantage = np.abs(distance / speed - lateral / walking)
+    walkers["advantage"] = np.where(ahead, advantage, np.nan)
+    smallest = walkers.groupby("time_s")["advantage"].min()
+    return smallest.reindex(ego.index)

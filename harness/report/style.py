@@ -1,0 +1,118 @@
+"""The one style of every figure: colours, dashes, markers, hatches, and quiet axes.
+
+Colours are those of Okabe and Ito (2008), told apart by the colour-blind, the two pale ones
+darkened; what a colour says, a dash, marker or hatch says too, so figures survive greyscale.  The
+page swaps the same colours for lighter ones in its dark scheme, so no figure uses any other.
+"""
+
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+INK = "#1b1f24"
+MUTED = "#57606a"
+GRID = "#d8dee4"
+ROAD = "#c4cad1"
+PATH = "#e4e7eb"
+BLUE = "#0072b2"
+VERMILLION = "#d55e00"
+GREEN = "#009e73"
+PURPLE = "#b0578d"
+ORANGE = "#b77f00"
+
+WIDTH_INCH = 5.8
+HEIGHT_INCH = 3.5
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """How one series is drawn."""
+
+    colour: str
+    dash: Any
+    marker: str
+    hatch: str
+
+
+AV = Look(BLUE, "-", "o", "////")
+HUMAN = Look(VERMILLION, "--", "s", "....")
+SERIES = (
+    AV,
+    HUMAN,
+    Look(GREEN, "-.", "^", "\\\\\\\\"),
+    Look(PURPLE, ":", "D", "xxxx"),
+    Look(INK, (0, (7, 2)), "v", "++++"),
+    Look(ORANGE, (0, (5, 1, 1, 1, 1, 1)), "P", "----"),
+)
+"""Looks of lines side by side, in order; more than these cannot be told apart."""
+
+_SETTINGS: dict[Any, Any] = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial", "sans-serif"],
+    "font.size": 10,
+    "axes.titlesize": 11,
+    "axes.labelsize": 10,
+    "legend.fontsize": 9,
+    "xtick.labelsize": 9,
+    "ytick.labelsize": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": MUTED,
+    "xtick.color": MUTED,
+    "ytick.color": MUTED,
+    "xtick.labelcolor": INK,
+    "ytick.labelcolor": INK,
+    "hatch.linewidth": 0.6,
+    # Text stays text: small, selectable, found by search and read aloud.
+    "svg.fonttype": "none",
+    "svg.hashsalt": "crosswalk",
+    "pdf.fonttype": 42,
+}
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Figures made and saved inside have the style's sizes and fonts."""
+    with mpl.rc_context(_SETTINGS):
+        yield
+
+
+def new_figure(
+    down: int = 1, across: int = 1, *, height: float = HEIGHT_INCH, width: float = WIDTH_INCH
+) -> tuple[Figure, list[Axes]]:
+    """A figure without a window, its axes in reading order; make it inside ``styled``."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.subplots(down, across, squeeze=False)
+    return figure, list(axes.ravel())
+
+
+def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
+    """Labels with units, a quiet grid, and what was counted above the right corner."""
+    axes.set_xlabel(across)
+    axes.set_ylabel(up)
+    axes.grid(color=GRID, lw=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    if count is not None:
+        axes.set_title(plain(count), loc="right", fontsize=9, color=MUTED)
+
+
+def legend(axes: Axes, **options: Any) -> None:
+    """A legend without a frame, where there is something to tell apart."""
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(frameon=False, **options)
+
+
+def plain(text: object) -> str:
+    """Text from a file as it may stand in a figure: no control characters, no mathematics."""
+    kept = (
+        c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text)
+    )
+    return "".join(kept).replace("$", r"\$")

@@ -1,0 +1,130 @@
+"""Figures of τ, the AV's pass time over the human's: its running mean, its distribution.
+
+After the paper's figure "Mean value and distribution of τ".  Each function draws into an axes
+that it is given and neither saves nor shows anything.
+"""
+
+import numpy as np
+from matplotlib.axes import Axes
+from scipy import special
+
+from harness.comparison import CONFIDENCE
+from harness.encounter import FloatArray
+from harness.report.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend
+
+_MOST_POINTS = 400
+_MOST_DOTS = 1_000
+_FIRST_BAND = 5
+_MOST_BINS = 40
+
+
+def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
+    """The mean of the first n values of τ over n, its band, and the values themselves.
+
+    The band is Student's t interval of the first n values: mean ± t · s/√n, drawn from n = 5 on.
+
+    Args:
+        axes: drawn into.
+        tau: (n,), in order of the pairs; NaN where undefined, which are left out.
+        reference: the paper's μ, a line of its own; None leaves it out.
+    """
+    tau = tau[~np.isnan(tau)]
+    total = len(tau)
+    if total and total <= _MOST_DOTS:
+        axes.plot(
+            np.arange(1, total + 1),
+            tau,
+            ".",
+            color=MUTED,
+            ms=3.5,
+            alpha=0.6,
+            label="τ of one pair",
+            zorder=1,
+        )
+    ns = np.unique(np.linspace(1, total, min(total, _MOST_POINTS)).astype(int))
+    mean, half = running_mean(tau)
+    axes.plot(ns, mean[ns - 1], color=AV.colour, ls=AV.dash, lw=1.8, label="mean of the first n")
+    banded = ns[ns >= _FIRST_BAND]
+    if len(banded):
+        low, high = (mean + sign * half for sign in (-1, 1))
+        axes.fill_between(
+            banded,
+            low[banded - 1],
+            high[banded - 1],
+            color=AV.colour,
+            alpha=0.18,
+            lw=0,
+            label=f"its {CONFIDENCE:.0%} band",
+        )
+    if reference is not None:
+        axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
+    axes.set_xlim(0, max(total, 1) * 1.01)
+    finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
+    legend(axes, loc="best")
+
+
+def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of the first n values and the half-width of its Student's t interval, for every n.
+
+    Args:
+        tau: (n,), finite.
+
+    Returns:
+        Two arrays (n,); the half-width is NaN for n = 1.
+    """
+    n = np.arange(1, len(tau) + 1)
+    mean = np.cumsum(tau) / n
+    # Shifted first: the sum of squares less the squared sum must not cancel.
+    shifted = tau - (tau[0] if len(tau) else 0.0)
+    squares, sums = np.cumsum(shifted**2), np.cumsum(shifted)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.maximum(squares - sums**2 / n, 0.0) / (n - 1)
+        t = special.stdtrit((n - 1).astype(float), (1 + CONFIDENCE) / 2)
+        half = np.asarray(t * np.sqrt(variance / n), dtype=float)
+    half[:1] = np.nan
+    return mean, half
+
+
+def draw_tau_distribution(
+    axes: Axes,
+    tau: FloatArray,
+    fallback: "np.ndarray | None" = None,
+    mu: tuple[float, float, float] | None = None,
+) -> None:
+    """A histogram of τ, pairs in which the AV fell back hatched on top.
+
+    Args:
+        axes: drawn into.
+        tau: (n,); NaN where undefined, which are left out.
+        fallback: (n,) whether the AV fell back; None draws one kind of bar.
+        mu: mean with its interval, drawn as a line and a band; None leaves them out.
+    """
+    defined = ~np.isnan(tau)
+    fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
+    values, fell = tau[defined], fell[defined]
+    if len(values):
+        edges = np.histogram_bin_edges(values, bins="auto")
+        if not 1 <= len(edges) - 1 <= _MOST_BINS:
+            edges = np.histogram_bin_edges(values, bins=_MOST_BINS)
+        kept, _ = np.histogram(values[~fell], edges)
+        dropped, _ = np.histogram(values[fell], edges)
+        widths = np.diff(edges)
+        label = "without fallback" if fell.any() else None
+        axes.bar(
+            edges[:-1], kept, widths, align="edge", color=AV.colour, alpha=0.55, ec=INK, lw=0.5,
+            label=label,
+        )  # fmt: skip
+        if fell.any():
+            axes.bar(
+                edges[:-1], dropped, widths, bottom=kept, align="edge", fc="none", ec=VERMILLION,
+                lw=0.8, hatch="////", label="the AV fell back",
+            )  # fmt: skip
+    if mu is not None:
+        value, low, high = mu
+        axes.axvspan(
+            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {CONFIDENCE:.0%} interval"
+        )
+        axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
+    axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
+    finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
+    legend(axes, loc="best")
