@@ -78,6 +78,11 @@ class InteractionModel:
         """v_p at a quantile of its marginal, for someone who meets no vehicle."""
         return float(self._walking_marginal.ppf(np.array([quantile]), np.empty((1, 0)))[0])
 
+    def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
+        """Density of the marginal of v_p in s/m, (n,): 0 outside the box."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        return self._walking_marginal.pdf(speeds, np.empty((len(speeds), 0)))
+
     def walking_speed_given_time_advantage(
         self,
         quantile: FloatArray,

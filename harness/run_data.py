@@ -19,6 +19,7 @@ import pyarrow as pa
 from harness.encounter import Ending
 from harness.errors import InputError
 from harness.experiment import confidence_of, options_of, recall_study, summarise_cell
+from harness.interaction import InteractionModel, load_model
 from harness.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results import TABLES, pair_rows, summary_row, table_of
 from harness.run_folder import MANIFEST, count_rows, read_manifest, read_table
@@ -183,15 +184,31 @@ class RunData:
             InputError: the run keeps no traces.
         """
         self._need_traces()
+        return _frame(self.rows_of("traces", cell, pair))
+
+    def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
+        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
         if self.finished:
-            return _frame(read_table(self.path, "traces", cell, pair))
+            return read_table(self.path, name, cell, pair)
         holding = [shard for shard in self.shards if shard.cell == cell and pair in shard.numbers]
-        rows = _frame(self._table("traces", holding))
-        return rows[rows["pair"] == pair].reset_index(drop=True)
+        table = self._table(name, holding)
+        return table.filter(pa.array(table["pair"].to_numpy() == pair))
 
     def failures(self) -> pd.DataFrame:
         """The episodes in which engine or strategy failed, with ``reason``."""
         return self.episodes[self.episodes["ending"] == Ending.ENGINE_FAILED]
+
+    def model_of(self, cell: int) -> InteractionModel:
+        """The interaction model a cell used.
+
+        Raises:
+            InputError: it is no longer there, or has changed since.
+        """
+        section = self.scenario_of(cell).model
+        model = load_model(section.name, section.path)
+        if model.sha256 not in {entry.get("sha256") for entry in self.manifest["models"]}:
+            raise InputError(f"model {model.name}", "has changed since the run", "the same file")
+        return model
 
     @property
     def _confidence(self) -> float:
@@ -213,7 +230,7 @@ class RunData:
     def _read(self, name: str) -> pd.DataFrame:
         return _frame(self._table(name))
 
-    def _table(self, name: str, shards: "list[Shard] | None" = None) -> pa.Table:
+    def _table(self, name: str, shards: Sequence[Shard] | None = None) -> pa.Table:
         if self.finished:
             return read_table(self.path, name)
         parts = []

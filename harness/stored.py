@@ -1,6 +1,6 @@
 """One cell of a stored run: what its episodes were, to hold a repetition against."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,22 +43,37 @@ class StoredCell:
 
     def differences(self, outcome: Outcome) -> Iterator[str]:
         """What of an episode is not exactly as stored, in words."""
-        number = self.cell.number
-        for name, schema, rows, stored in (
-            ("episodes", EPISODES, episode_rows(number, [outcome]), self.episodes),
-            ("pedestrians", PEDESTRIANS, pedestrian_rows(number, [outcome]), self.pedestrians),
-        ):
-            before = _of(stored, outcome.pair, outcome.arm)
-            now = [
-                dict(zip(rows, values, strict=True)) for values in zip(*rows.values(), strict=True)
-            ]
-            if len(before) != len(now):
-                yield f"{name}: {len(now)} rows instead of {len(before)}"
-                continue
-            for old, new in zip(before, now, strict=True):
-                for column in schema.names:
-                    if old[column] != new[column]:
-                        yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
+        episodes, pedestrians = (
+            _of(rows, outcome.pair, outcome.arm) for rows in (self.episodes, self.pedestrians)
+        )
+        return record_differences(outcome, self.cell.number, episodes, pedestrians)
+
+
+def record_differences(
+    outcome: Outcome,
+    cell: int,
+    episodes: Sequence[Mapping[str, Any]],
+    pedestrians: Sequence[Mapping[str, Any]],
+) -> Iterator[str]:
+    """What of an episode run again is not exactly as stored, in words.
+
+    Args:
+        outcome: the episode.
+        cell: its cell.
+        episodes, pedestrians: its stored rows of the two tables.
+    """
+    for name, schema, rows, before in (
+        ("episodes", EPISODES, episode_rows(cell, [outcome]), episodes),
+        ("pedestrians", PEDESTRIANS, pedestrian_rows(cell, [outcome]), pedestrians),
+    ):
+        now = [dict(zip(rows, values, strict=True)) for values in zip(*rows.values(), strict=True)]
+        if len(before) != len(now):
+            yield f"{name}: {len(now)} rows instead of {len(before)}"
+            continue
+        for old, new in zip(before, now, strict=True):
+            for column in schema.names:
+                if old[column] != new[column]:
+                    yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
 
 
 def _of(rows: list[dict[str, Any]], pair: int, arm: Arm) -> list[dict[str, Any]]:

@@ -12,13 +12,27 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from harness.encounter import Arm, Arrival, Side
-from harness.report.style import AV, BLUE, GRID, HUMAN, MUTED, SERIES, VERMILLION, finish, legend
+from harness.report.style import (
+    AV,
+    BLUE,
+    GRID,
+    HUMAN,
+    MUTED,
+    SERIES,
+    VERMILLION,
+    finish,
+    legend_below,
+)
 
 _ARMS = {Arm.AV: ("AV", AV), Arm.HUMAN: ("human", HUMAN)}
 
 
 def draw_arrivals(
-    axes: Axes, arrivals: Sequence[Arrival], flow_per_hour: float, horizon_s: float = 60.0
+    axes: Axes,
+    arrivals: Sequence[Arrival],
+    flow_per_hour: float,
+    most: int | None = None,
+    horizon_s: float = 60.0,
 ) -> None:
     """How many pedestrians have arrived by each time, marked by the side they come from.
 
@@ -26,25 +40,31 @@ def draw_arrivals(
         axes: drawn into.
         arrivals: of one pair, by time.
         flow_per_hour: λ; λt is drawn beside them.
+        most: only so many are simulated; the others are drawn hollow.  None is all.
         horizon_s: end of the time axis; later arrivals are left out.
     """
     shown = [arrival for arrival in arrivals if arrival.arrival_s <= horizon_s]
     times = [arrival.arrival_s for arrival in shown]
-    counts = list(range(1, len(times) + 1))
     axes.step(
-        [0.0, *times, horizon_s], [0, *counts, len(counts)], where="post", color=MUTED, lw=1.4,
-        label="arrived so far",
+        [0.0, *times, horizon_s], [*range(len(times) + 1), len(times)], where="post", color=MUTED,
+        lw=1.4, label="arrived so far",
     )  # fmt: skip
     for side, marker, colour, words in (
         (Side.NEAR, "^", BLUE, "from the ego's side"),
         (Side.FAR, "v", VERMILLION, "from the other side"),
     ):
-        own = [i for i, arrival in enumerate(shown) if arrival.side is side]
-        if own:
-            axes.plot(
-                [times[i] for i in own], [counts[i] for i in own], marker, color=colour, ms=7,
-                label=words,
-            )  # fmt: skip
+        for simulated, fill in ((True, colour), (False, "none")):
+            own = [
+                number
+                for number, arrival in enumerate(shown)
+                if arrival.side is side and (most is None or number < most) is simulated
+            ]
+            if own:
+                label = words if simulated else f"{words}, not simulated"
+                axes.plot(
+                    [times[number] for number in own], [number + 1 for number in own], marker,
+                    mfc=fill, mec=colour, ms=7, label=label, clip_on=False,
+                )  # fmt: skip
     axes.plot(
         [0, horizon_s], [0, flow_per_hour * horizon_s / 3600], color=MUTED, ls=":", lw=1.2,
         label="λt expected",
@@ -53,7 +73,7 @@ def draw_arrivals(
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "time since the trigger (s)", "pedestrians arrived", f"n = {len(shown)}")
-    legend(axes, loc="upper left")
+    legend_below(axes)
 
 
 def draw_speed_over_distance(
@@ -67,14 +87,14 @@ def draw_speed_over_distance(
         crossing_width_m: the crosswalk's band is shaded.
     """
     half = crossing_width_m / 2
-    axes.axvspan(-half, half, color=GRID, alpha=0.8, lw=0, label="crosswalk", zorder=0)
+    axes.axvspan(-half, half, color=GRID, lw=0, label="crosswalk", zorder=0)
     for rows, look, label in _profiles(traces):
         axes.plot(-rows["x_m"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
     axes.invert_xaxis()
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     finish(axes, "R, front bumper to centre line (m)", "speed v (m/s)", _counted(traces))
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
@@ -89,7 +109,7 @@ def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     finish(axes, "time since the trigger (s)", "speed v (m/s)", _counted(traces))
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def _profiles(

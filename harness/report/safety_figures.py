@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from harness.encounter import FloatArray
-from harness.report.style import AV, HUMAN, INK, MUTED, VERMILLION, finish, legend
+from harness.report.style import AV, HUMAN, INK, MUTED, VERMILLION, finish, legend_below
 
 _MOST_STEPS = 400
 _BINS = 24
@@ -32,20 +32,20 @@ def draw_shares(
         up_to: end of the axis.
         threshold: of a conflict, a line of its own.
     """
-    counts = []
+    highest = 0.0
     for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
         defined = np.sort(column[~np.isnan(column)])
-        counts.append(f"{len(defined):,} of {len(column):,}")
-        label = f"{name}, defined in {counts[-1]}"
+        label = f"{name}, defined in {len(defined):,} of {len(column):,}"
         x, share = _steps(defined, len(column), up_to)
+        highest = max(highest, float(share.max()))
         axes.step(x, share, where="post", color=look.colour, ls=look.dash, lw=1.7, label=label)
     if threshold is not None:
         axes.axvline(threshold, color=MUTED, ls=":", lw=1.2, label=f"conflict below {threshold:g}")
     axes.set_xlim(0, up_to)
-    axes.set_ylim(0, 1.02)
+    axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
     total = max((len(column) for column in values.values()), default=0)
     finish(axes, across, "share of episodes at most x", f"n = {total:,} per arm")
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def _steps(defined: FloatArray, total: int, up_to: float) -> tuple[FloatArray, FloatArray]:
@@ -78,7 +78,7 @@ def draw_walking_speeds(
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     finish(axes, "walking speed v_p (m/s)", "probability density (s/m)", f"n = {len(speeds_mps):,}")
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def draw_end_counts(axes: Axes, counts: Mapping[str, Mapping[str, int]]) -> None:
@@ -102,4 +102,4 @@ def draw_end_counts(axes: Axes, counts: Mapping[str, Mapping[str, int]]) -> None
     total = sum(next(iter(counts.values())).values())
     finish(axes, "episodes", "", f"n = {total:,} per arm")
     axes.grid(axis="y", visible=False)
-    legend(axes, loc="lower right")
+    legend_below(axes)

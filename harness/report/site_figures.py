@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from harness.encounter import Crossing, Vehicle
-from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend
+from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend_below
 from harness.site import Site
 
 _MARGIN_M = 3.0
@@ -32,6 +32,8 @@ def draw_site(axes: Axes, network: Path, site: Site, vehicle: Vehicle, crossing:
     net = sumolib.net.readNet(str(network), withInternal=True)
     for edge in net.getEdges(withInternal=True):
         _draw_edge(axes, edge)
+    for label, colour in (("road", ROAD), ("footpath and waiting area", PATH)):
+        axes.add_patch(Polygon([(0, 0)], fc=colour, ec=MUTED, lw=0.4, label=label))
     half, length = crossing.width_m / 2, crossing.length_m
     stripes = int(length / (2 * _STRIPE_M))
     for index in range(stripes):
@@ -44,7 +46,7 @@ def draw_site(axes: Axes, network: Path, site: Site, vehicle: Vehicle, crossing:
     _view(axes, site, vehicle, crossing)
     finish(axes, "east (m)", "north (m)")
     axes.set_aspect("equal", adjustable="box")
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def _draw_edge(axes: Axes, edge: "sumolib.net.edge.Edge") -> None:

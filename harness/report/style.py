@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 
 INK = "#1b1f24"
 MUTED = "#57606a"
@@ -27,7 +28,8 @@ PURPLE = "#b0578d"
 ORANGE = "#b77f00"
 
 WIDTH_INCH = 5.8
-HEIGHT_INCH = 3.5
+HEIGHT_INCH = 3.7
+_LEGEND_DROP_INCH = -0.46
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,10 +106,18 @@ def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
         axes.set_title(plain(count), loc="right", fontsize=9, color=MUTED)
 
 
-def legend(axes: Axes, **options: Any) -> None:
-    """A legend without a frame, where there is something to tell apart."""
+def legend_below(axes: Axes, columns: int = 2) -> None:
+    """A legend under the axes, where it covers nothing."""
     if axes.get_legend_handles_labels()[1]:
-        axes.legend(frameon=False, **options)
+        drop = ScaledTranslation(0, _LEGEND_DROP_INCH, axes.figure.dpi_scale_trans)
+        axes.legend(
+            frameon=False,
+            loc="upper center",
+            bbox_to_anchor=(0.5, 0.0),
+            bbox_transform=axes.transAxes + drop,
+            ncols=columns,
+            columnspacing=1.6,
+        )
 
 
 def plain(text: object) -> str:

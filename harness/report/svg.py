@@ -24,6 +24,7 @@ VARIABLES = {
     style.GREEN: "--green",
     style.PURPLE: "--purple",
     style.ORANGE: "--orange",
+    "#ffffff": "--card",
 }
 """The page's variable of each colour that a figure may use."""
 
@@ -79,14 +80,12 @@ def _rewrite(element: ET.Element, prefix: str) -> None:
             element.attrib[name] = value.replace("#", f"#{prefix}-")
         elif name in ("style", "fill", "stroke"):
             element.attrib[name] = _COLOUR.sub(_variable, value)
-        elif name in ("d", "transform", "x", "y"):
+        elif name in ("d", "x", "y"):
             element.attrib[name] = _NUMBER.sub(lambda match: f"{float(match[0]):.2f}", value)
         if "url(#" in element.attrib[name]:
             element.attrib[name] = element.attrib[name].replace("url(#", f"url(#{prefix}-")
 
 
 def _variable(match: re.Match[str]) -> str:
-    """A colour of the style as the page's variable; white, the ground, stays what the page has."""
-    if match[0] == "#ffffff":
-        return "var(--card)"
-    return f"var({VARIABLES[match[0]]})"
+    """A colour of the style as the page's variable; any other stays as it is."""
+    return f"var({VARIABLES[match[0]]})" if match[0] in VARIABLES else match[0]

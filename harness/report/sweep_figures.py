@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from harness.encounter import FloatArray
-from harness.report.style import AV, GREEN, MUTED, SERIES, VERMILLION, finish, legend, plain
+from harness.report.style import AV, GREEN, MUTED, SERIES, VERMILLION, finish, legend_below, plain
 
 _WIDE = 12.0
 """Values that differ by more than this factor get a logarithmic axis."""
@@ -66,7 +66,7 @@ def draw_over(
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     finish(axes, plain(across), up, count)
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def _shifted(x: FloatArray, away: float, ticks: FloatArray, wide: bool) -> FloatArray:
@@ -116,7 +116,7 @@ def draw_aggressiveness(
         axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in x]))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
     finish(axes, plain(across), up, count)
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def _stretches(x: FloatArray, allowed: Sequence[float]) -> list[tuple[float, float]]:

@@ -4,18 +4,24 @@ After the paper's figure "Mean value and distribution of τ".  Each function dra
 that it is given and neither saves nor shows anything.
 """
 
+import math
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 from scipy import special
 
 from harness.comparison import CONFIDENCE
 from harness.encounter import FloatArray
-from harness.report.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend
+from harness.report.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend_below
+
+PERCENT = f"{100 * CONFIDENCE:g} %"
 
 _MOST_POINTS = 400
 _MOST_DOTS = 1_000
 _FIRST_BAND = 5
-_MOST_BINS = 40
+_BINS = (20, 40)
+"""At least and at most."""
 
 
 def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
@@ -54,13 +60,13 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
             color=AV.colour,
             alpha=0.18,
             lw=0,
-            label=f"its {CONFIDENCE:.0%} band",
+            label=f"its {PERCENT} band",
         )
     if reference is not None:
         axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
     axes.set_xlim(0, max(total, 1) * 1.01)
     finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
-    legend(axes, loc="best")
+    legend_below(axes)
 
 
 def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -103,9 +109,9 @@ def draw_tau_distribution(
     fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
     values, fell = tau[defined], fell[defined]
     if len(values):
-        edges = np.histogram_bin_edges(values, bins="auto")
-        if not 1 <= len(edges) - 1 <= _MOST_BINS:
-            edges = np.histogram_bin_edges(values, bins=_MOST_BINS)
+        few, many = _BINS
+        bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
+        edges = np.histogram_bin_edges(values, bins=bins)
         kept, _ = np.histogram(values[~fell], edges)
         dropped, _ = np.histogram(values[fell], edges)
         widths = np.diff(edges)
@@ -115,16 +121,16 @@ def draw_tau_distribution(
             label=label,
         )  # fmt: skip
         if fell.any():
+            seen = dropped > 0
             axes.bar(
-                edges[:-1], dropped, widths, bottom=kept, align="edge", fc="none", ec=VERMILLION,
-                lw=0.8, hatch="////", label="the AV fell back",
+                edges[:-1][seen], dropped[seen], widths[seen], bottom=kept[seen], align="edge",
+                fc="none", ec=VERMILLION, lw=0.8, hatch="////", label="the AV fell back",
             )  # fmt: skip
     if mu is not None:
         value, low, high = mu
-        axes.axvspan(
-            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {CONFIDENCE:.0%} interval"
-        )
         axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
+        axes.axvspan(low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {PERCENT} interval")
     axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
-    legend(axes, loc="best")
+    legend_below(axes)

@@ -1,0 +1,372 @@
+"""Figures by their data: lines, counts, limits.  Not their pixels."""
+
+import re
+import xml.etree.ElementTree as ET
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from scipy import stats
+
+import harness
+from harness.encounter import Arrival, Side
+from harness.place import network_of
+from harness.report import (
+    episode_figures,
+    safety_figures,
+    site_figures,
+    style,
+    svg,
+    sweep_figures,
+    tau_figures,
+)
+from harness.report.catalogue import Picture, pictures_of
+from harness.report.episode_traces import choose_pairs, shown_pairs
+from harness.run_data import RunData
+from harness.site import read_site
+
+
+@pytest.fixture
+def axes() -> Axes:
+    return Figure().subplots()
+
+
+def labels(axes: Axes) -> list[str]:
+    return axes.get_legend_handles_labels()[1]
+
+
+def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
+    (found,) = (line for line in axes.lines if line.get_label() == label)
+    return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
+
+
+# --- τ --------------------------------------------------------------------------------------------
+
+TAU = np.array([0.7, np.nan, 0.9, 0.65, 1.4, 0.72, 0.8])
+
+
+def test_running_mean_is_the_mean_of_the_first_n() -> None:
+    values = TAU[~np.isnan(TAU)]
+    mean, half = tau_figures.running_mean(values)
+    assert mean == pytest.approx([values[:n].mean() for n in range(1, 7)])
+    assert np.isnan(half[0])
+    for n in range(2, 7):
+        low, high = stats.t.interval(
+            0.95, n - 1, loc=values[:n].mean(), scale=stats.sem(values[:n])
+        )
+        assert (mean[n - 1] - half[n - 1], mean[n - 1] + half[n - 1]) == pytest.approx((low, high))
+
+
+def test_running_mean_figure(axes: Axes) -> None:
+    tau_figures.draw_running_mean(axes, TAU, reference=0.7044)
+    x, y = line(axes, "mean of the first n")
+    assert (x[0], x[-1], len(x)) == (1, 6, 6)
+    assert y[-1] == pytest.approx(np.nanmean(TAU))
+    assert list(line(axes, "paper: 0.7044")[1]) == [0.7044, 0.7044]
+    assert axes.get_title(loc="right") == "n = 6"
+    assert "τ" in axes.get_ylabel()
+
+
+def test_running_mean_of_many_is_thinned_to_its_ends(axes: Axes) -> None:
+    tau = np.random.default_rng(1).normal(0.8, 0.1, 20_000)
+    tau_figures.draw_running_mean(axes, tau)
+    x, y = line(axes, "mean of the first n")
+    assert (x[0], x[-1]) == (1, 20_000)
+    assert len(x) <= 400
+    assert y[-1] == pytest.approx(tau.mean())
+    assert len(axes.lines) == 1  # no dot for each of so many pairs
+
+
+def test_running_mean_of_nothing(axes: Axes) -> None:
+    tau_figures.draw_running_mean(axes, np.array([np.nan]))
+    assert axes.get_title(loc="right") == "n = 0"
+
+
+def test_distribution_counts_every_pair_once(axes: Axes) -> None:
+    fallback = np.array([False, False, False, False, True, True, False])
+    tau_figures.draw_tau_distribution(axes, TAU, fallback, (0.86, 0.7, 1.1))
+    heights: dict[str, float] = {
+        str(bars.get_label()): sum(bar.get_height() for bar in bars) for bars in axes.containers
+    }
+    assert heights == {"without fallback": 4, "the AV fell back": 2}
+    assert set(line(axes, "μ = 0.8600")[0]) == {0.86}
+    assert "its 95 % interval" in labels(axes)
+
+
+@pytest.mark.parametrize(
+    "tau", [np.ones(30), np.array([1.0]), np.array([]), np.append(np.ones(5_000), 1e6)]
+)
+def test_distribution_of_strange_values(axes: Axes, tau: np.ndarray) -> None:
+    """One value, none, no spread, one far away: bins stay few."""
+    tau_figures.draw_tau_distribution(axes, tau)
+    bars = [bar for bars in axes.containers for bar in bars]
+    assert sum(bar.get_height() for bar in bars) == len(tau)
+    assert len(bars) <= 40
+
+
+# --- episodes ------------------------------------------------------------------------------------
+
+
+def test_arrivals_by_side_and_beyond_the_limit(axes: Axes) -> None:
+    planned = [
+        Arrival(0, 0.0, Side.FAR, 0.5),
+        Arrival(1, 20.0, Side.NEAR, 0.5),
+        Arrival(2, 50.0, Side.NEAR, 0.5),
+        Arrival(3, 61.0, Side.NEAR, 0.5),
+    ]
+    episode_figures.draw_arrivals(axes, planned, 250.0, most=1)
+    assert [list(of) for of in line(axes, "from the other side")] == [[0.0], [1]]
+    hollow = line(axes, "from the ego's side, not simulated")
+    assert [list(of) for of in hollow] == [[20.0, 50.0], [2, 3]]
+    assert list(line(axes, "λt expected")[1]) == pytest.approx([0, 250 / 60])
+    assert axes.get_xlim() == (0, 60)
+    assert axes.get_title(loc="right") == "n = 3"
+
+
+def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
+    run = harness.load_run(single)
+    rows = run.traces_of(0, 4)
+    human = rows[(rows["arm"] == "human") & (rows["object"] == "ego")]
+    episode_figures.draw_speed_over_distance(axes, {"pair 4": rows}, 4.0)
+    x, y = line(axes, "pair 4, human")
+    assert list(x) == list(-human["x_m"])
+    assert list(y) == list(human["speed_mps"])
+    assert axes.xaxis_inverted()
+    other = Figure().subplots()
+    episode_figures.draw_speed_over_time(other, {"pair 4": rows})
+    x, y = line(other, "pair 4, AV")
+    assert x[0] == 0
+    assert y[0] == 5.0
+    assert other.get_title(loc="right") == "n = 2 episodes of 1 pair"
+
+
+def made_up_trace() -> pd.DataFrame:
+    """The ego at 20, 15 and 10 m at 5 m/s; one from near at 1 m/s, one from far at 2 m/s."""
+    rows = [("ego", t, -20.0 + 5 * t, 2.25, 5.0) for t in (0.0, 1.0, 2.0)]
+    rows += [("pedestrian-0", t, 0.0, 0.5 + t, 1.0) for t in (0.0, 1.0, 2.0)]
+    rows += [("pedestrian-1", t, 0.0, 9.0 - 2 * (t - 1), 2.0) for t in (1.0, 2.0)]
+    return pd.DataFrame(rows, columns=["object", "time_s", "x_m", "y_m", "speed_mps"])
+
+
+def test_time_advantage_by_hand() -> None:
+    """|R/v − L/v_p|, the smaller of both: |4 − 1.75|; |3 − 0.75| or |3 − 3.375|; |2 − 2.375|.
+
+    At t = 2 the one from near is at 2.5 m, past the lane's centre at 2.25 m.
+    """
+    found = episode_figures.time_advantage(made_up_trace(), 2.25)
+    assert found.tolist() == pytest.approx([2.25, 0.375, 0.375])
+    assert list(found.index) == [0.0, 1.0, 2.0]
+
+
+def test_time_advantage_past_the_line_or_standing_is_undefined() -> None:
+    rows = made_up_trace()
+    rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 1.0), "x_m"] = 1.0
+    rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 2.0), "speed_mps"] = 0.0
+    found = episode_figures.time_advantage(rows, 2.25)
+    assert found[0.0] == pytest.approx(2.25)
+    assert found[[1.0, 2.0]].isna().all()
+
+
+def test_time_advantage_of_a_run_never_undercuts_its_record(single: str) -> None:
+    """The record looks at the moment of stepping off too, the trace at whole steps alone."""
+    run = harness.load_run(single)
+    records = run.episodes.set_index(["pair", "arm"])["min_time_advantage_s"]
+    equal = 0
+    for (pair, arm), rows in run.traces.groupby(["pair", "arm"]):
+        smallest = episode_figures.time_advantage(rows, 2.25).min()
+        assert smallest >= records[(pair, arm)] - 1e-9
+        equal += smallest == pytest.approx(records[(pair, arm)], abs=1e-9)
+    assert equal >= 20
+
+
+# --- safety --------------------------------------------------------------------------------------
+
+
+def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
+    values = {
+        "AV": np.array([1.0, 2.0, np.nan, 4.0]),
+        "human": np.array([np.nan, np.nan, 30.0, 3.0]),
+    }
+    safety_figures.draw_shares(axes, values, "TTC (s)", 10.0, threshold=1.5)
+    x, y = line(axes, "AV, defined in 3 of 4")
+    assert list(x) == [0, 1, 2, 4, 10]
+    assert list(y) == [0, 0.25, 0.5, 0.75, 0.75]
+    assert list(line(axes, "human, defined in 2 of 4")[1]) == [0, 0.25, 0.25]
+    assert list(line(axes, "conflict below 1.5")[0]) == [1.5, 1.5]
+    assert axes.get_title(loc="right") == "n = 4 per arm"
+
+
+def test_shares_where_nothing_is_defined(axes: Axes) -> None:
+    safety_figures.draw_shares(axes, {"AV": np.array([np.nan])}, "TTC (s)", 10.0)
+    assert list(line(axes, "AV, defined in 0 of 1")[1]) == [0, 0]
+
+
+def test_walking_speeds_are_a_density(axes: Axes) -> None:
+    speeds = np.random.default_rng(1).normal(1.4, 0.2, 500)
+    grid = np.linspace(0.3, 3.0, 50)
+    safety_figures.draw_walking_speeds(axes, speeds, grid, stats.norm(1.4, 0.2).pdf(grid))
+    area = sum(bar.get_height() * bar.get_width() for bar in axes.patches)
+    assert area == pytest.approx(1)
+    assert axes.get_title(loc="right") == "n = 500"
+
+
+# --- sweeps --------------------------------------------------------------------------------------
+
+SUMMARY = {
+    "mu": [1.0, 0.9, 1.2, np.nan],
+    "mu_ci_low": [0.9, 0.8, 1.0, np.nan],
+    "mu_ci_high": [1.2, 1.0, 1.5, np.nan],
+}
+
+
+def test_lines_of_a_sweep() -> None:
+    first, second = sweep_figures.lines_of(
+        SUMMARY, [1000, 50, 50, 1000], ["a", "a", "b", "b"], "mu"
+    )
+    assert (first.label, list(first.x), list(first.value)) == ("a", [50, 1000], [0.9, 1.0])
+    assert (second.label, float(second.low[0])) == ("b", 1.0)
+
+
+def test_sweep_has_a_line_with_bars_for_each_strategy(axes: Axes) -> None:
+    lines = sweep_figures.lines_of(SUMMARY, [50, 1000, 50, 1000], ["a", "a", "b", "b"], "mu")
+    sweep_figures.draw_over(axes, lines, "λ (per hour)", "μ", "n = 40 pairs per point", (1.0, "as"))
+    assert labels(axes) == ["as", "a", "b"]
+    assert axes.get_xscale() == "log"
+    bars = list(axes.containers)
+    for bar, expected in zip(bars, lines, strict=True):
+        data, _, (reach,) = bar  # type: ignore[misc]
+        assert np.asarray(data.get_ydata()) == pytest.approx(expected.value, nan_ok=True)
+        # Moved aside by under 2 % of the axis.
+        moved = np.log(np.asarray(data.get_xdata()) / expected.x) / np.log(20)
+        assert np.abs(moved).max() < 0.02
+        ends = np.asarray(reach.get_segments()[0])[:, 1]
+        assert ends == pytest.approx([expected.low[0], expected.high[0]])
+    looks = {(to_hex(bar[0].get_color()), bar[0].get_marker()) for bar in bars}  # type: ignore[index]
+    assert len(looks) == 2
+
+
+def test_aggressiveness_marks_limits_and_what_is_allowed(axes: Axes) -> None:
+    (curve,) = sweep_figures.lines_of(
+        {
+            "mu": [1.1, 0.95, 0.9, 0.85],
+            "mu_ci_low": [1.0, 0.9, 0.85, 0.8],
+            "mu_ci_high": [1.2, 0.99, 0.95, 0.9],
+        },
+        [0.0, 1.0, 2.0, 3.0],
+        ["soft_yield"] * 4,
+        "mu",
+    )
+    sweep_figures.draw_aggressiveness(
+        axes, curve, "aggressiveness", "μ", "n = 40", (1.0, "μ0"), allowed=[1.0, 2.0]
+    )
+    assert list(line(axes, "soft_yield")[1]) == [1.1, 0.95, 0.9, 0.85]
+    assert list(line(axes, "μ0 = 1")[1]) == [1.0, 1.0]
+    (allowed,) = (patch for patch in axes.patches if patch.get_label() == "allowed")
+    assert (allowed.get_x(), allowed.get_x() + allowed.get_width()) == (1.0, 2.0)  # type: ignore[attr-defined]
+
+
+def test_allowed_values_apart_are_shaded_apart() -> None:
+    found = sweep_figures._stretches(np.array([0.0, 1.0, 2.0, 3.0, 4.0]), [0.0, 1.0, 3.0])
+    assert found[0] == (0.0, 1.0)
+    low, high = found[1]
+    assert low < 3.0 < high < 3.2
+    assert sweep_figures._stretches(np.array([0.0, 1.0]), []) == []
+
+
+# --- site ----------------------------------------------------------------------------------------
+
+
+def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
+    scenario = harness.load_run(single).scenario
+    network = network_of(scenario)
+    site = read_site(network)
+    site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
+    shapes = [patch for patch in axes.patches if hasattr(patch, "get_xy")]
+    # 6 lanes, 2 inside the junction, 2 walking areas, 9 stripes, the ego, 2 legend entries.
+    assert len(shapes) == 6 + 2 + 2 + 9 + 1 + 2
+    (ego,) = (patch for patch in shapes if patch.get_label() == "ego at the trigger, R = 30 m")
+    corners = [site.to_road(*corner) for corner in ego.get_xy()]  # type: ignore[attr-defined]
+    assert min(x for x, _ in corners) == pytest.approx(-35)
+    assert max(x for x, _ in corners) == pytest.approx(-30)
+    assert {round(y, 6) for _, y in corners} == {2.25 - 0.9, 2.25 + 0.9}
+
+
+# --- all of a run --------------------------------------------------------------------------------
+
+
+def pictures(run: RunData) -> list[Picture]:
+    with style.styled():
+        return list(pictures_of(run, run.model_of(0), shown_pairs(run, choose_pairs(run))))
+
+
+@pytest.fixture(scope="module")
+def of_single(single: str) -> list[Picture]:
+    return pictures(harness.load_run(single))
+
+
+@pytest.fixture(scope="module")
+def of_sweep(swept: str) -> list[Picture]:
+    return pictures(harness.load_run(swept))
+
+
+def test_a_run_of_one_cell_has_the_papers_figures_first(of_single: list[Picture]) -> None:
+    assert [picture.name for picture in of_single] == [
+        "tau-mean",
+        "tau-distribution",
+        "arrivals",
+        "speed-distance",
+        "speed-time",
+        "site",
+        "safety",
+        "walking-speeds",
+        "model",
+    ]
+
+
+def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None:
+    names = [picture.name for picture in of_sweep]
+    assert names[:3] == ["sweep-mu", "sweep-kappa", "sweep-delay"]
+    (axes,) = of_sweep[0].figure.axes
+    assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
+
+
+def test_every_caption_counts_and_every_axis_has_a_unit(
+    of_single: list[Picture], of_sweep: list[Picture]
+) -> None:
+    for picture in [*of_single, *of_sweep]:
+        assert re.search(r"n = \d", picture.caption), picture.name
+        for axes in picture.figure.axes:
+            assert axes.get_xlabel(), picture.name
+            assert axes.get_ylabel(), picture.name
+
+
+def test_svg_uses_the_pages_colours_and_unique_identifiers(
+    of_single: list[Picture], of_sweep: list[Picture]
+) -> None:
+    seen: set[str] = set()
+    for number, picture in enumerate([*of_single, of_sweep[0]]):
+        text = svg.inline_svg(picture.figure, f"f{number}", "<title>", "a & b")
+        root = ET.fromstring(text)
+        assert not re.findall(r"#[0-9a-f]{6}\b", text), picture.name
+        assert "<title>" not in text.replace('<title id="', "")
+        own = [element.attrib["id"] for element in root.iter() if "id" in element.attrib]
+        assert len(own) == len(set(own))
+        assert not seen & set(own)
+        seen |= set(own)
+        for reference in re.findall(r'(?:href="|url\()#([^")]+)', text):
+            assert reference in own
+        assert len(text) < 80_000, picture.name
+
+
+def test_names_from_files_are_text_in_figures(axes: Axes) -> None:
+    name = "$\\frac{1}$ <b>\x1b[31m\x00"
+    line_ = sweep_figures.Line(name, *(np.array([1.0, 2.0]) for _ in range(4)))
+    with style.styled():
+        figure, (axes,) = style.new_figure()
+        sweep_figures.draw_over(axes, [line_], name, "μ", "n = 1")
+        text = svg.inline_svg(figure, "x", name.replace("\x00", "").replace("\x1b", ""), "d")
+    words = "".join(ET.fromstring(text).itertext())
+    assert "$\\frac{1}$ <b>\N{REPLACEMENT CHARACTER}[31m" in words
