@@ -58,6 +58,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("out", type=Path, help="the weights are written here (JSON)")
     parser.add_argument("--generations", type=int, default=GENERATIONS)
+    parser.add_argument("--episodes", type=int, default=EPISODES, help="for each weights drawn")
     options = parser.parse_args()
     env = gymnasium.make(
         "harness.rl:harness/Crosswalk-v0",
@@ -67,7 +68,7 @@ def main():
         engine="plain",
         disable_env_checker=True,
     )
-    weights = train(env, options.generations)
+    weights = train(env, options.generations, episodes=options.episodes)
     options.out.write_text(json.dumps(weights.tolist()) + "\n", encoding="utf-8")
 
 
