@@ -184,3 +184,30 @@ def test_avoidable_is_about_the_one_who_was_hit() -> None:
 def test_avoidable_needs_a_crash() -> None:
     assert cruise((0.0, Side.NEAR, 1.5)).avoidable is None
     assert cruise().avoidable is None
+
+
+def touched_while_braking(start: float, side: Side, pace: float, speed: float) -> bool:
+    """Half a millisecond at a time, from stepping off at x = −30 + v · start until he is across."""
+    times = np.arange(0.0, 9 / pace, 0.0005)
+    moving = np.minimum(times, speed / 4.5)
+    front = -30 + speed * start + speed * moving - 4.5 * moving**2 / 2
+    y = pace * times if side is Side.NEAR else 9 - pace * times
+    along = np.minimum(np.maximum(0.0, front - 5.0), front)
+    across = np.clip(y, 1.35, 3.15) - y
+    return bool(np.any(np.hypot(along, across) <= 0.25))
+
+
+def test_avoidable_against_stepping_through_random_crashes() -> None:
+    rng = np.random.default_rng(3)
+    found = []
+    while len(found) < 60:
+        speed, pace = float(rng.choice([5.0, 10.0, 15.0])), float(rng.uniform(0.4, 2.5))
+        side = Side.NEAR if rng.random() < 0.5 else Side.FAR
+        # Within the time in which braking may come too late.
+        start = float(rng.uniform(0.0, 31.0 / speed))
+        result = cruise((start, side, pace), speed=speed)
+        if result.contact is not None:
+            found.append(result.avoidable)
+            expected = not touched_while_braking(start, side, pace, speed)
+            assert result.avoidable is expected, (start, side, pace, speed)
+    assert 15 < sum(found) < 45
