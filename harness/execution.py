@@ -5,165 +5,23 @@ task that fails twice is run pair by pair, and a pair that fails twice again get
 ``engine_failed`` with the reason, so that everything else keeps its results.
 """
 
-import os
-import signal
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import replace
-from multiprocessing import get_context, resource_tracker
-from multiprocessing.connection import Connection
-from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from queue import SimpleQueue
-from threading import Lock, Thread
-from typing import Any, Protocol
+from typing import Any
 
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
-from harness.worker import Task, TaskResult, serve
+from harness.results import EPISODES, PEDESTRIANS, TRACES
+from harness.tasks import Executor, ExecutorLostError, Task, TaskResult, WorkerDiedError
+from harness.worker import run_task
 
 ATTEMPTS = 2
 """How often a task may fail before it is taken apart, or a single pair before it is given up."""
 
 Note = Callable[..., None]
 """Writes an event with its details to the log."""
-
-
-class Executor(Protocol):
-    """Runs tasks somewhere."""
-
-    workers: int
-
-    def submit(self, task: Task) -> "Future[TaskResult]":
-        """Start a task; the future raises if the task or its worker failed."""
-        ...
-
-    def stop(self) -> None:
-        """End everything at once."""
-        ...
-
-
-class ExecutorLostError(HarnessError):
-    """Whatever runs the tasks is gone; no task is to blame."""
-
-    def __init__(self, what: str) -> None:
-        super().__init__(f"{what} is gone; what is finished is kept: go on with --resume")
-
-
-class WorkerDiedError(HarnessError):
-    """The process that worked on a task is gone."""
-
-    def __init__(self, exitcode: int | None) -> None:
-        super().__init__(f"the worker process died (exit code {exitcode})")
-
-
-class TaskFailedError(HarnessError):
-    """A task raised in its worker, which goes on; the message says what."""
-
-
-class LocalPool:
-    """Worker processes on this machine, one libsumo simulation in each.
-
-    Each has a pipe of its own and a thread here that waits for it.  Nothing is shared between
-    workers: one that is killed in the middle of a message takes no other, and no lock, with it.
-
-    Args:
-        workers: how many processes.
-    """
-
-    def __init__(self, workers: int) -> None:
-        self.workers = workers
-        # Spawned, not forked: a libsumo simulation does not survive a fork.
-        self._context = get_context("spawn")
-        self._queue: SimpleQueue[tuple[Task, Future[TaskResult]] | None] = SimpleQueue()
-        self._lock = Lock()
-        self._stopped = False
-        self._alive: set[SpawnProcess] = set()
-        self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
-        # Interruptions are the parent's business.  Processes inherit what is blocked in the
-        # thread that starts them, so that none hears Ctrl-C, not even one that still imports.
-        # The resource tracker unblocks SIGINT when it starts, so it has to be there before.
-        resource_tracker.ensure_running()
-        blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            for thread in self._threads:
-                thread.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
-
-    def submit(self, task: Task) -> "Future[TaskResult]":
-        """See ``Executor.submit``."""
-        future: Future[TaskResult] = Future()
-        self._queue.put((task, future))
-        return future
-
-    def stop(self) -> None:
-        """See ``Executor.stop``."""
-        with self._lock:
-            self._stopped = True
-            for process in self._alive:
-                process.kill()
-        for _ in self._threads:
-            self._queue.put(None)
-        for thread in self._threads:
-            thread.join()
-
-    def _keep_busy(self) -> None:
-        """Give one worker task after task; a dead one is replaced with the next task."""
-        worker: tuple[SpawnProcess, Connection] | None = None
-        while (item := self._queue.get()) is not None and not self._stopped:
-            task, future = item
-            if worker is not None and not worker[0].is_alive():
-                self._bury(*worker)
-                worker = None
-            try:
-                worker = worker or self._start()
-                worker[1].send(task)
-                answer = worker[1].recv()
-            except (EOFError, OSError):
-                exitcode = self._bury(*worker) if worker is not None else None
-                worker = None
-                future.set_exception(WorkerDiedError(exitcode))
-                continue
-            except Exception as error:
-                # A thread that ended here would leave the run waiting for ever.
-                future.set_exception(error)
-                continue
-            if isinstance(answer, TaskResult):
-                future.set_result(answer)
-            else:
-                future.set_exception(TaskFailedError(answer))
-        if worker is not None:
-            worker[0].kill()
-            self._bury(*worker)
-
-    def _start(self) -> tuple[SpawnProcess, Connection]:
-        with self._lock:
-            if self._stopped:
-                raise EOFError
-            ours, theirs = self._context.Pipe()
-            process = self._context.Process(target=serve, args=(theirs,), daemon=True)
-            process.start()
-            # Held by the worker alone from here on, its death closes the pipe.
-            theirs.close()
-            self._alive.add(process)
-            return process, ours
-
-    def _bury(self, process: SpawnProcess, connection: Connection) -> int | None:
-        """Clear away a worker that is dead or about to die; returns its exit code."""
-        with self._lock:
-            connection.close()
-            process.join(timeout=10)
-            if process.exitcode is None:
-                process.kill()
-                process.join()
-            self._alive.discard(process)
-            return process.exitcode
-
-
-def default_workers() -> int:
-    """All cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def run_tasks(
@@ -187,7 +45,7 @@ def run_tasks(
             task = again.pop() if again else next(waiting, None)
             if task is None:
                 break
-            running[executor.submit(task)] = task
+            running[executor.submit(run_task, task)] = task
         if not running:
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
@@ -244,8 +102,6 @@ def _stack(task: Task) -> str | None:
 
 def _given_up(task: Task, reason: str) -> TaskResult:
     """Rows of a pair that no worker survived."""
-    from harness.results import EPISODES, PEDESTRIANS, TRACES
-
     arms = task.scenario.arms
     strategies = {Arm.AV: arms.av, Arm.HUMAN: arms.human}
     known: list[dict[str, Any]] = [

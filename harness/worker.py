@@ -1,15 +1,9 @@
-"""What runs inside a worker process: one task, on the one SUMO simulation of the process.
-
-A task is a pickled function call, the same for a local pool and for a Dask cluster.
-"""
+"""What runs inside a worker process: one task, on the one SUMO simulation of the process."""
 
 import faulthandler
 import os
-import signal
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
-from multiprocessing import parent_process
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from pathlib import Path
 from threading import Thread
@@ -18,43 +12,12 @@ from typing import IO, Any
 from harness.encounter import Ending
 from harness.engine.control import SumoEngine
 from harness.engine.protocol import Engine
-from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.pairing import PairRunner
 from harness.place import network_of
 from harness.results import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import Scenario
-
-
-@dataclass(frozen=True)
-class Task:
-    """Some pairs of one cell.
-
-    ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
-    stack before it ends itself; None, or a path it cannot open, drops the stack.
-    """
-
-    cell: int
-    first_pair: int
-    count: int
-    scenario: Scenario
-    model: InteractionModel
-    traces: bool
-    hang_after_s: float
-    stack_file: Path | None
-
-    @property
-    def name(self) -> str:
-        """Identifies the task among all of a run."""
-        return f"{self.cell}-{self.first_pair}-{self.count}"
-
-
-@dataclass(frozen=True)
-class TaskResult:
-    """Columns of the tables, by table name, and what the log is told of failed episodes."""
-
-    rows: dict[str, dict[str, list[Any]]]
-    failures: tuple[dict[str, Any], ...] = ()
+from harness.tasks import Task, TaskResult
 
 
 _engine: tuple[str, SumoEngine] | None = None
@@ -62,31 +25,33 @@ _runner: tuple[str, PairRunner] | None = None
 
 
 def serve(connection: Connection) -> None:
-    """Work on the tasks that come down a pipe, until it or the parent process is gone.
+    """Answer the calls that come down a pipe, until it or the parent process is gone.
 
-    The answer to a task is its result, or the reason why there is none.
+    The first message says that everything is imported.  The answer to a call is (True, its
+    result), or (False, why there is none).
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_end_with_parent, daemon=True).start()
+    import harness.engine.sumo  # noqa: F401  # libsumo, before the first task waits for it
+
+    connection.send("ready")
     while True:
         try:
-            task = connection.recv()
+            function, argument = connection.recv()
         except EOFError:
             return
-        answer: TaskResult | str
         try:
-            answer = run_task(task)
+            answer = (True, function(argument))
         except BaseException as error:  # a strategy may well call sys.exit
-            answer = f"{type(error).__name__}: {error}"
+            answer = (False, f"{type(error).__name__}: {error}")
         connection.send(answer)
 
 
 def _end_with_parent() -> None:
-    """Nobody would read what a worker without a parent finds out."""
-    parent = parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    """Nobody would read what a worker without a parent finds out: standard input ends then."""
+    with suppress(OSError):
+        while os.read(0, 1):
+            pass
+    os._exit(1)
 
 
 def run_task(task: Task) -> TaskResult:

@@ -1,0 +1,87 @@
+"""What is carried out: tasks, what comes of them, and whatever runs them.
+
+Kept free of everything heavy: worker processes import what they need while their parent still
+imports what it needs.
+"""
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+
+from harness.errors import HarnessError
+
+if TYPE_CHECKING:
+    from harness.interaction import InteractionModel
+    from harness.scenario import Scenario
+
+Argument = TypeVar("Argument")
+Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class Task:
+    """Some pairs of one cell.
+
+    ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
+    stack before it ends itself; None, or a path it cannot open, drops the stack.
+    """
+
+    cell: int
+    first_pair: int
+    count: int
+    scenario: "Scenario"
+    model: "InteractionModel"
+    traces: bool
+    hang_after_s: float
+    stack_file: Path | None
+
+    @property
+    def name(self) -> str:
+        """Identifies the task among all of a run."""
+        return f"{self.cell}-{self.first_pair}-{self.count}"
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """Columns of the tables, by table name, and what the log is told of failed episodes."""
+
+    rows: dict[str, dict[str, list[Any]]]
+    failures: tuple[dict[str, Any], ...] = ()
+
+
+class Executor(Protocol):
+    """Runs calls somewhere, each in a process that may die of it."""
+
+    workers: int
+
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
+        """Start a call; the future raises if the call raised or its worker died.
+
+        Args:
+            function: a function of a module, by which it is found in the worker.
+            argument: what it is called with; pickled.
+        """
+        ...
+
+    def stop(self) -> None:
+        """End everything at once."""
+        ...
+
+
+class ExecutorLostError(HarnessError):
+    """Whatever runs the tasks is gone; no task is to blame."""
+
+    def __init__(self, problem: str) -> None:
+        super().__init__(f"{problem}; what is finished is kept: go on with --resume")
+
+
+class WorkerDiedError(HarnessError):
+    """The process that worked on a task is gone."""
+
+
+class TaskFailedError(HarnessError):
+    """A task raised in its worker, which goes on; the message says what."""
