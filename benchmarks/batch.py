@@ -17,7 +17,8 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from harness.experiment import Options, run_study
+from harness.experiment import run_study
+from harness.options import Options
 from harness.scenario import Setting, read_scenario_file
 from harness.study import Study, parse_variation, single_cell, study_of
 

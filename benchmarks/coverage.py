@@ -25,8 +25,9 @@ from harness.comparison import (
 from harness.engine.plain import PlainEngine
 from harness.interaction import load_model
 from harness.pairing import PairRunner
-from harness.results import episode_rows, pair_columns, table_of
+from harness.results import episode_rows, table_of
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.summaries import pair_columns
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""

@@ -1,11 +1,13 @@
 """The same tasks on an existing Dask cluster (extra ``cluster``)."""
 
 import logging
+from collections.abc import Callable
 from concurrent.futures import Future
+from typing import Any
 
 from harness.errors import InputError
-from harness.execution import ExecutorLostError
-from harness.worker import Task, TaskResult, run_task
+from harness.pool import LocalPool
+from harness.tasks import Argument, ExecutorLostError, Result
 
 
 class DaskCluster:
@@ -47,18 +49,21 @@ class DaskCluster:
             )
         self.workers = len(threads)
 
-    def submit(self, task: Task) -> "Future[TaskResult]":
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
         """See ``Executor.submit``; Dask's own retries are off, so that culprits are counted."""
+        lost = ExecutorLostError(f"the Dask cluster at {self._address} is gone")
         if self._client.status != "running":
-            raise ExecutorLostError(f"the Dask cluster at {self._address}")
-        result: Future[TaskResult] = Future()
+            raise lost
+        result: Future[Result] = Future()
         result.set_running_or_notify_cancel()
         # A retry is a new computation, not a look at the old one's failure: hence pure=False.
-        remote = self._client.submit(run_task, task, pure=False, retries=0)
+        remote = self._client.submit(call_apart, function, argument, pure=False, retries=0)
 
         def done(_finished: object) -> None:
             if remote.status in ("cancelled", "lost"):
-                result.set_exception(ExecutorLostError(f"the Dask cluster at {self._address}"))
+                result.set_exception(lost)
                 return
             try:
                 result.set_result(remote.result())
@@ -71,3 +76,18 @@ class DaskCluster:
     def stop(self) -> None:
         """See ``Executor.stop``; the cluster itself goes on."""
         self._client.close()
+
+
+_beside: LocalPool | None = None
+
+
+def call_apart(function: Callable[[Any], Any], argument: Any) -> Any:
+    """Call in a process beside this Dask worker's own.
+
+    A task that dies then costs the cluster no worker.  Dask would hand it to another one, four in
+    all, and suspect whatever else they were about to do.
+    """
+    global _beside
+    if _beside is None:
+        _beside = LocalPool(1)
+    return _beside.submit(function, argument).result()

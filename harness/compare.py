@@ -32,8 +32,7 @@ from harness.comparison import (
 )
 from harness.encounter import FloatArray
 from harness.errors import InputError
-from harness.experiment import confidence_of, options_of, recall_study
-from harness.results import pair_columns
+from harness.manifest import options_of, recall_study
 from harness.run_folder import read_manifest, read_table
 from harness.strategy_groups import (
     ParameterSweep,
@@ -42,6 +41,8 @@ from harness.strategy_groups import (
     parameter_sweeps,
     strategy_groups,
 )
+from harness.summaries import pair_columns
+from harness.until import confidence_of
 
 _RESAMPLING = 6
 """Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""

@@ -63,10 +63,7 @@ def run_tasks(
                 if not last:
                     again.append(task)
                 elif task.count > 1:
-                    again += [
-                        _part(task, pair)
-                        for pair in range(task.first_pair, task.first_pair + task.count)
-                    ]
+                    again += [_part(task, pair) for pair in task.pairs]
                 else:
                     note("pair given up", cell=task.cell, pair=task.first_pair, reason=reason)
                     yield task, _given_up(task, reason)

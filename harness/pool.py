@@ -14,6 +14,7 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import Any, NamedTuple
 
+from harness.options import Options
 from harness.tasks import Argument, ExecutorLostError, Result, TaskFailedError, WorkerDiedError
 
 _START = """
@@ -24,8 +25,8 @@ sys.path[:] = connection.recv()
 from harness.worker import serve
 serve(connection)
 """
-"""What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork; and not
-multiprocessing's, which would run the caller's main module again in each worker."""
+"""What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
+multiprocessing's, which would run the main module of the caller in each worker again."""
 
 _STARTS = 3
 """How often in a row a worker may die before it is ready; what kills it then is no task."""
@@ -175,3 +176,8 @@ class LocalPool:
 def default_workers() -> int:
     """All cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def workers_for(pairs: int, options: Options) -> int:
+    """How many workers some pairs keep busy, at most as many as asked for."""
+    return max(1, min(options.workers or default_workers(), -(-pairs // options.task_pairs)))

@@ -10,7 +10,7 @@ from harness.engine.control import SumoEngine
 from harness.engine.plain import PlainEngine
 from harness.engine.view import view_settings
 from harness.errors import InputError
-from harness.experiment import recall_study
+from harness.manifest import recall_study
 from harness.pairing import PairRunner
 from harness.place import network_of
 from harness.run_folder import read_manifest, write_file

@@ -6,14 +6,12 @@ Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 import importlib.metadata
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from harness.comparison import Interval, PairColumns, Summary
-from harness.encounter import Arm, Contact, Ending, Leg, Side
+from harness.encounter import Arm, Leg, Side
 from harness.measures import MEASURES, Outcome
 from harness.walking import cleared_s, states_at
 
@@ -216,50 +214,6 @@ def _extend(
         ("time_s", "x_m", "y_m", "speed_mps", "acceleration_mps2"), columns, strict=True
     ):
         rows[key] += column
-
-
-def pair_columns(episodes: pa.Table) -> PairColumns:
-    """What the comparison needs, from the episodes of one cell (rows in order of pairs)."""
-    arm = np.array(episodes["arm"].to_pylist())
-    ending = np.array(episodes["ending"].to_pylist())
-    front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
-    crashed = ending == Ending.CRASHED
-    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
-
-    def numbers(name: str) -> Any:
-        return episodes[name].to_numpy().astype(float)
-
-    def both(values: Any) -> tuple[Any, Any]:
-        return values[arm == Arm.AV], values[arm == Arm.HUMAN]
-
-    met = both(numbers("pedestrians"))
-    return PairColumns(
-        time_s=both(numbers("pass_time_s")),
-        delay_s=both(numbers("delay_s")),
-        stops=both(numbers("stops")),
-        stopped_s=both(numbers("stopped_s")),
-        crashed=both(crashed),
-        front=both(crashed & front),
-        avoidable=both(crashed & avoidable),
-        timed_out=both(ending == Ending.TIMED_OUT),
-        failed=both(ending == Ending.ENGINE_FAILED),
-        av_fallback=both(numbers("fallback") > 0)[0],
-        met=met[0] + met[1],
-    )
-
-
-def summary_row(summary: Summary) -> dict[str, float | int | None]:
-    """A summary as the columns of ``summary.csv``; an interval becomes three."""
-    row: dict[str, float | int | None] = {}
-    for field in fields(Summary):
-        value = getattr(summary, field.name)
-        if isinstance(value, Interval):
-            row[field.name] = value.value
-            row[f"{field.name}_ci_low"] = value.low
-            row[f"{field.name}_ci_high"] = value.high
-        else:
-            row[field.name] = value
-    return row
 
 
 def versions() -> dict[str, str]:

@@ -18,14 +18,16 @@ import pyarrow as pa
 
 from harness.encounter import Ending
 from harness.errors import InputError
-from harness.experiment import confidence_of, options_of, recall_study, summarise_cell
 from harness.interaction import InteractionModel, load_model
+from harness.manifest import options_of, recall_study
 from harness.measure_tables import conflict_rates, conflict_row, measure_rows
-from harness.results import TABLES, pair_rows, summary_row, table_of
+from harness.results import TABLES, pair_rows, table_of
 from harness.run_folder import MANIFEST, count_rows, read_manifest, read_table
 from harness.scenario import Scenario
 from harness.shards import DamagedShardError, Shard, read_shard, shards_of
 from harness.study import Cell, Study
+from harness.summaries import summarise_cell, summary_row
+from harness.until import confidence_of
 
 
 @dataclass(frozen=True)

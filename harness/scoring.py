@@ -10,7 +10,8 @@ import pyarrow.compute as pc
 
 from harness.encounter import Arm, Arrival, Ending, Leg, Side, Trace, Walk
 from harness.errors import InputError
-from harness.experiment import finish, options_of, recall_models, recall_study
+from harness.finish import finish
+from harness.manifest import recall_batch
 from harness.measures import Outcome, measure
 from harness.results import episode_rows
 from harness.run_folder import RunFolder, claim_folder, read_manifest, read_table
@@ -32,13 +33,12 @@ def score(run: Path, out: Path) -> Path:
         InputError: no such run, no traces, or ``out`` is refused.
     """
     document = read_manifest(run)
-    study = recall_study(document)
     if not (run / "traces.parquet").is_file():
         raise InputError(str(run), "kept no traces", "a run with --traces")
-    models, options = recall_models(study), options_of(document)
-    folder = RunFolder(claim_folder(out, study.name))
+    batch = recall_batch(document)
+    folder = RunFolder(claim_folder(out, batch.study.name))
     try:
-        for cell in study.cells:
+        for cell in batch.study.cells:
             names = ("episodes", "pedestrians", "traces")
             tables = {name: read_table(run, name, cell.number) for name in names}
             for first in range(0, cell.scenario.experiment.pairs, _PART_PAIRS):
@@ -46,7 +46,7 @@ def score(run: Path, out: Path) -> Path:
                 part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
                 rows = _score(run, part, cell)
                 folder.write_shard(cell.number, first, _PART_PAIRS, rows)
-        finish(folder, study, models, options)
+        finish(folder, batch)
     finally:
         folder.close()
     return out

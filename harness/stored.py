@@ -6,8 +6,8 @@ from typing import Any
 
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import recall_study
 from harness.interaction import InteractionModel, load_model
+from harness.manifest import recall_study
 from harness.measures import Outcome
 from harness.results import EPISODES, PEDESTRIANS, episode_rows, pedestrian_rows
 from harness.run_folder import read_manifest, read_table

@@ -42,6 +42,11 @@ class Task:
         """Identifies the task among all of a run."""
         return f"{self.cell}-{self.first_pair}-{self.count}"
 
+    @property
+    def pairs(self) -> range:
+        """The pairs to run."""
+        return range(self.first_pair, self.first_pair + self.count)
+
 
 @dataclass(frozen=True)
 class TaskResult:

@@ -19,7 +19,6 @@ from harness.results import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import Scenario
 from harness.tasks import Task, TaskResult
 
-
 _engine: tuple[str, SumoEngine] | None = None
 _runner: tuple[str, PairRunner] | None = None
 
@@ -59,8 +58,7 @@ def run_task(task: Task) -> TaskResult:
     try:
         runner = _runner_for(task)
         with _watchdog(task) as alive:
-            pairs = range(task.first_pair, task.first_pair + task.count)
-            outcomes = list(runner.run(pairs, alive))
+            outcomes = list(runner.run(task.pairs, alive))
     except BaseException:
         # Nothing of an episode that was broken off may reach the next one.
         close_engine()

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import psutil
 
 from harness.scenario import ScenarioFile, Setting, read_scenario_file
 from harness.study import Study, parse_variation, single_cell, study_of
-from harness.worker import Task, TaskResult, run_task
+from harness.tasks import Argument, Result
 
 HARNESS = [sys.executable, "-m", "harness"]
 
@@ -32,10 +33,12 @@ class Inline:
     def __init__(self, workers: int) -> None:
         self.workers = workers
 
-    def submit(self, task: Task) -> "Future[TaskResult]":
-        future: Future[TaskResult] = Future()
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
+        future: Future[Result] = Future()
         try:
-            future.set_result(run_task(task))
+            future.set_result(function(argument))
         except Exception as error:
             future.set_exception(error)
         return future
@@ -108,7 +111,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
         return []
     for child in children:
         try:
-            if any("spawn_main" in word for word in child.cmdline()):
+            if any("serve(connection)" in word for word in child.cmdline()):
                 found.append(child)
         except (psutil.NoSuchProcess, psutil.ZombieProcess):
             continue

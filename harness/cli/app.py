@@ -38,17 +38,23 @@ for command in COMMANDS:
 app.add_typer(model.group, name="model")
 
 
+_INTERRUPTED = 130
+"""Exit code of Ctrl-C; typer returns it where a command did not catch the interruption."""
+
+
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
     try:
         code = app(standalone_mode=False)
+        if code == _INTERRUPTED:
+            say("harness: interrupted")
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
         say("harness: " + " ".join(text.split()))
         code = 2
     except InterruptedRunError as error:
         say(f"harness: {error}")
-        code = 130
+        code = _INTERRUPTED
     except HarnessError as error:
         say(f"harness: {error}")
         code = 1
@@ -56,5 +62,5 @@ def main() -> None:
         code = error.exit_code
     except (Abort, KeyboardInterrupt):
         say("harness: interrupted")
-        code = 130
+        code = _INTERRUPTED
     sys.exit(code if isinstance(code, int) else 0)

@@ -115,18 +115,20 @@ class _How(NamedTuple):
 
 
 def _start(study: Any, out: Path | None, how: _How) -> None:
-    from harness.experiment import Options, run_study
+    from harness.options import Options
 
     if how.sumo_outputs not in (None, "all", "crashed"):
         raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
-    options = Options(
-        traces=how.traces, until=_precision(how.until), workers=_workers(how.workers, how.dask)
-    )
+    _refuse_workers_beside_dask(how.workers, how.dask)
+    options = Options(traces=how.traces, until=_precision(how.until), workers=how.workers)
     hidden = how.quiet or how.as_json
-    with progress_bar("pairs", hidden) as advance, termination():
-        finished = run_study(
-            study, options, out=out, progress=advance, make_executor=_executor(how.dask)
-        )
+    with _executor(study, options, how.dask) as make_executor, termination():
+        from harness.experiment import run_study
+
+        with progress_bar("pairs", hidden) as advance:
+            finished = run_study(
+                study, options, out=out, progress=advance, make_executor=make_executor
+            )
     if how.sumo_outputs is not None:
         from harness.replay import replay_into
 
@@ -143,38 +145,60 @@ def _resume(
 ) -> None:
     from harness.experiment import resume
 
-    with progress_bar("pairs", hidden=quiet or as_json) as advance, termination():
-        finished = resume(
-            folder,
-            workers=_workers(workers, dask),
-            progress=advance,
-            make_executor=_executor(dask),
-        )
+    _refuse_workers_beside_dask(workers, dask)
+    with (
+        _cluster(dask) as make_executor,
+        progress_bar("pairs", hidden=quiet or as_json) as advance,
+        termination(),
+    ):
+        finished = resume(folder, workers=workers, progress=advance, make_executor=make_executor)
     _report(finished, quiet, as_json)
 
 
-def _workers(workers: int | None, dask: str | None) -> int | None:
+def _refuse_workers_beside_dask(workers: int | None, dask: str | None) -> None:
     if dask is not None and workers is not None:
         raise InputError("--workers", "stands beside --dask", "the cluster has its own workers")
-    return workers
 
 
-def _executor(dask: str | None) -> Any:
+@contextmanager
+def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
+    """What runs a study's tasks; its workers import while this process still does."""
+    from harness.pool import LocalPool, workers_for
+
+    if dask is not None:
+        with _cluster(dask) as make_executor:
+            yield make_executor
+        return
+    pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
+    pool = LocalPool(workers_for(pairs, options))
+    try:
+        yield lambda _workers: pool
+    finally:
+        pool.stop()
+
+
+@contextmanager
+def _cluster(dask: str | None) -> Iterator[Any]:
+    """The Dask cluster, or local workers made when the number of missing pairs is known."""
     if dask is None:
-        from harness.execution import LocalPool
+        from harness.pool import LocalPool
 
-        return LocalPool
+        yield LocalPool
+        return
     from harness.cluster import DaskCluster
 
     # A wrong address is refused before a run folder is made.
-    DaskCluster(dask).stop()
-    return lambda _workers: DaskCluster(dask)
+    cluster = DaskCluster(dask)
+    try:
+        yield lambda _workers: cluster
+    finally:
+        cluster.stop()
 
 
 def _precision(text: str | None) -> Any:
     if text is None:
         return None
-    from harness.experiment import Precision
+    from harness.options import Precision
 
     measure, _, number = text.partition("=")
     try:

@@ -135,8 +135,8 @@ def fit(
     model_options.check_target(out, "--out", ".json")
     from harness import calibration
     from harness.calibration.calibrate import fold_count, job_count
-    from harness.execution import default_workers
     from harness.interaction import VARIABLES, write_model
+    from harness.pool import default_workers
     from harness.report.model_terminal import fit_document, print_fit
 
     if choose not in calibration.CHOICES:

@@ -19,14 +19,15 @@ from harness.comparison import (
 )
 from harness.encounter import Arm
 from harness.errors import HarnessError
-from harness.experiment import Run
+from harness.finish import Run
 from harness.measure_tables import CONFLICTS, ConflictRate, conflict_row
 from harness.measures import MEASURES
 from harness.report.console import make_console, plain, table_of_columns, with_range
-from harness.results import summary_row, versions
+from harness.results import versions
 from harness.scenario import Scenario
 from harness.strategies.parameters import describe, parameters_of
 from harness.strategies.registry import available
+from harness.summaries import summary_row
 
 _Row = tuple[str, str, str, str, str]
 """Measure, value, interval, key of the paper's value, remark."""
@@ -184,7 +185,8 @@ def _check_network() -> None:
 
 
 def _check_episode() -> None:
-    from harness.experiment import Options, run_study
+    from harness.experiment import run_study
+    from harness.options import Options
     from harness.scenario import Setting, read_scenario_file
     from harness.study import single_cell
 

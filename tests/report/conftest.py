@@ -1,14 +1,17 @@
 """Small runs that the tests of this folder read: simulated once per session, never changed."""
 
+from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
 
 from harness.errors import InterruptedRunError
-from harness.experiment import Options, run_study
+from harness.experiment import run_study
+from harness.options import Options
 from harness.study import Study
-from harness.worker import Task, TaskResult, close_engine
+from harness.tasks import Argument, Result
+from harness.worker import close_engine
 from tests.batches import Inline, one_cell, sweep
 from tests.conftest import _close_all
 
@@ -22,11 +25,13 @@ class Stopping(Inline):
         super().__init__(workers)
         self.left = self.tasks
 
-    def submit(self, task: Task) -> "Future[TaskResult]":
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
         if not self.left:
             raise KeyboardInterrupt
         self.left -= 1
-        return super().submit(task)
+        return super().submit(function, argument)
 
 
 def simulate(

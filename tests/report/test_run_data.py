@@ -12,7 +12,7 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.errors import InputError
-from harness.experiment import Options
+from harness.options import Options
 from harness.results import SCHEMA
 from tests.batches import one_cell
 from tests.report.conftest import simulate

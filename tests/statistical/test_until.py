@@ -13,20 +13,22 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import population
-from harness import experiment
+from harness import until as looking
 from harness.comparison import Interval, intervals, summary
-from harness.experiment import Options, Precision, confidence_of, looks
-from harness.results import EPISODES, pair_columns
+from harness.manifest import Batch
+from harness.options import Options, Precision
+from harness.results import EPISODES
 from harness.study import Study
+from harness.summaries import pair_columns, summarise_cell
+from harness.until import confidence_of, looks, reach_precision
 from tests.batches import one_cell
 
 
 class Drawn:
     """Stands for a run folder and for the work on it: its pairs are draws from a population."""
 
-    def __init__(self, tau: np.ndarray, crashed: np.ndarray, options: Options) -> None:
-        self.tau, self.crashed, self.options = tau, crashed, options
-        self.folder = self
+    def __init__(self, tau: np.ndarray, crashed: np.ndarray) -> None:
+        self.tau, self.crashed = tau, crashed
         self.pairs = 0
         self.looks: list[int] = []
 
@@ -66,10 +68,10 @@ def stopped(
 ) -> tuple[Interval, list[int]]:
     """The interval at the end of one experiment, and the numbers of pairs it looked at."""
     study, options = study_of(pairs, seed), Options(until=until)
-    work: Any = Drawn(tau, crashed, options)
-    experiment._reach_precision(work, study, {0: pairs}, until)
+    work = Drawn(tau, crashed)
+    reach_precision(Batch(study, {}, options), until, work.reach, work.episodes_of)
     cell, confidence = study.cells[0], confidence_of(study, options)
-    found = experiment.summarise_cell(work.episodes_of(0), cell, confidence)
+    found = summarise_cell(work.episodes_of(0), cell, confidence)
     return getattr(found, until.measure), work.looks
 
 
@@ -99,7 +101,7 @@ def test_each_look_spends_its_share_of_the_error() -> None:
 
 
 def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment, "FIRST_LOOK", 100)
+    monkeypatch.setattr(looking, "FIRST_LOOK", 100)
     monkeypatch.setattr(intervals, "RESAMPLES", 1_999)
     rng = np.random.default_rng(1)
     trials, holds, ends = 120, 0, set()
@@ -117,7 +119,7 @@ def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiment, "FIRST_LOOK", 50)
+    monkeypatch.setattr(looking, "FIRST_LOOK", 50)
     monkeypatch.setattr(summary, "bootstrap_mean_and_cv", lambda *_: (intervals.UNDEFINED,) * 2)
     rng = np.random.default_rng(2)
     trials, holds, ends = 200, 0, set()

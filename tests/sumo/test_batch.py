@@ -5,7 +5,7 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from harness import until
 from harness.errors import HarnessError, InputError, InterruptedRunError
-from harness.execution import LocalPool
-from harness.experiment import Options, Run, resume, run_study
+from harness.experiment import Run, resume, run_study
+from harness.options import Options, Precision
+from harness.pool import LocalPool
 from harness.run_folder import claim_folder, read_manifest
 from harness.study import Study
-from harness.worker import Task, TaskResult, close_engine
+from harness.tasks import Argument, Result, Task
+from harness.worker import close_engine
 from tests.batches import FLOW, QUICK, Inline, content, one_cell, options_of, shell, sweep
 
 LAMBDA = "pedestrians.flow_per_hour"
@@ -61,11 +64,13 @@ class Stops(Inline):
         super().__init__(1)
         self.left = number
 
-    def submit(self, task: Task) -> "Future[TaskResult]":
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
         self.left -= 1
         if self.left < 0:
             raise KeyboardInterrupt
-        return super().submit(task)
+        return super().submit(function, argument)
 
 
 def interrupted(study: Study, out: Path, tasks: int, **options: Any) -> None:
@@ -109,9 +114,12 @@ def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
     asked: list[Task] = []
 
     class Notes(Inline):
-        def submit(self, task: Task) -> "Future[TaskResult]":
-            asked.append(task)
-            return super().submit(task)
+        def submit(
+            self, function: Callable[[Argument], Result], argument: Argument
+        ) -> "Future[Result]":
+            assert isinstance(argument, Task)
+            asked.append(argument)
+            return super().submit(function, argument)
 
     kept = {path.stem for path in (tmp_path / "run" / "shards").glob("*.arrows")}
     resume(tmp_path / "run", make_executor=Notes)
@@ -339,10 +347,7 @@ def test_a_damaged_shard_is_run_again(tmp_path: Path, damage: Any) -> None:
 def test_until_stops_at_the_look_that_is_narrow_enough(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from harness import experiment
-    from harness.experiment import Precision
-
-    monkeypatch.setattr(experiment, "FIRST_LOOK", 10)
+    monkeypatch.setattr(until, "FIRST_LOOK", 10)
     nobody = {LAMBDA: 0.0, "pedestrians.max_count": 0, "experiment.pairs": 100}
     study = one_cell("cctc", {**QUICK, **nobody})
     # No pedestrian and no yielding: kappa = 0 of n, half-width (1 − (α/2)^(1/n)) / 2 with

@@ -17,7 +17,8 @@ import psutil
 import pytest
 
 from harness.errors import InputError
-from harness.experiment import Options, run_study
+from harness.experiment import run_study
+from harness.options import Options
 from tests.batches import QUICK, Inline, content, one_cell, options_of, shell, start, sweep
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")

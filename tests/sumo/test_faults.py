@@ -20,7 +20,8 @@ import pytest
 from harness.encounter import Arrival
 from harness.engine.plain import PlainEngine
 from harness.errors import EngineError, HarnessError
-from harness.experiment import Options, resume, run_study
+from harness.experiment import resume, run_study
+from harness.options import Options
 from harness.seeding import stream
 from harness.worker import close_engine
 from tests.batches import QUICK, Inline, content, one_cell, options_of, shell

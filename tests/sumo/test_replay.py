@@ -15,7 +15,8 @@ import sumo as sumo_package
 
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import Options, run_study
+from harness.experiment import run_study
+from harness.options import Options
 from harness.replay import SUMO_FILES, replay
 from harness.site import read_site
 from harness.worker import close_engine

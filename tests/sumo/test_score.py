@@ -6,10 +6,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from harness import scoring
+from harness import scoring, until
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import Options, Precision, run_study
+from harness.experiment import run_study
+from harness.options import Options, Precision
 from harness.replay import replay
 from harness.scoring import score
 from harness.study import Study
@@ -71,9 +72,7 @@ def test_a_changed_trace_changes_the_measures(tmp_path: Path) -> None:
 def test_a_run_that_stopped_early_is_scored_with_its_confidence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from harness import experiment
-
-    monkeypatch.setattr(experiment, "FIRST_LOOK", 10)
+    monkeypatch.setattr(until, "FIRST_LOOK", 10)
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 80})
     options = Options(traces=True, until=Precision("kappa", 0.3))
     run_study(study, options, out=tmp_path / "run", make_executor=Inline)

@@ -10,7 +10,8 @@ from PIL import Image
 
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import Options, run_study
+from harness.experiment import run_study
+from harness.options import Options
 from harness.watch import watch
 from harness.worker import close_engine
 from tests.batches import FLOW, HARNESS, Inline, one_cell

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness import experiment
+from harness import until
 from harness.cli import app
 from harness.compare import RunComparison, compare
 from harness.comparison import Place, SweepVerdict, Verdict
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import Options, Precision, run_study
+from harness.experiment import run_study
+from harness.options import Options, Precision
 from harness.results import EPISODES, PEDESTRIANS
 from harness.study import Study
-from harness.worker import Task, TaskResult
+from harness.tasks import Task, TaskResult
 from tests.batches import one_cell, sweep
 
 HUMAN_S = 10.0
@@ -41,7 +42,7 @@ class MadeUp:
     def __init__(self, fates: Fates) -> None:
         self.fates = fates
 
-    def submit(self, task: Task) -> "Future[TaskResult]":
+    def submit(self, _function: object, task: Task) -> "Future[TaskResult]":
         rows: dict[str, list[Any]] = {name: [] for name in EPISODES.names}
         for pair in range(task.first_pair, task.first_pair + task.count):
             for arm, fate in ((Arm.AV, self.fates(task, pair)), (Arm.HUMAN, HUMAN_S)):
@@ -171,7 +172,7 @@ def test_a_comparison_does_not_depend_on_the_others(tmp_path: Path) -> None:
 
 def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # With --until a cell without spread ends at its first look, the other goes on.
-    monkeypatch.setattr(experiment, "FIRST_LOOK", 20)
+    monkeypatch.setattr(until, "FIRST_LOOK", 20)
     study = sweep("cctc", {"experiment.pairs": 40}, "arms.av=soft_yield,hard_yield")
 
     def uneven(task: Task, pair: int) -> Fate:

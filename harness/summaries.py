@@ -1,0 +1,68 @@
+"""From the episodes of a cell to what is reported of it."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.comparison import Interval, PairColumns, Summary, summarise
+from harness.encounter import Arm, Contact, Ending
+from harness.study import Cell
+
+_BOOTSTRAP = 5
+"""Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""
+
+
+def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    """What is reported of a cell, from its episodes by pair.
+
+    The resampling's stream is the scenario's alone: the same episodes give the same intervals.
+    """
+    experiment = cell.scenario.experiment
+    rng = np.random.default_rng((experiment.seed, _BOOTSTRAP))
+    return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
+
+
+def pair_columns(episodes: pa.Table) -> PairColumns:
+    """What the comparison needs, from the episodes of one cell (rows in order of pairs)."""
+    arm = np.array(episodes["arm"].to_pylist())
+    ending = np.array(episodes["ending"].to_pylist())
+    front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
+    crashed = ending == Ending.CRASHED
+    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
+
+    def numbers(name: str) -> Any:
+        return episodes[name].to_numpy().astype(float)
+
+    def both(values: Any) -> tuple[Any, Any]:
+        return values[arm == Arm.AV], values[arm == Arm.HUMAN]
+
+    met = both(numbers("pedestrians"))
+    return PairColumns(
+        time_s=both(numbers("pass_time_s")),
+        delay_s=both(numbers("delay_s")),
+        stops=both(numbers("stops")),
+        stopped_s=both(numbers("stopped_s")),
+        crashed=both(crashed),
+        front=both(crashed & front),
+        avoidable=both(crashed & avoidable),
+        timed_out=both(ending == Ending.TIMED_OUT),
+        failed=both(ending == Ending.ENGINE_FAILED),
+        av_fallback=both(numbers("fallback") > 0)[0],
+        met=met[0] + met[1],
+    )
+
+
+def summary_row(summary: Summary) -> dict[str, float | int | None]:
+    """A summary as the columns of ``summary.csv``; an interval becomes three."""
+    row: dict[str, float | int | None] = {}
+    for field in fields(Summary):
+        value = getattr(summary, field.name)
+        if isinstance(value, Interval):
+            row[field.name] = value.value
+            row[f"{field.name}_ci_low"] = value.low
+            row[f"{field.name}_ci_high"] = value.high
+        else:
+            row[field.name] = value
+    return row
