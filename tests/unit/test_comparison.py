@@ -68,6 +68,18 @@ def test_bca_is_not_the_percentile_interval() -> None:
     assert shift > 0.15 * (cv.high - cv.low)
 
 
+def test_far_limits_have_resamples_beyond_them() -> None:
+    # 99.99 %: from 5,000 resamples the limits would be the outermost of them, well inside.
+    values = SAMPLES["a dozen"]
+    ours = bootstrap_mean_and_cv(values, rng(), 1 - 1e-4)[0]
+    theirs = stats.bootstrap(
+        (values,), np.mean, confidence_level=1 - 1e-4, n_resamples=400_000, batch=20_000, rng=1
+    ).confidence_interval
+    width = theirs.high - theirs.low
+    assert ours.low == pytest.approx(theirs.low, abs=0.02 * width)
+    assert ours.high == pytest.approx(theirs.high, abs=0.02 * width)
+
+
 def test_zero_spread_gives_the_point() -> None:
     mu, cv = bootstrap_mean_and_cv(np.full(20, 0.7), rng())
     assert (mu.low, mu.high) == (mu.value, mu.value)
