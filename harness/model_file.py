@@ -29,8 +29,10 @@ def read_document(path: Path) -> tuple[dict[str, Any], str]:
     where = str(path)
     try:
         content = path.read_bytes()
-    except OSError as error:
-        raise InputError(where, f"model file cannot be read ({error.strerror})") from None
+    except (OSError, ValueError) as error:
+        # ValueError: a name no file can have.
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(where, f"model file cannot be read ({why})") from None
     try:
         document = json.loads(content)
     except (ValueError, RecursionError):

@@ -307,6 +307,9 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         # TOML's own key syntax, so that quoted parts may contain dots and colons.
         branch = tomllib.loads(f"{key} = 0")
     except tomllib.TOMLDecodeError:
+        branch = {}
+    # A remark, or several lines, is TOML too.
+    if len(branch) != 1 or "\n" in key:
         raise InputError(
             f"{setting.source} {key}", "not a dotted key", "e.g. ego.initial_speed_mps"
         ) from None
