@@ -9,7 +9,7 @@ from harness.encounter import FloatArray
 from harness.mixture.regression import Regression
 
 # Numbers in one array: more would not stay in the cache.
-NUMBERS = 16_000
+NUMBERS = 32_000
 _TINY = 1e-300
 _LOWEST = -700.0
 

@@ -22,6 +22,7 @@ from harness.curve_path import CHANCES, SIDES, CurvePath
 from harness.encounter import FloatArray
 from harness.mixture import TruncatedGaussianMixture
 from harness.mixture.regression import Regression
+from harness.mixture.sums import running_sum
 from harness.piecewise import NODES, Pieces
 
 # Equal parts of each of the three stretches of the curve at which a first look is taken.
@@ -37,7 +38,7 @@ _NEGLIGIBLE = 20.0
 _FEWEST = 0.1
 _LOG_MOST = 5.0
 # Points handled at once.
-_CHUNK = 1024
+_CHUNK = 2048
 
 
 class _Cells(NamedTuple):
@@ -205,8 +206,9 @@ def _first_look(path: CurvePath, components: Components) -> tuple[FloatArray, Fl
 
 def _cells(path: CurvePath, wanted: FloatArray) -> _Cells:
     """In each stretch as many cells as are wanted (3, looks, n), rounded up, with equal shares."""
-    reached = np.add.accumulate(wanted, axis=1)
-    number = np.ceil(reached[:, -1])
+    by_part = wanted.swapaxes(0, 1)
+    reached = running_sum(by_part)
+    number = np.ceil(reached[-1])
     each = number.T.ravel().astype(np.intp)
     first = np.cumsum(each) - each
     whole = np.repeat(np.arange(each.size), each)
@@ -216,15 +218,15 @@ def _cells(path: CurvePath, wanted: FloatArray) -> _Cells:
         return values.T.ravel().take(whole)
 
     begun = np.arange(whole.size) - first.take(whole)
-    target = begun * of_stretch(reached[:, -1] / np.maximum(number, 1.0))
+    target = begun * of_stretch(reached[-1] / np.maximum(number, 1.0))
     # The part in which a cell begins, what was wanted before it, and what it wants itself.
-    part, before, within = np.zeros(whole.size), np.zeros(whole.size), of_stretch(wanted[:, 0])
+    part, before, within = np.zeros(whole.size), np.zeros(whole.size), of_stretch(by_part[0])
     for i in range(1, _LOOKS):
-        so_far = of_stretch(reached[:, i - 1])
+        so_far = of_stretch(reached[i - 1])
         beyond = so_far <= target
         part += beyond
         before = np.where(beyond, so_far, before)
-        within = np.where(beyond, of_stretch(wanted[:, i]), within)
+        within = np.where(beyond, of_stretch(by_part[i]), within)
     steps = part + (target - before) / within
     left = of_stretch(path.begin) + of_stretch((path.end - path.begin) / _LOOKS) * steps
     right = np.append(left[1:], 0.0)

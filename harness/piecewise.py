@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.mixture.sums import running_sum
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
@@ -75,7 +77,7 @@ class Pieces:
         self._cells = self._first + np.minimum(step, self._last)
         self._filled = step <= self._last
         masses = np.where(self._filled, masses.take(self._cells), 0.0)
-        self._reached = np.add.accumulate(masses, axis=0)
+        self._reached = running_sum(masses)
         self.total: FloatArray = self._reached[-1]
 
     def cdf(self, x: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from harness.mixture.regression import State
+from harness.mixture.sums import running_sum
 
 Array = NDArray[np.float64]
 
@@ -22,7 +23,7 @@ def draw(state: State, spread: Array, lower: float, upper: float, u: Array) -> A
     a mass that double precision can hold.
     """
     weights, means = np.exp(state.log_weights[:, 0]), state.means[:, 0]
-    reached = np.add.accumulate(weights, axis=0)
+    reached = running_sum(weights)
     x = np.empty(u.shape[1])
     left = np.arange(x.size)
     for at in (0, 2):
@@ -52,7 +53,7 @@ def _inside(
     sign = np.where(a + b > 0.0, -1.0, 1.0)
     at_a, at_b = ndtr(a * sign), ndtr(b * sign)
     masses = weights * np.abs(at_b - at_a)
-    chosen = _chosen(np.add.accumulate(masses, axis=0), u[0])
+    chosen = _chosen(running_sum(masses), u[0])
     columns = np.arange(chosen.size)
     at_a, at_b, sign = at_a[chosen, columns], at_b[chosen, columns], sign[chosen, columns]
     z = sign * ndtri(at_a + u[1] * (at_b - at_a))
