@@ -15,8 +15,9 @@ from harness.plan import planned_arrivals
 from harness.report import episode_figures as episodes_drawn
 from harness.report import model_figures, safety_figures, site_figures, style, tau_figures
 from harness.report import sweep_figures as sweep
+from harness.report.console import plain
 from harness.report.episode_traces import ShownPair
-from harness.report.words import PAPER, is_the_papers, short
+from harness.report.words import PAPER, is_the_papers
 from harness.run_data import RunData
 from harness.scenario import Scenario
 from harness.site import read_site
@@ -111,7 +112,7 @@ def _sweep_pictures(run: RunData) -> Iterator[Picture]:
     if key is None:
         return
     others = [name for name in run.varied_keys if name != key]
-    labels = [", ".join(short(row[name]) for name in others) for _, row in summary.iterrows()]
+    labels = [", ".join(plain(row[name]) for name in others) for _, row in summary.iterrows()]
     if not others:
         labels = [run.scenario.arms.av] * len(summary)
     if len(set(labels)) > len(style.SERIES):
