@@ -23,6 +23,7 @@ from harness.report.words import (
     conflict_rows,
     count_lines,
     crash_lines,
+    indicative,
     is_the_papers,
     measure_rows,
 )
@@ -72,22 +73,27 @@ def _table_over_cells(run: Run) -> Table:
     measures = ("N", "μ", "κ AV", "κ human", "delay AV s", "delay human s")
     table = table_of_columns(title, *headings, *measures)
     for cell, summary in zip(run.study.cells, run.summaries, strict=True):
-        few = "*" if summary.defined_pairs < INDICATIVE_BELOW["mu"] else ""
+        n = summary.defined_pairs
         table.add_row(
             *(plain(cell.varied[key]) for key in keys),
             str(summary.pairs),
-            with_range(summary.mu, 3) + few,
+            with_range(summary.mu, 3) + _star(n, "mu"),
             with_range(summary.kappa, 4),
             with_range(summary.kappa_human, 4),
-            with_range(summary.delay_s, 2),
-            with_range(summary.delay_human_s, 2),
+            with_range(summary.delay_s, 2) + _star(n, "delay_s"),
+            with_range(summary.delay_human_s, 2) + _star(n, "delay_human_s"),
         )
     return table
 
 
+def _star(n: int, key: str) -> str:
+    return "*" if indicative(n, key) else ""
+
+
 def _sweep_lines(run: Run) -> list[str]:
     lines = []
-    if any(summary.defined_pairs < INDICATIVE_BELOW["mu"] for summary in run.summaries):
+    shown = ("mu", "delay_s", "delay_human_s")
+    if any(indicative(summary.defined_pairs, key) for summary in run.summaries for key in shown):
         lines.append("* indicative: N too small")
     pairs = sum(summary.pairs for summary in run.summaries)
     out = sum(summary.timed_out for summary in run.summaries)
@@ -111,9 +117,7 @@ def run_document(run: Run) -> dict[str, Any]:
                 "summary": summary_row(summary),
                 "conflicts": [conflict_row(rate) for rate in rates],
                 "indicative": [
-                    name
-                    for name, limit in INDICATIVE_BELOW.items()
-                    if summary.defined_pairs < limit
+                    name for name in INDICATIVE_BELOW if indicative(summary.defined_pairs, name)
                 ],
             }
             for cell, summary, rates in zip(

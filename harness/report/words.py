@@ -57,8 +57,14 @@ def measure_rows(summary: Summary) -> list[Row]:
         ("κ   with the front", _percent(summary.kappa_front), "", "", ""),
         ("κ   avoidable, AV / human", *avoidable, "", "by full braking at once"),
         ("κ   crash rate, human", _percent(kappa_human.value), _range(kappa_human, True), "", ""),
-        ("delay AV, s", _seconds(delay.value), _range(delay), "", ""),
-        ("delay human, s", _seconds(delay_human.value), _range(delay_human), "", ""),
+        ("delay AV, s", _seconds(delay.value), _range(delay), "", indicative(n, "delay_s")),
+        (
+            "delay human, s",
+            _seconds(delay_human.value),
+            _range(delay_human),
+            "",
+            indicative(n, "delay_human_s"),
+        ),
         ("stops, AV / human", stops, "", "", "per episode"),
         ("stopped s, AV / human", stopped, "", "", "per episode"),
     ]

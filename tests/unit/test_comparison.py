@@ -8,12 +8,14 @@ import pytest
 from scipy import stats
 
 from harness.comparison import (
+    INDICATIVE_BELOW,
     PairColumns,
     bootstrap_mean_and_cv,
     proportion,
     summarise,
     zero_bound,
 )
+from harness.report.words import indicative, measure_rows
 
 
 def rng() -> np.random.Generator:
@@ -189,3 +191,15 @@ def test_summary_of_hand_counted_pairs() -> None:
 def test_resampling_does_not_change_with_the_batches() -> None:
     one, other = (bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) for _ in range(2))
     assert one == other
+
+
+def test_few_pairs_are_said_to_be_few() -> None:
+    # Every bootstrap interval of a cell, printed with three pairs; exact ones never.
+    remarks = {row[0]: row[4] for row in measure_rows(summarise(columns(), 60.0, rng()))}
+    marked = {name for name, remark in remarks.items() if "N too small" in remark}
+    assert marked == {"μ   mean of τ", "c_v spread of τ", "delay AV, s", "delay human, s"}
+    for name, limit in INDICATIVE_BELOW.items():
+        assert (indicative(limit - 1, name), indicative(limit, name)) == (
+            "indicative: N too small",
+            "",
+        )
