@@ -16,7 +16,7 @@ from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.interaction import VARIABLES
 from harness.trajectories import WEIGHINGS, row_weights
-from harness.trajectories.csv_input import EmptyTableError, read_table, require_columns
+from harness.trajectories.csv_input import EmptyTableError, as_paths, read_table, require_columns
 from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
 from harness.trajectories.weights import Weigh
 
@@ -88,8 +88,8 @@ def read_rows(path: Path) -> RowFile:
     Raises:
         InputError: missing, unreadable, empty, or a needed column is missing.
     """
-    if not path.is_file():
-        raise InputError(str(path), "no such file of rows", "a file `harness extract` wrote")
+    if not as_paths(path)[0].is_file():
+        raise InputError(str(path), "is a folder", "a file `harness extract` wrote")
     try:
         rows = read_table(path)
     except EmptyTableError as error:

@@ -58,6 +58,11 @@ def main() -> None:
     except HarnessError as error:
         say(f"harness: {error}")
         code = 1
+    except OSError as error:
+        # What no module foresaw: a name too long for the file system, a disk that went away.
+        name = "" if error.filename is None else f"{error.filename}: "
+        say(f"harness: {name}{error.strerror or error}")
+        code = 1
     except Exit as error:
         code = error.exit_code
     except (Abort, KeyboardInterrupt):

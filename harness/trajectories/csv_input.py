@@ -25,7 +25,12 @@ def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
         raise InputError("paths", "no file or folder given", "at least one")
     found = [Path(path) for path in given]
     for path in found:
-        if not path.exists():
+        try:
+            there = path.exists()
+        except (OSError, ValueError):
+            # A name that no file can have: too long, or with a NUL in it.
+            there = False
+        if not there:
             raise InputError(str(path), "no such file or folder")
     return found
 
@@ -86,7 +91,7 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     Raises:
         InputError: a column holds not a single number.
     """
-    converted = {name: pd.to_numeric(table[name], errors="coerce") for name in names}
+    converted = {name: _as_numbers(table[name]) for name in names}
     for name, column in converted.items():
         if column.isna().all() and table[name].notna().any():
             sample = table[name].dropna().iloc[0]
@@ -100,6 +105,15 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     tally.drop("records", "out_of_scale", int((finite & ~usable).sum()))
     table = table.assign(**{name: values[name] for name in names})
     return table[usable]
+
+
+def _as_numbers(column: pd.Series) -> pd.Series:
+    """Floats, NaN where a cell is no number."""
+    try:
+        return pd.to_numeric(column, errors="coerce")
+    except OverflowError:
+        # A whole number beyond a float's range; as text it becomes infinite.
+        return pd.to_numeric(column.astype(str), errors="coerce")
 
 
 def identifiers(column: pd.Series) -> pd.Series:
