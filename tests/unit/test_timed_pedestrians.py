@@ -11,8 +11,9 @@ from harness.errors import InputError
 from harness.measures import measure
 from harness.plan import planned_arrivals
 from harness.results import pedestrian_rows, trace_rows
-from harness.scenario import Scenario, validate
+from harness.scenario import Scenario, read_scenario_file, validate
 from harness.strategies.constant_speed import ConstantSpeed
+from harness.study import study_of
 from tests.scenes import outcome_of, rules_of
 
 WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
@@ -233,3 +234,34 @@ def test_what_is_refused(changes: dict[str, object], parts: list[str]) -> None:
 def test_an_unknown_case_is_refused() -> None:
     with pytest.raises(InputError, match=r"timed_case.*did you mean 'CPNA-25'"):
         scene(timed("CPNA-25"), timed_case="CPNA25")
+
+
+def test_the_shipped_study_hits_where_it_says() -> None:
+    study = study_of(read_scenario_file("euro_ncap_vru"), [])
+    assert len(study.cells) == 27
+    speeds = sorted({cell.scenario.ego.initial_speed_mps for cell in study.cells})
+    assert [speed * 3.6 for speed in speeds] == pytest.approx(range(20, 61, 5), abs=2e-4)
+    for cell in study.cells:
+        case = cell.scenario.pedestrians.timed_case
+        assert case is not None
+        side, start, accelerating, kmh, share = CASES[case]
+        driver = Watching()
+        trace = play(cell.scenario, driver)
+        (record,) = measure([trace])
+        assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
+        contact_s = record.contact_time_s
+        assert contact_s is not None
+        (view,) = [o for o in driver.seen if o.time_s <= contact_s][-1].pedestrians
+        assert (view.side, view.speed_mps * 3.6) == (side, pytest.approx(kmh, abs=1e-3))
+        assert driver.seen[0].pedestrians[0].lateral_m == start
+        left = view.lateral_m - view.speed_mps * (contact_s % 0.1)
+        assert left == pytest.approx(WIDTH * (0.5 - share), abs=1e-9)
+        # Test start: 4 s before the contact at least; he needs 2 d_a/v_p + (d − d_a)/v_p.
+        assert contact_s > 4.0
+        distance = start - WIDTH * (0.5 - share)
+        walking_s = (distance + accelerating) / (kmh / 3.6)
+        assert trace.walks[0].start_s == pytest.approx(contact_s - walking_s, abs=2e-4)
+        # From then on braking at 9 m/s² stops within v²/18, well before he is reached.
+        speed = cell.scenario.ego.initial_speed_mps
+        assert speed**2 / 18 < speed * walking_s
+        assert record.avoidable is True
