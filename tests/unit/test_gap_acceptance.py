@@ -123,6 +123,9 @@ def test_planned_gaps_are_as_distributed_and_change_nothing_else() -> None:
     reference = stats.lognorm(s=sigma, scale=4.0 / math.sqrt(1 + 2.5**2 / 4.0**2))
     assert len(found) > 5000
     assert stats.kstest(found, reference.cdf).pvalue > 1e-3
+    # Who walks fast is not who takes short gaps.
+    quantiles = [a.quantile for pair in range(400) for a in planned_arrivals(waiting, pair)]
+    assert abs(stats.spearmanr(found, quantiles).statistic) < 4 / math.sqrt(len(found))
 
 
 def test_both_arms_meet_the_same_people(model) -> None:

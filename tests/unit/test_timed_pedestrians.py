@@ -1,10 +1,11 @@
 """Pedestrians whom a car that never brakes would hit at a given share of its width."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
-from harness.encounter import Arrival, Contact, Ending, Observation, Side, Trace
+from harness.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode import run_episode
 from harness.errors import InputError
@@ -14,7 +15,7 @@ from harness.results import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, validate
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.study import study_of
-from tests.scenes import outcome_of, rules_of
+from tests.scenes import drive, outcome_of, rules_of
 
 WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
 
@@ -265,3 +266,41 @@ def test_the_shipped_study_hits_where_it_says() -> None:
         speed = cell.scenario.ego.initial_speed_mps
         assert speed**2 / 18 < speed * walking_s
         assert record.avoidable is True
+
+
+def accelerating(start_s: float, gain: float, pieces: int | None) -> Trace:
+    """Someone who accelerates all the way past a car at 5 m/s; or many short steady legs of it."""
+    legs = [Leg(start_s, 0.0, 0.0, 0.0, 0.0, gain)]
+    if pieces:
+        times = [math.sqrt(2 * 9.0 / gain) * n / pieces for n in range(pieces + 1)]
+        places = [gain * time**2 / 2 for time in times]
+        legs = [
+            Leg(start_s + times[n], 0.0, places[n], 0.0, (y - places[n]) * pieces / times[-1], 0.0)
+            for n, y in enumerate(places[1:])
+        ]
+    walk = Walk(Arrival(0, start_s, Side.NEAR, None), start_s, 1.0, 30.0, 5.0, tuple(legs))
+    return replace(drive([0.0] * 74), walks=(walk,))
+
+
+def test_walks_into_the_flank_while_accelerating() -> None:
+    # The car is over the line from 5.95 to 7.05 s; his disc reaches its side, y = 1.1 m, after
+    # sqrt(2 · 1.1/1) s.
+    (record,) = measure([accelerating(5.0, 1.0, None)])
+    assert record.contact is Contact.SIDE
+    assert record.contact_time_s == pytest.approx(5.0 + math.sqrt(2.2), abs=1e-9)
+
+
+def test_even_acceleration_is_the_limit_of_many_steady_legs() -> None:
+    cases = [(start, gain) for start in (4.6, 5.0, 5.3, 5.6) for gain in (0.6, 1.0, 2.0)]
+    exact = measure([accelerating(*case, None) for case in cases])
+    steady = measure([accelerating(*case, 90) for case in cases])
+    for one, other in zip(exact, steady, strict=True):
+        assert (one.ending, one.contact, one.avoidable) == (
+            other.ending,
+            other.contact,
+            other.avoidable,
+        )
+        # min_ttc_s is over states, of which many legs have more.
+        for name in ("contact_time_s", "min_gap_m", "pet_s"):
+            assert getattr(one, name) == pytest.approx(getattr(other, name), abs=0.03), name
+    assert {record.avoidable for record in exact} == {True, False, None}
