@@ -7,6 +7,7 @@ from harness.encounter import StrategyFactory
 from harness.errors import InputError, nearest_name
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
+from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.own import installed, load_installed, load_own
@@ -18,6 +19,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "constant_speed": ConstantSpeed,
     "human_gmm": HumanDriver,
     "emergency_brake": EmergencyBrake,
+    "gap_yield": GapYield,
 }
 
 _prepared: set[tuple[StrategyFactory, str]] = set()
