@@ -110,7 +110,8 @@ def _sweep_lines(result: SweepResult, level: float) -> list[str]:
     within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
     if found.verdict is SweepVerdict.SOME:
         allowed = _values(result, Verdict.ALLOWED)
-        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}."]
+        few = " Indicative: N too small for the bounds of μ." if any(result.indicative) else ""
+        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
         if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
             lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
         return lines

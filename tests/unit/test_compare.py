@@ -287,7 +287,11 @@ def test_tables(
 @pytest.mark.parametrize(
     ("limits", "said"),
     [
-        ((1.0, 0.05), "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence"),
+        (
+            (1.0, 0.05),
+            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence for all 3 values "
+            "together. Indicative",
+        ),
         ((0.8, 0.05), "No value is allowed"),
         ((1.0, 0.01), "At the present estimates about N = 477 would show one of them allowed"),
     ],
