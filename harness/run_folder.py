@@ -15,14 +15,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import filelock
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.errors import HarnessError, InputError
-from harness.results import TABLES, pair_rows, table_of
+from harness.results import SCHEMA, TABLES, pair_rows, table_of
 from harness.shards import (
     SHARDS,
     DamagedShardError,
@@ -36,6 +37,22 @@ MANIFEST = "manifest.json"
 
 _LOCK = ".lock"
 _ROW_GROUP = 100_000
+
+
+class _Manifest(BaseModel):
+    """The form of ``manifest.json``; what its scenario means is ``study_from``'s business."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    name: str
+    scenario: dict[str, Any]
+    cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    traces: bool
+    until: dict[str, Annotated[float, Field(gt=0)]] | None
+    seed: int
+    versions: dict[str, str]
+    models: list[dict[str, str]]
+    counts: dict[str, int] | None
 
 
 class RunFolder:
@@ -178,6 +195,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise InputError(str(path), "is damaged", "a manifest as a run writes it") from None
     if not isinstance(document, dict):
         raise InputError(str(path), "is damaged", "a manifest as a run writes it")
+    if document.get("schema") == SCHEMA:
+        # Of another format version nothing is known but that.
+        try:
+            _Manifest.model_validate(document)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            key = ".".join(str(part) for part in first["loc"])
+            raise InputError(f"{path}: {key}", "is damaged", first["msg"]) from None
     return document
 
 

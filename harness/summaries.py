@@ -8,6 +8,7 @@ import pyarrow as pa
 
 from harness.comparison import Interval, PairColumns, Summary, summarise
 from harness.encounter import Arm, Contact, Ending
+from harness.errors import InputError
 from harness.study import Cell
 
 _BOOTSTRAP = 5
@@ -25,7 +26,15 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
 
 
 def pair_columns(episodes: pa.Table) -> PairColumns:
-    """What the comparison needs, from the episodes of one cell (rows in order of pairs)."""
+    """What the comparison needs, from the episodes of one cell.
+
+    Args:
+        episodes: rows in order of pairs, AV first.
+
+    Raises:
+        InputError: they are not: an arm is missing, or rows of two runs are mixed.
+    """
+    _check_pairs(episodes)
     arm = np.array(episodes["arm"].to_pylist())
     ending = np.array(episodes["ending"].to_pylist())
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
@@ -52,6 +61,17 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         av_fallback=both(numbers("fallback") > 0)[0],
         met=met[0] + met[1],
     )
+
+
+def _check_pairs(episodes: pa.Table) -> None:
+    arms, pairs = episodes["arm"].to_pylist(), episodes["pair"].to_pylist()
+    whole = len(arms) > 0 and len(arms) % 2 == 0
+    whole = whole and arms[::2] == [Arm.AV.value] * (len(arms) // 2)
+    whole = whole and arms[1::2] == [Arm.HUMAN.value] * (len(arms) // 2)
+    if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != len(pairs) // 2:
+        raise InputError(
+            "episodes", "are not two arms of each pair of a cell", "one run's episodes"
+        )
 
 
 def summary_row(summary: Summary) -> dict[str, float | int | None]:

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import HealthCheck, settings
 
-SAMPLE, FULL = 60, 10_000
+SAMPLE, FULL = 40, 10_000
 
 _QUIET = [HealthCheck.too_slow, HealthCheck.function_scoped_fixture, HealthCheck.data_too_large]
 
