@@ -65,7 +65,7 @@ def timed(study: Study, workers: int) -> Cost:
     own, children = cpu_s(resource.RUSAGE_SELF), cpu_s(resource.RUSAGE_CHILDREN)
     begin = time.perf_counter()
 
-    def note(done: int, _planned: int) -> None:
+    def note(done: int, _planned: int, _what: str) -> None:
         finished.append((time.perf_counter() - begin, done))
 
     with tempfile.TemporaryDirectory() as folder:

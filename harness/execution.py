@@ -14,7 +14,15 @@ from typing import Any
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
 from harness.results import EPISODES, PEDESTRIANS, TRACES
-from harness.tasks import Executor, ExecutorLostError, Task, TaskResult, WorkerDiedError
+from harness.tasks import (
+    Argument,
+    Executor,
+    ExecutorLostError,
+    Result,
+    Task,
+    TaskResult,
+    WorkerDiedError,
+)
 from harness.worker import run_task
 
 ATTEMPTS = 2
@@ -39,34 +47,53 @@ def run_tasks(
     waiting = iter(tasks)
     again: list[Task] = []
     failures: dict[str, int] = {}
-    running: dict[Future[TaskResult], Task] = {}
+
+    def take() -> Task | None:
+        return again.pop() if again else next(waiting, None)
+
+    for task, future in finished(executor, run_task, take):
+        try:
+            yield task, future.result()
+        except ExecutorLostError:
+            raise
+        except (Exception, CancelledError) as error:
+            reason = reason_of(error, task.hang_after_s, task.stack_file)
+            failures[task.name] = failures.get(task.name, 0) + 1
+            last = failures[task.name] >= ATTEMPTS
+            note("task failed", task=task.name, reason=reason, stack=_stack(task))
+            if not last:
+                again.append(task)
+            elif task.count > 1:
+                again += [_part(task, pair) for pair in task.pairs]
+            else:
+                note("pair given up", cell=task.cell, pair=task.first_pair, reason=reason)
+                yield task, _given_up(task, reason)
+
+
+def finished(
+    executor: Executor,
+    function: Callable[[Argument], Result],
+    take: Callable[[], Argument | None],
+) -> "Iterator[tuple[Argument, Future[Result]]]":
+    """Call a function with one argument after another, a few per worker at a time.
+
+    Args:
+        executor: where.
+        function: see ``Executor.submit``.
+        take: gives the next argument; None if there is none at present.
+
+    Yields:
+        Each argument with its finished future, in whatever order.
+    """
+    running: dict[Future[Result], Argument] = {}
     while True:
-        while len(running) < 2 * executor.workers:
-            task = again.pop() if again else next(waiting, None)
-            if task is None:
-                break
-            running[executor.submit(run_task, task)] = task
+        while len(running) < 2 * executor.workers and (argument := take()) is not None:
+            running[executor.submit(function, argument)] = argument
         if not running:
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
         for future in done:
-            task = running.pop(future)
-            try:
-                yield task, future.result()
-            except ExecutorLostError:
-                raise
-            except (Exception, CancelledError) as error:
-                reason = _reason(error, task)
-                failures[task.name] = failures.get(task.name, 0) + 1
-                last = failures[task.name] >= ATTEMPTS
-                note("task failed", task=task.name, reason=reason, stack=_stack(task))
-                if not last:
-                    again.append(task)
-                elif task.count > 1:
-                    again += [_part(task, pair) for pair in task.pairs]
-                else:
-                    note("pair given up", cell=task.cell, pair=task.first_pair, reason=reason)
-                    yield task, _given_up(task, reason)
+            yield running.pop(future), future
 
 
 def _part(task: Task, pair: int) -> Task:
@@ -76,9 +103,10 @@ def _part(task: Task, pair: int) -> Task:
     return replace(single, stack_file=task.stack_file.with_name(f"stack-{single.name}.txt"))
 
 
-def _reason(error: BaseException, task: Task) -> str:
-    if isinstance(error, WorkerDiedError) and _has_text(task.stack_file):
-        return f"the worker was ended: no pair finished within {task.hang_after_s:g} s"
+def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None) -> str:
+    """Why there is no result, in one line."""
+    if isinstance(error, WorkerDiedError) and _has_text(stack_file):
+        return f"the worker was ended: no pair finished within {hang_after_s:g} s"
     text = " ".join(str(error).split())
     return text if isinstance(error, HarnessError) else f"{type(error).__name__}: {text}"
 

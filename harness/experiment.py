@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
-from harness.errors import InputError, InterruptedRunError
+from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.execution import run_tasks
 from harness.finish import Run, finish, read_finished
 from harness.manifest import (
@@ -15,19 +16,20 @@ from harness.manifest import (
     recall_batch,
     refuse_other_versions,
 )
-from harness.options import HANG_AFTER_S_PER_STEP, Options
+from harness.options import Options, hang_limit_s
 from harness.pool import LocalPool, workers_for
 from harness.run_folder import RunFolder, claim_folder
 from harness.study import Cell, Study
-from harness.tasks import Executor, Task
+from harness.sumo_outputs import write_outputs
+from harness.tasks import Executor, ExecutorLostError, Task
 from harness.until import reach_precision
 
 FEWEST_PAIRS = 5
 """Pairs of the smallest tasks: those at the end of a run, so that workers end together."""
 
 MakeExecutor = Callable[[int], Executor]
-Progress = Callable[[int, int], None]
-"""(pairs done, pairs planned)."""
+Progress = Callable[[int, int, str], None]
+"""(done, planned, of what)."""
 
 
 def run_study(
@@ -35,7 +37,7 @@ def run_study(
     options: Options,
     *,
     out: Path | None = None,
-    progress: Progress = lambda _done, _planned: None,
+    progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor = LocalPool,
 ) -> Run:
     """Run every cell and write the run folder.
@@ -62,7 +64,7 @@ def resume(
     path: Path,
     *,
     workers: int | None = None,
-    progress: Progress = lambda _done, _planned: None,
+    progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor = LocalPool,
 ) -> Run:
     """Go on with an interrupted run; a finished one is only read.
@@ -80,7 +82,7 @@ def resume(
         if document.get("counts") is not None:
             # Interrupted, if at all, while it cleared up.
             folder.drop_shards()
-            return read_finished(path, batch)
+            return _with_outputs(read_finished(path, batch), folder, batch, progress)
         folder.note("resumed")
         return _carry_out(folder, batch, progress, make_executor)
 
@@ -91,6 +93,9 @@ def _held(folder: RunFolder) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise InterruptedRunError(folder.path) from None
+    except ExecutorLostError as error:
+        kept = f"what is finished is kept: harness run --resume {folder.path}"
+        raise HarnessError(f"{error}; {kept}") from None
     finally:
         folder.close()
 
@@ -107,7 +112,16 @@ def _carry_out(
     finally:
         work.stop()
     folder.note("simulated")
-    return finish(folder, batch)
+    return _with_outputs(finish(folder, batch), folder, batch, progress)
+
+
+def _with_outputs(run: Run, folder: RunFolder, batch: Batch, progress: Progress) -> Run:
+    """Add what is missing of SUMO's own outputs, where they were asked for."""
+    if batch.options.sumo_outputs is None:
+        return run
+    what = "SUMO outputs (slow: a SUMO for each episode)"
+    failures = write_outputs(folder, batch, lambda done, planned: progress(done, planned, what))
+    return replace(run, output_failures=failures)
 
 
 class _Work:
@@ -144,7 +158,7 @@ class _Work:
                 self.folder.note("episode failed", **failure)
             self.done.setdefault(task.cell, set()).update(task.pairs)
             done += task.count
-            self.progress(done, total)
+            self.progress(done, total, "pairs")
         rate = left / (time.perf_counter() - begin)
         self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
 
@@ -176,8 +190,7 @@ class _Work:
                 begin = end
 
     def _task(self, cell: Cell, first: int, count: int) -> Task:
-        options, experiment = self.batch.options, cell.scenario.experiment
-        steps = experiment.timeout_s / experiment.step_s
+        options = self.batch.options
         return Task(
             cell=cell.number,
             first_pair=first,
@@ -185,6 +198,6 @@ class _Work:
             scenario=cell.scenario,
             model=self.batch.models[cell.number],
             traces=options.traces,
-            hang_after_s=options.hang_after_s + 2 * steps * HANG_AFTER_S_PER_STEP,
+            hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario.experiment),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
         )

@@ -16,6 +16,7 @@ from harness.measure_tables import ConflictRate, conflict_rates, conflict_row, m
 from harness.run_folder import RunFolder, read_table, write_csv, write_parquet
 from harness.study import Cell, Study
 from harness.summaries import summarise_cell, summary_row
+from harness.tasks import Failure
 from harness.until import confidence_of
 
 
@@ -27,8 +28,10 @@ class Run:
     study: Study
     summaries: tuple[Summary, ...]
     conflicts: tuple[tuple[ConflictRate, ...], ...]
-    failures: tuple[tuple[int, int, str, str], ...]
-    """(cell, pair, arm, reason) of every episode the engine failed in."""
+    failures: tuple[Failure, ...]
+    """Every episode the engine failed in."""
+    output_failures: tuple[Failure, ...] = ()
+    """Every episode without SUMO's outputs, of those that were asked for."""
 
 
 def finish(folder: RunFolder, batch: Batch) -> Run:
@@ -73,7 +76,7 @@ class _CellResult(NamedTuple):
 
     summary: Summary
     conflicts: tuple[ConflictRate, ...]
-    failures: list[tuple[int, int, str, str]]
+    failures: list[Failure]
 
 
 def _result_of(batch: Batch, cell: Cell, episodes: pa.Table) -> _CellResult:
@@ -90,7 +93,7 @@ def _run_of(path: Path, batch: Batch, cells: Iterable[_CellResult]) -> Run:
     return Run(path, batch.study, summaries, conflicts, tuple(chain.from_iterable(failures)))
 
 
-def _failures(episodes: pa.Table, cell: int) -> list[tuple[int, int, str, str]]:
+def _failures(episodes: pa.Table, cell: int) -> list[Failure]:
     columns = (episodes[name].to_pylist() for name in ("ending", "pair", "arm", "reason"))
     return [
         (cell, pair, arm, reason or "")

@@ -56,6 +56,7 @@ def manifest_of(batch: Batch, counts: dict[str, int] | None = None) -> dict[str,
         "scenario": study.base.model_dump(),
         "cells": [cell.varied for cell in study.cells],
         "traces": options.traces,
+        "sumo_outputs": options.sumo_outputs,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
         "versions": versions(),
@@ -90,6 +91,7 @@ def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
             traces=bool(document["traces"]),
             until=None if until is None else Precision(*next(iter(until.items()))),
             workers=workers,
+            sumo_outputs=document["sumo_outputs"],
         )
     except (KeyError, TypeError, AttributeError, StopIteration):
         raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None

@@ -1,6 +1,9 @@
 """How a run is carried out; nothing of it changes what one pair gives."""
 
 from dataclasses import dataclass
+from typing import Literal
+
+from harness.scenario import ExperimentSection
 
 TASK_PAIRS = 50
 """Pairs in a task."""
@@ -23,10 +26,19 @@ class Precision:
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says beside the study; ``workers`` None means all cores."""
+    """What the command line says beside the study.
+
+    ``workers`` None means all cores; ``sumo_outputs`` says whose SUMO outputs are written.
+    """
 
     traces: bool = False
     until: Precision | None = None
     workers: int | None = None
     hang_after_s: float = HANG_AFTER_S
     task_pairs: int = TASK_PAIRS
+    sumo_outputs: Literal["all", "crashed"] | None = None
+
+
+def hang_limit_s(hang_after_s: float, experiment: ExperimentSection) -> float:
+    """How long a worker may take for one pair of a scenario."""
+    return hang_after_s + 2 * experiment.timeout_s / experiment.step_s * HANG_AFTER_S_PER_STEP

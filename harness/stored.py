@@ -1,8 +1,10 @@
 """One cell of a stored run: what its episodes were, to hold a repetition against."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+
+import pyarrow as pa
 
 from harness.encounter import Arm
 from harness.errors import InputError
@@ -12,6 +14,8 @@ from harness.measures import Outcome
 from harness.results import EPISODES, PEDESTRIANS, episode_rows, pedestrian_rows
 from harness.run_folder import read_manifest, read_table
 from harness.study import Cell
+
+Row = dict[str, Any]
 
 
 class StoredCell:
@@ -32,28 +36,32 @@ class StoredCell:
         self.cell: Cell = cells[number]
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(section.name, section.path)
-        self.episodes = read_table(run, "episodes", number).to_pylist()
-        self.pedestrians = read_table(run, "pedestrians", number).to_pylist()
+        self._episodes, self._pedestrians = (
+            _by_episode(read_table(run, name, number)) for name in ("episodes", "pedestrians")
+        )
 
     def check_pair(self, pair: int) -> None:
-        """Refuse a pair that the cell does not have."""
-        pairs = self.cell.scenario.experiment.pairs
-        if not 0 <= pair < pairs:
-            raise InputError("--pair", f"{pair}", f"0 to {pairs - 1}")
+        """Refuse a pair that was not run."""
+        if (pair, Arm.AV.value) not in self._episodes:
+            last = max((pair for pair, _ in self._episodes), default=0)
+            raise InputError("--pair", f"{pair}", f"0 to {last}")
+
+    def rows_of(self, pair: int, arm: Arm) -> tuple[list[Row], list[Row]]:
+        """An episode's rows of ``episodes`` and of ``pedestrians``."""
+        key = (pair, arm.value)
+        return self._episodes.get(key, []), self._pedestrians.get(key, [])
 
     def differences(self, outcome: Outcome) -> Iterator[str]:
         """What of an episode is not exactly as stored, in words."""
-        episodes, pedestrians = (
-            _of(rows, outcome.pair, outcome.arm) for rows in (self.episodes, self.pedestrians)
-        )
-        return record_differences(outcome, self.cell.number, episodes, pedestrians)
+        rows = self.rows_of(outcome.pair, outcome.arm)
+        return record_differences(outcome, self.cell.number, *rows)
 
 
 def record_differences(
     outcome: Outcome,
     cell: int,
-    episodes: Sequence[Mapping[str, Any]],
-    pedestrians: Sequence[Mapping[str, Any]],
+    episodes: Sequence[Row],
+    pedestrians: Sequence[Row],
 ) -> Iterator[str]:
     """What of an episode run again is not exactly as stored, in words.
 
@@ -76,5 +84,8 @@ def record_differences(
                     yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
 
 
-def _of(rows: list[dict[str, Any]], pair: int, arm: Arm) -> list[dict[str, Any]]:
-    return [row for row in rows if row["pair"] == pair and row["arm"] == arm.value]
+def _by_episode(table: pa.Table) -> dict[tuple[int, str], list[Row]]:
+    rows: dict[tuple[int, str], list[Row]] = {}
+    for row in table.to_pylist():
+        rows.setdefault((row["pair"], row["arm"]), []).append(row)
+    return rows

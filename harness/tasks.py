@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from harness.interaction import InteractionModel
     from harness.scenario import Scenario
 
+Failure = tuple[int, int, str, str]
+"""(cell, pair, arm, reason) of an episode that came to nothing."""
+
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
 
@@ -79,9 +82,6 @@ class Executor(Protocol):
 
 class ExecutorLostError(HarnessError):
     """Whatever runs the tasks is gone; no task is to blame."""
-
-    def __init__(self, problem: str) -> None:
-        super().__init__(f"{problem}; what is finished is kept: go on with --resume")
 
 
 class WorkerDiedError(HarnessError):

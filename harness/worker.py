@@ -57,7 +57,7 @@ def run_task(task: Task) -> TaskResult:
     """Run every pair of a task."""
     try:
         runner = _runner_for(task)
-        with _watchdog(task) as alive:
+        with watchdog(task.hang_after_s, task.stack_file) as alive:
             outcomes = list(runner.run(task.pairs, alive))
     except BaseException:
         # Nothing of an episode that was broken off may reach the next one.
@@ -90,24 +90,24 @@ def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[dict[str, Any]]:
 
 
 @contextmanager
-def _watchdog(task: Task) -> Iterator[Callable[[], None]]:
+def watchdog(hang_after_s: float, stack_file: Path | None) -> Iterator[Callable[[], None]]:
     """Ends the process when no pair is finished for too long, hung C code included.
 
     faulthandler's watchdog is a thread of its own that needs no interpreter lock; it writes the
     Python stack and exits the process, which the parent then sees as a dead worker.
     """
-    with _open_for_writing(task.stack_file) as file:
+    with _open_for_writing(stack_file) as file:
 
         def alive() -> None:
-            faulthandler.dump_traceback_later(task.hang_after_s, exit=True, file=file)
+            faulthandler.dump_traceback_later(hang_after_s, exit=True, file=file)
 
         alive()
         try:
             yield alive
         finally:
             faulthandler.cancel_dump_traceback_later()
-    if task.stack_file:
-        task.stack_file.unlink(missing_ok=True)
+    if stack_file:
+        stack_file.unlink(missing_ok=True)
 
 
 def _open_for_writing(path: Path | None) -> IO[str]:

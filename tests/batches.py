@@ -13,6 +13,8 @@ from harness.scenario import ScenarioFile, Setting, read_scenario_file
 from harness.study import Study, parse_variation, single_cell, study_of
 from harness.tasks import Argument, Result
 
+CHECKOUT = Path(__file__).parents[1]
+
 HARNESS = [sys.executable, "-m", "harness"]
 
 FLOW = {"experiment.pairs": 12, "experiment.timeout_s": 60.0}

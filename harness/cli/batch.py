@@ -26,7 +26,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import print_json, print_line, progress_bar, say
-from harness.errors import HarnessError, InputError
+from harness.errors import InputError
 
 
 def run(
@@ -120,7 +120,12 @@ def _start(study: Any, out: Path | None, how: _How) -> None:
     if how.sumo_outputs not in (None, "all", "crashed"):
         raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
     _refuse_workers_beside_dask(how.workers, how.dask)
-    options = Options(traces=how.traces, until=_precision(how.until), workers=how.workers)
+    options = Options(
+        traces=how.traces,
+        until=_precision(how.until),
+        workers=how.workers,
+        sumo_outputs=how.sumo_outputs,  # type: ignore[arg-type]
+    )
     hidden = how.quiet or how.as_json
     with _executor(study, options, how.dask) as make_executor, termination():
         from harness.experiment import run_study
@@ -129,14 +134,6 @@ def _start(study: Any, out: Path | None, how: _How) -> None:
             finished = run_study(
                 study, options, out=out, progress=advance, make_executor=make_executor
             )
-    if how.sumo_outputs is not None:
-        from harness.replay import replay_into
-
-        if not hidden:
-            say(f"SUMO's outputs of {how.sumo_outputs} episodes: one SUMO for each, be patient")
-        for episode in replay_into(finished.folder, how.sumo_outputs):
-            for difference in episode.differences:
-                raise HarnessError(f"{episode.folder}: {difference}")
     _report(finished, how.quiet, how.as_json)
 
 
@@ -219,13 +216,17 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
         print_line(str(finished.folder))
     else:
         print_run(finished)
-    failures = finished.failures
-    if failures:
-        shown = "; ".join(
-            f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
-        )
-        more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
-        say(f"harness: {len(failures)} episodes failed in the engine: {shown}{more}")
+    for failures, what in (
+        (finished.failures, "episodes failed in the engine"),
+        (finished.output_failures, "episodes have no SUMO outputs, or others than they should"),
+    ):
+        if failures:
+            shown = "; ".join(
+                f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
+            )
+            more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
+            say(f"harness: {len(failures)} {what}: {shown}{more}")
+    if finished.failures or finished.output_failures:
         raise typer.Exit(1)
 
 

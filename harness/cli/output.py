@@ -23,8 +23,8 @@ def say(text: str) -> None:
 
 
 @contextmanager
-def progress_bar(what: str, hidden: bool) -> Iterator[Callable[[int, int], None]]:
-    """A bar on stderr that takes (done, planned)."""
+def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
+    """A bar on stderr that takes (done, planned) and, where it changes, of what."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -45,10 +45,12 @@ def progress_bar(what: str, hidden: bool) -> Iterator[Callable[[int, int], None]
     )
     task = bar.add_task(what, rate="")
 
-    def advance(done: int, planned: int) -> None:
+    def advance(done: int, planned: int, of: str = what) -> None:
         # Shown once there is something to show: a refusal is one line and no bar.
         if not hidden:
             bar.start()
+        if of != bar.tasks[0].description:
+            bar.reset(task, description=of, rate="")
         speed = bar.tasks[0].speed
         bar.update(
             task, completed=done, total=planned, rate=f"{speed:.0f}/s" if speed is not None else ""

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import JsonOption
-from harness.cli.output import print_json, print_line, progress_bar
+from harness.cli.output import print_json, print_line, progress_bar, say
 from harness.errors import InputError
 
 
@@ -64,7 +64,12 @@ def replay(
     from harness.replay import replay as run_again
 
     replayed = run_again(run_folder, pair, arms, cell, out)
-    _compare([(str(one.folder), one.differences) for one in replayed])
+    problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
+    if problems:
+        say(f"harness: {'; '.join(problems)}; SUMO's files are cut off")
+    _compare([(str(one.folder), one.differences) for one in replayed if one.problem is None])
+    if problems:
+        raise typer.Exit(1)
 
 
 def _compare(episodes: list[tuple[str, tuple[str, ...]]]) -> None:

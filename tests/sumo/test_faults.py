@@ -1,12 +1,10 @@
 """Injected faults: the culprits get ``engine_failed`` with the reason, all others their results.
 
-Workers are fresh processes, where nothing that a test patches is seen.  So the faulty strategy
-below is written into a ``sitecustomize`` module on PYTHONPATH, which Python imports at the start
-of every process; it enters itself into the table of strategies there.
+Workers are fresh processes, where nothing that a test patches is seen: the faulty strategy is a
+user's own, found by its module.
 """
 
 import json
-import os
 import resource
 import subprocess
 from collections.abc import Iterator, Sequence
@@ -22,86 +20,9 @@ from harness.engine.plain import PlainEngine
 from harness.errors import EngineError, HarnessError
 from harness.experiment import resume, run_study
 from harness.options import Options
-from harness.seeding import stream
 from harness.worker import close_engine
-from tests.batches import QUICK, Inline, content, one_cell, options_of, shell
-
-FAULTY = '''
-"""Gives every process a strategy that fails in the ways it is told to."""
-
-import ctypes
-import os
-import sys
-import time
-
-from harness.strategies import registry
-
-
-def raise_error(_observation):
-    raise RuntimeError("on purpose")
-
-
-def hang(_observation):
-    while True:
-        time.sleep(0.05)
-
-
-def hang_in_c(_observation):
-    # PyDLL keeps the interpreter's lock: no Python code runs any more.
-    ctypes.PyDLL(None).pause()
-
-
-def lose_ego(_observation):
-    import libsumo
-
-    for name in libsumo.vehicle.getIDList():
-        libsumo.vehicle.remove(name)
-    return 0.0
-
-
-FAULTS = {
-    "raises": raise_error,
-    "nan": lambda _: float("nan"),
-    "text": lambda _: "fast",
-    "loses_ego": lose_ego,
-    "exits": lambda _: sys.exit(3),
-    "aborts": lambda _: os.abort(),
-    "hangs": hang,
-    "hangs_in_c": hang_in_c,
-}
-
-
-class Faulty:
-    """Drives at constant speed; in pairs whose first random number is given it fails.
-
-    Each parameter is named after a fault and holds the number, which identifies the pair.
-    """
-
-    def __init__(
-        self,
-        rng,
-        raises: float = -1.0,
-        nan: float = -1.0,
-        text: float = -1.0,
-        loses_ego: float = -1.0,
-        exits: float = -1.0,
-        aborts: float = -1.0,
-        hangs: float = -1.0,
-        hangs_in_c: float = -1.0,
-    ):
-        given = dict(locals())
-        drawn = rng.random()
-        found = [name for name in FAULTS if given[name] == drawn]
-        self.fault = FAULTS[found[0]] if found else None
-
-    def decide(self, observation):
-        if self.fault is not None and observation.time_s > 0.25:
-            return self.fault(observation)
-        return 0.0
-
-
-registry.STRATEGIES["faulty"] = Faulty
-'''
+from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
+from tests.faulty import NAME, struck
 
 CULPRITS = {
     "raises": 1,
@@ -129,39 +50,11 @@ REASONS = {
 
 CHANGES: dict[str, object] = {
     **QUICK,
-    "arms.av": "faulty",
+    "arms.av": NAME,
     "experiment.pairs": 24,
     "experiment.timeout_s": 5.0,
     "pedestrians.flow_per_hour": 1000.0,
 }
-
-
-def first_number(pair: int) -> float:
-    return float(stream(1, "strategy", pair).random())
-
-
-def parameters(faults: dict[str, int]) -> dict[str, object]:
-    return {f"strategies.faulty.{fault}": first_number(pair) for fault, pair in faults.items()}
-
-
-@contextmanager
-def faulty_strategy(folder: Path) -> Iterator[dict[str, str]]:
-    """The strategy in this process and in those it starts; gives the environment for others."""
-    from harness.strategies.registry import STRATEGIES
-
-    (folder / "sitecustomize.py").write_text(FAULTY, encoding="utf-8")
-    before = os.environ.get("PYTHONPATH")
-    path = os.pathsep.join([str(folder), *([before] if before else [])])
-    os.environ["PYTHONPATH"] = path
-    exec(compile(FAULTY, "faulty", "exec"), {})
-    try:
-        yield {"PYTHONPATH": path}
-    finally:
-        del STRATEGIES["faulty"]
-        if before is None:
-            del os.environ["PYTHONPATH"]
-        else:
-            os.environ["PYTHONPATH"] = before
 
 
 @pytest.fixture(scope="module")
@@ -171,13 +64,12 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     _close_all()
     folder = tmp_path_factory.mktemp("faults")
-    with faulty_strategy(folder):
-        study = one_cell("cctc", CHANGES)
-        run_study(study, Options(), out=folder / "clean", make_executor=Inline)
-        close_engine()
-        study = one_cell("cctc", {**CHANGES, **parameters(CULPRITS)})
-        options = Options(workers=2, task_pairs=4, hang_after_s=3.0, traces=True)
-        finished = run_study(study, options, out=folder / "faulty")
+    study = one_cell("cctc", CHANGES)
+    run_study(study, Options(), out=folder / "clean", make_executor=Inline)
+    close_engine()
+    study = one_cell("cctc", {**CHANGES, **struck(CULPRITS)})
+    options = Options(workers=2, task_pairs=4, hang_after_s=3.0, traces=True)
+    finished = run_study(study, options, out=folder / "faulty")
     assert {(pair, arm) for _, pair, arm, _ in finished.failures} >= {
         (pair, "av") for pair in CULPRITS.values()
     }
@@ -230,7 +122,7 @@ def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
     failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
     assert set(failed) == {CULPRITS[name] for name in ("raises", "nan", "text", "loses_ego")}
     event = failed[CULPRITS["raises"]]
-    assert (event["arm"], event["strategy"]) == ("av", "faulty")
+    assert (event["arm"], event["strategy"]) == ("av", NAME)
     assert REASONS["raises"] in event["reason"]
     first, *_, last = event["traceback"].splitlines()
     assert (first, last) == ("Traceback (most recent call last):", "RuntimeError: on purpose")
@@ -253,15 +145,13 @@ def test_summary_counts_the_failed_apart(batch: Path) -> None:
 def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
     from harness.scoring import score
 
-    with faulty_strategy(batch):
-        score(batch / "faulty", batch / "scored")
+    score(batch / "faulty", batch / "scored")
     assert content(batch / "scored") == content(batch / "faulty")
 
 
 def test_the_shell_names_the_culprit(tmp_path: Path) -> None:
-    with faulty_strategy(tmp_path) as env:
-        changes = {**CHANGES, **parameters({"nan": 2}), "experiment.pairs": 4}
-        done = shell("run", "cctc", "--out", tmp_path / "run", *options_of(changes), env=env)
+    changes = {**CHANGES, **struck({"nan": 2}), "experiment.pairs": 4}
+    done = shell("run", "cctc", "--out", tmp_path / "run", *options_of(changes), cwd=CHECKOUT)
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
     for word in ("1 episode", "pair 2", "av", "returned nan"):

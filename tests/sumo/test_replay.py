@@ -1,6 +1,7 @@
 """Replay: the same episode again, with files that SUMO's own tools read."""
 
 import os
+import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -14,13 +15,14 @@ import pytest
 import sumo as sumo_package
 
 from harness.encounter import Arm
-from harness.errors import InputError
-from harness.experiment import run_study
+from harness.errors import InputError, InterruptedRunError
+from harness.experiment import resume, run_study
 from harness.options import Options
 from harness.replay import SUMO_FILES, replay
 from harness.site import read_site
 from harness.worker import close_engine
-from tests.batches import FLOW, QUICK, Inline, one_cell, options_of, shell, sweep
+from tests.batches import CHECKOUT, FLOW, QUICK, Inline, one_cell, options_of, shell, sweep
+from tests.faulty import NAME, struck
 
 HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
@@ -35,15 +37,22 @@ def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sweep of two flows with traces."""
+    """A sweep of two flows with traces and with SUMO's outputs of every episode."""
     from tests.conftest import _close_all
 
     _close_all()
     folder = tmp_path_factory.mktemp("replay") / "run"
     study = sweep("cctc_flow", {**FLOW, "experiment.pairs": 8}, f"{FLOW_PER_HOUR}=200,1000")
-    run_study(study, Options(traces=True), out=folder, make_executor=Inline)
+    options = Options(traces=True, sumo_outputs="all", workers=2)
+    finished = run_study(study, options, out=folder, make_executor=Inline)
     close_engine()
+    # Each record came out as it is stored.
+    assert finished.output_failures == ()
     return folder
+
+
+def outputs(run: Path, pair: int, arm: str, cell: int) -> Path:
+    return run / "sumo" / f"{cell}-{pair}-{arm}"
 
 
 def stored(run: Path, name: str, pair: int, arm: str, cell: int) -> list[dict[str, Any]]:
@@ -58,17 +67,15 @@ def busiest(run: Path, cell: int) -> int:
     return max(met, key=lambda pair: met[pair])
 
 
-def test_every_episode_comes_out_as_stored(run: Path, tmp_path: Path) -> None:
-    for pair in range(8):
-        for replayed in replay(run, pair, list(Arm), 1, tmp_path / str(pair)):
-            assert replayed.differences == (), (pair, replayed.arm)
-            assert replayed.folder == tmp_path / str(pair) / replayed.arm.value
+def test_every_episode_has_its_outputs(run: Path) -> None:
+    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(8) for arm in Arm}
+    assert set(inodes(run / "sumo")) == names
 
 
 def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) -> None:
     other = tmp_path / "run"
     other.mkdir()
-    for path in run.iterdir():
+    for path in run.glob("*.*"):
         (other / path.name).write_bytes(path.read_bytes())
     table = pq.read_table(other / "episodes.parquet")
     steps = table["steps"].to_pylist()
@@ -82,13 +89,12 @@ def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) 
 
 
 @pytest.mark.parametrize("arm", list(Arm))
-def test_fcd_agrees_with_the_trace(run: Path, tmp_path: Path, arm: Arm) -> None:
+def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
     pair = busiest(run, 1)
-    (replayed,) = replay(run, pair, [arm], 1, tmp_path / "out")
-    assert replayed.differences == ()
-    site = read_site(replayed.folder / "site.net.xml")
+    folder = outputs(run, pair, arm, 1)
+    site = read_site(folder / "site.net.xml")
     seen: dict[tuple[str, int], tuple[float, float, float]] = {}
-    for step in ET.parse(replayed.folder / "fcd.xml").getroot():
+    for step in ET.parse(folder / "fcd.xml").getroot():
         # SUMO inserts the ego in its second step: its clock is one step ahead.
         number = round(float(step.attrib["time"]) / 0.1) - 1
         for item in step:
@@ -123,10 +129,10 @@ def test_fcd_agrees_with_the_trace(run: Path, tmp_path: Path, arm: Arm) -> None:
     assert compared["pedestrian"] > 50
 
 
-def test_every_file_is_whole_and_says_what_happened(run: Path, tmp_path: Path) -> None:
+def test_every_file_is_whole_and_says_what_happened(run: Path) -> None:
     pair = busiest(run, 1)
-    (replayed,) = replay(run, pair, [Arm.AV], 1, tmp_path / "out")
-    roots = {name: ET.parse(replayed.folder / name).getroot() for name in SUMO_FILES.values()}
+    folder = outputs(run, pair, Arm.AV, 1)
+    roots = {name: ET.parse(folder / name).getroot() for name in SUMO_FILES.values()}
     assert [trip.get("id") for trip in roots["tripinfo.xml"].iter("tripinfo")] == ["ego-0"]
     came = len(stored(run, "pedestrians", pair, "av", 1))
     persons = list(roots["personinfo.xml"].iter("personinfo"))
@@ -135,8 +141,9 @@ def test_every_file_is_whole_and_says_what_happened(run: Path, tmp_path: Path) -
 
 
 def test_the_configuration_opens_in_sumo(run: Path, tmp_path: Path) -> None:
-    (replayed,) = replay(run, 0, [Arm.AV], 0, tmp_path / "a folder with spaces")
-    configuration = replayed.folder / "episode.sumocfg"
+    folder = tmp_path / "a folder with spaces"
+    shutil.copytree(outputs(run, 0, Arm.AV, 0), folder)
+    configuration = folder / "episode.sumocfg"
     command = [HOME / "bin" / "sumo", "-c", configuration, "--end", "1", "--no-step-log"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr
@@ -148,10 +155,10 @@ def test_the_configuration_opens_in_sumo(run: Path, tmp_path: Path) -> None:
 
 
 def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
-    (replayed,) = replay(run, 0, [Arm.AV], 0, tmp_path / "out")
+    folder = outputs(run, 0, Arm.AV, 0)
     picture = tmp_path / "plot.png"
     tool = HOME / "tools" / "plot_trajectories.py"
-    command = [sys.executable, tool, "-t", "td", "-o", picture, replayed.folder / "fcd.xml"]
+    command = [sys.executable, tool, "-t", "td", "-o", picture, folder / "fcd.xml"]
     env = {**os.environ, "MPLBACKEND": "agg", "SUMO_HOME": str(HOME)}
     done = subprocess.run(
         [*map(str, command)], capture_output=True, text=True, env=env, timeout=120, check=False
@@ -169,12 +176,12 @@ def test_pairing_by_speed_in_a_flow(tmp_path: Path) -> None:
         FLOW_PER_HOUR: 1000.0,
     }
     study = one_cell("cctc_flow", changes)
-    run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    options = Options(sumo_outputs="all", workers=2)
+    finished = run_study(study, options, out=tmp_path / "run", make_executor=Inline)
     close_engine()
+    assert finished.output_failures == ()
     shared = 0
     for pair in range(6):
-        for replayed in replay(tmp_path / "run", pair, list(Arm), 0, tmp_path / str(pair)):
-            assert replayed.differences == (), (pair, replayed.arm)
         av, human = (stored(tmp_path / "run", "pedestrians", pair, arm, 0) for arm in Arm)
         speeds = {row["index"]: row["speed_mps"] for row in av if row["start_s"] is not None}
         for row in human:
@@ -233,3 +240,90 @@ def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
         assert ("ego-0" in hits) == row["sumo_collision"]
     wrong = shell("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+
+
+def test_an_episode_that_kills_its_process_ends_in_one_line(tmp_path: Path) -> None:
+    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 3, **struck({"aborts": 1})}
+    options = Options(workers=1, task_pairs=1)
+    finished = run_study(one_cell("cctc", changes), options, out=tmp_path / "run")
+    assert [(pair, arm) for _, pair, arm, _ in finished.failures] == [(1, "av"), (1, "human")]
+    done = shell(
+        *("replay", tmp_path / "run", "--pair", 1, "--arm", "av", "--out", tmp_path / "again"),
+        cwd=CHECKOUT,
+    )
+    assert done.returncode == 1
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
+    # 6 is SIGABRT's number on every POSIX system.
+    assert "died (exit code -6)" in line
+    assert done.stdout == ""
+
+
+def test_an_episode_that_hangs_is_ended(tmp_path: Path) -> None:
+    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 1, **struck({"hangs": 0})}
+    changes["experiment.timeout_s"] = 5.0
+    options = Options(workers=1, hang_after_s=1.0)
+    run_study(one_cell("cctc", changes), options, out=tmp_path / "run")
+    (again,) = replay(tmp_path / "run", 0, [Arm.AV], 0, tmp_path / "again", hang_after_s=1.0)
+    assert again.problem is not None
+    assert "no pair finished within" in again.problem
+    assert "in hang" in (tmp_path / "again" / "stack.txt").read_text(encoding="utf-8")
+
+
+def inodes(folder: Path) -> dict[str, int]:
+    return {path.name: path.stat().st_ino for path in folder.iterdir() if path.name[0] != "."}
+
+
+def test_outputs_that_were_interrupted_are_remembered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
+    options = Options(workers=2, sumo_outputs="all")
+
+    def stop(done: int, _planned: int, what: str) -> None:
+        if what != "pairs" and done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(InterruptedRunError, match="--resume"):
+        run_study(study, options, out=tmp_path / "run", progress=stop, make_executor=Inline)
+    close_engine()
+    first, tables = inodes(tmp_path / "run" / "sumo"), tables_of(tmp_path / "run")
+    # Those under way may have ended with it.
+    assert 3 <= len(first) < 8
+    finished = resume(tmp_path / "run", workers=2)
+    assert finished.output_failures == ()
+    second = inodes(tmp_path / "run" / "sumo")
+    assert set(second) == {f"0-{pair}-{arm}" for pair in range(4) for arm in Arm}
+    # None was done twice, and none is half done.
+    assert {name: second[name] for name in first} == first
+    assert not list((tmp_path / "run" / "sumo").glob(".*"))
+    for name in second:
+        for file in SUMO_FILES.values():
+            ET.parse(tmp_path / "run" / "sumo" / name / file)
+    assert tables_of(tmp_path / "run") == tables
+
+    def nobody(*_: object) -> None:
+        raise AssertionError("nothing is left to do")
+
+    monkeypatch.setattr("harness.sumo_outputs.LocalPool", nobody)
+    assert resume(tmp_path / "run").output_failures == ()
+
+
+def tables_of(run: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in run.glob("*.*") if path.name != "log.jsonl"}
+
+
+def test_outputs_of_an_interrupted_run_come_with_its_end(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    options = Options(workers=1, sumo_outputs="crashed", task_pairs=2)
+    with pytest.raises(InterruptedRunError):
+        run_study(study, options, out=tmp_path / "run", progress=stop)
+    assert not (tmp_path / "run" / "sumo").exists()
+    resume(tmp_path / "run", workers=2)
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    crashed = {f"0-{r['pair']}-{r['arm']}" for r in episodes if r["ending"] == "crashed"}
+    assert crashed
+    assert set(inodes(tmp_path / "run" / "sumo")) == crashed

@@ -59,6 +59,7 @@ LEVELS = {
     "harness.cluster": 5,
     "harness.conformance": 5,
     "harness.replay": 5,
+    "harness.sumo_outputs": 5,
     "harness.stored": 5,
     "harness.watch": 5,
     "harness.scoring": 5,
