@@ -9,9 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from scipy.stats import kstest
 
-from harness.interaction import InteractionModel
+from harness.interaction import InteractionModel, load_model
 from harness.mixture import TruncatedGaussianMixture
 
 ROWS = 20_000
@@ -83,52 +84,144 @@ def test_curve_is_uniform(drawn):
     assert kstest(u, "uniform").pvalue > 0.001
 
 
-class DenseGrid:
-    """``curve`` at the first rows by brute force, from its definition: log f on many v_p."""
+class Curves:
+    """``curve`` of the rows by brute force, from its definition in v_p."""
 
-    def __init__(self, model: InteractionModel, rows: Drawn, count: int, cells: int) -> None:
-        self.edges = np.linspace(model.mixture.lower[2], model.mixture.upper[2], cells + 1)
-        self.x = 0.5 * (self.edges[1:] + self.edges[:-1])
-        self.walking_mps = rows.walking_mps[:count]
-        shape = (count, cells)
-        arrival = (rows.range_m / rows.speed_mps)[:count, None]
-        lateral = rows.lateral_m[:count, None]
-        self.w = 1 / np.abs(arrival - lateral / self.x)
-        columns = (1 / rows.range_m[:count, None], rows.speed_mps[:count, None], self.x, self.w)
-        points = np.stack([np.broadcast_to(column, shape) for column in columns], axis=-1)
-        self.density = np.exp(model.mixture.logpdf(points.reshape(-1, 4)).reshape(shape))
-        self.jacobian = self.w**2 / self.x
-        self.sign = np.where(self.x > lateral / (2 * arrival), 0.5, 1.0)
+    def __init__(self, model: InteractionModel, rows: Drawn, count: int) -> None:
+        self.mixture = model.mixture
+        columns = (rows.range_m, rows.speed_mps, rows.lateral_m, rows.walking_mps)
+        self.range_m, self.speed_mps, self.lateral_m, self.walking_mps = (
+            column[:count, None] for column in columns
+        )
+        self.arrival_s = self.range_m / self.speed_mps
+        self.nearest_s = 1 / model.mixture.upper[3]
 
-    def cdf(self, *, jacobian: bool = True, sign: bool = True) -> np.ndarray:
-        """Distribution function at the rows' own v_p, (count,)."""
-        density = self.density * (self.jacobian if jacobian else 1)
-        density = density * (self.sign if sign else 1)
-        reached = np.cumsum(density, axis=1)
-        reached = np.hstack((np.zeros((len(reached), 1)), reached)) / reached[:, -1:]
-        at = zip(self.walking_mps, reached, strict=True)
-        return np.array([np.interp(x, self.edges, of) for x, of in at])
+    def density(self, x: np.ndarray, *, jacobian: bool = True, sign: bool = True) -> np.ndarray:
+        """f · w²/v_p · s at walking speeds (n, m) outside the hole, unnormalised."""
+        w = 1 / np.abs(self.arrival_s - self.lateral_m / x)
+        total = np.zeros(x.shape)
+        for weight, mass, centre, scale in zip(
+            self.mixture.weights,
+            self.mixture.masses,
+            self.mixture.locations,
+            self.mixture.scale_matrices,
+            strict=True,
+        ):
+            p = np.linalg.inv(scale) / 2
+            at = (1 / self.range_m, self.speed_mps, x, w)
+            a, b, c, d = (value - m for value, m in zip(at, centre, strict=True))
+            square = p[0, 0] * a**2 + 2 * p[0, 1] * a * b + p[1, 1] * b**2
+            square = square + 2 * c * (p[2, 0] * a + p[2, 1] * b) + p[2, 2] * c**2
+            square += d * (2 * (p[3, 0] * a + p[3, 1] * b) + 2 * p[3, 2] * c + p[3, 3] * d)
+            total += weight / mass * np.sqrt(np.linalg.det(p)) * np.exp(-square)
+        if jacobian:
+            total *= w**2 / x
+        if sign:
+            total *= np.where(x > self.lateral_m / (2 * self.arrival_s), 0.5, 1.0)
+        return total
+
+    def marks(self) -> np.ndarray:
+        """Walking speeds (n, 6) between which the density is smooth, and the rows' own."""
+        bounds = np.broadcast_to(self.mixture.lower[2:3], self.arrival_s.shape)
+        after = np.maximum(self.arrival_s - self.nearest_s, 1e-9)
+        times = (self.arrival_s + self.nearest_s, after, 2 * self.arrival_s)
+        ends = [self.lateral_m / time for time in times]
+        upper = np.broadcast_to(self.mixture.upper[2:3], self.arrival_s.shape)
+        return np.sort(self._clipped(np.hstack([bounds, upper, self.walking_mps, *ends])))
+
+    def cdf(self, cells: int, **parts: bool) -> np.ndarray:
+        """Distribution function (n,) at the rows' own v_p, by Gauss's rule of 8 points.
+
+        Cells end at so many equal steps of v_p, at twice as many of w, and at the marks.
+        """
+        nodes, weights = np.polynomial.legendre.leggauss(8)
+        lower, upper = self.mixture.lower, self.mixture.upper
+        w = np.linspace(lower[3], upper[3], 2 * cells + 1)[1:]
+        times = np.hstack((self.arrival_s + 1 / w, np.maximum(self.arrival_s - 1 / w, 1e-9)))
+        even = np.linspace(lower[2], upper[2], cells + 1) + 0 * self.arrival_s
+        ends = np.sort(self._clipped(np.hstack((self.marks(), self.lateral_m / times, even))))
+        half, middle = 0.5 * np.diff(ends), 0.5 * (ends[:, 1:] + ends[:, :-1])
+        apart = np.abs(self.arrival_s - self.lateral_m / middle)
+        half = np.where(apart > self.nearest_s, half, 0.0)
+        masses = np.zeros(half.shape)
+        for node, weight in zip(nodes, weights, strict=True):
+            x = np.where(half > 0, middle + half * node, 1e3)
+            masses += weight * half * self.density(x, **parts)
+        return (masses * (middle < self.walking_mps)).sum(axis=1) / masses.sum(axis=1)
+
+    def cdf_by_quad(self) -> float:
+        """The same of a single row by scipy's adaptive quadrature, in log T_adv."""
+        below = total = 0.0
+        for low, high in pairwise(self.marks()[0]):
+            advantage = (self.arrival_s - self.lateral_m / np.array([[low, high]]))[0]
+            side = np.sign(advantage.sum())
+            if low == high or np.abs(advantage).sum() < 2 * self.nearest_s * (1 + 1e-9):
+                continue
+
+            def along(log_t: float, side: float = side) -> float:
+                t = np.exp(log_t)
+                x = self.lateral_m / (self.arrival_s - side * t)
+                return float((self.density(x) * x**2 / self.lateral_m * t)[0, 0])
+
+            span = np.sort(np.log(np.abs(advantage)))
+            breaks = np.linspace(*span, 12)[1:-1].tolist()
+            mass = quad(along, *span, points=breaks, limit=200, epsabs=1e-9, epsrel=1e-7)[0]
+            total += mass
+            below += mass if high <= self.walking_mps[0, 0] else 0.0
+        return below / total
+
+    def _clipped(self, x: np.ndarray) -> np.ndarray:
+        return np.clip(x, self.mixture.lower[2], self.mixture.upper[2])
 
 
-def test_curve_agrees_with_its_definition_on_a_dense_grid(drawn):
+class Some(Drawn):
+    """Some of the rows drawn."""
+
+    def __init__(self, rows: Drawn, some: slice) -> None:
+        for name, column in vars(rows).items():
+            setattr(self, name, column[some])
+
+
+def curve_cdf(model: InteractionModel, rows: Drawn, count: int) -> np.ndarray:
+    columns = (rows.walking_mps, rows.range_m, rows.speed_mps, rows.lateral_m)
+    x, range_m, speed, lateral = (column[:count] for column in columns)
+    return model.walking_speed_cdf(x, range_m, speed, lateral_m=lateral)
+
+
+def test_curve_equals_adaptive_quadrature_of_its_definition(drawn):
     model, rows = drawn
-    count = 200
-    u = model.walking_speed_cdf(
-        rows.walking_mps[:count],
-        rows.range_m[:count],
-        rows.speed_mps[:count],
-        lateral_m=rows.lateral_m[:count],
-    )
-    error = np.abs(u - DenseGrid(model, rows, count, 5_000).cdf())
-    assert np.quantile(error, 0.9) < 2e-3
-    assert error.max() < 0.02
+    wanted = [Curves(model, Some(rows, slice(i, i + 1)), 1).cdf_by_quad() for i in range(4)]
+    np.testing.assert_allclose(curve_cdf(model, rows, 4), wanted, atol=1e-5)
+    # The sums of the next test are as good.
+    np.testing.assert_allclose(Curves(model, rows, 4).cdf(300), wanted, atol=1e-7)
+
+
+def test_curve_equals_fine_sums_of_its_definition(drawn):
+    model, rows = drawn
+    error = np.abs(curve_cdf(model, rows, 200) - Curves(model, rows, 200).cdf(300))
+    assert np.quantile(error, 0.9) < 1e-5
+    assert error.max() < 1e-4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["dut-interim", "dut-k10"])
+def test_curve_is_right_to_a_ten_thousandth_on_all_rows(name):
+    model = load_model(name)
+    rows = Drawn(model, ROWS, seed=11)
+    found = curve_cdf(model, rows, ROWS)
+    for at in range(0, ROWS, 500):
+        some = Some(rows, slice(at, at + 500))
+        assert np.abs(found[at : at + 500] - Curves(model, some, 500).cdf(400)).max() < 1e-4
 
 
 def test_curve_is_not_uniform_without_its_jacobian_and_sign(own):
-    grid = DenseGrid(own, Drawn(own, 2000, seed=11), 2000, 1_000)
-    assert kstest(grid.cdf(), "uniform").pvalue > 0.001
-    assert kstest(grid.cdf(jacobian=False), "uniform").pvalue < 1e-6
-    assert kstest(grid.cdf(sign=False), "uniform").pvalue < 1e-2
+    rows = Drawn(own, 2000, seed=11)
+    curves = Curves(own, rows, 2000)
+    whole = curves.cdf(30)
+    np.testing.assert_allclose(curve_cdf(own, rows, 2000), whole, atol=1e-4)
+    assert kstest(whole, "uniform").pvalue > 0.001
+    assert kstest(curves.cdf(30, jacobian=False), "uniform").pvalue < 1e-6
+    assert kstest(curves.cdf(30, sign=False), "uniform").pvalue < 1e-2
 
 
 @pytest.mark.parametrize("given", [{}, {"inverse_time_advantage_per_s": 0.3}, {"lateral_m": 4.0}])
@@ -149,7 +242,7 @@ def test_densities_integrate_to_one(drawn, given):
     arrays = {key: np.array([value]) for key, value in given.items()}
     density = model.walking_speed_density(x, np.array([range_m]), np.array([speed]), **arrays)
     assert (density >= 0).all()
-    assert ((half * weights).ravel() @ density) == pytest.approx(1.0, abs=1e-3)
+    assert ((half * weights).ravel() @ density) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_driver_densities_integrate_to_one(drawn):
