@@ -5,6 +5,9 @@ R/v − L/v_p. The distribution function of each reading at the rows' v_p must t
 (probability integral transform).
 """
 
+import os
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -74,6 +77,15 @@ def test_reading_with_time_advantage_is_uniform(drawn):
         inverse_time_advantage_per_s=rows.inverse_time,
     )
     assert kstest(u, "uniform").pvalue > 0.001
+
+
+def test_driver_speeds_are_uniform(drawn):
+    model, rows = drawn
+    columns = (1 / rows.range_m, rows.walking_mps, rows.inverse_time)
+    for given in ((0, 2), (0, 2, 3)):
+        conditional = model.mixture.conditional(1, given)
+        u = conditional.cdf(rows.speed_mps, np.column_stack(columns[: len(given)]))
+        assert kstest(u, "uniform").pvalue > 0.001
 
 
 def test_curve_is_uniform(drawn):
@@ -273,12 +285,66 @@ def test_inverse_of_the_curve_returns_the_quantile(drawn):
 
 def test_curve_gives_the_same_bits_in_any_batch(drawn):
     model, rows = drawn
-    u = np.random.default_rng(4).random(150)
-    columns = (rows.range_m[:150], rows.lateral_m[:150], rows.speed_mps[:150])
-    together = model.walking_speed_on_curve(u, *columns)
-    for i in range(150):
-        alone = model.walking_speed_on_curve(u[i : i + 1], *(of[i : i + 1] for of in columns))
-        assert alone[0] == together[i]
+    rng = np.random.default_rng(4)
+    n = 5_000
+    state = np.stack((rows.range_m[:n], rows.lateral_m[:n], rows.speed_mps[:n]))
+    # Some for whom the hole covers everything, between the others.
+    state[:, rng.random(n) < 0.1] = np.array([[2.0], [0.2], [8.0]])
+    columns = (rng.random(n), *state)
+    together = model.walking_speed_on_curve(*columns)
+    assert 0.05 < np.isnan(together).mean() < 0.15
+    order = rng.permutation(n)
+    cuts = np.sort(rng.integers(0, n, 10))
+    pieces = [order[:40, None], np.split(order, cuts)]
+    for parts in pieces:
+        for part in parts:
+            alone = model.walking_speed_on_curve(*(column[part] for column in columns))
+            assert alone.tobytes() == together[part].tobytes()
+
+
+def test_other_readings_lie_in_the_box(drawn):
+    model, rows = drawn
+    u = np.random.default_rng(8).random(ROWS)
+    u[:2] = 0, 1
+    where = (u, rows.range_m, rows.speed_mps)
+    for x in (
+        model.walking_speed(*where),
+        model.walking_speed_given_time_advantage(*where, rows.inverse_time),
+    ):
+        assert (x >= model.mixture.lower[2]).all()
+        assert (x <= model.mixture.upper[2]).all()
+
+
+DRAWS = """
+import hashlib
+import numpy as np
+from harness.interaction import load_model
+model, rng = load_model("dut-k10"), np.random.default_rng(7)
+rows = model.mixture.sample(20_000, rng)
+conditional = model.mixture.conditional(2, (0, 1, 3))
+found = [rows, conditional.sample(rows[:, [0, 1, 3]], rng), conditional.mode(rows[:, [0, 1, 3]])]
+u, range_m, speed = rng.random(2_000), 1 / rows[:2_000, 0], rows[:2_000, 1]
+found.append(model.walking_speed(u, range_m, speed))
+found.append(model.walking_speed_on_curve(u, range_m, 1 + 5 * u, speed))
+print(hashlib.sha256(b"".join(part.tobytes() for part in found)).hexdigest())
+"""
+
+
+def test_same_seed_same_numbers_at_any_number_of_threads():
+    printed = []
+    for count in ("1", "2"):
+        names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+        environment = os.environ | dict.fromkeys(names, count)
+        run = subprocess.run(
+            [sys.executable, "-c", DRAWS],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        printed.append(run.stdout)
+    assert len(printed[0]) > 60
+    assert len(set(printed)) == 1
 
 
 def test_curve_is_undefined_where_the_hole_covers_the_box(own):

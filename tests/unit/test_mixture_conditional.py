@@ -64,16 +64,25 @@ def test_without_bounds_equals_the_textbook(free, target, given):
         np.testing.assert_allclose(conditional.cdf(x, y[None]), reached, atol=1e-9)
 
 
-def test_without_bounds_equals_gmr(free):
+@pytest.mark.parametrize(("target", "given"), CLOSED)
+def test_without_bounds_equals_gmr(free, target, given):
     gmr = pytest.importorskip("gmr")
     weights, locations, scales = random_parts()
     other = gmr.GMM(len(weights), weights, locations, scales)
-    y = np.array([0.4, 3.0, 0.5])
-    found = other.condition([0, 1, 3], y)
+    rest = [i for i in range(4) if i not in given]
+    conditional = free.conditional(target, given)
     x = np.linspace(0.0, 3.0, 11)
-    wanted = found.to_probability_density(x[:, None])
-    got = free.conditional(2, (0, 1, 3)).pdf(x, y[None])
-    np.testing.assert_allclose(got, wanted, rtol=1e-9, atol=1e-12)
+    for share in (0.3, 0.6, 0.8):
+        y = (LOWER + share * (UPPER - LOWER))[list(given)]
+        found = other.condition(list(given), y)
+        alone = gmr.GMM(
+            len(weights),
+            found.priors,
+            found.means[:, [rest.index(target)]],
+            found.covariances[:, [rest.index(target)]][:, :, [rest.index(target)]],
+        )
+        wanted = alone.to_probability_density(x[:, None])
+        np.testing.assert_allclose(conditional.pdf(x, y[None]), wanted, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize(("target", "given"), CASES)
