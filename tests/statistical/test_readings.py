@@ -304,12 +304,12 @@ def test_curve_gives_the_same_bits_in_any_batch(drawn):
 
 def test_other_readings_lie_in_the_box(drawn):
     model, rows = drawn
-    u = np.random.default_rng(8).random(ROWS)
+    u = np.random.default_rng(8).random(4_000)
     u[:2] = 0, 1
-    where = (u, rows.range_m, rows.speed_mps)
+    where = (u, rows.range_m[:4_000], rows.speed_mps[:4_000])
     for x in (
         model.walking_speed(*where),
-        model.walking_speed_given_time_advantage(*where, rows.inverse_time),
+        model.walking_speed_given_time_advantage(*where, rows.inverse_time[:4_000]),
     ):
         assert (x >= model.mixture.lower[2]).all()
         assert (x <= model.mixture.upper[2]).all()
