@@ -5,15 +5,16 @@ import numpy as np
 from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time
-from harness.measures.rows import time_at
+from harness.measures.rows import time_at, x_range
 
 
 def pet_s(chunk: Chunk) -> FloatArray:
     """Smallest PET over the pedestrians of the record in s; NaN after a crash.
 
-    The zone is where the ego's width and the walker's disc cross.  0 if both were in it at once
-    without touching (a corner); undefined if either never enters it.  Source: Allen, Shin, Cooper
-    1978, with the pedestrian going on at his speed after the trace's end.
+    The zone is where the ego's width and the walker's disc cross, along the road wherever he is
+    while he is in the ego's path.  0 if both were in it at once without touching (a corner);
+    undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, with the pedestrian
+    going on at his speed after the trace's end.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
@@ -23,8 +24,9 @@ def pet_s(chunk: Chunk) -> FloatArray:
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)
     trace = legs.of_walk
-    ego_enters = _bumper_at(chunk, -PEDESTRIAN_RADIUS_M)[trace]
-    ego_leaves = _bumper_at(chunk, vehicle.length_m + PEDESTRIAN_RADIUS_M)[trace]
+    nearest, farthest = x_range(legs, enters, leaves)
+    ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
+    ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
     # NaN passes on: whoever never gets there has no PET.
     pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
@@ -32,7 +34,13 @@ def pet_s(chunk: Chunk) -> FloatArray:
     return chunk.smallest(trace[counts], pet[counts])
 
 
-def _bumper_at(chunk: Chunk, x_m: float) -> FloatArray:
-    """When each ego's bumper reaches ``x_m``; NaN where it never does."""
-    times = [crossing_time(trace, x_m) for trace in chunk.traces]
-    return np.array([np.nan if time is None else time for time in times])
+def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
+    """When the ego that each walker meets has its bumper at his ``x_m``; NaN where it never has."""
+    known: dict[tuple[int, float], float] = {}  # most walk on one line
+    times = []
+    for key in zip(chunk.legs.of_walk.tolist(), x_m.tolist(), strict=True):
+        if key not in known:
+            time = crossing_time(chunk.traces[key[0]], key[1])
+            known[key] = np.nan if time is None else time
+        times.append(known[key])
+    return np.array(times)

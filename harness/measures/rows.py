@@ -168,6 +168,28 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
     return np.where(np.isinf(first), np.nan, first)
 
 
+def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest x of each walk between two times, in m; NaN where it is not there then.
+
+    Args:
+        legs: of all walks.
+        since_s: one for each walk, shape (walks,); NaN: never.
+        until_s: likewise; NaN: to the walk's end.
+    """
+    until_s = np.where(np.isnan(until_s), np.inf, until_s)
+    begin = np.maximum(legs.begin_s, since_s[legs.walk])
+    end = np.minimum(legs.end_s, until_s[legs.walk])
+    within = begin <= end
+    walk = legs.walk[within]
+    low, high = np.full(len(legs.walks), np.inf), np.full(len(legs.walks), -np.inf)
+    for time in (begin, end):
+        x = (legs.x_m + legs.x_mps * (time - legs.begin_s))[within]
+        np.minimum.at(low, walk, x)
+        np.maximum.at(high, walk, x)
+    missing = np.isinf(low)
+    return np.where(missing, np.nan, low), np.where(missing, np.nan, high)
+
+
 def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     """Every step of every leg, as long as the ego's trace goes on."""
     first = np.floor(legs.begin_s / step_s).astype(np.int64)

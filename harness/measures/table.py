@@ -91,7 +91,7 @@ MEASURES = (
         "s",
         float,
         "from one road user leaving the contact zone to the other entering it, smallest over "
-        "pedestrians; zone: ego's width × disc",
+        "pedestrians; zone: ego's width × disc, wherever he walks along the road",
         "crash, or one of the two never enters",
         "Allen, Shin, Cooper 1978",
         "exact",

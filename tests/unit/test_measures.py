@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Ending, Side, Walk
+from harness.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
@@ -184,6 +184,21 @@ def test_post_encroachment_time_of_a_shared_zone_is_zero() -> None:
 def test_post_encroachment_time_needs_both_to_enter() -> None:
     standing = record([-0.5] * 100, [(0.0, Side.NEAR, 0.5)], ending=Ending.TIMED_OUT)
     assert standing.pet_s is None
+
+
+def test_post_encroachment_time_beside_the_centre_line() -> None:
+    def of(*legs: Leg) -> float | None:
+        walk = Walk(Arrival(0, legs[0].time_s, Side.NEAR, 0.5), legs[0].time_s, 1.5, legs=legs)
+        return measure([replace(drive([0.0] * 76), walks=(walk,))])[0].pet_s
+
+    # He walks along x = 1.7 m: the bumper meets his line at 1.45 m, 31.45/5 = 6.29 s; the rear
+    # leaves it at 1.95 m, 36.95/5 = 7.39 s.
+    assert of(Leg(0.0, 1.7, 0.0, 0.0, 1.5, 0.0)) == pytest.approx(6.29 - 3.4 / 1.5, abs=1e-9)
+    assert of(Leg(6.9, 1.7, 0.0, 0.0, 1.0, 0.0)) == pytest.approx(8.0 - 7.39, abs=1e-9)
+    # He drifts at 0.5 m/s from x = −1 m on; within the path (y = 1.1 … 3.4 m, 1.1 … 3.4 s) he
+    # comes from −0.45 to 0.7 m: the bumper is at −0.7 m at 29.3/5 = 5.86 s.
+    drifting = (Leg(0.0, -1.0, 0.0, 0.5, 1.0, 0.0), Leg(4.0, 1.0, 4.0, 0.0, 1.0, 0.0))
+    assert of(*drifting) == pytest.approx(5.86 - 3.4, abs=1e-9)
 
 
 def test_time_advantage_by_hand() -> None:
