@@ -107,6 +107,8 @@ class Curves:
         )
         self.arrival_s = self.range_m / self.speed_mps
         self.nearest_s = 1 / model.mixture.upper[3]
+        floor = model.mixture.lower[3]
+        self.furthest_s = 1 / floor if floor > 0 else 1e9
 
     def density(self, x: np.ndarray, *, jacobian: bool = True, sign: bool = True) -> np.ndarray:
         """f · w²/v_p · s at walking speeds (n, m) outside the hole, unnormalised."""
@@ -133,11 +135,11 @@ class Curves:
         return total
 
     def marks(self) -> np.ndarray:
-        """Walking speeds (n, 6) between which the density is smooth, and the rows' own."""
+        """Walking speeds (n, 8) between which the density is smooth, and the rows' own."""
         bounds = np.broadcast_to(self.mixture.lower[2:3], self.arrival_s.shape)
-        after = np.maximum(self.arrival_s - self.nearest_s, 1e-9)
-        times = (self.arrival_s + self.nearest_s, after, 2 * self.arrival_s)
-        ends = [self.lateral_m / time for time in times]
+        apart = np.array([[self.nearest_s, self.furthest_s]])
+        slower, faster = self.arrival_s + apart, np.maximum(self.arrival_s - apart, 1e-9)
+        ends = [self.lateral_m / time for time in (slower, faster, 2 * self.arrival_s)]
         upper = np.broadcast_to(self.mixture.upper[2:3], self.arrival_s.shape)
         return np.sort(self._clipped(np.hstack([bounds, upper, self.walking_mps, *ends])))
 
@@ -154,7 +156,7 @@ class Curves:
         ends = np.sort(self._clipped(np.hstack((self.marks(), self.lateral_m / times, even))))
         half, middle = 0.5 * np.diff(ends), 0.5 * (ends[:, 1:] + ends[:, :-1])
         apart = np.abs(self.arrival_s - self.lateral_m / middle)
-        half = np.where(apart > self.nearest_s, half, 0.0)
+        half = np.where((apart > self.nearest_s) & (apart < self.furthest_s), half, 0.0)
         masses = np.zeros(half.shape)
         for node, weight in zip(nodes, weights, strict=True):
             x = np.where(half > 0, middle + half * node, 1e3)
@@ -213,6 +215,16 @@ def test_curve_equals_fine_sums_of_its_definition(drawn):
     error = np.abs(curve_cdf(model, rows, 200) - Curves(model, rows, 200).cdf(300))
     assert np.quantile(error, 0.9) < 1e-5
     assert error.max() < 1e-4
+
+
+def test_curve_in_a_narrower_box_of_inverse_time(own):
+    parts = (own.mixture.weights, own.mixture.locations, own.mixture.scale_matrices)
+    lower, upper = own.mixture.lower.copy(), own.mixture.upper.copy()
+    lower[3], upper[3] = 0.1, 1.5
+    narrow = InteractionModel(TruncatedGaussianMixture(*parts, lower, upper), "test", {}, "")
+    rows = Drawn(narrow, 200, seed=11)
+    found = curve_cdf(narrow, rows, 200)
+    np.testing.assert_allclose(found, Curves(narrow, rows, 200).cdf(300), atol=1e-4)
 
 
 @pytest.mark.slow
@@ -352,5 +364,10 @@ def test_curve_is_undefined_where_the_hole_covers_the_box(own):
     # 0.75 s, so v_p below 0.2/0.75 = 0.27 m/s, which the box does not have.
     speed = own.walking_speed_on_curve(
         np.array([0.5]), np.array([2.0]), np.array([0.2]), np.array([8.0])
+    )
+    assert np.isnan(speed).all()
+    # Nor without a way to walk.
+    speed = own.walking_speed_on_curve(
+        np.array([0.5]), np.array([20.0]), np.array([0.0, -1.0]), np.array([4.0])
     )
     assert np.isnan(speed).all()
