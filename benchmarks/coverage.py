@@ -99,8 +99,8 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="cctc")
     parser.add_argument("--other", default="hard_yield", help="the AV of the paired differences")
     parser.add_argument("--population", type=int, default=20_000)
-    parser.add_argument("--experiments", type=int, default=1_000)
     parser.add_argument("--pairs", type=int, nargs="+", default=[50, 200, 1_000])
+    parser.add_argument("--experiments", type=int, nargs="+", default=[1_000, 1_000, 400])
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     timeout_s = load_scenario(options.scenario).experiment.timeout_s
@@ -111,16 +111,18 @@ def main() -> None:
     rng = np.random.default_rng(20171)
     truth = {name: found.value for name, found in intervals(av, other, timeout_s, rng)}
     print(f"{options.scenario}, {options.population} pairs, differences to {options.other}")
-    print("  truth: " + ", ".join(f"{name} {value:.5g}" for name, value in truth.items()))
-    for n in options.pairs:
+    print(
+        "  truth: " + ", ".join(f"{name} {value:.5g}" for name, value in truth.items()), flush=True
+    )
+    for n, experiments in zip(options.pairs, options.experiments, strict=True):
         hits = dict.fromkeys(truth, 0)
-        for _ in range(options.experiments):
+        for _ in range(experiments):
             chosen = rng.integers(0, options.population, n)
             found = intervals(drawn(av, chosen), drawn(other, chosen), timeout_s, rng)
             for name, interval in found:
                 hits[name] += holds(interval, truth[name])
-        shares = ", ".join(f"{name} {hit / options.experiments:.1%}" for name, hit in hits.items())
-        print(f"  N = {n}, {options.experiments} experiments: {shares}", flush=True)
+        shares = ", ".join(f"{name} {hit / experiments:.1%}" for name, hit in hits.items())
+        print(f"  N = {n}, {experiments} experiments: {shares}", flush=True)
 
 
 if __name__ == "__main__":
