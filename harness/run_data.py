@@ -15,19 +15,30 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 
-from harness.encounter import Ending
+from harness.comparison import Summary
+from harness.encounter import Arm, Ending
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.manifest import options_of, recall_study
-from harness.measure_tables import conflict_rates, conflict_row, measure_rows
+from harness.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
 from harness.results import TABLES, pair_rows, table_of
 from harness.run_folder import MANIFEST, count_rows, read_manifest, read_table
 from harness.scenario import Scenario
 from harness.shards import DamagedShardError, Shard, read_shard, shards_of
 from harness.study import Cell, Study
-from harness.summaries import summarise_cell, summary_row
+from harness.summaries import summarise_cell, summary_from, summary_row
 from harness.until import confidence_of
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What came out of one cell."""
+
+    cell: Cell
+    summary: Summary
+    conflicts: tuple[ConflictRate, ...]
 
 
 @dataclass(frozen=True)
@@ -92,7 +103,7 @@ class RunData:
         sumo_collision, fallback, steps, pedestrians`` and a column for each of
         ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
         """
-        return self._read("episodes")
+        return _frame(self._episode_table)
 
     @cached_property
     def pedestrians(self) -> pd.DataFrame:
@@ -102,14 +113,14 @@ class RunData:
         vehicle_speed_mps, cleared_s``; what he saw and how fast he went is missing where he never
         got to go.
         """
-        return self._read("pedestrians")
+        return _frame(self._pedestrian_table)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
             return self._read("pairs")
-        episodes = self._table("episodes")
+        episodes = self._episode_table
         numbers = episodes["cell"].to_numpy()
         parts = [
             table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
@@ -136,6 +147,19 @@ class RunData:
                 for cell, own in self._episodes_by_cell()
             ]
         )
+
+    @cached_property
+    def results(self) -> tuple[CellResult, ...]:
+        """Summary and conflict rates of every cell with a finished pair, as typed records."""
+        found = []
+        rows = {row["cell"]: row for _, row in self.summary.iterrows()}
+        for cell, own in self._episodes_by_cell():
+            ran = own.filter(pc.not_equal(own["ending"], Ending.ENGINE_FAILED.value))
+            counts = {arm: pc.sum(pc.equal(ran["arm"], arm.value)).as_py() or 0 for arm in Arm}
+            rates = conflict_rates(own, cell.scenario.conflicts, self._confidence)
+            row = {str(name): value for name, value in rows[cell.number].items()}
+            found.append(CellResult(cell, summary_from(row, counts), rates))
+        return tuple(found)
 
     @cached_property
     def measures(self) -> pd.DataFrame:
@@ -190,11 +214,15 @@ class RunData:
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
         """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
-        if self.finished:
+        if name == "traces" and self.finished:
             return read_table(self.path, name, cell, pair)
-        holding = [shard for shard in self.shards if shard.cell == cell and pair in shard.numbers]
-        table = self._table(name, holding)
-        return table.filter(pa.array(table["pair"].to_numpy() == pair))
+        if name == "traces":
+            holding = [one for one in self.shards if one.cell == cell and pair in one.numbers]
+            table = self._table(name, holding)
+        else:
+            table = self._episode_table if name == "episodes" else self._pedestrian_table
+        own = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
+        return table.filter(own)
 
     def failures(self) -> pd.DataFrame:
         """The episodes in which engine or strategy failed, with ``reason``."""
@@ -218,12 +246,20 @@ class RunData:
 
     def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
         """The episodes of every cell that has any."""
-        episodes = self._table("episodes")
+        episodes = self._episode_table
         numbers = episodes["cell"].to_numpy()
         for cell in self.study.cells:
             own = episodes.filter(pa.array(numbers == cell.number))
             if own.num_rows:
                 yield cell, own
+
+    @cached_property
+    def _episode_table(self) -> pa.Table:
+        return self._table("episodes")
+
+    @cached_property
+    def _pedestrian_table(self) -> pa.Table:
+        return self._table("pedestrians")
 
     def _need_traces(self) -> None:
         if not self.kept_traces:

@@ -1,12 +1,13 @@
 """From the episodes of a cell to what is reported of it."""
 
+from collections.abc import Mapping
 from dataclasses import fields
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 import pyarrow as pa
 
-from harness.comparison import Interval, PairColumns, Summary, summarise
+from harness.comparison import Interval, PairColumns, Proportion, Summary, summarise
 from harness.encounter import Arm, Contact, Ending
 from harness.errors import InputError
 from harness.study import Cell
@@ -86,3 +87,30 @@ def summary_row(summary: Summary) -> dict[str, float | int | None]:
         else:
             row[field.name] = value
     return row
+
+
+def summary_from(row: Mapping[str, Any], trials: Mapping[Arm, int]) -> Summary:
+    """A summary from the columns of ``summary.csv``: what ``summary_row`` makes of it, undone.
+
+    Args:
+        row: the columns; NaN or None where undefined.
+        trials: episodes of each arm that did not fail, of which shares are shares.
+    """
+    values: dict[str, Any] = {}
+    kinds = get_type_hints(Summary)
+    for field in fields(Summary):
+        name, kind = field.name, kinds[field.name]
+        if kind not in (Interval, Proportion):
+            values[name] = int(row[name]) if kind is int else _known(row[name])
+            continue
+        value, low, high = (_known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high"))
+        if kind is Interval:
+            values[name] = Interval(value, low, high)
+        else:
+            of = trials[Arm.HUMAN if name.endswith("_human") else Arm.AV]
+            values[name] = Proportion(value, low, high, round((value or 0.0) * of), of)
+    return Summary(**values)
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from harness.encounter import Arm, Arrival, Side
+from harness.encounter import Arm, Arrival, FloatArray, Side
 from harness.report.style import (
     AV,
     BLUE,
@@ -131,7 +131,7 @@ def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
     return f"n = {episodes} episodes of {len(traces)} pair{'s'[: len(traces) != 1]}"
 
 
-def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> "pd.Series[float]":
+def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> FloatArray:
     """T_adv = |R/v − L/v_p| of one episode over time: the smallest over the pedestrians.
 
     Args:
@@ -139,21 +139,22 @@ def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> "pd.Series[float
         lane_centre_m: y of the centre of the ego's lane.
 
     Returns:
-        Seconds, by ``time_s`` of the ego's rows; NaN where nobody on the crossing has L > 0, or
+        Seconds, one for each of the ego's rows; NaN where nobody on the crossing has L > 0, or
         where R ≤ 0, v = 0 or he stands still.
     """
-    ego = rows[rows["object"] == "ego"].set_index("time_s")
-    walkers = rows[rows["object"] != "ego"].copy()
-    # Where he was first seen on the crossing says which kerb he came from.
-    first = walkers.groupby("object")["y_m"].transform("first")
-    direction = np.where(first < 2 * lane_centre_m, 1.0, -1.0)
-    lateral = ((lane_centre_m - walkers["y_m"]) * direction).to_numpy()
-    state = ego.loc[walkers["time_s"], ["x_m", "speed_mps"]].to_numpy()
-    distance, speed = -state[:, 0], state[:, 1]
-    walking = np.abs(walkers["speed_mps"].to_numpy())
-    ahead = (distance > 0) & (lateral > 0) & (speed > 0) & (walking > 0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        advantage = np.abs(distance / speed - lateral / walking)
-    walkers["advantage"] = np.where(ahead, advantage, np.nan)
-    smallest = walkers.groupby("time_s")["advantage"].min()
-    return smallest.reindex(ego.index)
+    parts = dict(iter(rows.groupby("object", sort=False)))
+    ego = parts.pop("ego", rows.iloc[:0])
+    times = ego["time_s"].to_numpy()
+    distance, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
+    smallest = np.full(len(times), np.nan)
+    for walker in parts.values():
+        y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
+        # Where he was first seen on the crossing says which kerb he came from.
+        direction = 1.0 if y[0] < 2 * lane_centre_m else -1.0
+        lateral = (lane_centre_m - y) * direction
+        at = np.searchsorted(times, walker["time_s"].to_numpy())
+        ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)
+        at = at[ahead]
+        advantage = np.abs(distance[at] / speed[at] - lateral[ahead] / walking[ahead])
+        smallest[at] = np.fmin(smallest[at], advantage)
+    return smallest

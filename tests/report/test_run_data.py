@@ -12,6 +12,7 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.errors import InputError
+from harness.measure_tables import conflict_row
 from harness.options import Options
 from harness.results import SCHEMA
 from tests.batches import one_cell
@@ -189,3 +190,19 @@ def test_a_table_of_an_earlier_version_is_refused(single: Path, tmp_path: Path) 
     pq.write_table(pq.read_table(path).drop_columns(["pet_s"]), path)
     with pytest.raises(InputError, match=r"episodes.parquet: lacks pet_s"):
         _ = harness.load_run(folder).episodes
+
+
+def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> None:
+    """Read back from ``summary.csv``, as the statistics had it when the run ended."""
+    from harness.summaries import summarise_cell
+
+    run = harness.load_run(swept)
+    assert len(run.results) == 4
+    for result in run.results:
+        own = pq.read_table(swept / "episodes.parquet", filters=[("cell", "=", result.cell.number)])
+        assert result.summary == summarise_cell(own, result.cell, 0.95)
+    assert any(result.summary.kappa.successes for result in run.results)
+    rows = [row for result in run.results for row in map(conflict_row, result.conflicts)]
+    found = run.conflicts[list(rows[0])]
+    assert_frame_equal(found, pd.DataFrame(rows), check_dtype=False)
+    assert harness.load_run(unfinished).results[0].summary.pairs == 8

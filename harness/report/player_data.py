@@ -1,0 +1,185 @@
+"""Episodes as the page's player takes them: plain numbers, thinned and rounded to stay small."""
+
+import json
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Ending, FloatArray
+from harness.report.episode_figures import time_advantage
+from harness.report.episode_traces import Key, ShownPair
+from harness.run_data import RunData
+
+MOST_STATES = 1_500
+"""States of one arm; longer episodes are thinned evenly, first and last kept."""
+
+MOST_BYTES = 3_000_000
+"""Of all episodes; the rest is left out."""
+
+ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "human"}
+
+
+def player_document(
+    run: RunData, chosen: dict[str, list[Key]], shown: Sequence[ShownPair]
+) -> dict[str, Any]:
+    """Everything the player draws.
+
+    Args:
+        run: gives records and scenes.
+        chosen: the pairs by reason.
+        shown: the same pairs with their traces.
+
+    Returns:
+        ``scenes`` by cell, ``episodes`` in order, ``groups`` of indices into them with a heading,
+        ``left_out``: how many did not fit.  Positions to the millimetre, undefined is None.
+    """
+    episodes: list[dict[str, Any]] = []
+    numbers: dict[Key, int] = {}
+    size = 0
+    for pair in shown:
+        document = _episode(run, pair)
+        size += len(json.dumps(document))
+        if size > MOST_BYTES and episodes:
+            break
+        numbers[pair.cell, pair.pair] = len(episodes)
+        episodes.append(document)
+    groups = [
+        {"title": reason, "episodes": [numbers[key] for key in keys if key in numbers]}
+        for reason, keys in chosen.items()
+    ]
+    return {
+        "scenes": {str(cell): _scene(run, cell) for cell in dict.fromkeys(c for c, _ in numbers)},
+        "episodes": episodes,
+        "groups": [group for group in groups if group["episodes"]],
+        "left_out": len(shown) - len(episodes),
+    }
+
+
+def _scene(run: RunData, cell: int) -> dict[str, float]:
+    scenario = run.scenario_of(cell)
+    return {
+        "length": scenario.crossing.length_m,
+        "width": scenario.crossing.width_m,
+        "carLength": scenario.ego.length_m,
+        "carWidth": scenario.ego.width_m,
+        "range": scenario.ego.trigger_range_m,
+        "speed": scenario.ego.initial_speed_mps,
+        "radius": PEDESTRIAN_RADIUS_M,
+    }
+
+
+def _episode(run: RunData, pair: ShownPair) -> dict[str, Any]:
+    records = {row["arm"]: row for row in run.rows_of("episodes", pair.cell, pair.pair).to_pylist()}
+    walkers = run.rows_of("pedestrians", pair.cell, pair.pair).to_pylist()
+    tau = _tau(records)
+    where = f"cell {pair.cell}, pair {pair.pair}" if run.varied_keys else f"pair {pair.pair}"
+    varied = run.study.cells[pair.cell].varied
+    return {
+        "cell": pair.cell,
+        "pair": pair.pair,
+        "title": where,
+        "varied": ", ".join(f"{key} = {value}" for key, value in varied.items()),
+        "tau": None if tau is None else round(tau, 4),
+        "note": " ".join([pair.note or "", *pair.differences]).strip(),
+        "arms": [
+            _arm(run, pair, arm, records[arm.value], [w for w in walkers if w["arm"] == arm])
+            for arm in Arm
+            if arm.value in records
+        ],
+    }
+
+
+def _tau(records: dict[str, Any]) -> float | None:
+    times = [records.get(arm.value, {}).get("pass_time_s") for arm in Arm]
+    return None if None in times else times[0] / times[1]
+
+
+def _arm(
+    run: RunData, pair: ShownPair, arm: Arm, record: dict[str, Any], walkers: list[dict[str, Any]]
+) -> dict[str, Any]:
+    rows = pair.rows[pair.rows["arm"] == arm.value]
+    lane = run.scenario_of(pair.cell).crosswalk().lane_centre_m
+    objects = {str(name): own for name, own in rows.groupby("object", sort=False)}
+    ego = objects.get("ego", rows)
+    kept = _kept(len(ego))
+    times = ego["time_s"].to_numpy()[kept]
+    return {
+        "arm": arm.value,
+        "name": ARM_NAMES[arm],
+        "strategy": record["strategy"],
+        "ending": record["ending"],
+        "words": _words(record),
+        "advantage": _short(record["min_time_advantage_s"]),
+        "lane": lane,
+        "t": _rounded(times),
+        "x": _rounded(ego["x_m"].to_numpy()[kept]),
+        "v": _rounded(ego["speed_mps"].to_numpy()[kept]),
+        "gap": _rounded(time_advantage(rows, lane)[kept]),
+        "contact": _contact(record),
+        "walkers": [
+            _walker(walker, objects.get(f"pedestrian-{walker['index']}", rows.iloc[:0]), times)
+            for walker in walkers
+        ],
+    }
+
+
+def _kept(states: int) -> np.ndarray:
+    """Which states stay: all, or evenly spread ones."""
+    return np.unique(np.linspace(0, states - 1, min(states, MOST_STATES)).astype(int))
+
+
+def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
+    """Where he is at the states kept: y from ``from`` on; when he came to the kerb and left it."""
+    seen, y = rows["time_s"].to_numpy(), rows["y_m"].to_numpy()
+    on = np.flatnonzero(np.isin(times, seen))
+    return {
+        "index": walker["index"],
+        "side": walker["side"],
+        "arrival": _short(walker["arrival_s"]),
+        "start": _short(walker["start_s"]),
+        "speed": _short(walker["speed_mps"]),
+        "from": int(on[0]) if len(on) else None,
+        "y": _rounded(y[np.searchsorted(seen, times[on])]),
+    }
+
+
+def _words(record: dict[str, Any]) -> str:
+    """How the episode ended, in a sentence."""
+    ending = record["ending"]
+    if ending == Ending.CROSSED:
+        said = f"crossed in {record['pass_time_s']:.2f} s"
+    elif ending == Ending.CRASHED:
+        said = (
+            f"crashed at {record['contact_time_s']:.2f} s with {record['contact_speed_mps']:.2f} "
+            f"m/s, {record['contact']}"
+        )
+    else:
+        said = {Ending.TIMED_OUT: "timed out", Ending.ENGINE_FAILED: "failed in the engine"}[ending]
+        said += f" ({record['reason']})" if record["reason"] else ""
+    said += ", fell back to Hard-Yield" if record["fallback"] else ""
+    if record["min_time_advantage_s"] is not None:
+        said += f"; smallest time advantage {record['min_time_advantage_s']:.2f} s"
+    if record["min_ttc_s"] is not None:
+        said += f", smallest TTC {record['min_ttc_s']:.2f} s"
+    return said
+
+
+def _contact(record: dict[str, Any]) -> dict[str, Any] | None:
+    if record["contact_time_s"] is None:
+        return None
+    return {"time": _short(record["contact_time_s"]), "index": record["contact_index"]}
+
+
+def _rounded(values: Iterable[float]) -> list[float | None]:
+    return [_short(value) for value in values]
+
+
+def _short(value: float | None) -> float | None:
+    """To three decimals; None where it is undefined."""
+    if value is None or not math.isfinite(value):
+        return None
+    short = round(float(value), 3)
+    return int(short) if short == int(short) else short
