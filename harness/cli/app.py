@@ -5,13 +5,14 @@ import sys
 import typer
 from typer.exceptions import Abort, Exit, TyperException
 
-from harness.cli import about, batch, model, review
+from harness.cli import about, batch, model, reporting, review
 from harness.cli.output import say
 from harness.errors import HarnessError, InputError, InterruptedRunError
 
 COMMANDS = (
     batch.run,
     batch.sweep,
+    reporting.report,
     review.replay,
     review.score,
     review.compare,

@@ -128,8 +128,8 @@ def _sweep_pictures(run: RunData) -> Iterator[Picture]:
         sweep.draw_over(axes, lines, axis_label(key), up, counted, level)
         yield Picture(
             f"sweep-{measure.removesuffix('_s')}",
-            f"{words} over {key}",
-            f"{words[0].upper()}{words[1:]} with its 95 % interval, one line for each "
+            f"{words} over {axis_label(key)}",
+            f"Over {key}: {words} with its 95 % interval, one line for each "
             f"{' and '.join(others) if others else 'strategy'}; {counted}. Points stand a little "
             "apart so that bars do not cover each other.",
             figure,
@@ -176,7 +176,9 @@ def _arrivals(run: RunData) -> Picture:
     figure, (axes,) = style.new_figure()
     episodes_drawn.draw_arrivals(axes, planned[pair], flow, most, ARRIVALS_S)
     first = ", the first at the trigger" if scenario.pedestrians.first_at_trigger else ""
-    limit = "" if most is None else f"; this run simulates the first {most} of each pair"
+    limit = ""
+    if most is not None:
+        limit = f"; at most {most} of each pair {'is' if most == 1 else 'are'} simulated (filled)"
     return Picture(
         "arrivals",
         "Arrival times of one pair",

@@ -5,6 +5,7 @@ darkened; what a colour says, a dash, marker or hatch says too, so figures survi
 page swaps the same colours for lighter ones in its dark scheme, so no figure uses any other.
 """
 
+import textwrap
 import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +31,7 @@ ORANGE = "#b77f00"
 WIDTH_INCH = 5.8
 HEIGHT_INCH = 3.7
 _LEGEND_DROP_INCH = -0.46
+_CAPTION_SIGNS_PER_INCH = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +120,12 @@ def legend_below(axes: Axes, columns: int = 2) -> None:
             ncols=columns,
             columnspacing=1.6,
         )
+
+
+def caption(figure: Figure, words: str) -> None:
+    """A caption under a figure, broken to its width."""
+    width = int(figure.get_figwidth() * _CAPTION_SIGNS_PER_INCH)
+    figure.supxlabel("\n".join(textwrap.wrap(plain(words), width)), fontsize=8.5, color=MUTED)
 
 
 def plain(text: object) -> str:

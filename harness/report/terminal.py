@@ -1,5 +1,6 @@
 """What the command line prints: the table of a run, the strategies, the checks."""
 
+import shlex
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,6 +27,7 @@ from harness.report.words import (
     indicative,
     is_the_papers,
     measure_rows,
+    sweep_lines,
 )
 from harness.results import versions
 from harness.scenario import Scenario
@@ -44,7 +46,9 @@ def print_run(run: Run) -> None:
             console.print(line)
     else:
         _print_cell(console, run.summaries[0], run.conflicts[0], run.study.base)
-    console.print(f"Run folder: {run.folder}", soft_wrap=True)
+    console.print(f"Run folder: {run.folder}", soft_wrap=True, markup=False)
+    command = f"harness report {shlex.quote(str(run.folder))}"
+    console.print(f"See it: {command}", soft_wrap=True, markup=False)
 
 
 def _print_cell(
@@ -95,15 +99,7 @@ def _sweep_lines(run: Run) -> list[str]:
     shown = ("mu", "delay_s", "delay_human_s")
     if any(indicative(summary.defined_pairs, key) for summary in run.summaries for key in shown):
         lines.append("* indicative: N too small")
-    pairs = sum(summary.pairs for summary in run.summaries)
-    out = sum(summary.timed_out for summary in run.summaries)
-    nobody = sum(summary.met_nobody for summary in run.summaries)
-    failed = sum(summary.failed for summary in run.summaries)
-    lines.append(
-        f"Of {pairs} pairs {out} ({out / pairs:.1%}) timed out, {nobody} ({nobody / pairs:.1%}) "
-        f"met nobody, {failed} failed in the engine. Everything else: "
-        "summary.csv, measures.csv, conflicts.csv."
-    )
+    lines += sweep_lines(run.summaries)
     return lines
 
 

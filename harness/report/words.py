@@ -111,14 +111,49 @@ def both_shares(av: Proportion, human: Proportion) -> tuple[str, str]:
     return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
 
 
-def crash_lines(summary: Summary) -> list[str]:
-    """For an arm without a crash: what its N can show."""
+def tau_lines(summary: Summary) -> list[str]:
+    """What μ and c_v say, with their intervals."""
+    mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
+    if mu.value is None:
+        return ["τ is defined in no pair: neither μ nor c_v can be told."]
+    much = f"{100 * abs(1 - mu.value):.1f} % {'less' if mu.value < 1 else 'more'}"
+    said = f"The AV took {much} time than the human driver on average: μ = {mu.value:.4f}"
+    said += f" (95 % interval {_range(mu)}), c_v = {_percent(cv.value)} ({_range(cv, True)})"
+    words = indicative(n, "mu")
+    return [f"{said}; {words}." if words else f"{said}."]
+
+
+def sweep_lines(summaries: Sequence[Summary]) -> list[str]:
+    """What all cells of a sweep together leave out."""
+    pairs = sum(summary.pairs for summary in summaries)
+    parts = {
+        "timed out": sum(summary.timed_out for summary in summaries),
+        "met nobody": sum(summary.met_nobody for summary in summaries),
+    }
+    shares = ", ".join(f"{n:,} ({n / pairs:.1%}) {what}" for what, n in parts.items())
+    failed = sum(summary.failed for summary in summaries)
     return [
-        f"No crash of the {who} in {kappa.trials} episodes: κ below {zero_bound(kappa.trials):.1%} "
-        f"with {CONFIDENCE:.0%} confidence, one-sided ({kappa.high:.1%} two-sided)."
-        for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human))
-        if kappa.trials and kappa.successes == 0
+        f"Of {pairs:,} pairs {shares}, {failed:,} failed in the engine. Everything else: "
+        "summary.csv, measures.csv, conflicts.csv."
     ]
+
+
+def crash_lines(summary: Summary) -> list[str]:
+    """What each arm's crashes say; of none, what its N can show."""
+    lines = []
+    for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human)):
+        if kappa.trials and kappa.successes == 0:
+            bound = zero_bound(kappa.trials)
+            lines.append(
+                f"No crash of the {who} in {kappa.trials:,} episodes: κ below {bound:.1%} with "
+                f"{CONFIDENCE:.0%} confidence, one-sided ({kappa.high:.1%} two-sided)."
+            )
+        elif kappa.trials:
+            lines.append(
+                f"The {who} crashed in {kappa.successes:,} of {kappa.trials:,} episodes: "
+                f"κ = {_percent(kappa.value)} ({_range(kappa, True)})."
+            )
+    return lines
 
 
 def count_lines(summary: Summary) -> list[str]:

@@ -1,9 +1,13 @@
 """Small runs that the tests of this folder read: simulated once per session, never changed."""
 
+import json
+import shutil
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from harness.errors import InterruptedRunError
@@ -77,3 +81,26 @@ def unfinished(runs: Path) -> Path:
     study = one_cell("cctc", {"experiment.pairs": 12})
     options = Options(traces=True, task_pairs=4, workers=1)
     return simulate(study, runs / "unfinished", options, stop=True)
+
+
+HOSTILE = '<script>document.title = "owned"</script><img src=x onerror=alert(1)> & "$\\frac{1}$'
+"""A name that would be code in a page that took it at its word."""
+
+
+@pytest.fixture(scope="session")
+def hostile(single: Path, runs: Path) -> Path:
+    """A run whose name, strategy, model and folder are written to be code."""
+    folder = runs / "<b>run</b>"
+    shutil.copytree(single, folder)
+    path = folder / "manifest.json"
+    document = json.loads(path.read_text())
+    document["name"] = HOSTILE
+    document["scenario"]["arms"]["av"] = HOSTILE
+    document["models"][0]["name"] = HOSTILE
+    document["versions"]["harness"] = f"1</script>{HOSTILE}"
+    path.write_text(json.dumps(document))
+    table = pq.read_table(folder / "episodes.parquet")
+    names = pa.array([f"</script>{HOSTILE}"] * table.num_rows)
+    place = table.column_names.index("strategy")
+    pq.write_table(table.set_column(place, "strategy", names), folder / "episodes.parquet")
+    return folder

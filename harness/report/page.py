@@ -1,0 +1,274 @@
+"""A run folder as one page: no network, opens from disk, everything from files escaped."""
+
+import base64
+import hashlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from jinja2.utils import htmlsafe_json_dumps
+
+from harness.errors import HarnessError, InputError
+from harness.interaction import InteractionModel
+from harness.report import style
+from harness.report.catalogue import Picture, pictures_of
+from harness.report.console import plain
+from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
+from harness.report.page_tables import result_tables, tiles
+from harness.report.player_data import player_document
+from harness.report.plots import save
+from harness.report.svg import inline_svg
+from harness.report.words import (
+    PAPER_REMARK,
+    count_lines,
+    crash_lines,
+    is_the_papers,
+    sweep_lines,
+    tau_lines,
+)
+from harness.results import versions
+from harness.run_data import RunData
+from harness.run_folder import write_file
+
+PAGE = "report.html"
+_TEMPLATES = Path(__file__).parent / "templates"
+_MOST_FAILURES = 20
+
+
+@dataclass(frozen=True)
+class Written:
+    """What ``write_report`` wrote; ``differing`` names the episodes that differ when run again."""
+
+    page: Path
+    figures: tuple[Path, ...]
+    differing: tuple[str, ...]
+
+
+def write_report(run: RunData, out: Path | None = None, figures: Path | None = None) -> Written:
+    """Write a run's page, and on request its figures as PDF and PNG.
+
+    Args:
+        run: finished or not, with at least one finished pair.
+        out: the file; default ``report.html`` in the run folder.
+        figures: a folder for the figures, made if missing.
+
+    Raises:
+        InputError: nothing is finished yet, tables are damaged, or a place cannot be written.
+    """
+    page = out or run.path / PAGE
+    if page.is_dir():
+        raise InputError(f"--out {page}", "is a folder", "a file to write")
+    if run.pairs.empty:
+        raise InputError(str(run.path), "no pair is finished yet", "a run with results")
+    shown, chosen, no_player = _shown(run)
+    model, no_model = _model(run)
+    written: list[Path] = []
+    drawn = []
+    with style.styled():
+        for picture in pictures_of(run, model, shown):
+            drawn.append(_drawn(picture))
+            if figures is not None:
+                style.caption(picture.figure, picture.caption)
+                written += save(picture.figure, figures, picture.name)
+    context = _context(run) | {
+        "player": _player(run, chosen, shown) if shown else None,
+        "no_player": no_player,
+        "pictures": drawn,
+        "figure_remarks": [no_model] if no_model else [],
+    }
+    text = _environment().get_template(PAGE).render(context)
+    # A file may hold what is no text; a page must be.
+    write_file(page, text.encode("utf-8", errors="replace"))
+    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
+    return Written(page, tuple(written), tuple(differing))
+
+
+def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int]]], str]:
+    chosen = choose_pairs(run)
+    try:
+        return shown_pairs(run, chosen), chosen, ""
+    except HarnessError as error:
+        # A model or a strategy may have gone since; the numbers are still there.
+        return [], chosen, nothing_to_show(error)
+
+
+def _model(run: RunData) -> tuple[InteractionModel | None, str]:
+    try:
+        return run.model_of(0), ""
+    except InputError as error:
+        return None, f"Figures of the interaction model are left out: {error}."
+
+
+def _drawn(picture: Picture) -> dict[str, str]:
+    return {
+        "name": picture.name,
+        "title": picture.title,
+        "caption": picture.caption,
+        "svg": inline_svg(picture.figure, f"f-{picture.name}", picture.title, picture.caption),
+    }
+
+
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.FileSystemLoader(_TEMPLATES),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _context(run: RunData) -> dict[str, Any]:
+    """All of the page but episodes and figures."""
+    scenario = run.scenario
+    arms = f"{scenario.arms.av} against {scenario.arms.human}"
+    heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
+    one = None if run.varied_keys else run.results[0].summary
+    paper = one is not None and is_the_papers(scenario)
+    return {
+        "title": f"{heading}, run report",
+        "heading": heading,
+        "folder": str(run.path),
+        "unfinished": _unfinished(run),
+        "opening": list(_opening(run)),
+        "tiles": [] if one is None else tiles(one),
+        "verdicts": _verdicts(run),
+        "tables": result_tables(run),
+        "remarks": [PAPER_REMARK] if paper else [],
+        "failures": _failures(run),
+        "facts": list(_facts(run)),
+        "scenario": list(_flat(scenario.model_dump())),
+        "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
+        "scripts": [_script(name) for name in ("page.js", "player.js")],
+        "version": versions()["harness"],
+    }
+
+
+def _script(name: str) -> dict[str, str]:
+    """A script with the hash that lets it, and nothing else, run in the page."""
+    text = (_TEMPLATES / name).read_text(encoding="utf-8")
+    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+    return {"text": text, "hash": f"'sha256-{digest}'"}
+
+
+def _unfinished(run: RunData) -> str:
+    if run.finished:
+        return ""
+    return (
+        f"{len(run.pairs):,} of {run.planned_pairs:,} planned pairs are in this page. It was going "
+        f"on or broken off when the page was made; harness run --resume {run.path} goes on with it."
+    )
+
+
+def _opening(run: RunData) -> Iterator[str]:
+    scenario, counted = run.scenario, f"{len(run.pairs):,} pairs"
+    model = run.manifest["models"]
+    names = ", ".join(str(entry.get("name")) for entry in model)
+    said = f"seed {run.manifest['seed']}, interaction model {names}"
+    if run.varied_keys:
+        keys = ", ".join(run.varied_keys)
+        yield (
+            f"A sweep over {keys}: {len(run.study.cells):,} cells, {counted} in all. In every pair "
+            f"the AV's strategy and the human driver ({scenario.arms.human}) meet the same "
+            f"pedestrians at the crosswalk; {said}."
+        )
+        yield from sweep_lines([result.summary for result in run.results])
+        return
+    yield (
+        f"Compared: the AV's strategy {scenario.arms.av} and the human driver "
+        f"{scenario.arms.human}, each meeting the same pedestrians at the same crosswalk in "
+        f"{counted}; {said}."
+    )
+
+
+def _verdicts(run: RunData) -> list[str]:
+    if run.varied_keys:
+        return []
+    summary = run.results[0].summary
+    return [*tau_lines(summary), *crash_lines(summary), *count_lines(summary)]
+
+
+def _failures(run: RunData) -> dict[str, Any] | None:
+    failed = run.failures()
+    if failed.empty:
+        return None
+    lines = [
+        f"cell {row['cell']} pair {row['pair']} {row['arm']}: {row['reason']}"
+        for _, row in failed.head(_MOST_FAILURES).iterrows()
+    ]
+    more = f", the first {_MOST_FAILURES} here" if len(failed) > _MOST_FAILURES else ""
+    words = f"{len(failed):,} episodes failed in the engine or in a strategy{more}:"
+    return {"words": words, "lines": lines}
+
+
+def _facts(run: RunData) -> Iterator[tuple[str, str]]:
+    scenario, manifest = run.scenario, run.manifest
+    yield "scenario", run.name
+    yield "arms", f"{scenario.arms.av} (AV), {scenario.arms.human} (human)"
+    for entry in manifest["models"]:
+        yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
+    yield "reading of walking speeds", scenario.model.pedestrian_reading
+    yield "pairing of pedestrians", scenario.pedestrians.pairing
+    yield "seed", str(manifest["seed"])
+    step = f"{scenario.experiment.step_s:g} s, time-out {scenario.experiment.timeout_s:g} s"
+    yield "step", step
+    for key in run.varied_keys:
+        values = list(dict.fromkeys(plain(cell.varied[key]) for cell in run.study.cells))
+        listed = ", ".join(values[:12]) + (" …" if len(values) > 12 else "")
+        yield f"varied: {key}", listed
+    if manifest["until"]:
+        (name, width) = next(iter(manifest["until"].items()))
+        yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
+    yield "versions", ", ".join(f"{name} {of}" for name, of in dict(manifest["versions"]).items())
+    yield "traces", "kept" if run.kept_traces else "not kept"
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+    """Every key of the scenario with its value."""
+    for key, value in tree.items():
+        if isinstance(value, dict) and value:
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", "" if value is None else plain(value)
+
+
+def _player(
+    run: RunData, chosen: dict[str, list[tuple[int, int]]], shown: Sequence[ShownPair]
+) -> dict[str, Any]:
+    document = player_document(run, chosen, shown)
+    episodes = document["episodes"]
+    groups = []
+    for group in document.pop("groups"):
+        entries = [
+            {"index": i, "title": episodes[i]["title"], "small": _small(episodes[i])}
+            for i in group["episodes"]
+        ]
+        groups.append({"title": group["title"], "entries": entries})
+    left_out = document.pop("left_out")
+    total = len(run.pairs)
+    words = f"{len(episodes):,} of {total:,} pairs, both arms of a pair side by side."
+    if not run.kept_traces:
+        words += " The run kept no traces, so these were simulated again for this page."
+        different = sum(bool(pair.differences) for pair in shown)
+        words += (
+            f" {different:,} of them differ from the stored record: see the note of each."
+            if different
+            else " All records are identical to the stored ones."
+        )
+    if left_out:
+        words += f" {left_out:,} chosen pairs are left out to keep the page small."
+    return {"groups": groups, "words": words, "json": htmlsafe_json_dumps(document)}
+
+
+def _small(episode: dict[str, Any]) -> str:
+    """A few words about an episode for the list."""
+    said = [] if episode["tau"] is None else [f"τ {episode['tau']:.2f}"]
+    for arm in episode["arms"]:
+        if arm["ending"] != "crossed":
+            said.append(f"{arm['name']} {arm['ending'].replace('_', ' ')}")
+    smallest = episode["arms"][0]["advantage"] if episode["arms"] else None
+    if smallest is not None:
+        said.append(f"T_adv {smallest:.2f} s")
+    return ", ".join(said)

@@ -1,0 +1,304 @@
+"""The page as a file: what it says, that it needs nothing else, that names from files stay text."""
+
+import base64
+import hashlib
+import json
+import re
+import shutil
+import sys
+from html.parser import HTMLParser
+from itertools import islice, pairwise
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import harness
+import harness.report.page as page_module
+from harness.cli import app as cli
+from harness.report.page import write_report
+from harness.report.player_data import player_document
+from tests.report.conftest import HOSTILE
+
+VOID = {"meta", "link", "input", "img", "br", "hr"}
+
+
+class Page(HTMLParser):
+    """What a browser would find: elements with attributes, and the text of each kind of element."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.texts: dict[str, list[str]] = {}
+        self._open: list[str] = []
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        while self._open and self._open.pop() != tag:
+            pass
+
+    def handle_data(self, data: str) -> None:
+        self.texts.setdefault(self._open[-1] if self._open else "", []).append(data)
+
+    @property
+    def words(self) -> str:
+        """All text but scripts and styles, spaces made single."""
+        kept = (
+            text for tag, of in self.texts.items() if tag not in ("script", "style") for text in of
+        )
+        return " ".join(" ".join(kept).split())
+
+    def attributes(self, name: str) -> list[str]:
+        return [str(found[name]) for _, found in self.elements if name in found]
+
+
+@pytest.fixture(scope="module")
+def page(single: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
+    out = tmp_path_factory.mktemp("page") / "report.html"
+    return Page(write_report(harness.load_run(single), out).page)
+
+
+def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
+    summary = harness.load_run(single).results[0].summary
+    assert "soft_yield" in page.words
+    assert f"μ = {summary.mu.value:.4f}" in page.words
+    # 0 of 12: 1 − 0.05^(1/12) one-sided, 1 − 0.025^(1/12) two-sided.
+    assert "κ below 22.1% with 95% confidence, one-sided (26.5% two-sided)" in page.words
+    assert "indicative: N too small" in page.words
+    assert "0.7044" in page.words  # the paper's
+    assert "defined in 12 of 12 pairs" in page.words
+
+
+def test_it_needs_nothing_but_itself(page: Page) -> None:
+    assert not [tag for tag, _ in page.elements if tag in ("img", "iframe", "object", "base")]
+    links = [link for link in page.attributes("href") if not link.startswith("#")]
+    assert links == ["data:,"]
+    assert page.attributes("src") == []
+    assert not re.search(r"@import|url\((?!#)|fetch\(|XMLHttpRequest|import\(", page.source)
+    # Names of XML's vocabularies are the only addresses.
+    addresses = set(re.findall(r"https?://[^\s\"'<)]+", page.source))
+    assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+
+
+def test_only_its_own_scripts_may_run(page: Page) -> None:
+    (policy,) = (a["content"] for _, a in page.elements if a.get("http-equiv"))
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    scripts = re.findall(r"<script>(.*?)</script>", page.source, re.DOTALL)
+    assert len(scripts) == 2
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+
+
+def test_markup_a_screen_reader_can_use(page: Page) -> None:
+    assert ("html", {"lang": "en"}) in page.elements
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch(r"h[1-6]", tag)]
+    assert levels.count(1) == 1
+    assert max(b - a for a, b in pairwise(levels)) <= 1
+    identifiers = page.attributes("id")
+    assert len(identifiers) == len(set(identifiers))
+    for labelled in page.attributes("aria-labelledby"):
+        assert set(labelled.split()) <= set(identifiers)
+    for tag, attributes in page.elements:
+        if tag == "th":
+            assert attributes.get("scope") in ("row", "col")
+        if tag == "svg":
+            assert attributes["role"] == "img"
+            assert attributes["aria-labelledby"]
+    assert sum(tag == "figure" for tag, _ in page.elements) == 9
+
+
+def test_every_pair_is_in_the_player(page: Page, single: Path) -> None:
+    (text,) = re.findall(
+        r'<script type="application/json" id="player-data">(.*?)</script>', page.source, re.DOTALL
+    )
+    data = json.loads(text)
+    assert sorted(episode["pair"] for episode in data["episodes"]) == list(range(12))
+    run = harness.load_run(single)
+    for episode in data["episodes"]:
+        rows = run.traces_of(0, episode["pair"])
+        for arm in episode["arms"]:
+            own = rows[rows["arm"] == arm["arm"]]
+            ego = own[own["object"] == "ego"]
+            assert arm["x"] == pytest.approx(ego["x_m"].tolist(), abs=5e-4)
+            assert arm["v"] == pytest.approx(ego["speed_mps"].tolist(), abs=5e-4)
+            (walker,) = arm["walkers"]
+            walked = own[own["object"] == "pedestrian-0"]
+            assert walker["y"] == pytest.approx(walked["y_m"].tolist(), abs=5e-4)
+            begins = arm["t"][walker["from"]]
+            assert begins == pytest.approx(walked["time_s"].iloc[0])
+
+
+def test_long_episodes_are_thinned_and_a_full_page_stops(
+    single: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from harness.report import player_data
+    from harness.report.episode_traces import choose_pairs, shown_pairs
+
+    run = harness.load_run(single)
+    chosen = choose_pairs(run)
+    shown = shown_pairs(run, chosen)
+    monkeypatch.setattr(player_data, "MOST_STATES", 20)
+    document = player_document(run, chosen, shown)
+    arm = document["episodes"][0]["arms"][0]
+    rows = shown[0].rows
+    ego = rows[(rows["object"] == "ego") & (rows["arm"] == "av")]
+    assert len(arm["x"]) == 20
+    assert [arm["x"][0], arm["x"][-1]] == pytest.approx(
+        [ego["x_m"].iloc[0], ego["x_m"].iloc[-1]], abs=5e-4
+    )
+    monkeypatch.setattr(player_data, "MOST_BYTES", 10_000)
+    document = player_document(run, chosen, shown)
+    assert 0 < len(document["episodes"]) < 12
+    assert document["left_out"] == 12 - len(document["episodes"])
+    numbers = {index for group in document["groups"] for index in group["episodes"]}
+    assert numbers == set(range(len(document["episodes"])))
+
+
+def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
+    run = harness.load_run(swept)
+    found = Page(write_report(run, tmp_path / "sweep.html").page)
+    assert "simulated again for this page" in found.words
+    assert "All records are identical to the stored ones" in found.words
+    rows = re.findall(
+        r"<tr>(.*?)</tr>", found.source.split('id="cells"')[1].split("</table>")[0], re.S
+    )
+    assert len(rows) == 1 + 4
+    first = run.results[0].summary
+    assert f'data-value="{first.mu.value!r}"' in rows[1]
+    assert found.source.count('class="sortable"') == 2
+
+
+@pytest.fixture
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pages without figures: theirs is most of the time."""
+    monkeypatch.setattr(page_module, "pictures_of", lambda *_: iter(()))
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_record_that_differs_is_named(swept: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "changed"
+    shutil.copytree(swept, folder)
+    table = pq.read_table(folder / "episodes.parquet")
+    rows = table.to_pylist()
+    changed = next(row for row in rows if row["arm"] == "av" and row["pass_time_s"] is not None)
+    changed["pass_time_s"] += 1.0
+    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), folder / "episodes.parquet")
+    written = write_report(harness.load_run(folder))
+    assert len(written.differing) == 1
+    assert "episodes.pass_time_s" in written.differing[0]
+    found = Page(written.page)
+    assert "1 of them differ from the stored record" in found.words
+    assert "the record differs from the stored one" in found.source
+
+
+def test_names_from_files_stay_text(hostile: Path) -> None:
+    found = Page(write_report(harness.load_run(hostile)).page)
+    assert HOSTILE in found.words
+    scripts = [attributes for tag, attributes in found.elements if tag == "script"]
+    assert len(scripts) == 3
+    assert not [tag for tag, _ in found.elements if tag in ("img", "b")]
+    assert not [
+        name for _, attributes in found.elements for name in attributes if name.startswith("on")
+    ]
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "moved"
+    shutil.copytree(swept, folder)
+    path = folder / "manifest.json"
+    document = json.loads(path.read_text())
+    document["scenario"]["model"]["path"] = str(tmp_path / "gone.json")
+    path.write_text(json.dumps(document))
+    found = Page(write_report(harness.load_run(folder)).page)
+    assert "could not be simulated again" in found.words
+    assert "Figures of the interaction model are left out" in found.words
+
+
+# --- the command ----------------------------------------------------------------------------------
+
+
+def run_command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["harness", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    return int(caught.value.code or 0)
+
+
+def test_report_writes_page_and_figures(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pictures_of = page_module.pictures_of
+    monkeypatch.setattr(page_module, "pictures_of", lambda *given: islice(pictures_of(*given), 1))
+    out, figures = tmp_path / "page.html", tmp_path / "figures"
+    assert (
+        run_command(monkeypatch, "report", swept, "--out", out, "--figures", figures, "--json") == 0
+    )
+    document = json.loads(capsys.readouterr().out)
+    assert document["page"] == str(out)
+    assert sorted(document["figures"]) == sorted(str(path) for path in figures.iterdir())
+    assert {path.name for path in figures.iterdir()} == {"sweep-mu.pdf", "sweep-mu.png"}
+    assert (figures / "sweep-mu.pdf").read_bytes().startswith(b"%PDF")
+    assert (figures / "sweep-mu.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(
+    unfinished: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_command(monkeypatch, "report", unfinished, "--quiet") == 0
+    printed = capsys.readouterr()
+    assert printed.out == f"{unfinished / 'report.html'}\n"
+    assert printed.err == ""
+    found = Page(unfinished / "report.html")
+    assert "This run is not finished." in found.words
+    assert "8 of 12 planned pairs are in this page" in found.words
+    (unfinished / "report.html").unlink()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing-here"], "is no run folder"),
+        (["RUN", "--out", "page.txt"], "ends in .html"),
+        (["RUN", "--out", "no/where.html"], "there is no folder"),
+        (["RUN", "--figures", "RUN/manifest.json"], "is a file"),
+    ],
+)
+def test_refusals_are_one_line(
+    single: Path,
+    arguments: list[str],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = sorted(single.iterdir())
+    given = [word.replace("RUN", str(single)) for word in arguments]
+    assert run_command(monkeypatch, "report", *given) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert len(printed.err.splitlines()) == 1
+    assert words in printed.err
+    assert sorted(single.iterdir()) == before
+
+
+def test_a_run_without_a_finished_pair_is_refused(
+    unfinished: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "begun"
+    shutil.copytree(unfinished, folder)
+    shutil.rmtree(folder / "shards")
+    assert run_command(monkeypatch, "report", folder) == 2
+    assert "no pair is finished yet" in capsys.readouterr().err
