@@ -141,7 +141,7 @@ SPOILT = {
     "no JSON": (lambda f: (f / "manifest.json").write_text("{"), "manifest.json: is damaged"),
     "a list": (lambda f: (f / "manifest.json").write_text("[]"), "manifest.json: is damaged"),
     "old": (lambda f: manifest(f, schema=0), f"manifest.json: format version 0; allowed: {SCHEMA}"),
-    "counts": (lambda f: manifest(f, counts=[1]), "manifest.json: is damaged"),
+    "counts": (lambda f: manifest(f, counts=[1]), "manifest.json: counts: is damaged"),
     "scenario": (lambda f: manifest(f, scenario={"ego": {"wheels": 4}}), "ego.wheels"),
     "table missing": (lambda f: (f / "pairs.parquet").unlink(), "pairs.parquet: is missing"),
     "table cut": (lambda f: cut(f / "episodes.parquet"), "episodes.parquet: cannot be read"),
