@@ -38,12 +38,13 @@ def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
     """Mean wait at the kerb of those who came within the record, in s; NaN if nobody did.
 
     From arrival until stepping off, or until the record's end for whoever still waits then.
+    Timed pedestrians, who have no quantile, wait for their time and for nobody else.
     """
     count, total = np.zeros(len(chunk.traces)), np.zeros(len(chunk.traces))
     for number, (trace, end_s) in enumerate(zip(chunk.traces, chunk.end_s.tolist(), strict=True)):
         for walk in trace.walks:
             arrival_s = walk.arrival.arrival_s
-            if arrival_s <= end_s:
+            if arrival_s <= end_s and walk.arrival.quantile is not None:
                 count[number] += 1
                 until_s = end_s if walk.start_s is None else min(walk.start_s, end_s)
                 total[number] += until_s - arrival_s

@@ -185,8 +185,8 @@ MEASURES = (
         "pedestrian_delay_s",
         "s",
         float,
-        "mean over those who arrived within the record of the wait at the kerb, until stepping off "
-        "or the record's end",
+        "mean over those who arrived within the record, timed ones apart, of the wait at the kerb, "
+        "until stepping off or the record's end",
         "nobody arrived",
         "HCM: pedestrian delay",
         "exact",

@@ -170,6 +170,8 @@ def test_he_walks_to_the_other_kerb_and_is_gone() -> None:
     trace = play(scenario, StopEarly())
     (record,) = measure([trace])
     assert record.ending is Ending.CROSSED
+    # He waited for his time, not for the car.
+    assert record.pedestrian_delay_s is None
     # From y = −0.75 at 5.139 s to y = 9 at 25/18 m/s: 7.02 s.
     rows = pedestrian_rows(0, [outcome_of(trace)])
     assert rows["cleared_s"] == [pytest.approx(12.159)]
