@@ -11,7 +11,7 @@ import os
 import re
 import subprocess
 import tempfile
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from decimal import Decimal
 from importlib import metadata
 from pathlib import Path
@@ -51,6 +51,8 @@ class CrossingGeometry:
         bearing_deg: the ego's driving direction, clockwise from true north, 0 to 360.
         length_m: kerb to kerb, two lanes of half of it each, 4 to 40.
         width_m: extent of the crosswalk along the road, 1 to 20.
+        pedestrian_priority: whether vehicles have to yield, as at a marked crosswalk; what SUMO's
+            own driver and pedestrians go by, nobody else.
 
     The defaults are the crosswalk at the Central Campus Transit Center (CCTC), Ann Arbor.
 
@@ -63,16 +65,16 @@ class CrossingGeometry:
     bearing_deg: float = 316.5
     length_m: float = 9.0
     width_m: float = 4.0
+    pedestrian_priority: bool = True
 
     def __post_init__(self) -> None:
-        for field in fields(self):
-            value = getattr(self, field.name)
-            low, high = _BOUNDS[field.name]
+        for name, (low, high) in _BOUNDS.items():
+            value = getattr(self, name)
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             if not (number and low <= value <= high):
-                raise InputError(f"crossing.{field.name}", f"{value!r}", f"{low:g} to {high:g}")
+                raise InputError(f"crossing.{name}", f"{value!r}", f"{low:g} to {high:g}")
             # 9 and 9.0 are one geometry and must give one text of the sources.
-            object.__setattr__(self, field.name, float(value) + 0.0)
+            object.__setattr__(self, name, float(value) + 0.0)
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,12 @@ def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
         "nodes": "\n".join(_nodes(geometry)),
         "lane": repr(geometry.length_m / 2),
         "width": repr(geometry.width_m),
+        "right_of_way": (
+            "A marked crosswalk: vehicles yield."
+            if geometry.pedestrian_priority
+            else "An unmarked one: pedestrians yield."
+        ),
+        "priority": f'priority="{str(geometry.pedestrian_priority).lower()}"',
         "projection": projection(geometry.latitude_deg, geometry.longitude_deg),
     }
     return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
@@ -205,9 +213,9 @@ _TEMPLATES = {
     "con.xml": """<connections>
     <connection from="approach" to="exit" fromLane="0" toLane="0"/>
     <connection from="oncoming_approach" to="oncoming_exit" fromLane="0" toLane="0"/>
-    <!-- A marked crosswalk: vehicles yield. It binds SUMO's own driver only; the pedestrians and
+    <!-- {right_of_way} It binds SUMO's own driver only; the pedestrians and
          strategies of the harness follow their own rules. -->
-    <crossing node="crosswalk" edges="approach oncoming_exit" priority="true" width="{width}"/>
+    <crossing node="crosswalk" edges="approach oncoming_exit" {priority} width="{width}"/>
 </connections>
 """,
     # Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9.

@@ -43,6 +43,7 @@ class CrossingSection(_Section):
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
     length_m: Annotated[float, Field(ge=4, le=40)] = 9.0
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
+    pedestrian_priority: bool = True
 
 
 class EgoSection(_Section):

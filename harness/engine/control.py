@@ -15,6 +15,15 @@ from harness.site import Site
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
 
+SPEED_MODE_OWN = 31
+"""SUMO's own driver with all his cares: safe speed, acceleration, deceleration, right of way."""
+
+WAITING_M = 0.3
+"""Where SUMO's driver is shown someone who waits: this far behind the kerb, off the crossing."""
+
+COMING_M = 5.0
+"""Where someone is held who has not arrived yet: on his footpath, which SUMO's driver ignores."""
+
 COLLISION_REACH_M = 5.0
 """SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
 
@@ -29,7 +38,8 @@ class SumoEngine:
 
     The ego is set by ``setSpeed`` under ballistic steps, so that SUMO's state follows constant
     accelerations in closed form.  Pedestrians are placed by ``moveToXY`` at every step, waiting
-    ones too: SUMO's own pedestrians would stop for the vehicle and hide crashes.
+    ones too: SUMO's own pedestrians would stop for the vehicle and hide crashes.  Told no speed,
+    SUMO's own driver drives: at most at v0, with a0, braking up to the vehicle's maximum.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation that was
@@ -68,6 +78,7 @@ class SumoEngine:
             Side.FAR: site.to_network(0.0, crossing.length_m),
         }
         self._to_network, self._to_road = site.to_network, site.to_road
+        self._length_m, self._lane_centre_m = crossing.length_m, crossing.lane_centre_m
         # Network coordinates of (0, y) are origin + y · across.
         self._origin, self._across = self._kerbs[Side.NEAR], (-site.along_y, site.along_x)
         self._footpaths = {
@@ -84,6 +95,7 @@ class SumoEngine:
         self._steps = 0
         self._waiting: dict[int, tuple[float, float]] = {}
         self._collided = False
+        self._own_driver = False
         self._ego = f"ego-{self._episode}"
         try:
             # A person exists only after the step that follows its insertion, and moving one that
@@ -103,12 +115,13 @@ class SumoEngine:
         self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
     ) -> tuple[float, float]:
         """See ``Engine.step``."""
-        if speed_mps is None:
-            raise EngineError("no strategy may hand over to SUMO's own driver yet")
         try:
-            self._set_speed(self._ego, speed_mps)
+            if (speed_mps is None) is not self._own_driver:
+                self._hand_over(speed_mps is None)
+            if speed_mps is not None:
+                self._set_speed(self._ego, speed_mps)
             if pedestrians:
-                self._place(pedestrians)
+                self._place(self._as_shown(pedestrians) if self._own_driver else pedestrians)
             if self._waiting:
                 self._hold_waiting()
             coming = None
@@ -121,7 +134,9 @@ class SumoEngine:
             x = self._start_x_m + self._get_distance(self._ego)
             if self._ids and x > self._collisions_from_m:
                 self._note_collisions()
-            # Not read back at every step: ``end`` makes sure that SUMO kept to it.
+            if speed_mps is None:
+                speed_mps = self._get_speed(self._ego)
+            # Else not read back at every step: ``end`` makes sure that SUMO kept to it.
             self._commanded = speed_mps
             return x, speed_mps
         except self._lost as error:
@@ -183,6 +198,34 @@ class SumoEngine:
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
 
+    def _hand_over(self, own_driver: bool) -> None:
+        """Let SUMO's own driver drive, or take the ego back."""
+        vehicle = self._api.vehicle
+        vehicle.setType(self._ego, "driven" if own_driver else "ego")
+        vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN if own_driver else SPEED_MODE_EXTERNAL)
+        if own_driver:
+            vehicle.setSpeed(self._ego, -1)
+            self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
+        self._own_driver = own_driver
+
+    def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
+        """Where SUMO's driver is shown those who are held.
+
+        SUMO takes everyone who is placed on its crossing for one who walks from the far side, and
+        at the kerb itself for one on the crossing.  So who waits is shown behind his kerb, and who
+        comes from the near side mirrored at the centre of the ego's lane: as far from its path, on
+        his way to it or away from it, until he has left the lane.
+        """
+        shown = []
+        for index, y in pedestrians:
+            if self._sides[index] is Side.FAR:
+                shown.append((index, y if y < self._length_m else y + WAITING_M))
+            elif y <= 0:
+                shown.append((index, -WAITING_M))
+            else:
+                shown.append((index, max(0.0, 2 * self._lane_centre_m - y)))
+        return shown
+
     def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
         """Add everyone who arrives by then; returns where they will have to be held."""
         coming: dict[int, tuple[float, float]] = {}
@@ -192,6 +235,9 @@ class SumoEngine:
                 break
             self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side][1])
             place = self._kerbs[arrival.side]
+            if self._own_driver:
+                near = arrival.side is Side.NEAR
+                place = self._to_network(0.0, -COMING_M if near else self._length_m + COMING_M)
             if arrival.path is not None:
                 place = self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
             coming[arrival.index] = place
@@ -254,9 +300,11 @@ def start_command(
 
 
 def types_file(vehicle: Vehicle) -> str:
-    """The types of ego and pedestrians as a SUMO additional file; nothing in them is random."""
-    attributes = {
-        "id": "ego",
+    """The types of ego and pedestrians as a SUMO additional file; nothing in them is random.
+
+    The ego is ``driven`` while SUMO's own driver drives it.
+    """
+    ego = {
         "vClass": "passenger",
         "length": vehicle.length_m,
         "width": vehicle.width_m,
@@ -269,6 +317,14 @@ def types_file(vehicle: Vehicle) -> str:
         "minGap": 0,
         "maxSpeed": 100,
     }
-    written = " ".join(f"{name}={quoteattr(str(value))}" for name, value in attributes.items())
-    walker = '<vType id="walker" vClass="pedestrian" speedDev="0" sigma="0"/>'
-    return f"<additional><vType {written}/>{walker}</additional>\n"
+    driven = ego | {
+        "accel": vehicle.resume_acceleration_mps2,
+        "maxSpeed": vehicle.initial_speed_mps,
+    }
+    walker = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
+    types = {"ego": ego, "driven": driven, "walker": walker}
+    written = "".join(
+        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
+        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
+    )
+    return f"<additional>{written}</additional>\n"

@@ -12,6 +12,7 @@ from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.own import installed, load_installed, load_own
 from harness.strategies.soft_yield import SoftYield
+from harness.strategies.sumo_driver import SumoDriver
 
 STRATEGIES: dict[str, StrategyFactory] = {
     "soft_yield": SoftYield,
@@ -20,6 +21,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "human_gmm": HumanDriver,
     "emergency_brake": EmergencyBrake,
     "gap_yield": GapYield,
+    "sumo_driver": SumoDriver,
 }
 
 _prepared: set[tuple[StrategyFactory, str]] = set()
