@@ -3,11 +3,15 @@
 import logging
 from collections.abc import Callable
 from concurrent.futures import Future
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+from zipfile import ZipFile
 
 from harness.errors import InputError
 from harness.pool import LocalPool
-from harness.tasks import Argument, ExecutorLostError, Result
+from harness.tasks import Argument, ExecutorLostError, Result, Task
+from harness.upload import archive_of, top_modules
 
 
 class DaskCluster:
@@ -48,6 +52,8 @@ class DaskCluster:
                 where, f"threads of its workers: {found}", "dask worker --nthreads 1 (one or more)"
             )
         self.workers = len(threads)
+        self._modules: frozenset[str] = frozenset()
+        self._archive: str | None = None
 
     def submit(
         self, function: Callable[[Argument], Result], argument: Argument
@@ -59,7 +65,9 @@ class DaskCluster:
         result: Future[Result] = Future()
         result.set_running_or_notify_cancel()
         # A retry is a new computation, not a look at the old one's failure: hence pure=False.
-        remote = self._client.submit(call_apart, function, argument, pure=False, retries=0)
+        remote = self._client.submit(
+            call_apart, function, argument, self._uploaded(argument), pure=False, retries=0
+        )
 
         def done(_finished: object) -> None:
             if remote.status in ("cancelled", "lost"):
@@ -77,17 +85,55 @@ class DaskCluster:
         """See ``Executor.stop``; the cluster itself goes on."""
         self._client.close()
 
+    def _uploaded(self, argument: object) -> str | None:
+        """The archive with a task's own strategies, once every worker has it."""
+        if not isinstance(argument, Task):
+            return None
+        modules = self._modules | top_modules(argument.scenario.arms.model_dump().values())
+        if modules != self._modules:
+            archive = archive_of(modules)
+            if archive is not None:
+                with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
+                    file = Path(folder) / archive.name
+                    file.write_bytes(archive.content)
+                    # Workers that join later get it too.  Nothing is imported in their own process.
+                    self._client.upload_file(str(file), load=False)
+                self._archive = archive.name
+            self._modules = modules
+        return self._archive
 
-_beside: LocalPool | None = None
+
+_beside: tuple[str | None, LocalPool] | None = None
 
 
-def call_apart(function: Callable[[Any], Any], argument: Any) -> Any:
+def call_apart(function: Callable[[Any], Any], argument: Any, archive: str | None) -> Any:
     """Call in a process beside this Dask worker's own.
 
     A task that dies then costs the cluster no worker.  Dask would hand it to another one, four in
     all, and suspect whatever else they were about to do.
+
+    Args:
+        function: see ``Executor.submit``.
+        argument: see there.
+        archive: the uploaded file with the user's own strategies; another one means another
+            process, so that no module of an earlier run is used again.
     """
     global _beside
+    if _beside is not None and _beside[0] != archive:
+        _beside[1].stop()
+        _beside = None
     if _beside is None:
-        _beside = LocalPool(1)
-    return _beside.submit(function, argument).result()
+        _beside = (archive, LocalPool(1, None if archive is None else _unpacked(archive)))
+    return _beside[1].submit(function, argument).result()
+
+
+def _unpacked(archive: str) -> Path:
+    """The folder with the content of an uploaded archive."""
+    from distributed import get_worker
+
+    file = Path(get_worker().local_directory) / archive
+    folder = file.with_suffix("")
+    # The name stands for the content: what is there from an earlier run is the same.
+    with ZipFile(file) as content:
+        content.extractall(folder)
+    return folder

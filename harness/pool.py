@@ -7,9 +7,10 @@ one that is killed in the middle of a message takes no other, and no lock, with 
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
 from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import Any, NamedTuple
@@ -27,6 +28,8 @@ serve(connection)
 """
 """What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
 multiprocessing's, which would run the main module of the caller in each worker again."""
+
+_STANDARD_ERROR = 2
 
 _STARTS = 3
 """How often in a row a worker may die before it is ready; what kills it then is no task."""
@@ -48,12 +51,13 @@ class LocalPool:
 
     Args:
         workers: how many processes.
-        first_on_path: folders in which workers look for modules before all others.
+        folder: their working directory, where a user's own strategies are found; None: this
+            process's.
     """
 
-    def __init__(self, workers: int, first_on_path: Sequence[str] = ()) -> None:
+    def __init__(self, workers: int, folder: Path | None = None) -> None:
         self.workers = workers
-        self._path = [*first_on_path, *sys.path]
+        self._folder, self._path = folder, list(sys.path)
         self._queue: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = Lock()
         self._stopped = False
@@ -142,12 +146,15 @@ class LocalPool:
             ours, theirs = Pipe()
             try:
                 # The end of its standard input tells a worker that its parent is gone, however
-                # that died; in a group of its own it does not hear Ctrl-C, the parent's business.
+                # that died.  What it prints is no result: it goes where errors go.  In a group of
+                # its own it does not hear Ctrl-C, which is the parent's business.
                 process = subprocess.Popen(
                     [sys.executable, "-P", "-c", _START, str(theirs.fileno())],
                     stdin=subprocess.PIPE,
+                    stdout=_STANDARD_ERROR,
                     pass_fds=[theirs.fileno()],
                     process_group=0,
+                    cwd=self._folder,
                 )
             except OSError as error:
                 ours.close()

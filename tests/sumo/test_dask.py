@@ -19,7 +19,18 @@ import pytest
 from harness.errors import InputError
 from harness.experiment import run_study
 from harness.options import Options
-from tests.batches import QUICK, Inline, content, one_cell, options_of, shell, start, sweep
+from tests.batches import (
+    CHECKOUT,
+    QUICK,
+    Inline,
+    content,
+    one_cell,
+    options_of,
+    shell,
+    start,
+    sweep,
+)
+from tests.faulty import NAME, struck
 
 pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
 
@@ -147,6 +158,77 @@ def test_interrupted_on_the_cluster_resumed_here(
         assert "Traceback" not in errors
         assert shell("run", "--resume", folder, "-q").returncode == 0
     assert content(folder) == whole
+
+
+STRATEGY = """
+from pathlib import Path
+
+class Mine:
+    def decide(self, observation):
+        return {expression}
+"""
+
+
+def own(cluster: str | None, name: str, folder: Path, out: str) -> dict[str, bytes]:
+    """A run of a user's own strategy from its folder, here or on the cluster."""
+    changes = {**QUICK, "arms.av": name, "experiment.pairs": 20}
+    where = [] if cluster is None else ["--dask", cluster]
+    done = shell(
+        *("run", "cctc", "-q", "--out", out, *where, *options_of(changes)),
+        cwd=folder,
+        env={"PYTHONPATH": str(CHECKOUT)},
+    )
+    assert done.returncode == 0, done.stderr
+    return content(folder / out)
+
+
+def test_a_strategy_in_a_module_is_uploaded(cluster: str, tmp_path: Path) -> None:
+    # The workers run in other folders.
+    (tmp_path / "mine.py").write_text(STRATEGY.format(expression=-0.5))
+    there = own(cluster, "mine:Mine", tmp_path, "there")
+    assert there == own(None, "mine:Mine", tmp_path, "here")
+
+
+def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
+    cluster: str, tmp_path: Path
+) -> None:
+    inner = tmp_path / "mypackage" / "inner"
+    inner.mkdir(parents=True)
+    for folder in (inner, inner.parent):
+        (folder / "__init__.py").touch()
+    source = 'float(-float(Path(__file__).with_name("brake.txt").read_text()))'
+    (inner / "mine.py").write_text(STRATEGY.format(expression=source))
+    tables = []
+    for brake in (2.0, 0.5):
+        (inner / "brake.txt").write_text(str(brake))
+        out = own(cluster, "mypackage.inner.mine:Mine", tmp_path, f"there-{brake}")
+        tables.append(out["episodes.parquet"])
+    assert tables[0] != tables[1]
+    assert out == own(None, "mypackage.inner.mine:Mine", tmp_path, "here")
+
+
+def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Path) -> None:
+    from distributed import Client
+
+    from harness.cluster import DaskCluster
+
+    def workers() -> dict[str, int]:
+        with Client(cluster, set_as_default=False) as client:
+            found: dict[str, int] = client.run(os.getpid)
+            return found
+
+    before = workers()
+    changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 6, **struck({"aborts": 2})}
+    study = one_cell("cctc", changes)
+    options = Options(task_pairs=3, workers=1)
+    run_study(study, options, out=tmp_path / "here")
+    finished = run_study(
+        study, options, out=tmp_path / "there", make_executor=lambda _: DaskCluster(cluster)
+    )
+    assert [(pair, arm) for _, pair, arm, _ in finished.failures] == [(2, "av"), (2, "human")]
+    assert all("died (exit code -6)" in why for *_, why in finished.failures)
+    assert content(tmp_path / "there") == content(tmp_path / "here")
+    assert workers() == before
 
 
 def test_workers_with_several_threads_are_refused(

@@ -57,6 +57,7 @@ LEVELS = {
     "harness.until": 5,
     "harness.finish": 5,
     "harness.cluster": 5,
+    "harness.upload": 5,
     "harness.conformance": 5,
     "harness.replay": 5,
     "harness.sumo_outputs": 5,
