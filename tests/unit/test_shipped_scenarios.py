@@ -7,7 +7,7 @@ from harness.resources import shipped_directory
 from harness.scenario import read_scenario_file
 from harness.study import single_cell, study_of
 
-CELLS = {"cctc": 1, "cctc_flow": 1, "euro_ncap_vru": 27, "aggressiveness": 16, "strategies": 24}
+CELLS = {"cctc": 1, "cctc_flow": 1, "euro_ncap_vru": 27, "aggressiveness": 16, "strategies": 28}
 
 
 def test_no_scenario_is_left_out() -> None:
