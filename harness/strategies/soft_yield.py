@@ -30,10 +30,13 @@ class SoftYield:
     it keeps to the plan after he has left, until t_x.  The paper's strategy has no margin; its
     aggressiveness (paper, figure 1) is here −time_margin_s.
 
-    *No answer* where a ≥ 0, the root is of a negative number, the speed would fall below zero
-    within T1, or a exceeds the vehicle's maximum deceleration: then Hard-Yield drives, which knows
-    no margin, and ``fallback`` is set.  At R = 30 m, v = 5 m/s that is every t_x above 9.2246 s:
-    without a margin every v_p below 0.97565 m/s, with a margin m those below 9 m / (9.2246 s − m).
+    *Limits.*  One plan for one walk: who changes his speed on the way is not planned for anew.
+
+    *No answer* for someone who stands, where a ≥ 0, the root is of a negative number, the speed
+    would fall below zero within T1, or a exceeds the vehicle's maximum deceleration: then
+    Hard-Yield drives, which knows no margin, and ``fallback`` is set.  At R = 30 m, v = 5 m/s that
+    is every t_x above 9.2246 s: without a margin every v_p below 0.97565 m/s, with a margin m those
+    below 9 m / (9.2246 s − m).
 
     Args:
         p1: constant of the regression, m/s².
@@ -89,6 +92,8 @@ class SoftYield:
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
         """The way to x = 0 in ``until_s``; None where there is no answer."""
         now, ego = observation.time_s, observation.ego
+        if until_s == math.inf:
+            return None
         shortfall = ego.range_m - ego.speed_mps * until_s
         if shortfall >= 0:
             return _Plan(0.0, now, now + until_s)

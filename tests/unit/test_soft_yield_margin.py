@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import Side
+from harness.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures.ego import crossing_time
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario
@@ -85,3 +85,16 @@ def test_no_margin_is_the_default_to_the_last_bit() -> None:
             play(strategy, walkers, scene) for strategy in (SoftYield(), SoftYield(time_margin_s=0))
         )
         np.testing.assert_array_equal(plain.speed_mps, none.speed_mps)
+
+
+@pytest.mark.parametrize("speed", [0.0, 5.0])
+def test_no_answer_for_someone_who_stands(speed: float) -> None:
+    # He never leaves, so t_x is beyond any: Hard-Yield's constant deceleration to R = 3 m, which
+    # differs from v²/2d = 25/54 by a relative 1/(4 n (n − 1)) at most, n = 2 · 27/5/0.1 = 108.
+    scene = scenario()
+    standing = PedestrianView(0, Side.NEAR, 2.0, 8.75, 0.0, True)
+    ego = EgoView(R0, speed, 0.0)
+    seen = Observation(0.0, 0.1, ego, scene.vehicle(), scene.crosswalk(), (standing,))
+    strategy = SoftYield()
+    assert strategy.decide(seen) == pytest.approx(-(speed**2) / 54, rel=1e-4)
+    assert strategy.fallback
