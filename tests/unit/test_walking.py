@@ -1,0 +1,76 @@
+"""Walks of legs, also beside the centre line: where someone is when, and when he is touched."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
+from harness.measures import measure
+from harness.walking import cleared_s, states_at
+from tests.scenes import drive
+
+CROSSING = Crossing(9.0, 4.0)
+
+
+def walk(*legs: Leg, side: Side = Side.NEAR) -> Walk:
+    return Walk(Arrival(0, 0.0, side, 0.5), legs[0].time_s, 1.0, 30.0, 5.0, legs)
+
+
+def passing(walker: Walk) -> Trace:
+    """A car that passes at 5 m/s from R = 30 m: its bumper is at x = 5 t − 30."""
+    return replace(drive([0.0] * 80), walks=(walker,))
+
+
+STOPS = walk(
+    Leg(1.0, 0.0, 0.0, 0.0, 1.0, 0.0),
+    Leg(3.0, 0.0, 2.0, 0.0, 0.0, 0.0),
+    Leg(4.5, 0.0, 2.0, 0.0, 2.0, 0.0),
+)
+
+
+def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
+    # 2 m in 2 s, 1.5 s standing, 7 m in 3.5 s.
+    assert cleared_s(STOPS, CROSSING) == pytest.approx(8.0)
+    assert cleared_s(walk(*STOPS.legs[:2]), CROSSING) is None
+    x, y, speed, gain = states_at(STOPS, CROSSING, np.array([1.0, 2.5, 3.0, 4.0, 4.5, 6.0]))
+    np.testing.assert_allclose(y, [0.0, 1.5, 2.0, 2.0, 2.0, 5.0])
+    np.testing.assert_allclose(speed, [1.0, 1.0, 0.0, 0.0, 2.0, 2.0])
+    assert not x.any()
+    assert not gain.any()
+
+
+def test_a_walk_that_slows_down_evenly() -> None:
+    # From the far kerb at 3 m/s, slowing by 0.25 m/s²: 9 m after 3.5165 s, at 3 − 0.8791 m/s.
+    slows = walk(Leg(1.0, 0.0, 9.0, 0.0, -3.0, 0.25), side=Side.FAR)
+    time_s = (3 - (9 - 4.5) ** 0.5) / 0.25
+    assert cleared_s(slows, CROSSING) == pytest.approx(1.0 + time_s)
+    _, y, speed, gain = states_at(slows, CROSSING, np.array([2.0, 1.0 + time_s]))
+    np.testing.assert_allclose(y, [9 - 3 + 0.125, 0.0], atol=1e-12)
+    np.testing.assert_allclose(speed, [2.75, 4.5**0.5])
+    np.testing.assert_allclose(gain, -0.25)
+    # Slowing by 0.6 m/s² he stands after 7.5 m.
+    assert cleared_s(walk(Leg(1.0, 0.0, 9.0, 0.0, -3.0, 0.6), side=Side.FAR), CROSSING) is None
+
+
+@pytest.mark.parametrize(("x_m", "x_mps"), [(-1.5, 0.0), (1.2, 0.0), (-1.0, 0.3), (0.5, -0.4)])
+def test_touched_where_he_is_beside_the_centre_line(x_m: float, x_mps: float) -> None:
+    # At y = 2 m, in the car's way, from 4 s on: the bumper is 0.25 m before him when
+    # 5 t − 30 = x + x' (t − 4) − 0.25.
+    stands = walk(Leg(4.0, x_m, 2.0, x_mps, 0.0, 0.0))
+    (record,) = measure([passing(stands)])
+    contact_s = (29.75 + x_m - 4 * x_mps) / (5 - x_mps)
+    assert record.contact is Contact.FRONT
+    assert record.contact_time_s == pytest.approx(contact_s, abs=1e-9)
+    # TTC at the last step before: what is left of that time.
+    assert record.min_ttc_s == pytest.approx(contact_s % 0.1, abs=1e-9)
+
+
+def test_the_flank_of_a_car_that_has_nearly_passed() -> None:
+    # At x = 1 m: the car's rear is level with him at 7.2 s and 0.25 m past him at 7.25 s.  His
+    # disc is at its side, y = 1.1 m, at 7.15 s; 0.11 s later it passes behind.
+    (record,) = measure([passing(walk(Leg(6.05, 1.0, 0.0, 0.0, 1.0, 0.0)))])
+    assert record.contact is Contact.SIDE
+    assert record.contact_time_s == pytest.approx(7.15, abs=1e-9)
+    (record,) = measure([passing(walk(Leg(6.16, 1.0, 0.0, 0.0, 1.0, 0.0)))])
+    assert record.contact is None
