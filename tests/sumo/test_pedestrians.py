@@ -6,11 +6,14 @@ import pytest
 
 from harness.encounter import Side
 from harness.engine.control import SumoEngine
+from harness.episode import run_episode
+from harness.measures import measure
+from harness.plan import planned_arrivals
 from harness.resources import shipped_directory
 from harness.site import read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
-from tests.scenes import play, scenario
+from tests.scenes import play, rules_of, scenario
 
 
 class Watched:
@@ -92,3 +95,31 @@ def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
     ego = SITE.to_road(*libsumo.vehicle.getPosition(engine._ego))
     np.testing.assert_allclose(ego, (-30.0, 2.25), atol=1e-6)
     engine.end()
+
+
+def test_timed_pedestrians_walk_as_planned_before_the_kerb_too(sumo) -> None:
+    timed = {
+        "side": "near",
+        "start_lateral_m": 4.0,
+        "acceleration_distance_m": 1.0,
+        "speed_mps": 25 / 18,
+        "impact_share": 0.25,
+    }
+    scene = scenario(pedestrians={"flow_per_hour": 0.0, "timed": [timed]})
+    engine = Watched(sumo(scene))
+    trace = run_episode(
+        engine, ConstantSpeed(), planned_arrivals(scene, 0), lambda *_: 1.0, rules_of(scene)
+    )
+    # Contact at 29.75/5 = 5.95 s; 1 m from rest in 1.44 s, 2.55 m in 1.836 s before it.
+    start = 5.95 - 1.44 - 1.836
+    for step, positions in enumerate(engine.seen):
+        walked = max(0.0, step * 0.1 - start)
+        evenly = (25 / 18) ** 2 / 2 * walked**2 / 2
+        y = -1.75 + (evenly if walked <= 1.44 else 1 + 25 / 18 * (walked - 1.44))
+        # The footpath ends 1.5 m before the kerb; there SUMO moves a person as at the kerb.
+        near_an_end = min(abs(y), abs(y + 1.5)) < KERB_BAND_M
+        tolerance = KERB_BAND_M if near_an_end else 1e-6
+        assert positions[0] == pytest.approx((0.0, y), abs=tolerance)
+    (record,) = measure([trace])
+    assert record.contact_time_s == pytest.approx(5.95, abs=1e-9)
+    assert record.sumo_collision is True
