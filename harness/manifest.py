@@ -9,6 +9,7 @@ from harness.options import Options, Precision
 from harness.pairing import check_arms
 from harness.place import network_of
 from harness.results import SCHEMA, versions
+from harness.strategies.registry import source_digests
 from harness.study import Study, study_from
 
 
@@ -50,6 +51,7 @@ def manifest_of(batch: Batch, counts: dict[str, int] | None = None) -> dict[str,
     study, options = batch.study, batch.options
     until = options.until
     used = {model.name: model.sha256 for model in batch.models.values()}
+    driven = {name for cell in study.cells for name in cell.scenario.arms.model_dump().values()}
     return {
         "schema": SCHEMA,
         "name": study.name,
@@ -59,7 +61,7 @@ def manifest_of(batch: Batch, counts: dict[str, int] | None = None) -> dict[str,
         "sumo_outputs": options.sumo_outputs,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
-        "versions": versions(),
+        "versions": {**versions(), **source_digests(driven)},
         "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
         "counts": counts,
     }

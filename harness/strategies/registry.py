@@ -1,7 +1,10 @@
 """Every strategy that can drive an arm: one line each; a user's own are found by their names."""
 
-from collections.abc import Mapping
-from typing import Any
+import hashlib
+import inspect
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, cast
 
 from harness.encounter import StrategyFactory
 from harness.errors import InputError, nearest_name
@@ -49,6 +52,15 @@ def available() -> dict[str, StrategyFactory]:
     """Every strategy that has a name: those of the table and those that packages bring."""
     found = {name: load_installed(name, f"entry point {name}") for name in installed()}
     return {**STRATEGIES, **{name: own for name, own in found.items() if name not in STRATEGIES}}
+
+
+def source_digests(names: Iterable[str]) -> dict[str, str]:
+    """sha256 of the module of each strategy that is not built in: what its name stands for now."""
+    digests = {}
+    for name in sorted({*names} - {*STRATEGIES}):
+        file = inspect.getsourcefile(cast(type, find_strategy(name, "arms")))
+        digests[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else "unknown"
+    return digests
 
 
 def table_key(name: str) -> str:

@@ -17,7 +17,10 @@ from harness.measures import MEASURES, EpisodeRecord, Outcome
 from harness.pairing import PairRunner
 from harness.scenario import Scenario, validate
 
-STRATEGIES = ["soft_yield", "hard_yield", "constant_speed", "human_gmm"]
+STRATEGIES = [
+    *("soft_yield", "hard_yield", "constant_speed", "human_gmm"),
+    *("emergency_brake", "gap_yield"),
+]
 
 
 def random_scene(rng: np.random.Generator, seed: int) -> Scenario:
@@ -112,7 +115,7 @@ def compare(scenes: int, pairs: int, sumo, model: InteractionModel, seed: int) -
 def test_a_few_hundred_random_episodes(sumo, model) -> None:
     seen = compare(scenes=24, pairs=5, sumo=sumo, model=model, seed=7)
     assert sum(seen[name] for name in STRATEGIES) == 240
-    assert min(seen[name] for name in STRATEGIES) >= 20
+    assert min(seen[name] for name in STRATEGIES) >= 15
     assert seen["crossed"] > 100
     assert seen["crashed"] >= 5
     assert seen["met several"] > 50

@@ -1,5 +1,6 @@
 """A user's own strategy: found by its name, checked like the built-in ones, faults reported."""
 
+import json
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
@@ -12,10 +13,14 @@ from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.errors import InputError
+from harness.experiment import resume, run_study
+from harness.options import Options
 from harness.pairing import PairRunner, check_arms
 from harness.scenario import Scenario, validate
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
+from harness.worker import close_engine
+from tests.batches import QUICK, Inline, one_cell
 
 MODULE = '''
 class Steady:
@@ -271,6 +276,19 @@ def test_an_installed_entry_point(write: Write, model, monkeypatch: pytest.Monke
     assert "'mine_j' has no 'Nothing'" in refusal(scene("bad"), model)
     # A name of the table cannot be taken over.
     assert find_strategy("soft_yield", "test") is registry.STRATEGIES["soft_yield"]
+
+
+def test_a_run_is_not_resumed_with_another_strategy_of_that_name(write: Write, tmp_path) -> None:
+    name = f"{write('mine_l', MODULE)}:Steady"
+    changes = {**QUICK, "arms.av": name, "experiment.pairs": 2}
+    run_study(one_cell("cctc", changes), Options(), out=tmp_path / "run", make_executor=Inline)
+    close_engine()
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert len(manifest["versions"][name]) == 64
+    resume(tmp_path / "run", make_executor=Inline)
+    write("mine_l", MODULE.replace("Drives on", "Drives on and on"))
+    with pytest.raises(InputError, match=rf"--resume: the run was begun with {name} "):
+        resume(tmp_path / "run", make_executor=Inline)
 
 
 def test_the_group_is_the_documented_one() -> None:
