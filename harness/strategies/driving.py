@@ -4,6 +4,9 @@ import math
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
 
+ROUNDING = 1e-9
+"""An ego this near a threshold (m, s) is on it: engines differ in the last bits of their sums."""
+
 
 def resume(observation: Observation) -> float:
     """Acceleration back to the initial speed v0, at most a0 either way, in m/s²."""

@@ -2,7 +2,7 @@
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
 from harness.errors import InputError
-from harness.strategies.driving import half_path, resume, time_in_path
+from harness.strategies.driving import ROUNDING, half_path, resume, time_in_path
 
 
 class EmergencyBrake:
@@ -41,9 +41,10 @@ class EmergencyBrake:
         ego, vehicle = observation.ego, observation.vehicle
         half = half_path(vehicle)
         threats = set()
-        if ego.range_m > PEDESTRIAN_RADIUS_M:
+        if ego.range_m > PEDESTRIAN_RADIUS_M + ROUNDING:
             for pedestrian in observation.pedestrians:
-                near = _time_to_collision(observation, pedestrian, half) < self._threshold_s
+                time = _time_to_collision(observation, pedestrian, half)
+                near = time < self._threshold_s - ROUNDING
                 known = pedestrian.index in self._braking_for
                 if near or (known and _in_or_before_path(pedestrian, half)):
                     threats.add(pedestrian.index)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
+    ROUNDING,
     full_braking_distance,
     half_path,
     resume,
@@ -67,7 +68,7 @@ class GapYield:
         """Wanted acceleration in m/s²."""
         go = _within_stopping(observation, resume(observation))
         people = _people(observation)
-        if not people or observation.ego.range_m <= PEDESTRIAN_RADIUS_M:
+        if not people or observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING:
             return go
         until = _lane_free(observation, people, self._critical_gap_s)
         return go if until is None else min(go, _yield(observation, until, go))
@@ -103,7 +104,7 @@ def _lane_free(
 ) -> float | None:
     """In how many seconds to be at the near edge; None if nobody is in the way."""
     ego = observation.ego
-    to_edge = ego.range_m - observation.crossing.width_m / 2
+    to_edge = _to_edge(observation)
     needed = critical_gap_s if to_edge > 0 else min(0.0, critical_gap_s)
     at_edge, speed = _run_up(observation, max(0.0, to_edge), ego.speed_mps)
     clear = at_edge + _passage(observation, min(0.0, to_edge), speed)
@@ -125,7 +126,7 @@ def _lane_free(
 def _arrival_speed(observation: Observation, until_s: float) -> float:
     """Speed at the near edge when it gets there in ``until_s``, by rolling or after a stop."""
     ego, crossing = observation.ego, observation.crossing
-    to_edge = max(0.0, ego.range_m - crossing.width_m / 2)
+    to_edge = max(0.0, _to_edge(observation))
     rolling = 2 * to_edge / until_s - ego.speed_mps
     if rolling >= ROLLING_MPS:
         return rolling
@@ -137,7 +138,7 @@ def _yield(observation: Observation, until_s: float, go: float) -> float:
     """Be at the near edge in ``until_s``, or stop; ``go`` where neither is possible."""
     ego, step = observation.ego, observation.step_s
     limit = observation.vehicle.max_deceleration_mps2
-    to_edge = ego.range_m - observation.crossing.width_m / 2
+    to_edge = _to_edge(observation)
     if ego.speed_mps <= 0:
         return 0.0
     if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
@@ -161,13 +162,19 @@ def _within_stopping(observation: Observation, wanted: float) -> float:
     at every step before.
     """
     speed, step = observation.ego.speed_mps, observation.step_s
-    to_edge = observation.ego.range_m - observation.crossing.width_m / 2
+    to_edge = _to_edge(observation)
     if to_edge <= 0:
         return wanted
     slowing = _slowing(observation)
     half, left = slowing * step / 2, to_edge - speed * step / 2
     squared = half**2 + _edge_speed(observation) ** 2 + 2 * slowing * left
     return min(wanted, (math.sqrt(max(0.0, squared)) - half - speed) / step)
+
+
+def _to_edge(observation: Observation) -> float:
+    """Distance to the near edge in m, negative once the bumper is over it."""
+    distance = observation.ego.range_m - observation.crossing.width_m / 2
+    return distance if abs(distance) > ROUNDING else 0.0
 
 
 def _edge_speed(observation: Observation) -> float:

@@ -225,4 +225,7 @@ def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
     )
     runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
     endings = [o.record.ending for o in runner.run(range(400)) if o.strategy == "gap_yield"]
-    assert set(endings) == {"crossed"}
+    assert len(endings) == 400
+    assert set(endings) <= {"crossed", "timed_out"}
+    # At 3,000 per hour somebody nearly always walks.
+    assert endings.count("timed_out") <= 4
