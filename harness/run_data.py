@@ -235,7 +235,10 @@ class RunData:
             InputError: it is no longer there, or has changed since.
         """
         section = self.scenario_of(cell).model
-        model = load_model(section.name, section.path)
+        key = (section.name, section.path)
+        if key not in self._models:
+            self._models[key] = load_model(*key)
+        model = self._models[key]
         if model.sha256 not in {entry.get("sha256") for entry in self.manifest["models"]}:
             raise InputError(f"model {model.name}", "has changed since the run", "the same file")
         return model
@@ -252,6 +255,10 @@ class RunData:
             own = episodes.filter(pa.array(numbers == cell.number))
             if own.num_rows:
                 yield cell, own
+
+    @cached_property
+    def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
+        return {}
 
     @cached_property
     def _episode_table(self) -> pa.Table:

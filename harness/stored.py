@@ -1,6 +1,6 @@
 """One cell of a stored run: what its episodes were, to hold a repetition against."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.manifest import recall_study
 from harness.measures import Outcome
-from harness.results import EPISODES, PEDESTRIANS, episode_rows, pedestrian_rows
+from harness.results import TABLES, episode_rows, pedestrian_rows
 from harness.run_folder import read_manifest, read_table
 from harness.study import Cell
 
@@ -70,18 +70,24 @@ def record_differences(
         cell: its cell.
         episodes, pedestrians: its stored rows of the two tables.
     """
-    for name, schema, rows, before in (
-        ("episodes", EPISODES, episode_rows(cell, [outcome]), episodes),
-        ("pedestrians", PEDESTRIANS, pedestrian_rows(cell, [outcome]), pedestrians),
-    ):
-        now = [dict(zip(rows, values, strict=True)) for values in zip(*rows.values(), strict=True)]
-        if len(before) != len(now):
-            yield f"{name}: {len(now)} rows instead of {len(before)}"
-            continue
-        for old, new in zip(before, now, strict=True):
-            for column in schema.names:
-                if old[column] != new[column]:
-                    yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
+    yield from differences_of("episodes", episode_rows(cell, [outcome]), episodes)
+    yield from differences_of("pedestrians", pedestrian_rows(cell, [outcome]), pedestrians)
+
+
+def differences_of(
+    name: str, columns: Mapping[str, Sequence[Any]], stored: Sequence[Row]
+) -> Iterator[str]:
+    """What of new columns of a table is not exactly as its stored rows, in words."""
+    now = [
+        dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
+    ]
+    if len(stored) != len(now):
+        yield f"{name}: {len(now)} rows instead of {len(stored)}"
+        return
+    for old, new in zip(stored, now, strict=True):
+        for column in TABLES[name].names:
+            if old[column] != new[column]:
+                yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
 
 
 def _by_episode(table: pa.Table) -> dict[tuple[int, str], list[Row]]:

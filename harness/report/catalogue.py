@@ -121,6 +121,8 @@ def _sweep_pictures(run: RunData) -> Iterator[Picture]:
     counted = f"n = {_range_of(pairs)} pairs per point"
     x = summary[key].astype(float).tolist()
     for measure, up, words in _SWEPT:
+        if summary[measure].isna().all():
+            continue
         figure, (axes,) = style.new_figure()
         columns = {name: summary[name].tolist() for name in summary.columns}
         lines = sweep.lines_of(columns, x, labels, measure)
@@ -205,6 +207,8 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
                 f"cell {pair.cell}, pair {pair.pair}" if run.varied_keys else f"pair {pair.pair}"
             )
             chosen[f"{where}, {reason}"] = pair
+    if not chosen:
+        chosen[f"pair {shown[0].pair} of cell {shown[0].cell}"] = shown[0]
     traces = {label: pair.rows for label, pair in chosen.items()}
     caption = (
         "The ego's speed over its {} in chosen pairs, one colour for each pair, solid for the AV, "

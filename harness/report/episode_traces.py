@@ -2,22 +2,28 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
-from harness.pairing import PairRunner
-from harness.results import table_of, trace_rows
+from harness.execution import run_tasks
+from harness.options import HANG_AFTER_S, hang_limit_s
+from harness.pool import LocalPool, default_workers
+from harness.results import table_of
 from harness.run_data import RunData
-from harness.stored import record_differences
-from harness.worker import close_engine, engine_for
+from harness.stored import differences_of
+from harness.tasks import Task, TaskResult
 
 ALL_BELOW = 50
 """A run of at most so many pairs is shown whole."""
 
 _EACH = 5
 """Episodes of each kind."""
+
+_WORKERS = 2
+"""Processes that simulate again: enough for so few episodes."""
 
 _MOST_MEDIANS = 12
 """Cells whose median is shown."""
@@ -110,37 +116,46 @@ def shown_pairs(run: RunData, chosen: dict[str, list[Key]]) -> list[ShownPair]:
 
 
 def _simulate(run: RunData, keys: Iterable[Key]) -> Iterator[ShownPair]:
-    """The pairs run again on SUMO, cell by cell, and compared with what is stored."""
-    by_cell: dict[int, list[int]] = {}
-    for cell, pair in keys:
-        by_cell.setdefault(cell, []).append(pair)
+    """The pairs run again on SUMO, and compared with what is stored.
+
+    In processes of their own: an episode may kill or hang the one it runs in.
+    """
+    tasks = [_task(run, cell, pair) for cell, pair in sorted(keys)]
+    pool = LocalPool(min(_WORKERS, default_workers(), max(1, len(tasks))))
     try:
-        for cell, pairs in sorted(by_cell.items()):
-            yield from _simulate_cell(run, cell, sorted(pairs))
+        for task, result in run_tasks(pool, tasks, _ignore):
+            yield _compared(run, task, result)
     finally:
-        close_engine()
+        pool.stop()
 
 
-def _simulate_cell(run: RunData, cell: int, pairs: list[int]) -> Iterator[ShownPair]:
+def _task(run: RunData, cell: int, pair: int) -> Task:
     scenario = run.scenario_of(cell)
-    runner = PairRunner(scenario, run.model_of(cell), lambda: engine_for(scenario))
-    outcomes = list(runner.run(pairs))
-    for pair in pairs:
-        both = [outcome for outcome in outcomes if outcome.pair == pair]
-        stored = {
-            name: run.rows_of(name, cell, pair).to_pylist() for name in ("episodes", "pedestrians")
-        }
-        differences: list[str] = []
-        for outcome in both:
-            own = (
-                [row for row in rows if row["arm"] == outcome.arm.value] for rows in stored.values()
-            )
-            differences += record_differences(outcome, cell, *own)
-        rows = table_of("traces", trace_rows(cell, both)).to_pandas()
-        note = "Simulated again for this page; the record is identical to the stored one."
-        if differences:
-            note = "Simulated again for this page; the record differs from the stored one."
-        yield ShownPair(cell, pair, (), rows, note, tuple(differences))
+    return Task(
+        cell=cell,
+        first_pair=pair,
+        count=1,
+        scenario=scenario,
+        model=run.model_of(cell),
+        traces=True,
+        hang_after_s=hang_limit_s(HANG_AFTER_S, scenario.experiment),
+        stack_file=None,
+    )
+
+
+def _compared(run: RunData, task: Task, result: TaskResult) -> ShownPair:
+    differences: list[str] = []
+    for name in ("episodes", "pedestrians"):
+        stored = run.rows_of(name, task.cell, task.first_pair).to_pylist()
+        differences += differences_of(name, result.rows[name], stored)
+    rows = table_of("traces", result.rows["traces"]).to_pandas()
+    verdict = "differs from" if differences else "is identical to"
+    note = f"Simulated again for this page; the record {verdict} the stored one."
+    return ShownPair(task.cell, task.first_pair, (), rows, note, tuple(differences))
+
+
+def _ignore(event: str, **details: Any) -> None:
+    """A report has no log: what becomes of a pair stands in its record."""
 
 
 def nothing_to_show(error: HarnessError) -> str:

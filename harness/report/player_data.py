@@ -132,9 +132,13 @@ def _kept(states: int) -> np.ndarray:
 
 
 def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
-    """Where he is at the states kept: y from ``from`` on; when he came to the kerb and left it."""
+    """Where he is at the states kept, from ``from`` on; when he came and when he stepped off.
+
+    ``x`` is left out where he keeps to the crosswalk's centre line.
+    """
     seen, y = rows["time_s"].to_numpy(), rows["y_m"].to_numpy()
     on = np.flatnonzero(np.isin(times, seen))
+    x = _rounded(rows["x_m"].to_numpy()[np.searchsorted(seen, times[on])])
     return {
         "index": walker["index"],
         "side": walker["side"],
@@ -143,6 +147,7 @@ def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> di
         "speed": _short(walker["speed_mps"]),
         "from": int(on[0]) if len(on) else None,
         "y": _rounded(y[np.searchsorted(seen, times[on])]),
+        **({"x": x} if any(x) else {}),
     }
 
 

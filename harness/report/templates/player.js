@@ -93,13 +93,11 @@
     box.dataset.x = x;
     box.dataset.v = v;
     arm.walkers.forEach((walker, number) => {
-      const y = position(walker, scene, times, time, where);
+      const place = position(walker, scene, time, where);
       const group = walkers[number];
-      group.toggleAttribute("hidden", y === null);
-      group.style.display = y === null ? "none" : "";
-      if (y === null) { delete group.dataset.y; return; }
-      group.setAttribute("transform", `translate(0 ${y})`);
-      group.dataset.y = y;
+      group.style.display = place === null ? "none" : "";
+      if (place === null) return;
+      group.setAttribute("transform", `translate(${place[0]} ${place[1]})`);
       group.classList.toggle("waiting", walker.start === null || time < walker.start);
       const hit = arm.contact && arm.contact.index === walker.index && state.time >= arm.contact.time;
       group.classList.toggle("hit", Boolean(hit));
@@ -109,15 +107,23 @@
       `v ${said(v, "m/s")} · R ${said(-x, "m")} · T_adv ${said(gap, "s")}${over}`;
   }
 
-  // At the kerb from arrival to start, then as in the trace; null where he is not there.
-  function position(walker, scene, times, time, [low, next, share]) {
-    const kerb = walker.side === "near" ? 0 : scene.length;
+  // Where he stands from arrival to start, then as in the trace; null where he is not there.
+  function position(walker, scene, time, [low, next, share]) {
     if (time < walker.arrival) return null;
-    if (walker.start === null || time < walker.start) return kerb + (kerb ? 0.6 : -0.6);
+    if (walker.start === null || time < walker.start) return waiting(walker, scene);
     if (walker.from === null) return null;
-    const first = walker.y[low - walker.from], second = walker.y[next - walker.from];
-    if (first === undefined) return low < walker.from && second !== undefined ? second : null;
-    return second === undefined ? first : first + share * (second - first);
+    const place = (k) => (k < walker.from || k - walker.from >= walker.y.length ? null
+      : [walker.x ? walker.x[k - walker.from] : 0, walker.y[k - walker.from]]);
+    const before = place(low), after = place(next);
+    if (before === null) return low < walker.from ? after : null;
+    if (after === null) return before;
+    return before.map((value, axis) => value + share * (after[axis] - value));
+  }
+  function waiting(walker, scene) {
+    const first = walker.y.length ? walker.y[0] : null;
+    // Who steps off from the kerb is at most a step's walk into the road when first seen there.
+    if (first !== null && first > 0.5 && first < scene.length - 0.5) return [0, first];
+    return [0, walker.side === "near" ? -0.6 : scene.length + 0.6];
   }
 
   // --- v, R and T_adv over time ------------------------------------------------------------------
