@@ -96,7 +96,7 @@ class PedestriansSection(_Section):
 class ModelSection(_Section):
     """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
 
-    name: str = "dut-interim"
+    name: str = "dut"
     path: str | None = None
     pedestrian_reading: Literal["marginal", "curve"] = "marginal"
 

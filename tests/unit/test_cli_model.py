@@ -144,7 +144,7 @@ def test_extract_draws_the_papers_first_figures(harness, tmp_path):
         ("fit mine.csv --out m.json --strict", ["4 of 160 rows", "vehicle_speed_mps 4"]),
         ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
         ("fit mine.csv --out m.json --components 200", ["--components"]),
-        ("model show dut-interm", ["dut-interm", "did you mean"]),
+        ("model show dut-k11", ["dut-k11", "did you mean"]),
         ("model show m.json", ["m.json", "cannot be read"]),
         ("model show mine.csv", ["mine.csv", "JSON"]),
     ],

@@ -43,7 +43,7 @@ def content(outcome: Outcome) -> tuple[object, ...]:
 def run(tree: dict[str, dict[str, object]], pairs: list[int]) -> dict[int, list[tuple]]:
     """Contents by pair; a function of plain values, so that another process can call it."""
     found: dict[int, list[tuple]] = {}
-    for outcome in runner(validate(tree, "test"), load_model("dut-interim")).run(pairs):
+    for outcome in runner(validate(tree, "test"), load_model("dut")).run(pairs):
         found.setdefault(outcome.pair, []).append(content(outcome))
     return found
 
