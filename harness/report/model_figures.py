@@ -33,7 +33,7 @@ _CELLS = 48
 # Density is drawn by its square root: ridges and the thin surroundings show side by side.
 _GAMMA = 0.5
 
-RAW_REMARK = "depends on the units of the data"
+RAW_REMARK = "depends on the units"
 
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:

@@ -1,7 +1,7 @@
-"""The shipped model of the paper's K = 10 against the data it says it was fitted on.
+"""The shipped models against the data they say they were fitted on.
 
-The DUT set is no part of the project; where it lies beside the repository the model is
-fitted again by the commands of its card and must come out as the same density.
+The DUT set is no part of the project; where it lies beside the repository the models are
+fitted again by the commands of their cards and must come out as the same densities.
 """
 
 import shlex
@@ -12,6 +12,8 @@ import pytest
 
 from harness.calibration import Settings, calibrate, make_sample
 from harness.interaction import VARIABLES, load_model
+from harness.resources import shipped_directory
+from harness.scenario import Scenario, load_scenario
 from harness.trajectories import extract
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
@@ -19,7 +21,7 @@ needs_dut = pytest.mark.skipif(
     not (DUT / "data" / "trajectories_filtered").is_dir(),
     reason="needs the DUT set in ../shared/data/dut beside the repository",
 )
-NAMES = ("dut-k10",)
+NAMES = ("dut", "dut-k10")
 
 
 def option(command: str, name: str) -> str:
@@ -28,12 +30,22 @@ def option(command: str, name: str) -> str:
     return words[words.index(name) + 1]
 
 
+def test_scenarios_use_the_default_model():
+    assert Scenario().model.name == "dut"
+    for file in shipped_directory("scenarios").glob("*.toml"):
+        assert load_scenario(file).model.name == "dut", file
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_card_names_commands_and_what_it_rests_on(name):
     model = load_model(name)
     card = model.provenance
     extraction, fit = card["commands"]
-    assert extraction.startswith("harness extract ")
+    assert extraction == (
+        "harness extract ../shared/data/dut --format vci --out runs/dut-rows.parquet"
+    )
+    assert fit.startswith("harness fit runs/dut-rows.parquet ")
+    assert option(fit, "--out") == f"harness/models/{name}.json"
     assert option(fit, "--weigh") == card["weigh"] == "encounter"
     assert card["components"] == model.mixture.weights.size
     # The data page: 532 pairs from 35 vehicles, about 16 % of the rows outside the box, 7 or 8
@@ -47,6 +59,14 @@ def test_card_names_commands_and_what_it_rests_on(name):
 
 def test_the_papers_number_of_components_stands_beside_it():
     assert load_model("dut-k10").mixture.weights.size == 10
+
+
+def test_default_number_of_components_has_the_highest_held_out_score():
+    card = load_model("dut").provenance
+    assert card["chosen_by"] == "held-out"
+    assert [of["components"] for of in card["candidates"]] == list(range(1, 21))
+    best = max(card["candidates"], key=lambda of: of["held_out"]["mean"])
+    assert best["components"] == card["components"]
 
 
 @pytest.mark.parametrize("name", NAMES)
