@@ -190,7 +190,7 @@ def main() -> None:
         line("product of two arrays of ten numbers (the machine's pace)", f"{unit * 1e3:.2f} us")
         known = truth()
         conditionals(known)
-        curves("dut-interim")
+        curves("dut")
         curves("dut-k10")
         for n, goal in ((2_973, "<= 2x"), (30_000, "<= 0.5x"), (300_000, "<= 0.2x")):
             iterations(known, n, goal)

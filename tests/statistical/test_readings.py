@@ -228,7 +228,7 @@ def test_curve_in_a_narrower_box_of_inverse_time(own):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["dut-interim", "dut-k10"])
+@pytest.mark.parametrize("name", ["dut", "dut-k10"])
 def test_curve_is_right_to_a_ten_thousandth_on_all_rows(name):
     model = load_model(name)
     rows = Drawn(model, ROWS, seed=11)
