@@ -1,16 +1,20 @@
 """What a batch costs: ``python -m benchmarks.batch``.
 
-One and two workers, a sweep, the growth with the number of pairs, and the share of everything
-that is not simulation.  All rows come from this one run, in turns, so that ratios hold on a noisy
-machine; medians over the rounds are printed.  Two times are given: the whole of a run, and the
-steady rate from the first finished task to the last, without the start of the workers.
+One and two workers, a sweep, the growth with the number of pairs, peak memory, and the share of
+everything that is not simulation.  All rows come from this one run, in turns and in changing order,
+so that ratios hold on a noisy machine; medians over the rounds are printed.  Two rates are given:
+of the whole run, and the steady one between the first and the last finished task, without the start
+of the workers.
 """
 
 import argparse
 import resource
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -21,6 +25,9 @@ from harness.experiment import run_study
 from harness.options import Options
 from harness.scenario import Setting, read_scenario_file
 from harness.study import Study, parse_variation, single_cell, study_of
+
+FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"
+STRATEGIES = "arms.av=soft_yield,hard_yield"
 
 
 @dataclass
@@ -43,9 +50,18 @@ class Cost:
         return (last - first) / (end - begin) if end > begin else float("nan")
 
     @property
+    def start_s(self) -> float:
+        """Until the first task is finished."""
+        return self.finished[0][0]
+
+    @property
     def after_s(self) -> float:
         """Tables, summary and manifest: from the last finished task to the end."""
         return self.whole_s - self.finished[-1][0]
+
+    @property
+    def cpu_per_pair_s(self) -> float:
+        return (self.parent_cpu_s + self.workers_cpu_s) / self.pairs
 
     @property
     def overhead(self) -> float:
@@ -89,8 +105,84 @@ def one_cell(scenario: str, pairs: int) -> Study:
 def ten_cells(pairs: int) -> Study:
     """Five flows by two strategies."""
     file = read_scenario_file("cctc_flow", [Setting("experiment.pairs", pairs)])
-    vary = ("pedestrians.flow_per_hour=50,100,250,500,1000", "arms.av=soft_yield,hard_yield")
-    return study_of(file, [parse_variation(text) for text in vary])
+    return study_of(file, [parse_variation(text) for text in (FLOWS, STRATEGIES)])
+
+
+def command_s(scenario: str, workers: int) -> float:
+    """Wall time of ``harness run SCENARIO`` as it stands, from an own process."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = [sys.executable, "-m", "harness", "run", scenario, "-q", "--out", f"{folder}/run"]
+        begin = time.perf_counter()
+        subprocess.run([*run, "--workers", str(workers)], check=True, capture_output=True)
+        return time.perf_counter() - begin
+
+
+def peak_mb(scenario: str, pairs: int) -> tuple[float, float]:
+    """Peak memory of a run with two workers, in a process of its own: (parent, largest worker)."""
+    code = (
+        "import resource, sys\n"
+        "from benchmarks.batch import one_cell, timed\n"
+        "timed(one_cell(sys.argv[1], int(sys.argv[2])), 2)\n"
+        "for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN):\n"
+        "    print(resource.getrusage(who).ru_maxrss)\n"
+    )
+    command = [sys.executable, "-c", code, scenario, str(pairs)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    parent, worker = (int(number) / 1024 for number in done.stdout.split())
+    return parent, worker
+
+
+def median(costs: Iterable[Cost], value: Callable[[Cost], float]) -> float:
+    """Over the rounds."""
+    return statistics.median(map(value, costs))
+
+
+def ratio(above: list[Cost], below: list[Cost], value: Callable[[Cost], float]) -> float:
+    """Median of the ratios within each round."""
+    rounds = zip(above, below, strict=True)
+    return statistics.median(value(one) / value(other) for one, other in rounds)
+
+
+def measured(rows: dict[str, tuple[Study, int]], rounds: int) -> dict[str, list[Cost]]:
+    """Every row once in each round, there and back, so that a drift favours none."""
+    found: dict[str, list[Cost]] = {name: [] for name in rows}
+    for number in range(rounds):
+        order = list(rows.items())
+        for name, (study, workers) in order if number % 2 == 0 else reversed(order):
+            found[name].append(timed(study, workers))
+    return found
+
+
+def table_of(title: str, found: dict[str, list[Cost]]) -> Table:
+    """All rows with their medians."""
+    table = Table(title=title)
+    columns: dict[str, Callable[[Cost], str]] = {
+        "pairs": lambda cost: f"{cost.pairs}",
+        "s": lambda cost: f"{cost.whole_s:.1f}",
+        "pairs/s": lambda cost: f"{cost.per_second:.1f}",
+        "steady/s": lambda cost: f"{cost.steady:.1f}",
+        "ms CPU/pair": lambda cost: f"{1e3 * cost.cpu_per_pair_s:.2f}",
+        "start s": lambda cost: f"{cost.start_s:.2f}",
+        "end s": lambda cost: f"{cost.after_s:.2f}",
+        "parent": lambda cost: f"{cost.overhead:.1%}",
+    }
+    for heading in ("run", *columns):
+        table.add_column(heading)
+    for name, costs in found.items():
+        middle = Cost(
+            costs[0].pairs,
+            *(
+                median(costs, value)
+                for value in (
+                    lambda cost: cost.whole_s,
+                    lambda cost: cost.parent_cpu_s,
+                    lambda cost: cost.workers_cpu_s,
+                )
+            ),
+            sorted(costs, key=lambda cost: cost.steady)[len(costs) // 2].finished,
+        )
+        table.add_row(name, *(shown(middle) for shown in columns.values()))
+    return table
 
 
 def main() -> None:
@@ -106,54 +198,39 @@ def main() -> None:
         "2 workers": (one_cell(options.scenario, options.pairs), 2),
         "10 cells, 2 workers": (ten_cells(options.pairs), 2),
     }
+    long = f"{options.many} pairs, 2 workers"
     if options.many:
-        rows[f"{options.many} pairs, 2 workers"] = (one_cell(options.scenario, options.many), 2)
-    found: dict[str, list[Cost]] = {name: [] for name in rows}
-    for _ in range(options.rounds):
-        for name, (study, workers) in rows.items():
-            found[name].append(timed(study, workers))
-    table = Table(title=f"{options.scenario}, medians of {options.rounds} rounds")
-    for heading in ("run", "pairs", "s", "pairs/s", "steady/s", "per CPU s", "end s", "overhead"):
-        table.add_column(heading)
-    for name, costs in found.items():
-        table.add_row(
-            name,
-            str(costs[0].pairs),
-            f"{statistics.median(c.whole_s for c in costs):.1f}",
-            f"{statistics.median(c.per_second for c in costs):.1f}",
-            f"{statistics.median(c.steady for c in costs):.1f}",
-            f"{statistics.median(c.pairs / c.workers_cpu_s for c in costs):.1f}",
-            f"{statistics.median(c.after_s for c in costs):.2f}",
-            f"{statistics.median(c.overhead for c in costs):.1%}",
+        rows[long] = (one_cell(options.scenario, options.many), 2)
+    found = measured(rows, options.rounds)
+    console = Console(width=110)
+    console.print(table_of(f"{options.scenario}, medians of {options.rounds} rounds", found))
+    one, two = found["1 worker"], found["2 workers"]
+    console.print(
+        f"2 workers against 1: {ratio(two, one, lambda cost: cost.steady):.2f} × pairs/s steady, "
+        f"{ratio(two, one, lambda cost: cost.per_second):.2f} × in the whole run; "
+        f"{ratio(two, one, lambda cost: cost.cpu_per_pair_s):.3f} × the processor time per pair"
+    )
+    commands = [
+        [command_s(options.scenario, workers) for workers in (1, 2)] for _ in range(options.rounds)
+    ]
+    took = [statistics.median(times) for times in zip(*commands, strict=True)]
+    console.print(
+        f"`harness run {options.scenario}` as it stands: {took[0]:.2f} s with one worker, "
+        f"{took[1]:.2f} s with two"
+    )
+    if options.many:
+        steady = ratio(two, found[long], lambda cost: cost.steady)
+        cpu = ratio(found[long], two, lambda cost: cost.cpu_per_pair_s)
+        console.print(
+            f"time per pair at {options.many} pairs over that at {options.pairs}: {steady:.3f} "
+            f"steady, {cpu:.3f} in processor time with the start of the workers"
         )
-    console = Console(width=100)
-    console.print(table)
-    pairs_of = list(zip(found["2 workers"], found["1 worker"], strict=True))
-    console.print(
-        "2 workers against 1: "
-        f"{statistics.median(two.per_second / one.per_second for two, one in pairs_of):.2f} × the "
-        "pairs/s of the whole run, "
-        f"{statistics.median(two.steady / one.steady for two, one in pairs_of):.2f} × steady"
-    )
-    if options.many:
-        long = found[f"{options.many} pairs, 2 workers"]
-        pairs_of = list(zip(long, found["2 workers"], strict=True))
-        print_growth(console, options.many, options.pairs, pairs_of)
-
-
-def print_growth(console: Console, many: int, few: int, costs: list[tuple[Cost, Cost]]) -> None:
-    """Time per pair of the long run over that of the short one; 1 is linear."""
-    steady = statistics.median(short.steady / long.steady for long, short in costs)
-    cpu = statistics.median(
-        (long.parent_cpu_s + long.workers_cpu_s)
-        / long.pairs
-        / ((short.parent_cpu_s + short.workers_cpu_s) / short.pairs)
-        for long, short in costs
-    )
-    console.print(
-        f"time per pair at {many} pairs over that at {few}: {steady:.3f} steady, "
-        f"{cpu:.3f} in processor time with the start of the workers"
-    )
+        few, many = (peak_mb(options.scenario, pairs) for pairs in (options.pairs, options.many))
+        console.print(
+            f"peak memory at {options.many} pairs over that at {options.pairs}: "
+            f"{many[0]:.0f} / {few[0]:.0f} MB in the command, {many[1]:.0f} / {few[1]:.0f} MB in a "
+            f"worker: {many[0] / few[0]:.2f} × and {many[1] / few[1]:.2f} ×"
+        )
 
 
 if __name__ == "__main__":

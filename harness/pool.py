@@ -18,14 +18,16 @@ from typing import Any, NamedTuple
 from harness.options import Options
 from harness.tasks import Argument, ExecutorLostError, Result, TaskFailedError, WorkerDiedError
 
-_START = """
-import sys
-from multiprocessing.connection import Connection
-connection = Connection(int(sys.argv[1]))
-sys.path[:] = connection.recv()
-from harness.worker import serve
-serve(connection)
-"""
+_START = "; ".join(
+    (
+        "import sys",
+        "from multiprocessing.connection import Connection",
+        "connection = Connection(int(sys.argv[1]))",
+        "sys.path[:] = connection.recv()",
+        "from harness.worker import serve",
+        "serve(connection)",
+    )
+)
 """What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
 multiprocessing's, which would run the main module of the caller in each worker again."""
 

@@ -1,7 +1,9 @@
 """What runs inside a worker process: one task, on the one SUMO simulation of the process."""
 
 import faulthandler
+import math
 import os
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
@@ -94,12 +96,19 @@ def watchdog(hang_after_s: float, stack_file: Path | None) -> Iterator[Callable[
     """Ends the process when no pair is finished for too long, hung C code included.
 
     faulthandler's watchdog is a thread of its own that needs no interpreter lock; it writes the
-    Python stack and exits the process, which the parent then sees as a dead worker.
+    Python stack and exits the process, which the parent then sees as a dead worker.  To wind it up
+    costs a thread, so that is done at every tenth of the limit and for as much longer.
     """
+    pause_s = hang_after_s / 10
+    wound_up_s = -math.inf
     with _open_for_writing(stack_file) as file:
 
         def alive() -> None:
-            faulthandler.dump_traceback_later(hang_after_s, exit=True, file=file)
+            nonlocal wound_up_s
+            now_s = time.monotonic()
+            if now_s - wound_up_s >= pause_s:
+                faulthandler.dump_traceback_later(hang_after_s + pause_s, exit=True, file=file)
+                wound_up_s = now_s
 
         alive()
         try:

@@ -154,6 +154,20 @@ def test_the_configuration_opens_in_sumo(run: Path, tmp_path: Path) -> None:
         assert ET.parse(file).getroot().tag in ("net", "viewsettings")
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="no virtual display")
+def test_the_configuration_opens_in_sumo_gui(run: Path) -> None:
+    configuration = outputs(run, 0, Arm.AV, 0) / "episode.sumocfg"
+    gui = ["xvfb-run", "-a", HOME / "bin" / "sumo-gui", "-c", configuration]
+    command = [*gui, "--start", "--quit-on-end", "--end", "1"]
+    env = {**os.environ, "SUMO_HOME": str(HOME)}
+    done = subprocess.run(
+        [*map(str, command)], capture_output=True, text=True, env=env, timeout=180, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Error" not in done.stderr
+
+
 def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
     folder = outputs(run, 0, Arm.AV, 0)
     picture = tmp_path / "plot.png"
