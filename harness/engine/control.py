@@ -116,12 +116,15 @@ class SumoEngine:
     ) -> tuple[float, float]:
         """See ``Engine.step``."""
         try:
-            if (speed_mps is None) is not self._own_driver:
-                self._hand_over(speed_mps is None)
-            if speed_mps is not None:
+            if speed_mps is None:
+                self._hand_over()
+                pedestrians = self._as_shown(pedestrians)
+            else:
+                if self._own_driver:
+                    self._take_back()
                 self._set_speed(self._ego, speed_mps)
             if pedestrians:
-                self._place(self._as_shown(pedestrians) if self._own_driver else pedestrians)
+                self._place(pedestrians)
             if self._waiting:
                 self._hold_waiting()
             coming = None
@@ -198,15 +201,22 @@ class SumoEngine:
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
 
-    def _hand_over(self, own_driver: bool) -> None:
-        """Let SUMO's own driver drive, or take the ego back."""
+    def _hand_over(self) -> None:
+        """Let SUMO's own driver drive."""
+        if self._own_driver:
+            return
         vehicle = self._api.vehicle
-        vehicle.setType(self._ego, "driven" if own_driver else "ego")
-        vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN if own_driver else SPEED_MODE_EXTERNAL)
-        if own_driver:
-            vehicle.setSpeed(self._ego, -1)
-            self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
-        self._own_driver = own_driver
+        vehicle.setType(self._ego, "driven")
+        vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
+        vehicle.setSpeed(self._ego, -1)
+        self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
+        self._own_driver = True
+
+    def _take_back(self) -> None:
+        """Let the strategy alone drive again."""
+        self._api.vehicle.setType(self._ego, "ego")
+        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
+        self._own_driver = False
 
     def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
         """Where SUMO's driver is shown those who are held.

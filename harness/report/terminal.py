@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.comparison import INDICATIVE_BELOW, Summary
-from harness.errors import HarnessError
+from harness.errors import HarnessError, InputError
 from harness.finish import Run
 from harness.measure_tables import ConflictRate, conflict_row
 from harness.report.console import make_console, plain, table_of_columns, with_range
@@ -131,6 +131,9 @@ def print_strategies() -> None:
     """Every strategy with what it does and its parameters."""
     console = Console(highlight=False)
     for name, factory in available().items():
+        if isinstance(factory, InputError):
+            console.print(f"FAILED   {factory}", markup=False)
+            continue
         summary = (factory.__doc__ or "no description").strip().splitlines()[0]
         console.print(f"{name}: {summary}", markup=False)
         for parameter in parameters_of(factory):

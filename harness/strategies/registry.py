@@ -48,10 +48,15 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
     raise InputError(where, f"unknown strategy {name!r}", allowed, nearest_name(name, names))
 
 
-def available() -> dict[str, StrategyFactory]:
-    """Every strategy that has a name: those of the table and those that packages bring."""
-    found = {name: load_installed(name, f"entry point {name}") for name in installed()}
-    return {**STRATEGIES, **{name: own for name, own in found.items() if name not in STRATEGIES}}
+def available() -> dict[str, StrategyFactory | InputError]:
+    """Every strategy that has a name; in place of one that cannot be loaded, what is wrong."""
+    found: dict[str, StrategyFactory | InputError] = {**STRATEGIES}
+    for name in installed():
+        try:
+            found.setdefault(name, load_installed(name, name))
+        except InputError as error:
+            found.setdefault(name, error)
+    return found
 
 
 def source_digests(names: Iterable[str]) -> dict[str, str]:

@@ -274,7 +274,11 @@ def test_an_installed_entry_point(write: Write, model, monkeypatch: pytest.Monke
     assert "strategies.theirs.gap_s" in refusal(scene("theirs", {"gap_s": "x"}), model)
     assert "did you mean 'theirs'?" in refusal(scene("their"), model)
     assert "'mine_j' has no 'Nothing'" in refusal(scene("bad"), model)
+    listed = registry.available()
+    assert [name for name in listed if name not in registry.STRATEGIES] == ["theirs", "bad"]
+    assert isinstance(listed["bad"], InputError)
     # A name of the table cannot be taken over.
+    assert listed["soft_yield"] is registry.STRATEGIES["soft_yield"]
     assert find_strategy("soft_yield", "test") is registry.STRATEGIES["soft_yield"]
 
 
