@@ -181,6 +181,23 @@ def compare(
     return RunComparison(run, study.name, confidence, _as_one_family(results))
 
 
+def allowed_values(
+    run: Path, group: StrategyGroup, limits: Limits, confidence: float
+) -> tuple[SweepResult, ...]:
+    """Which values of every parameter swept in a group are allowed, without comparing its cells.
+
+    Args:
+        run: a finished run.
+        group: of its cells.
+        limits: μ0 and κ0.
+        confidence: of all bounds of one sweep together.
+    """
+    columns = [_read(run, member) for member in group.cells]
+    seed = group.cells[0].cell.scenario.experiment.seed
+    sweeps = parameter_sweeps(group)
+    return tuple(_judge(sweep, columns, limits, seed, 1 - confidence) for sweep in sweeps)
+
+
 def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Limits | None:
     given = group.cells[0].cell.scenario.limits
     if mu0 is not None and not 0 < mu0 < math.inf:

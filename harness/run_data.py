@@ -142,7 +142,7 @@ class RunData:
                 {
                     "cell": cell.number,
                     **cell.varied,
-                    **summary_row(summarise_cell(own, cell, self._confidence)),
+                    **summary_row(summarise_cell(own, cell, self.confidence)),
                 }
                 for cell, own in self._episodes_by_cell()
             ]
@@ -156,7 +156,7 @@ class RunData:
         for cell, own in self._episodes_by_cell():
             ran = own.filter(pc.not_equal(own["ending"], Ending.ENGINE_FAILED.value))
             counts = {arm: pc.sum(pc.equal(ran["arm"], arm.value)).as_py() or 0 for arm in Arm}
-            rates = conflict_rates(own, cell.scenario.conflicts, self._confidence)
+            rates = conflict_rates(own, cell.scenario.conflicts, self.confidence)
             row = {str(name): value for name, value in rows[cell.number].items()}
             found.append(CellResult(cell, summary_from(row, counts), rates))
         return tuple(found)
@@ -186,7 +186,7 @@ class RunData:
             [
                 {"cell": cell.number, **cell.varied, **conflict_row(rate)}
                 for cell, own in self._episodes_by_cell()
-                for rate in conflict_rates(own, cell.scenario.conflicts, self._confidence)
+                for rate in conflict_rates(own, cell.scenario.conflicts, self.confidence)
             ]
         )
 
@@ -244,7 +244,8 @@ class RunData:
         return model
 
     @property
-    def _confidence(self) -> float:
+    def confidence(self) -> float:
+        """Of each interval of the run."""
         return confidence_of(self.study, options_of(dict(self.manifest)))
 
     def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:

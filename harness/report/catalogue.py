@@ -1,12 +1,10 @@
 """Which figures a run gets, with their captions: data from the run folder into ``*_figures``."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
 import pandas as pd
-from matplotlib.figure import Figure
 
 from harness.encounter import Arm, Ending, FloatArray, Side
 from harness.interaction import InteractionModel
@@ -14,9 +12,9 @@ from harness.place import network_of
 from harness.plan import planned_arrivals
 from harness.report import episode_figures as episodes_drawn
 from harness.report import model_figures, safety_figures, site_figures, style, tau_figures
-from harness.report import sweep_figures as sweep
-from harness.report.console import plain
 from harness.report.episode_traces import ShownPair
+from harness.report.style import Picture
+from harness.report.sweep_pictures import sweep_pictures
 from harness.report.words import PAPER, is_the_papers
 from harness.run_data import RunData
 from harness.scenario import Scenario
@@ -32,21 +30,6 @@ _SAFETY = (
     ("min_time_advantage_s", "smallest time advantage (s)"),
 )
 _SAFETY_UP_TO_S = 10.0
-_SWEPT = (
-    ("mu", "μ", "μ, mean of τ"),
-    ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
-    ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
-)
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its name (of files), title and caption."""
-
-    name: str
-    title: str
-    caption: str
-    figure: Figure
 
 
 def pictures_of(
@@ -60,7 +43,7 @@ def pictures_of(
         shown: the pairs with traces; none leaves out the speed profiles.
     """
     if run.varied_keys:
-        yield from _sweep_pictures(run)
+        yield from sweep_pictures(run)
     else:
         yield from _tau_pictures(run)
     yield _arrivals(run)
@@ -104,65 +87,6 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
         f"{int(fallback.sum())} with a fallback of the AV.",
         figure,
     )
-
-
-def _sweep_pictures(run: RunData) -> Iterator[Picture]:
-    summary = run.summary
-    key = across_key(run)
-    if key is None:
-        return
-    others = [name for name in run.varied_keys if name != key]
-    labels = [", ".join(plain(row[name]) for name in others) for _, row in summary.iterrows()]
-    if not others:
-        labels = [run.scenario.arms.av] * len(summary)
-    if len(set(labels)) > len(style.SERIES):
-        return
-    pairs = summary["pairs"]
-    counted = f"n = {_range_of(pairs)} pairs per point"
-    x = summary[key].astype(float).tolist()
-    for measure, up, words in _SWEPT:
-        if summary[measure].isna().all():
-            continue
-        figure, (axes,) = style.new_figure()
-        columns = {name: summary[name].tolist() for name in summary.columns}
-        lines = sweep.lines_of(columns, x, labels, measure)
-        level = (1.0, "as fast as the human") if measure == "mu" else None
-        sweep.draw_over(axes, lines, axis_label(key), up, counted, level)
-        yield Picture(
-            f"sweep-{measure.removesuffix('_s')}",
-            f"{words} over {axis_label(key)}",
-            f"Over {key}: {words} with its 95 % interval, one line for each "
-            f"{' and '.join(others) if others else 'strategy'}; {counted}. Points stand a little "
-            "apart so that bars do not cover each other.",
-            figure,
-        )
-
-
-def across_key(run: RunData) -> str | None:
-    """The varied key to draw over: the flow, else the numeric one with the most values."""
-    numeric = {
-        key: run.summary[key].nunique()
-        for key in run.varied_keys
-        if pd.api.types.is_numeric_dtype(run.summary[key])
-        and not pd.api.types.is_bool_dtype(run.summary[key])
-        and run.summary[key].notna().all()
-        and run.summary[key].nunique() > 1
-    }
-    if "pedestrians.flow_per_hour" in numeric:
-        return "pedestrians.flow_per_hour"
-    return max(numeric, key=lambda key: numeric[key]) if numeric else None
-
-
-def axis_label(key: str) -> str:
-    """A varied key as the label of an axis, with its unit where the name tells it."""
-    if key == "pedestrians.flow_per_hour":
-        return "pedestrian flow λ (per hour)"
-    *section, name = key.split(".")
-    owner = f"{section[1]}: " if section[:1] == ["strategies"] and len(section) > 1 else ""
-    for ending, unit in (("_mps2", "m/s²"), ("_mps", "m/s"), ("_m", "m"), ("_s", "s")):
-        if name.endswith(ending):
-            return f"{owner}{name.removesuffix(ending).replace('_', ' ')} ({unit})"
-    return owner + name.replace("_", " ")
 
 
 def _arrivals(run: RunData) -> Picture:
@@ -345,8 +269,3 @@ def _model(model: InteractionModel, scenario: Scenario) -> Picture:
 
 def _of_arm(rows: pd.DataFrame, arm: Arm) -> pd.DataFrame:
     return rows[rows["arm"] == arm.value]
-
-
-def _range_of(values: "pd.Series[int]") -> str:
-    low, high = int(values.min()), int(values.max())
-    return f"{low:,}" if low == high else f"{low:,} to {high:,}"

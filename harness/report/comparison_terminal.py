@@ -25,7 +25,7 @@ def print_comparison(result: RunComparison) -> None:
             console.print(_difference_table(group))
         for sweep in group.sweeps:
             console.print(_sweep_table(sweep, group))
-            for line in _sweep_lines(sweep, group.level):
+            for line in allowed_lines(sweep, group.level):
                 console.print(line, markup=False)
     for line in _notes(result):
         console.print(line, markup=False)
@@ -101,7 +101,7 @@ def _sweep_table(result: SweepResult, group: GroupResult) -> Table:
     return table
 
 
-def _sweep_lines(result: SweepResult, level: float) -> list[str]:
+def allowed_lines(result: SweepResult, level: float) -> list[str]:
     """The verdict in words."""
     sweep, found = result.sweep, result.found
     together = (

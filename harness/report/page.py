@@ -13,7 +13,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from harness.errors import HarnessError, InputError
 from harness.interaction import InteractionModel
 from harness.report import style
-from harness.report.catalogue import Picture, pictures_of
+from harness.report.catalogue import pictures_of
 from harness.report.console import plain
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
 from harness.report.page_tables import result_tables, tiles
@@ -101,7 +101,7 @@ def _model(run: RunData) -> tuple[InteractionModel | None, str]:
         return None, f"Figures of the interaction model are left out: {error}."
 
 
-def _drawn(picture: Picture) -> dict[str, str]:
+def _drawn(picture: style.Picture) -> dict[str, str]:
     return {
         "name": picture.name,
         "title": picture.title,

@@ -80,6 +80,16 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its name (of files), title and caption."""
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """Figures made and saved inside have the style's sizes and fonts."""

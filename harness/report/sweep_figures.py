@@ -83,6 +83,7 @@ def draw_aggressiveness(
     count: str,
     limit: tuple[float, str] | None = None,
     allowed: Sequence[float] = (),
+    band: str = "95 % interval",
 ) -> None:
     """A measure over a strategy's aggressiveness, with its limit and the allowed interval.
 
@@ -94,14 +95,14 @@ def draw_aggressiveness(
         across, up: labels with units.
         count: how many pairs a point stands for.
         limit: μ0 or κ0, and its name.
-        allowed: the values swept that are allowed, marked on the axis and shaded where
-            neighbours are.
+        allowed: the values swept that are allowed, shaded, neighbours together.
+        band: what the line's intervals are.
     """
     order = np.argsort(line.x)
     x, value = line.x[order], line.value[order]
     axes.fill_between(
         x, line.low[order], line.high[order], color=AV.colour, alpha=0.18, lw=0,
-        label="95 % interval",
+        label=band,
     )  # fmt: skip
     axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=plain(line.label))
     if limit is not None:

@@ -2,6 +2,7 @@
 
 import re
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -23,10 +24,14 @@ from harness.report import (
     sweep_figures,
     tau_figures,
 )
-from harness.report.catalogue import Picture, pictures_of
+from harness.report.catalogue import pictures_of
 from harness.report.episode_traces import choose_pairs, shown_pairs
+from harness.report.style import Picture
+from harness.report.sweep_pictures import sweep_pictures
 from harness.run_data import RunData
 from harness.site import read_site
+from tests.batches import sweep
+from tests.report.conftest import simulate
 
 
 @pytest.fixture
@@ -330,6 +335,25 @@ def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None
     assert names[:3] == ["sweep-mu", "sweep-kappa", "sweep-delay"]
     (axes,) = of_sweep[0].figure.axes
     assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
+
+
+def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) -> None:
+    changes = {"experiment.pairs": 8, "limits.mu0": 5.0, "limits.kappa0": 0.99}
+    study = sweep("cctc", changes, "strategies.soft_yield.time_margin_s=0,1,2")
+    run = harness.load_run(simulate(study, tmp_path / "margin"))
+    with style.styled():
+        found = list(sweep_pictures(run))
+    assert [picture.name for picture in found] == ["aggressiveness", "sweep-delay"]
+    upper, lower = found[0].figure.axes
+    for axes, limit in ((upper, "μ0 = 5"), (lower, "κ0 = 0.99")):
+        # Bolder to the right: −2, −1, 0 s of margin, all of them within such limits.
+        assert list(line(axes, "soft_yield")[0]) == [-2, -1, 0]
+        assert limit in labels(axes)
+        (allowed,) = (patch for patch in axes.patches if patch.get_label() == "allowed")
+        assert (allowed.get_x(), allowed.get_width()) == (-2, 2)  # type: ignore[attr-defined]
+    values = run.summary.set_index("strategies.soft_yield.time_margin_s")["mu"]
+    assert list(line(upper, "soft_yield")[1]) == pytest.approx([values[2], values[1], values[0]])
+    assert "Allowed: time_margin_s = 0, 1, 2" in found[0].caption
 
 
 def test_every_caption_counts_and_every_axis_has_a_unit(

@@ -302,3 +302,10 @@ def test_a_run_without_a_finished_pair_is_refused(
     shutil.rmtree(folder / "shards")
     assert run_command(monkeypatch, "report", folder) == 2
     assert "no pair is finished yet" in capsys.readouterr().err
+
+
+def test_the_notebook_of_the_docs_runs(single: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code = "import matplotlib\nmatplotlib.use('Agg')\n" + block.replace("runs/cctc-1", str(single))
+    exec(compile(code, "docs/report.md", "exec"), {})
