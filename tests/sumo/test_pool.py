@@ -1,0 +1,113 @@
+"""The local pool: which death is whose fault, and what a worker does not do."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from harness import pool as pools
+from harness.errors import HarnessError
+from harness.experiment import run_study
+from harness.options import Options
+from harness.pool import LocalPool
+from harness.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
+from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell
+
+
+def test_a_death_costs_its_own_call_alone() -> None:
+    pool = LocalPool(1)
+    try:
+        assert pool.submit(abs, -3).result() == 3
+        died, after = pool.submit(os._exit, 7), pool.submit(abs, -4)
+        with pytest.raises(WorkerDiedError, match="exit code 7"):
+            died.result()
+        assert after.result() == 4
+        with pytest.raises(TaskFailedError, match="TypeError"):
+            pool.submit(abs, "text").result()
+    finally:
+        pool.stop()
+
+
+def test_a_death_between_two_calls_costs_none() -> None:
+    pool = LocalPool(1)
+    try:
+        assert pool.submit(abs, -1).result() == 1
+        (process,) = pool._alive
+        os.kill(process.pid, signal.SIGKILL)
+        end = time.monotonic() + 60
+        while process.poll() is None:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert pool.submit(abs, -2).result() == 2
+    finally:
+        pool.stop()
+
+
+def test_workers_that_never_get_ready_blame_no_pair(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pools, "_START", "raise SystemExit(3)")
+    pool = LocalPool(1)
+    try:
+        with pytest.raises(ExecutorLostError, match="exit code 3"):
+            pool.submit(abs, -1).result()
+    finally:
+        pool.stop()
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
+    with pytest.raises(HarnessError, match=r"exit code 3.*--resume"):
+        run_study(study, Options(workers=2, task_pairs=1), out=tmp_path / "run")
+    assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
+
+
+LOUD = """
+class Loud:
+    def decide(self, observation):
+        print("loud")
+        return 0.0
+"""
+
+
+def test_what_a_strategy_prints_is_no_result(tmp_path: Path) -> None:
+    (tmp_path / "loud.py").write_text(LOUD, encoding="utf-8")
+    changes = {**QUICK, "arms.av": "loud:Loud", "experiment.pairs": 1}
+    done = shell(
+        *("run", "cctc", "--json", "--out", "run", *options_of(changes)),
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(CHECKOUT)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["folder"] == "run"
+    assert "loud\n" in done.stderr
+
+
+SCRIPT = """
+from harness.experiment import run_study
+from harness.options import Options
+from harness.scenario import Setting, read_scenario_file
+from harness.study import single_cell
+
+print("main module")
+study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 2)]))
+run_study(study, Options(workers=1))
+"""
+
+
+def test_a_script_needs_no_guard(tmp_path: Path) -> None:
+    """multiprocessing's workers would run it again, and begin another run each."""
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "script.py"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert (done.returncode, done.stdout) == (0, "main module\n"), done.stderr
+    assert [path.name for path in (tmp_path / "runs").iterdir()] == ["cctc-1"]
