@@ -33,7 +33,7 @@ from harness.comparison import (
 from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.manifest import options_of, recall_study
-from harness.run_folder import read_manifest, read_table
+from harness.run_folder import read_finished_manifest, read_table
 from harness.strategy_groups import (
     ParameterSweep,
     StrategyCell,
@@ -160,10 +160,8 @@ def compare(
     Raises:
         InputError: no finished run, limits that are none, or nothing to compare.
     """
-    document = read_manifest(run)
+    document = read_finished_manifest(run)
     study = recall_study(document)
-    if document.get("counts") is None:
-        raise InputError(str(run), "is not finished", f"`harness run --resume {run}` finishes it")
     groups = strategy_groups(study)
     if all(len(group.cells) == 1 for group in groups):
         raise InputError(

@@ -206,6 +206,19 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     return document
 
 
+def read_finished_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run that is finished.
+
+    Raises:
+        InputError: as ``read_manifest``, or the run was broken off or is still going on.
+    """
+    document = read_manifest(folder)
+    if document.get("schema") == SCHEMA and document.get("counts") is None:
+        finishes = f"`harness run --resume {folder}` finishes it"
+        raise InputError(str(folder), "is not finished", finishes)
+    return document
+
+
 def read_table(
     folder: Path, name: str, cell: int | None = None, pair: int | None = None
 ) -> pa.Table:
@@ -302,9 +315,9 @@ def export_csv(folder: Path) -> list[Path]:
     """Write every table of a run folder as CSV beside it.
 
     Raises:
-        InputError: no run folder, or a table cannot be read.
+        InputError: no finished run, or a table cannot be read.
     """
-    read_manifest(folder)
+    read_finished_manifest(folder)
     written = []
     for source in sorted(folder.glob("*.parquet")):
         table = read_table(folder, source.stem)

@@ -14,7 +14,7 @@ from harness.finish import finish
 from harness.manifest import recall_batch
 from harness.measures import Outcome, measure
 from harness.results import episode_rows
-from harness.run_folder import RunFolder, claim_folder, read_manifest, read_table
+from harness.run_folder import RunFolder, claim_folder, read_finished_manifest, read_table
 from harness.scenario import Scenario
 from harness.study import Cell
 
@@ -30,9 +30,9 @@ def score(run: Path, out: Path) -> Path:
         out: a new or empty folder.
 
     Raises:
-        InputError: no such run, no traces, or ``out`` is refused.
+        InputError: no finished run, no traces, or ``out`` is refused.
     """
-    document = read_manifest(run)
+    document = read_finished_manifest(run)
     if not (run / "traces.parquet").is_file():
         raise InputError(str(run), "kept no traces", "a run with --traces")
     batch = recall_batch(document)

@@ -12,7 +12,7 @@ from harness.interaction import InteractionModel, load_model
 from harness.manifest import recall_study
 from harness.measures import Outcome
 from harness.results import TABLES, episode_rows, pedestrian_rows
-from harness.run_folder import read_manifest, read_table
+from harness.run_folder import read_finished_manifest, read_table
 from harness.study import Cell
 
 Row = dict[str, Any]
@@ -26,11 +26,11 @@ class StoredCell:
         number: of the cell.
 
     Raises:
-        InputError: no such run or cell, or its tables or model cannot be read.
+        InputError: no finished run or no such cell, or its tables or model cannot be read.
     """
 
     def __init__(self, run: Path, number: int) -> None:
-        cells = recall_study(read_manifest(run)).cells
+        cells = recall_study(read_finished_manifest(run)).cells
         if not 0 <= number < len(cells):
             raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
         self.cell: Cell = cells[number]

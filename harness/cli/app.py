@@ -51,7 +51,8 @@ def main() -> None:
             say("harness: interrupted")
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
-        say("harness: " + " ".join(text.split()))
+        # `harness` or `harness model` alone: typer's answer is the whole help.
+        say(text if text.startswith("Usage:") else "harness: " + " ".join(text.split()))
         code = 2
     except InterruptedRunError as error:
         say(f"harness: {error}")

@@ -92,16 +92,15 @@ class SoftYield:
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
         """The way to x = 0 in ``until_s``; None where there is no answer."""
         now, ego = observation.time_s, observation.ego
-        if until_s == math.inf:
-            return None
         shortfall = ego.range_m - ego.speed_mps * until_s
         if shortfall >= 0:
             return _Plan(0.0, now, now + until_s)
         a = self._p1 + self._p2 * ego.speed_mps + self._p3 * ego.range_m
         if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
             return None
-        discriminant = until_s**2 - 2 * shortfall / a
-        if discriminant < 0:
+        discriminant = until_s * until_s - 2 * shortfall / a
+        # Not a number where until_s is infinite, for someone who stands.
+        if not discriminant >= 0:
             return None
         t1 = until_s - math.sqrt(discriminant)
         if ego.speed_mps + a * t1 < 0:

@@ -14,7 +14,11 @@ from typing import Any
 import pytest
 
 from harness.cli import app as cli
+from harness.experiment import run_study
+from harness.options import Options
 from harness.resources import shipped_directory
+from harness.scenario import Setting, read_scenario_file
+from harness.study import parse_variation, study_of
 
 Refuse = Callable[..., str]
 
@@ -243,6 +247,31 @@ def test_export_of_a_damaged_run(refused: Refuse, tmp_path: Path) -> None:
     says(refused("export", tmp_path, "--csv"), "episodes.parquet")
 
 
+def test_a_run_that_was_broken_off(
+    refused: Refuse, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    class BrokenOffError(Exception):
+        pass
+
+    def interrupt(*_: object) -> None:
+        raise BrokenOffError
+
+    monkeypatch.chdir(tmp_path)
+    file = read_scenario_file("cctc", [Setting("experiment.pairs", 3)])
+    study = study_of(file, [parse_variation("arms.av=constant_speed,hard_yield")])
+    with pytest.raises(BrokenOffError):
+        run_study(study, Options(traces=True, workers=1), out=Path("broken"), progress=interrupt)
+    before = sorted(tmp_path.rglob("*"))
+    for command in (
+        ["score", "broken", "--out", "new"],
+        ["replay", "broken", "--pair", "0", "--out", "new"],
+        ["compare", "broken"],
+        ["export", "broken", "--csv"],
+    ):
+        says(refused(*command), "broken", "is not finished", "harness run --resume broken")
+        assert sorted(tmp_path.rglob("*")) == before
+
+
 def test_network_into_a_file(refused: Refuse, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     says(refused("network", "cctc", "--out", "file"), "file")
@@ -250,6 +279,20 @@ def test_network_into_a_file(refused: Refuse, tmp_path: Path) -> None:
 
 
 # --- the command line itself ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("group", [[], ["model"]])
+def test_a_command_with_commands_of_its_own_alone_says_its_help(
+    group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["harness", *group])
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    printed = capsys.readouterr()
+    assert (caught.value.code, printed.out) == (2, "")
+    lines = [line.strip() for line in printed.err.splitlines()]
+    assert "Commands:" in lines
+    assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
 
 
 def test_unknown_options_and_commands(refused: Refuse) -> None:

@@ -98,3 +98,8 @@ def test_no_answer_for_someone_who_stands(speed: float) -> None:
     strategy = SoftYield()
     assert strategy.decide(seen) == pytest.approx(-(speed**2) / 54, rel=1e-4)
     assert strategy.fallback
+
+
+def test_no_answer_for_a_margin_beyond_all_measure() -> None:
+    trace = play(SoftYield(time_margin_s=1e308), [(0.0, Side.NEAR, 1.2)])
+    assert (trace.ending, trace.fallback) == ("crossed", True)
