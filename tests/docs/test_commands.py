@@ -18,12 +18,12 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DUT = ROOT.parent / "shared" / "data" / "dut"
 
-PAIRS = "18"
-"""Instead of any other number: the pages replay pair 17."""
+PAIRS, PAIRS_OF_A_SWEEP = "18", "2"
+"""Instead of any other number: the pages replay pair 17 of runs."""
 
 SHORTER = {
     "run": ["--pairs", PAIRS, "--workers", "1", "--quiet"],
-    "sweep": ["--pairs", PAIRS, "--workers", "2", "--quiet"],
+    "sweep": ["--pairs", PAIRS_OF_A_SWEEP, "--workers", "2", "--quiet"],
     "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "2"],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }
