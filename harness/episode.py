@@ -206,7 +206,11 @@ class Episode:
             view = EgoView(-x, speed, acceleration)
             wanted = yield Observation(now, step, view, vehicle, crossing, seen)
             target = None
-            if wanted is not None:
+            if wanted is None:
+                # What the engine's driver does is known only afterwards: going on as it did until
+                # now, but not backwards.
+                acceleration = max(acceleration, -speed / step)
+            else:
                 wanted = self._limited(wanted, now)
                 target = speed + wanted * step
                 if target < 0:
