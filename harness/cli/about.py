@@ -1,18 +1,21 @@
 """Commands about the installation and its parts: ``network``, ``strategies``, ``doctor``."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from harness.cli.options import ScenarioArgument, SetOption, settings_of
-from harness.cli.output import print_line
+from harness.cli.options import JsonOption, QuietOption, ScenarioArgument, SetOption, settings_of
+from harness.cli.output import print_json, print_line
 
 
 def network(
     scenario: ScenarioArgument,
     out: Annotated[Path, typer.Option(help="Folder for the sources and the network.")],
     settings: SetOption = None,
+    quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
+    as_json: JsonOption = False,
 ) -> None:
     """Build the scenario's SUMO network: plain-XML sources and the .net.xml."""
     from harness.scenario import read_scenario_file
@@ -23,7 +26,10 @@ def network(
     from harness.place import geometry_of
 
     files = build_network(geometry_of(loaded), out, file.name)
-    print_line(str(files.net))
+    if as_json:
+        print_json({"net": str(files.net)})
+    else:
+        print_line(str(files.net))
 
 
 def strategies(
@@ -34,32 +40,71 @@ def strategies(
             metavar="STRATEGY",
         ),
     ] = None,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print names, or failed checks, alone.")
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """List the strategies and their parameters, or check one against the rules for all."""
-    from harness.report.terminal import print_strategies
-
     if check is None:
-        print_strategies()
+        _list_strategies(quiet, as_json)
         return
     from harness.conformance import check_strategy
     from harness.interaction import load_model
     from harness.scenario import Scenario
 
     verdicts = check_strategy(check, load_model(Scenario().model.name))
-    for verdict in verdicts:
-        failed = verdict.problem is not None
-        print_line(
-            f"FAILED   {verdict.check}: {verdict.problem}"
-            if failed
-            else f"ok       {verdict.check}"
-        )
-    if any(verdict.problem is not None for verdict in verdicts):
-        raise typer.Exit(1)
+    _print_checks([(verdict.check, verdict.problem) for verdict in verdicts], quiet, as_json)
 
 
-def doctor() -> None:
+def _list_strategies(quiet: bool, as_json: bool) -> None:
+    from harness.report.listings import strategy_documents
+
+    documents = strategy_documents()
+    if as_json:
+        print_json(documents)
+        return
+    for document in documents:
+        if "problem" in document:
+            print_line(f"FAILED   {document['problem']}")
+            continue
+        print_line(document["name"] if quiet else f"{document['name']}: {document['summary']}")
+        for parameter in [] if quiet else document["parameters"]:
+            default = "no default" if parameter["required"] else parameter["default"]
+            print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
+
+
+def doctor(
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print failed checks alone.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
     """Check this installation: versions, SUMO, a network build, one episode."""
-    from harness.report.terminal import print_checks
+    from harness.report.listings import installation_checks
+    from harness.results import versions
 
-    if not print_checks():
+    if as_json:
+        _print_checks(list(installation_checks()), quiet, as_json, versions=versions())
+        return
+    for name, version in () if quiet else versions().items():
+        print_line(f"{name:8s} {version}")
+    _print_checks(installation_checks(), quiet, as_json)
+
+
+def _print_checks(
+    checks: Iterable[tuple[str, str | None]], quiet: bool, as_json: bool, **more: Any
+) -> None:
+    """Say of each check, as it is made, whether it went well; exit code 1 if one did not."""
+    problems = []
+    made = []
+    for title, problem in checks:
+        made.append({"check": title, "problem": problem})
+        if problem is not None:
+            problems.append(problem)
+        if not as_json and (problem is not None or not quiet):
+            print_line(f"ok       {title}" if problem is None else f"FAILED   {title}: {problem}")
+    if as_json:
+        print_json({**more, "checks": made})
+    if problems:
         raise typer.Exit(1)

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import JsonOption
+from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar, say
 from harness.errors import InputError
 
@@ -33,6 +33,8 @@ def replay(
         float | None,
         typer.Option(help="With --screenshots: seconds between two of them; default 0.5."),
     ] = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run one episode again: with SUMO's own outputs on, or before your eyes in sumo-gui."""
     from harness.encounter import Arm
@@ -54,7 +56,8 @@ def replay(
             screenshots=screenshots,
             every_s=0.5 if every is None else every,
         )
-        _compare([(f"pair {pair}, arm {one.arm}", one.differences) for one in watched])
+        names = [(f"pair {pair}, arm {one.arm}", one.differences) for one in watched]
+        _compare(names, [], quiet, as_json)
         return
     for option, value in (("--pace", pace), ("--screenshots", screenshots), ("--every", every)):
         if value is not None:
@@ -67,30 +70,43 @@ def replay(
     problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
     if problems:
         say(f"harness: {'; '.join(problems)}; SUMO's files are cut off")
-    _compare([(str(one.folder), one.differences) for one in replayed if one.problem is None])
-    if problems:
-        raise typer.Exit(1)
+    done = [(str(one.folder), one.differences) for one in replayed if one.problem is None]
+    _compare(done, problems, quiet, as_json)
 
 
-def _compare(episodes: list[tuple[str, tuple[str, ...]]]) -> None:
+def _compare(
+    episodes: list[tuple[str, tuple[str, ...]]],
+    problems: list[str],
+    quiet: bool,
+    as_json: bool,
+) -> None:
     """Say of each repeated episode whether it came out as stored."""
-    for name, differences in episodes:
+    if as_json:
+        told = [{"episode": name, "differences": list(found)} for name, found in episodes]
+        print_json({"episodes": told, "problems": problems})
+    for name, differences in [] if as_json else episodes:
         verdict = "differs from" if differences else "is identical to"
-        print_line(f"{name}: the record {verdict} the stored one")
-        for difference in differences:
+        print_line(name if quiet else f"{name}: the record {verdict} the stored one")
+        for difference in [] if quiet else differences:
             print_line(f"    {difference}")
-    if any(differences for _, differences in episodes):
+    if problems or any(differences for _, differences in episodes):
         raise typer.Exit(1)
 
 
 def score(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run with --traces.")],
     out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
+    quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
+    as_json: JsonOption = False,
 ) -> None:
     """Recompute measures and summary from kept traces, without simulating."""
     from harness.scoring import score as recompute
 
-    print_line(str(recompute(run_folder, out)))
+    folder = str(recompute(run_folder, out))
+    if as_json:
+        print_json({"folder": folder})
+    else:
+        print_line(folder)
 
 
 def compare(
@@ -105,6 +121,7 @@ def compare(
         Path | None,
         typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
     ] = None,
+    quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare the strategies of a sweep pair by pair; with limits, find the allowed values."""
@@ -115,7 +132,7 @@ def compare(
             raise InputError(f"--out {out}", "exists already", "a new file")
         if not out.parent.is_dir():
             raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
-    with progress_bar("comparisons", hidden=as_json) as advance:
+    with progress_bar("comparisons", hidden=quiet or as_json) as advance:
         result = compare_run(run_folder, mu0, kappa0, advance)
     if out is not None:
         from harness.report.comparison_document import comparison_rows
@@ -126,6 +143,9 @@ def compare(
         from harness.report.comparison_document import comparison_document
 
         print_json(comparison_document(result))
+    elif quiet:
+        if out is not None:
+            print_line(str(out))
     else:
         from harness.report.comparison_terminal import print_comparison
 
@@ -135,11 +155,16 @@ def compare(
 def export(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
+    quiet: QuietOption = False,  # noqa: ARG001  # paths are all it prints anyway
+    as_json: JsonOption = False,
 ) -> None:
     """Write the tables of a run folder in another format, beside the originals."""
     from harness.run_folder import export_csv
 
     if not csv:
         raise InputError("export", "no format given", "--csv")
-    for path in export_csv(run_folder):
-        print_line(str(path))
+    files = [str(path) for path in export_csv(run_folder)]
+    if as_json:
+        print_json({"files": files})
+    else:
+        print_line("\n".join(files))

@@ -1,9 +1,7 @@
-"""What the command line prints: the table of a run, the strategies, the checks."""
+"""What the command line prints of a run, and its JSON document."""
 
 import shlex
-import tempfile
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -11,7 +9,6 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.comparison import INDICATIVE_BELOW, Summary
-from harness.errors import HarnessError, InputError
 from harness.finish import Run
 from harness.measure_tables import ConflictRate, conflict_row
 from harness.report.console import make_console, plain, table_of_columns, with_range
@@ -29,10 +26,7 @@ from harness.report.words import (
     measure_rows,
     sweep_lines,
 )
-from harness.results import versions
 from harness.scenario import Scenario
-from harness.strategies.parameters import describe, parameters_of
-from harness.strategies.registry import available
 from harness.summaries import summary_row
 
 
@@ -125,59 +119,6 @@ def run_document(run: Run) -> dict[str, Any]:
             for cell, pair, arm, why in run.failures
         ],
     }
-
-
-def print_strategies() -> None:
-    """Every strategy with what it does and its parameters."""
-    console = Console(highlight=False)
-    for name, factory in available().items():
-        if isinstance(factory, InputError):
-            console.print(f"FAILED   {factory}", markup=False)
-            continue
-        summary = (factory.__doc__ or "no description").strip().splitlines()[0]
-        console.print(f"{name}: {summary}", markup=False)
-        for parameter in parameters_of(factory):
-            default = "no default" if parameter.required else f"{parameter.default!r}"
-            kind = describe(parameter.annotation)
-            console.print(f"    {parameter.name} = {default}  ({kind})", markup=False)
-
-
-def print_checks() -> bool:
-    """Check the installation step by step; returns whether everything works."""
-    console = Console(highlight=False, soft_wrap=True)
-    for name, version in versions().items():
-        console.print(f"{name:8s} {version}")
-    for title, check in (
-        ("SUMO's netconvert builds a network", _check_network),
-        ("one pair runs in SUMO", _check_episode),
-    ):
-        try:
-            check()
-        except (HarnessError, ImportError, OSError) as error:
-            console.print(f"FAILED   {title}: {error}")
-            return False
-        console.print(f"ok       {title}")
-    return True
-
-
-def _check_network() -> None:
-    from harness.network import CrossingGeometry, build_network
-
-    with tempfile.TemporaryDirectory() as folder:
-        build_network(CrossingGeometry(length_m=10.0), Path(folder), "doctor")
-
-
-def _check_episode() -> None:
-    from harness.experiment import run_study
-    from harness.options import Options
-    from harness.scenario import Setting, read_scenario_file
-    from harness.study import single_cell
-
-    study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
-    with tempfile.TemporaryDirectory() as folder:
-        run = run_study(study, Options(), out=Path(folder) / "run")
-    if run.failures:
-        raise HarnessError(run.failures[0][-1])
 
 
 def _conflicts_over_cells(run: Run) -> Table:

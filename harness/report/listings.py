@@ -1,0 +1,64 @@
+"""What ``strategies`` and ``doctor`` say, as plain data."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness.errors import HarnessError, InputError
+from harness.strategies.parameters import describe, parameters_of
+from harness.strategies.registry import available
+
+CHECKS = ("SUMO's netconvert builds a network", "one pair runs in SUMO")
+
+
+def strategy_documents() -> list[dict[str, Any]]:
+    """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable."""
+    documents: list[dict[str, Any]] = []
+    for name, factory in available().items():
+        if isinstance(factory, InputError):
+            documents.append({"name": name, "problem": str(factory)})
+            continue
+        parameters = [
+            {
+                "name": parameter.name,
+                "kind": describe(parameter.annotation),
+                "default": None if parameter.required else repr(parameter.default),
+                "required": parameter.required,
+            }
+            for parameter in parameters_of(factory)
+        ]
+        summary = (factory.__doc__ or "no description").strip().splitlines()[0]
+        documents.append({"name": name, "summary": summary, "parameters": parameters})
+    return documents
+
+
+def installation_checks() -> Iterator[tuple[str, str | None]]:
+    """Check the installation step by step: what, and the problem or None; ends at the first one."""
+    for title, check in zip(CHECKS, (_check_network, _check_episode), strict=True):
+        try:
+            check()
+        except (HarnessError, ImportError, OSError) as error:
+            yield title, str(error)
+            return
+        yield title, None
+
+
+def _check_network() -> None:
+    from harness.network import CrossingGeometry, build_network
+
+    with tempfile.TemporaryDirectory() as folder:
+        build_network(CrossingGeometry(length_m=10.0), Path(folder), "doctor")
+
+
+def _check_episode() -> None:
+    from harness.experiment import run_study
+    from harness.options import Options
+    from harness.scenario import Setting, read_scenario_file
+    from harness.study import single_cell
+
+    study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
+    with tempfile.TemporaryDirectory() as folder:
+        run = run_study(study, Options(), out=Path(folder) / "run")
+    if run.failures:
+        raise HarnessError(run.failures[0][-1])

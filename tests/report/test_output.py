@@ -1,0 +1,122 @@
+"""What reaches stdout: with --json one document, with --quiet paths, and nothing else."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from harness.cli import app as cli
+from harness.cli.app import COMMANDS
+
+# How each command is called here; RUN and SWEEP are finished runs, NEW what is not there yet.
+CALLS = {
+    "run": ["cctc", "--pairs", "2", "--workers", "1", "--out", "NEW"],
+    "sweep": [
+        "cctc",
+        "--vary",
+        "arms.av=constant_speed,hard_yield",
+        "--pairs",
+        "2",
+        "--workers",
+        "1",
+    ],
+    "report": ["RUN", "--out", "NEW.html"],
+    "replay": ["RUN", "--pair", "3", "--arm", "av", "--out", "NEW"],
+    "score": ["RUN", "--out", "NEW"],
+    "compare": ["SWEEP", "--out", "NEW.csv"],
+    "export": ["COPY", "--csv"],
+    "network": ["cctc", "--out", "NEW"],
+    "strategies": [],
+    "doctor": [],
+}
+ELSEWHERE = {"extract", "fit"}
+"""Covered by tests/unit/test_cli_model.py."""
+
+
+def test_every_command_is_called() -> None:
+    names = {command.__name__ for command in COMMANDS}
+    assert set(CALLS) | ELSEWHERE == names
+
+
+@pytest.fixture
+def call(single: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "list[str]":
+    """Runs in an empty folder; words of CALLS that stand for something."""
+    import shutil
+
+    import harness.report.page as page_module
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(page_module, "pictures_of", lambda *_: iter(()))
+    shutil.copytree(single, tmp_path / "copy")
+    stands_for = {"RUN": single, "SWEEP": swept, "COPY": tmp_path / "copy"}
+    return [f"{word}={path}" for word, path in stands_for.items()]
+
+
+def words_of(name: str, call: list[str]) -> list[str]:
+    meaning = dict(pair.split("=", 1) for pair in call)
+    return [name, *(meaning.get(word, word.replace("NEW", "new")) for word in CALLS[name])]
+
+
+def output(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> str:
+    """Everything that reaches file descriptor 1, SUMO's own words included."""
+    monkeypatch.setattr(sys, "argv", ["harness", *arguments])
+    before = os.dup(1)
+    with tempfile.TemporaryFile() as file:
+        stdout = os.fdopen(os.dup(file.fileno()), "w", encoding="utf-8")
+        monkeypatch.setattr(sys, "stdout", stdout)
+        os.dup2(file.fileno(), 1)
+        try:
+            with pytest.raises(SystemExit) as caught:
+                cli.main()
+        finally:
+            os.dup2(before, 1)
+            os.close(before)
+            stdout.close()
+        assert caught.value.code == 0
+        file.seek(0)
+        return file.read().decode()
+
+
+@pytest.mark.parametrize("name", CALLS)
+@pytest.mark.usefixtures("no_simulation")
+def test_json_is_all_there_is(name: str, call: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    text = output(monkeypatch, [*words_of(name, call), "--json"])
+    document = json.loads(text)
+    assert document
+
+
+@pytest.mark.parametrize("name", [name for name in CALLS if name not in ("strategies", "doctor")])
+@pytest.mark.usefixtures("no_simulation")
+def test_quiet_prints_paths_of_what_was_written(
+    name: str, call: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lines = output(monkeypatch, [*words_of(name, call), "--quiet"]).splitlines()
+    assert lines
+    for line in lines:
+        assert Path(line).exists(), line
+
+
+def test_no_color_is_respected_on_a_terminal() -> None:
+    """One console as it is, then one with NO_COLOR, in a terminal that would show colours."""
+    code = (
+        "import os\n"
+        "from harness.report.console import make_console\n"
+        "make_console().print('[red]words[/red]')\n"
+        "os.environ['NO_COLOR'] = '1'\n"
+        "make_console().print('[red]more[/red]')\n"
+    )
+    script = f"import pty, sys; sys.exit(pty.spawn([sys.executable, '-c', {code!r}]) != 0)"
+    environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
+    shown = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env={**environment, "TERM": "xterm-256color"},
+        stdin=subprocess.DEVNULL,
+        check=True,
+    )
+    assert shown.stdout.split() == ["\x1b[31mwords\x1b[0m", "more"]
