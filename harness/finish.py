@@ -41,8 +41,7 @@ def finish(folder: RunFolder, batch: Batch) -> Run:
     tables: dict[str, list[dict[str, Any]]] = {"summary": [], "measures": [], "conflicts": []}
     counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
     cells = []
-    for cell in batch.study.cells:
-        episodes = folder.episodes_of(cell.number)
+    for cell, (_, episodes) in zip(batch.study.cells, folder.episodes_by_cell(), strict=True):
         found = _result_of(batch, cell, episodes)
         cells.append(found)
         which = {"cell": cell.number, **cell.varied}

@@ -11,9 +11,10 @@ import io
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -27,6 +28,7 @@ from harness.results import SCHEMA, TABLES, pair_rows, table_of
 from harness.shards import (
     SHARDS,
     DamagedShardError,
+    Shard,
     encode_shard,
     read_shard,
     shard_name,
@@ -128,9 +130,12 @@ class RunFolder:
 
     def episodes_of(self, cell: int) -> pa.Table:
         """The ``episodes`` rows of a cell so far, by pair."""
-        own = (shard.path for shard in shards_of(self.path) if shard.cell == cell)
-        parts = [read_shard(path)["episodes"] for path in own]
-        return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
+        return _episodes(shard for shard in shards_of(self.path) if shard.cell == cell)
+
+    def episodes_by_cell(self) -> Iterator[tuple[int, pa.Table]]:
+        """Number and ``episodes`` rows of every cell, in order; the folder is searched once."""
+        for cell, own in groupby(shards_of(self.path), key=lambda shard: shard.cell):
+            yield cell, _episodes(own)
 
     def finish_tables(self, traces: bool) -> None:
         """Turn the shards into the run's tables."""
@@ -139,8 +144,8 @@ class RunFolder:
         for name in names:
             parts = (read_shard(shard.path)[name] for shard in shards)
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
-        cells = sorted({shard.cell for shard in shards})
-        pairs = (table_of("pairs", pair_rows(cell, self.episodes_of(cell))) for cell in cells)
+        by_cell = self.episodes_by_cell()
+        pairs = (table_of("pairs", pair_rows(cell, episodes)) for cell, episodes in by_cell)
         write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
 
     def drop_shards(self) -> None:
@@ -154,6 +159,11 @@ class RunFolder:
         except OSError as error:
             raise _cannot_write(folder, error) from None
         return folder
+
+
+def _episodes(shards: Iterable[Shard]) -> pa.Table:
+    parts = [read_shard(shard.path)["episodes"] for shard in shards]
+    return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
 
 
 def claim_folder(out: Path | None, name: str) -> Path:
