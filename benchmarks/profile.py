@@ -21,6 +21,8 @@ from rich.table import Table
 
 from benchmarks.engine import bare
 
+RATE_HZ = 200
+
 PARTS = {
     "simulationStep": r"simulationStep \(libsumo",
     "persons held by moveToXY": r"moveToXY \(libsumo",
@@ -37,11 +39,20 @@ PARTS = {
     "strategy objects": r"make_strategy \(",
     "the loop of the episode": r"\(harness/(episode|walkers|walking)",
     "rows of the tables": r"\(harness/results",
-    "waiting for the next task": r"_recv \(multiprocessing/connection",
+    "waiting": r"_recv \(multiprocessing/connection",
     "imports": r"importlib",
     "supervision in the worker": r"\(harness/(worker|pairing)|serve \(",
 }
-"""Each part and how a frame of it looks; of two on one stack the innermost counts."""
+"""Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
+
+COMMAND = {
+    "intervals": r"\(harness/comparison/",
+    "tables, summary, manifest": r"\(harness/(finish|summaries|measure_tables|manifest|results)",
+    "shards": r"\(harness/(shards|run_folder)",
+    "waiting": r"(_recv \(multiprocessing|_keep_busy \(|wait \(threading|_read \()",
+    "imports": r"importlib",
+}
+"""The same of the command itself."""
 
 
 def record(scenario: str, pairs: int, workers: int, folder: Path) -> list[tuple[str, int]]:
@@ -50,7 +61,7 @@ def record(scenario: str, pairs: int, workers: int, folder: Path) -> list[tuple[
     spy = [str(Path(sys.executable).with_name("py-spy")), "record", "--subprocesses"]
     run = [sys.executable, "-m", "harness", "run", scenario, "--pairs", str(pairs), "-q"]
     run += ["--workers", str(workers), "--out", str(folder / "run")]
-    command = [*spy, "--rate", "200", "--format", "raw", "--output", str(raw), "--", *run]
+    command = [*spy, "--rate", str(RATE_HZ), "--format", "raw", "--output", str(raw), "--", *run]
     subprocess.run(command, check=True, capture_output=True)
     found = []
     for line in raw.read_text(encoding="utf-8").splitlines():
@@ -60,13 +71,22 @@ def record(scenario: str, pairs: int, workers: int, folder: Path) -> list[tuple[
     return found
 
 
-def part_of(stack: str) -> str:
+def part_of(stack: str, parts: dict[str, str]) -> str:
     """The innermost part on a stack."""
     for frame in reversed(stack.split(";")):
-        for part, pattern in PARTS.items():
+        for part, pattern in parts.items():
             if re.search(pattern, frame):
                 return part
     return "everything else"
+
+
+def shares_of(title: str, samples: Counter[str]) -> Table:
+    """Parts by their share; waiting is none."""
+    total = sum(samples.values())
+    table = Table("part", "share", title=title)
+    for part, number in samples.most_common():
+        table.add_row(part, f"{number / total:.1%}")
+    return table
 
 
 def main() -> None:
@@ -76,39 +96,32 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=2_000)
     parser.add_argument("--workers", type=int, default=2)
     options = parser.parse_args()
-    shares: Counter[str] = Counter()
-    command = 0
+    workers: Counter[str] = Counter()
+    command: Counter[str] = Counter()
     floors = [bare(100, 120).per_step_us]
-    with tempfile.TemporaryDirectory() as folder:
-        for stack, samples in record(
-            options.scenario, options.pairs, options.workers, Path(folder)
-        ):
-            if "_end_with_parent" in stack:
-                continue
-            if "serve (harness/worker" in stack:
-                shares[part_of(stack)] += samples
-            elif "-P -c" in stack:
-                shares["imports"] += samples
-            else:
-                command += samples
-        steps = sum(pq.read_table(Path(folder) / "run" / "episodes.parquet")["steps"].to_pylist())
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for stack, samples in record(options.scenario, options.pairs, options.workers, folder):
+            if "-P -c" not in stack:
+                command[part_of(stack, COMMAND)] += samples
+            elif "_end_with_parent" not in stack:
+                workers[part_of(stack, PARTS)] += samples
+        steps = sum(pq.read_table(folder / "run" / "episodes.parquet")["steps"].to_pylist())
     floors.append(bare(100, 120).per_step_us)
-    total = sum(shares.values())
-    table = Table(title=f"{options.scenario}, {options.pairs} pairs, {steps} steps")
-    for heading in ("in the workers", "share"):
-        table.add_column(heading)
-    for part, samples in shares.most_common():
-        table.add_row(part, f"{samples / total:.1%}")
+    for samples in (workers, command):
+        samples.pop("waiting", None)
     console = Console(width=100)
-    console.print(table)
-    console.print(
-        f"the command beside its workers: {command / (command + total):.1%} of all samples"
-    )
-    per_step_us = total / 200 / steps * 1e6
+    title = f"{options.scenario}, {options.pairs} pairs, {steps} steps: the workers"
+    console.print(shares_of(title, workers))
+    console.print(shares_of("the command", command))
+    worked = sum(workers.values())
+    own = sum(command.values()) - command["imports"]
+    per_step_us = (worked - workers["imports"]) / RATE_HZ / steps * 1e6
     floor = statistics.mean(floors)
     console.print(
-        f"{per_step_us:.1f} µs per step in the workers, of which bare libsumo takes {floor:.1f} "
-        f"({floor / per_step_us:.0%}); load {os.getloadavg()[0]:.1f}"
+        f"imports apart: the command has {own / (own + worked):.1%} of the samples; "
+        f"{per_step_us:.1f} µs per step in the workers, bare libsumo {floor:.1f} µs "
+        f"(load {os.getloadavg()[0]:.1f})"
     )
 
 
