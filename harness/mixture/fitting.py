@@ -62,8 +62,7 @@ def fit_mixture(
     matrices whose smallest eigenvalue, with all columns at unit spread, is under `scale_floor`
     are not allowed: rows that repeat would make a component singular.
 
-    The same seed gives the same numbers on one machine, one set of versions and one number of
-    BLAS threads; another number of threads may change the last digits of each step.
+    The same seed gives the same numbers on one machine and one set of versions.
 
     Args:
         data: (n, d) rows inside the box, d from 1 to 4; values on a bound are inside.
@@ -100,23 +99,42 @@ def fit_mixture(
         raise InputError(
             _WHERE, f"{rows.shape[0]} rows for {n_components} components", "at least one row each"
         )
-    centre, spread = _standards(rows, weights, labels)
-    rows = (rows - centre) / spread
-    problem = Problem(
-        rows, weights, (low - centre) / spread, (high - centre) / spread, mass_penalty, scale_floor
-    )
-    best: Climb | None = None
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    # Made by hand so that a SeedSequence can be used again with the same result.
+    # Imported here: episodes load this package too and fit nothing.
+    from threadpoolctl import threadpool_limits
+
+    # More threads would change the last digits of each step, and on matrices of this size they
+    # wait for each other: on a busy machine ten times as long as one takes.
+    with threadpool_limits(1, user_api="blas"):
+        centre, spread = _standards(rows, weights, labels)
+        rows = (rows - centre) / spread
+        bounds = (low - centre) / spread, (high - centre) / spread
+        problem = Problem(rows, weights, *bounds, mass_penalty, scale_floor)
+        best = _highest(problem, rows, n_components, root, n_init, tol, max_iter)
+    return _result(best, centre, spread, low, high, problem.total)
+
+
+def _highest(
+    problem: Problem,
+    rows: Array,
+    n_components: int,
+    root: np.random.SeedSequence,
+    n_init: int,
+    tol: float,
+    max_iter: int,
+) -> Climb:
+    """The start that ends highest."""
+    best: Climb | None = None
+    # Children made by hand, so that a SeedSequence can be used again with the same result.
     for i in range(n_init):
         child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
-        first = start(rows, weights, n_components, np.random.default_rng(child))
+        first = start(rows, problem.weights, n_components, np.random.default_rng(child))
         found = climb(problem, first, tol, max_iter)
         if found is not None and (best is None or found.best.objective > best.best.objective):
             best = found
     if best is None:
         raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
-    return _result(best, centre, spread, low, high, problem.total)
+    return best
 
 
 def _result(

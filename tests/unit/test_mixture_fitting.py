@@ -226,7 +226,7 @@ found = hashlib.sha256(rows.tobytes())
 for given in ([0, 1, 3], [0, 1]):
     drawn = box.conditional(2, given).sample(rows[:, given], np.random.default_rng(2))
     found.update(drawn.tobytes())
-fit = fit_mixture(rows, 3, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture
+fit = fit_mixture(rows, 10, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture
 for part in (fit.weights, fit.locations, fit.scale_matrices):
     found.update(part.tobytes())
 print(found.hexdigest())
