@@ -1,7 +1,5 @@
 """The tables that ``harness compare`` prints."""
 
-from collections.abc import Iterator
-
 from rich.table import Table
 
 from harness.compare import GroupResult, RunComparison, SweepResult
@@ -12,6 +10,9 @@ from harness.comparison import (
     Verdict,
 )
 from harness.report.console import make_console, number, plain, table_of_columns, with_range
+
+_NAMED = 4
+"""Cells named in a word about another; the JSON document has all."""
 
 
 def print_comparison(result: RunComparison) -> None:
@@ -64,8 +65,8 @@ def _difference_table(result: GroupResult) -> Table:
     for item in result.comparisons:
         few = item.indicative
         table.add_row(
-            _name(result, item.a),
-            _name(result, item.b),
+            str(result.cells[item.a].strategy.cell.number),
+            str(result.cells[item.b].strategy.cell.number),
             str(item.defined_in_both),
             with_range(item.mu_difference, 4) + ("*" if "mu_difference" in few else ""),
             with_range(item.delay_difference_s, 2) + ("*" if "delay_difference_s" in few else ""),
@@ -150,16 +151,15 @@ def _values(result: SweepResult, verdict: Verdict) -> str:
 
 
 def _words(standing: Standing, result: GroupResult) -> str:
-    def numbers(positions: tuple[int, ...]) -> Iterator[str]:
-        return (str(result.cells[position].strategy.cell.number) for position in positions)
-
     if standing.place is Place.DOMINATED:
-        return f"dominated by {', '.join(numbers(standing.dominated_by))}"
+        return f"dominated by {_numbers(standing.dominated_by, result)}"
     if standing.place is Place.UNDECIDED:
-        return f"undecided against {', '.join(numbers(standing.open_against))}"
+        return f"undecided against {_numbers(standing.open_against, result)}"
     return standing.place.value
 
 
-def _name(result: GroupResult, position: int) -> str:
-    strategy = result.cells[position].strategy
-    return f"{strategy.cell.number} {strategy.label}"
+def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
+    """Of these cells, the first few."""
+    shown = [str(result.cells[position].strategy.cell.number) for position in positions]
+    more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
+    return ", ".join(shown[:_NAMED]) + more
