@@ -1,6 +1,7 @@
 """What the tests of batches share: small studies, an executor without processes, the shell."""
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -101,7 +102,13 @@ def start(
         env={**os.environ, **(env or {})},
         cwd=cwd,
         start_new_session=True,
+        preexec_fn=_hear_interruptions,
     )
+
+
+def _hear_interruptions() -> None:
+    """A shell lets its background jobs ignore SIGINT, and so would all that these start."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def workers_of(pid: int) -> list[psutil.Process]:
