@@ -129,6 +129,27 @@ def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
     assert sorted([*done, *again]) == list(range(20))
 
 
+def test_tasks_get_smaller_towards_the_end(tmp_path: Path) -> None:
+    """Two workers then end within a small task of each other."""
+    sizes: list[int] = []
+
+    class Notes(Inline):
+        def submit(
+            self, function: Callable[[Argument], Result], argument: Argument
+        ) -> "Future[Result]":
+            assert isinstance(argument, Task)
+            sizes.append(argument.count)
+            return super().submit(function, argument)
+
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 120})
+    run(study, tmp_path / "run", Notes, workers=2, task_pairs=20)
+    # An eighth of what is left, at most 20 and at least 5: 120/8 = 15, 105/8 = 13, 92/8 = 11 …
+    assert sizes[:3] == [15, 13, 11]
+    assert sizes[-1] <= 5
+    assert sizes[:-1] == sorted(sizes[:-1], reverse=True)
+    assert sum(sizes) == 120
+
+
 def pairs_of(name: str) -> range:
     """The pairs in a task's name: cell-first-count."""
     _, first, count = (int(part) for part in name.split("-"))
