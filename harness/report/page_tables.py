@@ -15,6 +15,7 @@ from harness.report.words import (
     conflict_rows,
     is_the_papers,
     measure_rows,
+    per_cent,
 )
 from harness.run_data import CellResult, RunData
 
@@ -206,8 +207,8 @@ def _share(share: Interval | Proportion, star: str = "") -> Cell:
         return Cell("undefined", sort="")
     limits = ""
     if share.low is not None and share.high is not None:
-        limits = f"{100 * share.low:.1f} … {100 * share.high:.1f} %{star}"
-    return Cell(f"{100 * share.value:.1f} %", limits, _sort(share.value))
+        limits = f"{per_cent(share.low, 1)} … {per_cent(share.high, 1)} %{star}"
+    return Cell(f"{per_cent(share.value, 1)} %", limits, _sort(share.value))
 
 
 def _sort(value: float | None) -> str:

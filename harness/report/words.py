@@ -1,5 +1,6 @@
 """What is said about a result, on the page and on the terminal alike: rows and sentences."""
 
+import math
 from collections.abc import Sequence
 
 from harness.comparison import (
@@ -99,16 +100,26 @@ def conflict_name(rate: ConflictRate) -> str:
 
 def both_shares(av: Proportion, human: Proportion) -> tuple[str, str]:
     """Two shares, and their intervals, in per cent."""
-    values = [
-        "undefined" if share.value is None else f"{100 * share.value:.1f}" for share in (av, human)
-    ]
+    both = (av, human)
+    values = ["undefined" if of.value is None else per_cent(of.value, 1) for of in both]
     ranges = [
         "undefined"
-        if share.low is None or share.high is None
-        else f"{100 * share.low:.1f} … {100 * share.high:.1f}"
-        for share in (av, human)
+        if of.low is None or of.high is None
+        else f"{per_cent(of.low, 1)} … {per_cent(of.high, 1)}"
+        for of in both
     ]
     return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
+
+
+def per_cent(share: float, decimals: int) -> str:
+    """A share times 100 with so many decimals, or as many as show two digits of a small one.
+
+    A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
+    """
+    value = 100 * share
+    if value != 0 and abs(value) < 10.0 ** (1 - decimals):
+        decimals = max(decimals, 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{decimals}f}"
 
 
 def tau_lines(summary: Summary) -> list[str]:
@@ -116,11 +127,14 @@ def tau_lines(summary: Summary) -> list[str]:
     mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
     if mu.value is None:
         return ["τ is defined in no pair: neither μ nor c_v can be told."]
-    much = f"{100 * abs(1 - mu.value):.1f} % {'less' if mu.value < 1 else 'more'}"
-    said = f"The AV took {much} time than the human driver on average: μ = {mu.value:.4f}"
-    said += f" (95 % interval {_range(mu)}), c_v = {_percent(cv.value)} ({_range(cv, True)})"
-    words = indicative(n, "mu")
-    return [f"{said}; {words}." if words else f"{said}."]
+    much = f"{per_cent(abs(1 - mu.value), 1)} % {'less' if mu.value < 1 else 'more'}"
+    said = f"In the mean over the pairs the AV took {much} time than the human driver: "
+    said += f"μ = {mu.value:.4f} (95 % interval {_range(mu)}), "
+    said += f"c_v = {_percent(cv.value)} ({_range(cv, True)})"
+    words = [indicative(n, "mu")]
+    if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
+        words.append("the interval of μ holds 1: which is faster is not told")
+    return ["; ".join([said, *(word for word in words if word)]) + "."]
 
 
 def sweep_lines(summaries: Sequence[Summary]) -> list[str]:
@@ -145,8 +159,9 @@ def crash_lines(summary: Summary) -> list[str]:
         if kappa.trials and kappa.successes == 0:
             bound = zero_bound(kappa.trials)
             lines.append(
-                f"No crash of the {who} in {kappa.trials:,} episodes: κ below {bound:.1%} with "
-                f"{CONFIDENCE:.0%} confidence, one-sided ({kappa.high:.1%} two-sided)."
+                f"No crash of the {who} in {kappa.trials:,} episodes: κ below "
+                f"{per_cent(bound, 1)} % with {100 * CONFIDENCE:g} % confidence, one-sided "
+                f"({per_cent(kappa.high or 0.0, 1)} % two-sided)."
             )
         elif kappa.trials:
             lines.append(
@@ -181,12 +196,12 @@ def _seconds(value: float | None) -> str:
 
 
 def _percent(value: float | None) -> str:
-    return "undefined" if value is None else f"{100 * value:.2f} %"
+    return "undefined" if value is None else f"{per_cent(value, 2)} %"
 
 
 def _range(interval: Interval, percent: bool = False) -> str:
     if interval.low is None or interval.high is None:
         return "undefined"
     if percent:
-        return f"{100 * interval.low:.2f} … {100 * interval.high:.2f} %"
+        return f"{per_cent(interval.low, 2)} … {per_cent(interval.high, 2)} %"
     return f"{interval.low:.4f} … {interval.high:.4f}"

@@ -70,7 +70,7 @@ def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
     assert "soft_yield" in page.words
     assert f"μ = {summary.mu.value:.4f}" in page.words
     # 0 of 12: 1 − 0.05^(1/12) one-sided, 1 − 0.025^(1/12) two-sided.
-    assert "κ below 22.1% with 95% confidence, one-sided (26.5% two-sided)" in page.words
+    assert "κ below 22.1 % with 95 % confidence, one-sided (26.5 % two-sided)" in page.words
     assert "indicative: N too small" in page.words
     assert "0.7044" in page.words  # the paper's
     assert "defined in 12 of 12 pairs" in page.words

@@ -1,0 +1,82 @@
+"""Sentences and numbers about results."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from harness.comparison import Interval, PairColumns, proportion, summarise
+from harness.report.words import crash_lines, measure_rows, per_cent, tau_lines
+
+
+@pytest.mark.parametrize(
+    ("share", "decimals", "text"),
+    [
+        (0.05818, 1, "5.8"),
+        (0.5, 1, "50.0"),
+        (1.0, 1, "100.0"),
+        (0.0, 1, "0.0"),
+        (0.000307, 1, "0.031"),
+        (0.0099, 1, "0.99"),
+        (0.000378, 2, "0.038"),
+        (1.5e-7, 2, "0.000015"),
+        (0.0711, 2, "7.11"),
+    ],
+)
+def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) -> None:
+    assert per_cent(share, decimals) == text
+
+
+def columns(pairs: int) -> PairColumns:
+    """So many pairs in which nothing happened; τ is 0.8 or 0.9 in turn."""
+    no, none = np.zeros(pairs, dtype=bool), np.zeros(pairs)
+    av = np.where(np.arange(pairs) % 2, 8.0, 9.0)
+    return PairColumns(
+        time_s=(av, np.full(pairs, 10.0)),
+        delay_s=(av - 7.4, np.full(pairs, 2.6)),
+        stops=(none, none),
+        stopped_s=(none, none),
+        crashed=(no, no),
+        front=(no, no),
+        avoidable=(no, no),
+        timed_out=(no, no),
+        failed=(no, no),
+        av_fallback=no,
+        met=np.ones(pairs),
+    )
+
+
+@pytest.mark.parametrize(
+    ("pairs", "one_sided", "two_sided"),
+    # 1 − 0.05^(1/N) and 1 − 0.025^(1/N), in per cent.
+    [(50, "5.8 %", "7.1 %"), (10_000, "0.030 %", "0.037 %")],
+)
+def test_no_crash_never_reads_as_no_risk(pairs: int, one_sided: str, two_sided: str) -> None:
+    summary = summarise(columns(pairs), 60.0, np.random.default_rng(1))
+    line, _ = crash_lines(summary)
+    assert f"κ below {one_sided} with 95 % confidence, one-sided ({two_sided} two-sided)" in line
+    rows = {name: interval for name, _, interval, _, _ in measure_rows(summary)}
+    upper = rows["κ   crash rate, AV"].split(" … ")[1]
+    assert float(upper.removesuffix(" %")) > 0
+
+
+def test_crashes_are_counted_with_their_interval() -> None:
+    summary = summarise(columns(50), 60.0, np.random.default_rng(1))
+    summary = replace(summary, kappa=proportion(3, 50))
+    # Clopper–Pearson for 3 of 50: 1.25 % to 16.55 % (binom.test in R).
+    assert crash_lines(summary)[0] == (
+        "The AV crashed in 3 of 50 episodes: κ = 6.00 % (1.25 … 16.55 %)."
+    )
+
+
+def test_what_mu_tells() -> None:
+    summary = summarise(columns(50), 60.0, np.random.default_rng(1))
+    (line,) = tau_lines(summary)
+    assert "the AV took 15.0 % less time than the human driver: μ = 0.8500" in line
+    assert "indicative: N too small" in line
+    assert "not told" not in line
+    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)))
+    assert "2.0 % more" in line
+    assert "the interval of μ holds 1: which is faster is not told" in line
+    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)))
+    assert line == "τ is defined in no pair: neither μ nor c_v can be told."
