@@ -84,7 +84,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
         "tau-distribution",
         "Distribution of τ",
         f"Histogram of τ with μ and its 95 % interval; {counted}, "
-        f"{int(fallback.sum())} with a fallback of the AV.",
+        f"{int(fallback.sum()):,} with a fallback of the AV.",
         figure,
     )
 

@@ -271,4 +271,5 @@ def _small(episode: dict[str, Any]) -> str:
     smallest = episode["arms"][0]["advantage"] if episode["arms"] else None
     if smallest is not None:
         said.append(f"T_adv {smallest:.2f} s")
-    return ", ".join(said)
+    # Broken between the parts alone.
+    return ", ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in said)

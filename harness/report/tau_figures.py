@@ -20,8 +20,13 @@ PERCENT = f"{100 * CONFIDENCE:g} %"
 _MOST_POINTS = 400
 _MOST_DOTS = 1_000
 _FIRST_BAND = 5
+_SETTLED = 30
 _BINS = (20, 40)
 """At least and at most."""
+
+_SHOWN_SHARE = 0.995
+_FAR = 1.5
+_SPIKE = 4
 
 
 def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
@@ -65,6 +70,16 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     if reference is not None:
         axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
     axes.set_xlim(0, max(total, 1) * 1.01)
+    if total > _MOST_DOTS:
+        # The first few means, of few pairs, would set the scale for all.
+        low, high = (mean + sign * half for sign in (-1, 1))
+        ends = [
+            low[_SETTLED:].min(),
+            high[_SETTLED:].max(),
+            *([] if reference is None else [reference]),
+        ]
+        room = 0.08 * (max(ends) - min(ends))
+        axes.set_ylim(min(ends) - room, max(ends) + room)
     finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
     legend_below(axes)
 
@@ -109,23 +124,22 @@ def draw_tau_distribution(
     fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
     values, fell = tau[defined], fell[defined]
     if len(values):
-        few, many = _BINS
-        bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
-        edges = np.histogram_bin_edges(values, bins=bins)
-        kept, _ = np.histogram(values[~fell], edges)
-        dropped, _ = np.histogram(values[fell], edges)
-        widths = np.diff(edges)
-        label = "without fallback" if fell.any() else None
+        edges, beyond = _edges(values)
+        inside = np.minimum(values, edges[-1])
+        kept, dropped = (np.histogram(inside[which], edges)[0] for which in (~fell, fell))
+        widths, seen = np.diff(edges), dropped > 0
         axes.bar(
             edges[:-1], kept, widths, align="edge", color=AV.colour, alpha=0.55, ec=INK, lw=0.5,
-            label=label,
+            label="without fallback" if fell.any() else None,
         )  # fmt: skip
         if fell.any():
-            seen = dropped > 0
             axes.bar(
                 edges[:-1][seen], dropped[seen], widths[seen], bottom=kept[seen], align="edge",
                 fc="none", ec=VERMILLION, lw=0.8, hatch="////", label="the AV fell back",
             )  # fmt: skip
+        _cut_spike(axes, edges, kept + dropped)
+        if beyond:
+            axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
     if mu is not None:
         value, low, high = mu
         axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
@@ -134,3 +148,36 @@ def draw_tau_distribution(
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
     legend_below(axes)
+
+
+def _edges(values: FloatArray) -> tuple[FloatArray, int]:
+    """Edges of the bars, and how many values lie beyond and are counted in the last one.
+
+    A few very large τ do not make all others one bar: the axis ends at the 99.5 % quantile, if
+    the largest is much farther off.
+    """
+    few, many = _BINS
+    bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
+    low, high = float(values.min()), float(np.quantile(values, _SHOWN_SHARE))
+    if values.max() - low <= _FAR * (high - low) or high == low:
+        high = float(values.max())
+    edges = np.histogram_bin_edges(values, bins, (low, high) if high > low else None)
+    return edges, int(np.count_nonzero(values > edges[-1]))
+
+
+def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
+    """Cut a bar many times the next one (nobody met: τ = 1), and write its height."""
+    highest, second = np.sort(counts)[::-1][:2]
+    if second == 0 or highest <= _SPIKE * second:
+        return
+    top = 1.6 * float(second)
+    axes.set_ylim(0, top)
+    place = int(np.argmax(counts))
+    axes.annotate(
+        f"↑ {int(highest):,} pairs",
+        ((edges[place] + edges[place + 1]) / 2, top),
+        xytext=(6, -4),
+        textcoords="offset points",
+        va="top",
+        fontsize=9,
+    )

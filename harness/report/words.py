@@ -175,10 +175,10 @@ def count_lines(summary: Summary) -> list[str]:
     """How many pairs and episodes say nothing, or something else."""
     out, nobody = summary.timed_out / summary.pairs, summary.met_nobody / summary.pairs
     return [
-        f"τ = AV time / human time is defined in {summary.defined_pairs} of {summary.pairs} pairs; "
-        f"timed out: {summary.timed_out} ({out:.1%}); failed in the engine: {summary.failed}; "
-        f"met nobody: {summary.met_nobody} ({nobody:.1%}).",
-        f"The AV fell back to Hard-Yield in {summary.fallbacks} of {summary.pairs} episodes.",
+        f"τ = AV time / human time is defined in {summary.defined_pairs:,} of {summary.pairs:,} "
+        f"pairs; timed out: {summary.timed_out:,} ({out:.1%}); failed in the engine: "
+        f"{summary.failed:,}; met nobody: {summary.met_nobody:,} ({nobody:.1%}).",
+        f"The AV fell back to Hard-Yield in {summary.fallbacks:,} of {summary.pairs:,} episodes.",
     ]
 
 

@@ -112,6 +112,26 @@ def test_distribution_of_strange_values(axes: Axes, tau: np.ndarray) -> None:
     assert len(bars) <= 40
 
 
+def test_a_few_large_values_are_counted_in_the_last_bar(axes: Axes) -> None:
+    tau = np.concatenate((np.random.default_rng(1).uniform(0.6, 1.0, 998), [5.0, 9.0]))
+    tau_figures.draw_tau_distribution(axes, tau)
+    bars = [bar for bars in axes.containers for bar in bars]
+    assert sum(bar.get_height() for bar in bars) == 1_000
+    assert max(bar.get_x() + bar.get_width() for bar in bars) < 1.1
+    assert f"last bar: {np.count_nonzero(tau > np.quantile(tau, 0.995))} pairs up to τ = 9" in (
+        labels(axes)
+    )
+
+
+def test_a_spike_is_cut_and_its_height_written(axes: Axes) -> None:
+    tau = np.concatenate((np.ones(7_000), np.linspace(0.5, 1.5, 800)))
+    tau_figures.draw_tau_distribution(axes, tau)
+    bars = [bar for bars in axes.containers for bar in bars]
+    highest = max(bar.get_height() for bar in bars)
+    assert axes.get_ylim()[1] < highest
+    assert f"↑ {int(highest):,} pairs" in [text.get_text() for text in axes.texts]
+
+
 # --- episodes ------------------------------------------------------------------------------------
 
 

@@ -67,7 +67,9 @@ def test_what_the_wheel_holds(wheel: Path) -> None:
     shipped = {p.relative_to(CHECKOUT).as_posix() for p in (CHECKOUT / "harness").rglob("*.json")}
     assert shipped
     assert shipped <= held
-    pages = {f"harness/report/templates/{name}" for name in ("report.html", "report.css")}
+    templates = CHECKOUT / "harness" / "report" / "templates"
+    pages = {path.relative_to(CHECKOUT).as_posix() for path in templates.iterdir()}
+    assert len(pages) >= 4
     assert pages | {"harness/py.typed"} <= held
     assert any(name.endswith("/LICENSE") for name in held)
     assert not any(name.startswith(("tests/", "docs/", "benchmarks/")) for name in held)
