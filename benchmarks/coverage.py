@@ -22,6 +22,7 @@ from harness.comparison import (
     summarise,
     swept_value,
 )
+from harness.encounter import FloatArray
 from harness.engine.plain import PlainEngine
 from harness.interaction import load_model
 from harness.pairing import PairRunner
@@ -33,6 +34,9 @@ SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""
 
 LEVEL = 0.05
+
+Named = tuple[str, Interval]
+"""An interval with the name it is printed under."""
 
 
 def population(scenario_name: str, pairs: range, av: str | None = None) -> pa.Table:
@@ -68,20 +72,39 @@ def drawn(columns: PairColumns, chosen: np.ndarray) -> PairColumns:
     return PairColumns(**picked)
 
 
-def intervals(
-    av: PairColumns, other: PairColumns, timeout_s: float, rng: np.random.Generator
-) -> Iterator[tuple[str, Interval]]:
-    """Everything that is printed with an interval, by name."""
+def of_a_cell(
+    av: PairColumns, _other: PairColumns, timeout_s: float, rng: np.random.Generator
+) -> Iterator[Named]:
+    """Everything that a summary gives an interval."""
     summary = summarise(av, timeout_s, rng)
     for field in fields(summary):
         value = getattr(summary, field.name)
         if isinstance(value, Interval):
             yield field.name, value
-    tau, other_tau = (columns.time_s[0] / columns.time_s[1] for columns in (av, other))
-    yield "mu_difference", paired_difference(tau, other_tau, rng)
+
+
+def of_differences(
+    av: PairColumns, other: PairColumns, _timeout_s: float, rng: np.random.Generator
+) -> Iterator[Named]:
+    """What a comparison of two cells gives an interval."""
+    yield "mu_difference", paired_difference(_tau(av), _tau(other), rng)
     yield "delay_difference_s", paired_difference(av.delay_s[0], other.delay_s[0], rng)
-    bound = swept_value(tau, av.crashed[0], ~av.failed[0], rng, SWEPT, LEVEL).mu
+
+
+def of_a_sweep(
+    av: PairColumns, _other: PairColumns, _timeout_s: float, rng: np.random.Generator
+) -> Iterator[Named]:
+    """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
+    bound = swept_value(_tau(av), av.crashed[0], ~av.failed[0], rng, SWEPT, LEVEL).mu
     yield "mu_bound", Interval(bound.value, None if bound.high is None else -np.inf, bound.high)
+
+
+INTERVALS = {"cell": of_a_cell, "differences": of_differences, "sweep": of_a_sweep}
+
+
+def _tau(pairs: PairColumns) -> FloatArray:
+    tau: FloatArray = pairs.time_s[0] / pairs.time_s[1]
+    return tau
 
 
 def holds(interval: Interval, truth: float) -> bool:
@@ -101,6 +124,7 @@ def main() -> None:
     parser.add_argument("--population", type=int, default=20_000)
     parser.add_argument("--pairs", type=int, nargs="+", default=[50, 200, 1_000])
     parser.add_argument("--experiments", type=int, nargs="+", default=[1_000, 1_000, 400])
+    parser.add_argument("--what", nargs="+", choices=INTERVALS, default=list(INTERVALS))
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
     timeout_s = load_scenario(options.scenario).experiment.timeout_s
@@ -109,7 +133,12 @@ def main() -> None:
         for strategy in (None, options.other)
     )
     rng = np.random.default_rng(20171)
-    truth = {name: found.value for name, found in intervals(av, other, timeout_s, rng)}
+
+    def intervals(*columns: PairColumns) -> list[Named]:
+        kinds = (INTERVALS[kind](*columns, timeout_s, rng) for kind in options.what)
+        return [named for kind in kinds for named in kind]
+
+    truth = {name: found.value for name, found in intervals(av, other)}
     print(f"{options.scenario}, {options.population} pairs, differences to {options.other}")
     print(
         "  truth: " + ", ".join(f"{name} {value:.5g}" for name, value in truth.items()), flush=True
@@ -118,8 +147,7 @@ def main() -> None:
         hits = dict.fromkeys(truth, 0)
         for _ in range(experiments):
             chosen = rng.integers(0, options.population, n)
-            found = intervals(drawn(av, chosen), drawn(other, chosen), timeout_s, rng)
-            for name, interval in found:
+            for name, interval in intervals(drawn(av, chosen), drawn(other, chosen)):
                 hits[name] += holds(interval, truth[name])
         shares = ", ".join(f"{name} {hit / experiments:.1%}" for name, hit in hits.items())
         print(f"  N = {n}, {experiments} experiments: {shares}", flush=True)

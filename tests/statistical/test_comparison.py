@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.coverage import drawn, holds, intervals, population
+from benchmarks.coverage import INTERVALS, drawn, holds, population
 from harness.comparison import (
     INDICATIVE_BELOW,
     INDICATIVE_COMPARED_BELOW,
+    Interval,
     PairColumns,
     holm,
     mcnemar,
@@ -108,15 +109,19 @@ def test_intervals_hold_where_they_are_not_called_indicative(scenario: str) -> N
     columns = simulated(scenario)
     timeout_s = load_scenario(scenario).experiment.timeout_s
     rng = np.random.default_rng(13)
-    truth = {name: found.value for name, found in intervals(*columns, timeout_s, rng)}
+
+    def intervals(*columns: PairColumns) -> list[tuple[str, Interval]]:
+        kinds = (kind(*columns, timeout_s, rng) for kind in INTERVALS.values())
+        return [named for kind in kinds for named in kind]
+
+    truth = {name: found.value for name, found in intervals(*columns)}
     limits = {**INDICATIVE_BELOW, **INDICATIVE_COMPARED_BELOW}
     trials = 150
     for n in sorted(set(limits.values())):
         hits = dict.fromkeys(truth, 0)
         for _ in range(trials):
             chosen = rng.integers(0, 6_000, n)
-            found = intervals(*(drawn(part, chosen) for part in columns), timeout_s, rng)
-            for name, interval in found:
+            for name, interval in intervals(*(drawn(part, chosen) for part in columns)):
                 hits[name] += holds(interval, truth[name])
         least = stats.binom.ppf(0.001, trials, 0.935)
         for name, hit in hits.items():
