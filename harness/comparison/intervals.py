@@ -16,10 +16,10 @@ CONFIDENCE = 0.95
 RESAMPLES = 4_999
 """Bootstrap resamples; fewer above 2,000 pairs, see ``_resamples``."""
 
-INDICATIVE_BELOW = {"mu": 4_000, "cv": 4_000, "delay_s": 1_000, "delay_human_s": 1_000}
+INDICATIVE_BELOW = {"mu": 1_000, "cv": 4_000, "delay_s": 200, "delay_human_s": 50}
 """Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
 
-INDICATIVE_COMPARED_BELOW = {"mu_difference": 4_000, "delay_difference_s": 4_000, "mu_bound": 4_000}
+INDICATIVE_COMPARED_BELOW = {"mu_difference": 2_000, "delay_difference_s": 1_000, "mu_bound": 2_000}
 """The same for paired differences, and for the upper bound of μ in a sweep of a parameter."""
 
 _DRAWS_IN_MEMORY = 2_000_000
