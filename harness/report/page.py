@@ -199,7 +199,8 @@ def _failures(run: RunData) -> dict[str, Any] | None:
         for _, row in failed.head(_MOST_FAILURES).iterrows()
     ]
     more = f", the first {_MOST_FAILURES} here" if len(failed) > _MOST_FAILURES else ""
-    words = f"{len(failed):,} episodes failed in the engine or in a strategy{more}:"
+    episodes = "1 episode" if len(failed) == 1 else f"{len(failed):,} episodes"
+    words = f"{episodes} failed in the engine or in a strategy{more}:"
     return {"words": words, "lines": lines}
 
 

@@ -79,27 +79,3 @@ def draw_walking_speeds(
     axes.margins(x=0)
     finish(axes, "walking speed v_p (m/s)", "probability density (s/m)", f"n = {len(speeds_mps):,}")
     legend_below(axes)
-
-
-def draw_end_counts(axes: Axes, counts: Mapping[str, Mapping[str, int]]) -> None:
-    """How the episodes of each arm ended, as bars.
-
-    Args:
-        axes: drawn into.
-        counts: number of episodes by ending, by arm, AV first.
-    """
-    endings = list(next(iter(counts.values())))
-    for index, ((name, of), look) in enumerate(zip(counts.items(), (AV, HUMAN), strict=False)):
-        at = np.arange(len(endings)) + (index - 0.5) * 0.38
-        bars = axes.barh(
-            at, [of[ending] for ending in endings], 0.36, color=look.colour, alpha=0.55, ec=INK,
-            lw=0.5, hatch=look.hatch, label=name,
-        )  # fmt: skip
-        axes.bar_label(bars, fmt="{:,.0f}", padding=3, fontsize=9, color=INK)
-    axes.set_yticks(range(len(endings)), [ending.replace("_", " ") for ending in endings])
-    axes.invert_yaxis()
-    axes.margins(x=0.1)
-    total = sum(next(iter(counts.values())).values())
-    finish(axes, "episodes", "", f"n = {total:,} per arm")
-    axes.grid(axis="y", visible=False)
-    legend_below(axes)

@@ -41,18 +41,17 @@ class Look:
     colour: str
     dash: Any
     marker: str
-    hatch: str
 
 
-AV = Look(BLUE, "-", "o", "////")
-HUMAN = Look(VERMILLION, "--", "s", "....")
+AV = Look(BLUE, "-", "o")
+HUMAN = Look(VERMILLION, "--", "s")
 SERIES = (
     AV,
     HUMAN,
-    Look(GREEN, "-.", "^", "\\\\\\\\"),
-    Look(PURPLE, ":", "D", "xxxx"),
-    Look(INK, (0, (7, 2)), "v", "++++"),
-    Look(ORANGE, (0, (5, 1, 1, 1, 1, 1)), "P", "----"),
+    Look(GREEN, "-.", "^"),
+    Look(PURPLE, ":", "D"),
+    Look(INK, (0, (7, 2)), "v"),
+    Look(ORANGE, (0, (5, 1, 1, 1, 1, 1)), "P"),
 )
 """Looks of lines side by side, in order; more than these cannot be told apart."""
 

@@ -100,7 +100,7 @@ def hostile(single: Path, runs: Path) -> Path:
     document["versions"]["harness"] = f"1</script>{HOSTILE}"
     path.write_text(json.dumps(document))
     table = pq.read_table(folder / "episodes.parquet")
-    names = pa.array([f"</script>{HOSTILE}"] * table.num_rows)
-    place = table.column_names.index("strategy")
-    pq.write_table(table.set_column(place, "strategy", names), folder / "episodes.parquet")
+    rows = [{**row, "strategy": f"</script>{HOSTILE}"} for row in table.to_pylist()]
+    rows[-1] |= {"ending": "engine_failed", "reason": f"TypeError: {HOSTILE}"}
+    pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), folder / "episodes.parquet")
     return folder

@@ -163,6 +163,7 @@ def test_long_episodes_are_thinned_and_a_full_page_stops(
     assert numbers == set(range(len(document["episodes"])))
 
 
+@pytest.mark.usefixtures("no_pictures")
 def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     run = harness.load_run(swept)
     found = Page(write_report(run, tmp_path / "sweep.html").page)
@@ -203,6 +204,8 @@ def test_a_record_that_differs_is_named(swept: Path, tmp_path: Path) -> None:
 def test_names_from_files_stay_text(hostile: Path) -> None:
     found = Page(write_report(harness.load_run(hostile)).page)
     assert HOSTILE in found.words
+    assert "1 episode failed in the engine or in a strategy" in found.words
+    assert f"cell 0 pair 11 human: TypeError: {HOSTILE}" in found.words
     scripts = [attributes for tag, attributes in found.elements if tag == "script"]
     assert len(scripts) == 3
     assert not [tag for tag, _ in found.elements if tag in ("img", "b")]
@@ -235,20 +238,24 @@ def run_command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
 
 
 def test_report_writes_page_and_figures(
-    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    single: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     pictures_of = page_module.pictures_of
     monkeypatch.setattr(page_module, "pictures_of", lambda *given: islice(pictures_of(*given), 1))
     out, figures = tmp_path / "page.html", tmp_path / "figures"
     assert (
-        run_command(monkeypatch, "report", swept, "--out", out, "--figures", figures, "--json") == 0
+        run_command(monkeypatch, "report", single, "--out", out, "--figures", figures, "--json")
+        == 0
     )
     document = json.loads(capsys.readouterr().out)
     assert document["page"] == str(out)
     assert sorted(document["figures"]) == sorted(str(path) for path in figures.iterdir())
-    assert {path.name for path in figures.iterdir()} == {"sweep-mu.pdf", "sweep-mu.png"}
-    assert (figures / "sweep-mu.pdf").read_bytes().startswith(b"%PDF")
-    assert (figures / "sweep-mu.png").read_bytes().startswith(b"\x89PNG")
+    assert {path.name for path in figures.iterdir()} == {"tau-mean.pdf", "tau-mean.png"}
+    assert (figures / "tau-mean.pdf").read_bytes().startswith(b"%PDF")
+    assert (figures / "tau-mean.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.usefixtures("no_pictures")
