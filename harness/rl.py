@@ -16,13 +16,13 @@ import numpy as np
 from gymnasium.envs.registration import register
 from numpy.typing import NDArray
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation
+from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode import Episode, Steps
 from harness.errors import EngineError, InputError
 from harness.interaction import load_model
-from harness.measures import EpisodeRecord, measure
+from harness.measures import EpisodeRecord, has_contact, measure
 from harness.pairing import PairRunner
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.strategies.vector import observation_vector
@@ -66,7 +66,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     last step that of the ego alone.  *Action*: the wanted acceleration in m/s², shape (1,), within
     the vehicle's limits.  *Reward*: ``reward`` of the ``Transition``.  ``terminated`` on crossing
     or contact (found inside the step, as in the harness), ``truncated`` on time-out.  The last
-    step's info holds the episode's ``record``.
+    step's info holds the ``ending``; ``record`` has the measures of that episode.
 
     ``reset(seed=s)`` begins at pair 0 of seed s; each further ``reset`` takes the next pair, or
     the one named in ``options={"pair": 17}``.  Without a seed it is the scenario's.
@@ -119,7 +119,8 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._reach_m = (-ahead, vehicle.length_m + ahead)
         half = vehicle.width_m / 2 + touch
         self._swept_m = (crossing.lane_centre_m - half, crossing.lane_centre_m + half)
-        self._places: dict[int, float] = {}
+        self._places: list[tuple[int, float]] = []
+        self._finished: Trace | None = None
         self.observation_space = gymnasium.spaces.Box(*_bounds(scenario, nearest), dtype=np.float32)
         self.action_space = gymnasium.spaces.Box(
             -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2, (1,), np.float32
@@ -144,7 +145,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._claim()
         self._episode = self._runner.begin(pair)
         self._steps = self._episode.steps()
-        self._seen, self._places = next(self._steps), {}
+        self._seen, self._places = next(self._steps), []
         return observation_vector(self._seen, self._nearest), {"pair": pair}
 
     def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
@@ -164,7 +165,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             vector = observation_vector(self._last_state(before), self._nearest)
         else:
             vector, self._seen = observation_vector(after, self._nearest), after
-        info = {"record": self._conclude(ending or Ending.TIMED_OUT)} if final else {}
+        info: dict[str, Any] = {}
+        if final:
+            self._conclude(ending or Ending.TIMED_OUT)
+            info["ending"] = (Ending.CRASHED if crashed else ending or Ending.TIMED_OUT).value
         reward = self._reward(Transition(before, wanted, after, crossed, crashed))
         return vector, float(reward), crossed or crashed, final and not (crossed or crashed), info
 
@@ -197,25 +201,34 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Whether the last step had a contact; measured only where one is possible."""
         episode = self._episode
         assert episode is not None
-        before, self._places = self._places, dict(episode.places)
-        low, high = self._swept_m
+        before, self._places = self._places, episode.places
         if episode.x_m[-1] < self._reach_m[0] or episode.x_m[-2] > self._reach_m[1]:
             return False
-        length = episode.rules.crossing.length_m
-        for index, y in self._places.items():
-            came_from = before.get(index, 0.0 if y < length / 2 else length)
-            if min(came_from, y) <= high and max(came_from, y) >= low:
-                record = measure([episode.trace(Ending.TIMED_OUT)])[0]
-                return record.ending is Ending.CRASHED
+        low, high = self._swept_m
+        length, came_from = episode.rules.crossing.length_m, dict(before)
+        for index, y in self._places:
+            start = came_from.get(index, 0.0 if y < length / 2 else length)
+            if min(start, y) <= high and max(start, y) >= low:
+                return has_contact(episode.trace(Ending.TIMED_OUT))
         return False
 
-    def _conclude(self, ending: Ending) -> EpisodeRecord:
-        """Clear the road and measure the episode."""
+    @property
+    def record(self) -> EpisodeRecord:
+        """The measures of the episode that ended last, worked out when asked for.
+
+        Raises:
+            EngineError: none has ended yet.
+        """
+        if self._finished is None:
+            raise EngineError("no episode has ended yet")
+        return measure([self._finished])[0]
+
+    def _conclude(self, ending: Ending) -> None:
+        """Clear the road and keep the trace."""
         episode = self._episode
         assert episode is not None
-        collided = episode.engine.end()
+        self._finished = episode.trace(ending, sumo_collision=episode.engine.end())
         self._episode = self._steps = None
-        return measure([episode.trace(ending, sumo_collision=collided)])[0]
 
     def _break_off(self) -> None:
         if self._episode is not None:

@@ -6,7 +6,15 @@ no difference.  The measures: ``table.MEASURES`` and docs/measures.md.
 """
 
 from harness.measures.ego import crossing_time
-from harness.measures.record import EpisodeRecord, Outcome, measure
+from harness.measures.record import EpisodeRecord, Outcome, has_contact, measure
 from harness.measures.table import MEASURES, Measure
 
-__all__ = ["MEASURES", "EpisodeRecord", "Measure", "Outcome", "crossing_time", "measure"]
+__all__ = [
+    "MEASURES",
+    "EpisodeRecord",
+    "Measure",
+    "Outcome",
+    "crossing_time",
+    "has_contact",
+    "measure",
+]

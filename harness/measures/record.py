@@ -6,6 +6,9 @@ from typing import Any
 
 from harness.encounter import Arm, Contact, Ending, Trace
 from harness.measures.chunk import Chunk, chunk_of
+from harness.measures.contacts import strikes_of
+from harness.measures.ego import ego_states
+from harness.measures.rows import legs_of, rows_of
 from harness.measures.table import COLUMNS, MEASURES, Measure
 
 Value = float | int | bool | None
@@ -50,6 +53,12 @@ class Outcome:
     strategy: str
     record: EpisodeRecord
     trace: Trace
+
+
+def has_contact(trace: Trace) -> bool:
+    """Whether the ego touches a pedestrian anywhere in a trace; ``measure`` says when and where."""
+    legs, ego = legs_of([trace]), ego_states([trace])
+    return strikes_of([trace], rows_of(legs, ego, trace.step_s))[0] is not None
 
 
 def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:

@@ -53,7 +53,9 @@ def drive(env, policy, **reset):
         vector, reward, terminated, truncated, info = env.step(action)
         total, steps = total + reward, steps + 1
         if terminated or truncated:
-            return info["record"], total, steps, (terminated, truncated)
+            record = env.unwrapped.record
+            assert info == {"ending": record.ending}
+            return record, total, steps, (terminated, truncated)
 
 
 def in_the_harness(settings, strategy, pairs):
@@ -158,6 +160,8 @@ def test_misuse_is_refused_in_words():
         environment({"pedestrians.flow_per_hours": 1})
     with pytest.raises(InputError, match="pair"):
         environment().reset(options={"pair": -1})
+    with pytest.raises(EngineError, match="no episode has ended"):
+        _ = environment().unwrapped.record
     with pytest.raises(EngineError, match="reset first"):
         environment().unwrapped.step(np.zeros(1, dtype=np.float32))
 
