@@ -62,6 +62,8 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
         raise InputError(f"--out {page}", "is a folder", "a file to write")
     if run.pairs.empty:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
+    # Whatever is damaged is found before anything is written.
+    context = _context(run)
     shown, chosen, no_player = _shown(run)
     model, no_model = _model(run)
     written: list[Path] = []
@@ -72,7 +74,7 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
             if figures is not None:
                 style.caption(picture.figure, picture.caption)
                 written += save(picture.figure, figures, picture.name)
-    context = _context(run) | {
+    context |= {
         "player": _player(run, chosen, shown) if shown else None,
         "no_player": no_player,
         "pictures": drawn,
@@ -87,6 +89,8 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
 
 def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int]]], str]:
     chosen = choose_pairs(run)
+    if run.kept_traces:
+        return shown_pairs(run, chosen), chosen, ""
     try:
         return shown_pairs(run, chosen), chosen, ""
     except HarnessError as error:

@@ -298,6 +298,38 @@ def test_refusals_are_one_line(
     assert sorted(single.iterdir()) == before
 
 
+TABLES = ("cells", "episodes", "pairs", "pedestrians", "traces")
+PARTS = [f"{name}.parquet" for name in TABLES] + ["summary.csv", "manifest.json"]
+
+
+@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("what", ["missing", "cut", "other"])
+def test_a_partial_or_damaged_folder_is_one_line_and_nothing_is_written(
+    single: Path,
+    tmp_path: Path,
+    part: str,
+    what: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = tmp_path / "run"
+    shutil.copytree(single, folder)
+    content = (folder / part).read_bytes()
+    spoilt = {"missing": None, "cut": content[: len(content) // 2], "other": b"<html></html>"}[what]
+    (folder / part).unlink()
+    if spoilt is not None:
+        (folder / part).write_bytes(spoilt)
+    before = sorted(folder.iterdir())
+    code = run_command(monkeypatch, "report", folder, "--figures", tmp_path / "figures")
+    printed = capsys.readouterr()
+    assert code == 2
+    assert len(printed.err.splitlines()) == 1
+    assert str(folder) in printed.err
+    assert printed.out == ""
+    assert sorted(folder.iterdir()) == before
+    assert not (tmp_path / "figures").exists()
+
+
 def test_a_run_without_a_finished_pair_is_refused(
     unfinished: Path,
     tmp_path: Path,
