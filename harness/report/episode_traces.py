@@ -51,6 +51,9 @@ class ShownPair:
 def choose_pairs(run: RunData) -> dict[str, list[Key]]:
     """The pairs worth watching, by reason: (cell, pair), the most striking first.
 
+    Cells share their pedestrians: by time advantage and pass time each pair counts once, in the
+    cell where it is most striking.
+
     A reason without a pair is left out; the last one, ``other pairs``, completes a run of few.
     """
     episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
@@ -58,16 +61,16 @@ def choose_pairs(run: RunData) -> dict[str, list[Key]]:
     tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
     found = {
         "worst time advantage": _keys(
-            av.dropna(subset="min_time_advantage_s").sort_values(
-                "min_time_advantage_s", kind="stable"
-            )
+            av.dropna(subset="min_time_advantage_s")
+            .sort_values("min_time_advantage_s", kind="stable")
+            .drop_duplicates("pair")
         ),
         "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
         "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
         "slowest AV": _keys(
-            av.dropna(subset="pass_time_s").sort_values(
-                "pass_time_s", ascending=False, kind="stable"
-            )
+            av.dropna(subset="pass_time_s")
+            .sort_values("pass_time_s", ascending=False, kind="stable")
+            .drop_duplicates("pair")
         ),
         "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
         "fallback": _keys(av[av["fallback"]]),

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ from harness.report.words import (
 from harness.results import versions
 from harness.run_data import RunData
 from harness.run_folder import write_file
+from harness.strategy_groups import strategy_groups
 
 PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -140,7 +142,7 @@ def _context(run: RunData) -> dict[str, Any]:
         "tiles": [] if one is None else tiles(one),
         "verdicts": _verdicts(run),
         "tables": result_tables(run),
-        "remarks": [PAPER_REMARK] if paper else [],
+        "remarks": [*([PAPER_REMARK] if paper else []), *_comparable(run)],
         "failures": _failures(run),
         "facts": list(_facts(run)),
         "scenario": list(_flat(scenario.model_dump())),
@@ -192,6 +194,14 @@ def _verdicts(run: RunData) -> list[str]:
         return []
     summary = run.results[0].summary
     return [*tau_lines(summary), *crash_lines(summary), *count_lines(summary)]
+
+
+def _comparable(run: RunData) -> list[str]:
+    """Where the differences between strategies are to be found."""
+    if not run.finished or all(len(group.cells) == 1 for group in strategy_groups(run.study)):
+        return []
+    command = f"harness compare {shlex.quote(str(run.path))}"
+    return [f"Differences between strategies, pair by pair and with tests: {command}"]
 
 
 def _failures(run: RunData) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Ending, FloatArray
+from harness.report.console import plain
 from harness.report.episode_figures import time_advantage
 from harness.report.episode_traces import Key, ShownPair
 from harness.run_data import RunData
@@ -81,7 +82,9 @@ def _episode(run: RunData, pair: ShownPair) -> dict[str, Any]:
         "cell": pair.cell,
         "pair": pair.pair,
         "title": where,
-        "varied": ", ".join(f"{key} = {value}" for key, value in varied.items()),
+        "varied": ", ".join(
+            f"{key} = {plain(value)}" for key, value in varied.items() if value is not None
+        ),
         "tau": None if tau is None else round(tau, 4),
         "note": " ".join([pair.note or "", *pair.differences]).strip(),
         "arms": [

@@ -111,7 +111,9 @@ def draw_aggressiveness(
         )
     label: str | None = "allowed"
     for begin, end in _stretches(x, allowed):
-        axes.axvspan(begin, end, fc=GREEN, alpha=0.16, hatch="//", ec=GREEN, lw=0, label=label)
+        axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
+        # Apart: in SVG a pattern takes the opacity of its ground.
+        axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
         label = None
     if len(x) <= _MOST_TICKS:
         axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in x]))

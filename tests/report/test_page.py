@@ -17,6 +17,7 @@ import pytest
 import harness
 import harness.report.page as page_module
 from harness.cli import app as cli
+from harness.report.episode_traces import choose_pairs
 from harness.report.page import write_report
 from harness.report.player_data import player_document
 from tests.report.conftest import HOSTILE
@@ -169,6 +170,7 @@ def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     found = Page(write_report(run, tmp_path / "sweep.html").page)
     assert "simulated again for this page" in found.words
     assert "All records are identical to the stored ones" in found.words
+    assert f"harness compare {swept}" in found.words
     rows = re.findall(
         r"<tr>(.*?)</tr>", found.source.split('id="cells"')[1].split("</table>")[0], re.S
     )
@@ -348,3 +350,24 @@ def test_the_notebook_of_the_docs_runs(single: Path) -> None:
     (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     code = "import matplotlib\nmatplotlib.use('Agg')\n" + block.replace("runs/cctc-1", str(single))
     exec(compile(code, "docs/report.md", "exec"), {})
+
+
+def test_what_is_worth_watching(swept: Path) -> None:
+    run = harness.load_run(swept)
+    chosen = choose_pairs(run)
+    episodes = run.episodes
+    av = episodes[episodes["arm"] == "av"].set_index(["cell", "pair"])
+    # Cells share their pedestrians: each pair counts once, where it is worst.
+    smallest = av["min_time_advantage_s"].groupby("pair").min().dropna().sort_values()[:5]
+    worst = chosen["worst time advantage"]
+    assert [pair for _, pair in worst] == list(smallest.index)
+    assert [av["min_time_advantage_s"][key] for key in worst] == list(smallest)
+    crashed = [key for key, ending in av["ending"].items() if ending == "crashed"]
+    assert chosen["crash of the AV"] == crashed[:5]
+    tau = run.pairs.dropna(subset="tau")
+    assert [cell for cell, _ in chosen["median τ"]] == sorted(set(tau["cell"]))
+    for cell, pair in chosen["median τ"]:
+        own = tau[tau["cell"] == cell]
+        value = own.set_index("pair")["tau"][pair]
+        assert (own["tau"] < value).sum() <= len(own) / 2 <= (own["tau"] <= value).sum() + 0.5
+    assert tau["tau"].min() == tau.set_index(["cell", "pair"])["tau"][chosen["lowest τ"][0]]
