@@ -116,7 +116,7 @@ def test_intervals_hold_where_they_are_not_called_indicative(scenario: str) -> N
 
     truth = {name: found.value for name, found in intervals(*columns)}
     limits = {**INDICATIVE_BELOW, **INDICATIVE_COMPARED_BELOW}
-    trials = 150
+    trials = 100
     for n in sorted(set(limits.values())):
         hits = dict.fromkeys(truth, 0)
         for _ in range(trials):
