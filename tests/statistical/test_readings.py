@@ -229,7 +229,7 @@ def test_curve_in_a_narrower_box_of_inverse_time(own):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["dut", "dut-k10"])
-def test_curve_is_right_to_a_ten_thousandth_on_all_rows(name):
+def test_curve_is_right_to_a_ten_thousandth_near_and_three_far_away(name):
     model = load_model(name)
     rows = Drawn(model, ROWS, seed=11)
     found = curve_cdf(model, rows, ROWS)
@@ -238,7 +238,7 @@ def test_curve_is_right_to_a_ten_thousandth_on_all_rows(name):
         error = np.abs(found[at : at + 500] - Curves(model, some, 500).cdf(400))
         # Much further from the vehicle's path than anybody in the data, 15 m, it is a little worse.
         assert error[some.lateral_m < 25.0].max() < 1e-4
-        assert error.max() < 1e-3
+        assert error.max() < 3e-4
 
 
 def test_curve_is_not_uniform_without_its_jacobian_and_sign(own):
