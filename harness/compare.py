@@ -274,7 +274,7 @@ def _compare_group(
     return GroupResult(
         group,
         level,
-        tuple(_cell(*both) for both in zip(group.cells, columns, strict=True)),
+        tuple(_cell(*both, confidence) for both in zip(group.cells, columns, strict=True)),
         tuple(comparisons),
         tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
     )
@@ -332,7 +332,7 @@ def _judge(
     return SweepResult(sweep, limits, allowed_interval(swept, limits, level))
 
 
-def _cell(strategy: StrategyCell, columns: _Columns) -> CellResult:
+def _cell(strategy: StrategyCell, columns: _Columns, confidence: float) -> CellResult:
     return CellResult(
         strategy=strategy,
         pairs=len(columns.tau),
@@ -340,7 +340,7 @@ def _cell(strategy: StrategyCell, columns: _Columns) -> CellResult:
         timed_out=columns.timed_out,
         mu=_mean(columns.tau),
         mu_timeout=_mean(columns.tau_timeout),
-        kappa=proportion(int(columns.crashed.sum()), int(columns.ran.sum())),
+        kappa=proportion(int(columns.crashed.sum()), int(columns.ran.sum()), confidence),
         delay_s=_mean(columns.delay_s),
     )
 

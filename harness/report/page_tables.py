@@ -13,6 +13,7 @@ from harness.report.words import (
     both_arms,
     conflict_name,
     conflict_rows,
+    indicative,
     is_the_papers,
     measure_rows,
     per_cent,
@@ -113,17 +114,17 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     rows = []
     for result in shown:
         summary = result.summary
-        star = " *" if summary.defined_pairs < INDICATIVE_BELOW["mu"] else ""
+        star = {key: " *" if indicative(summary.defined_pairs, key) else "" for key in _STARRED}
         rows.append(
             (
                 *_varied(run, result),
                 _count(summary.pairs),
-                _interval(summary.mu, 3, star),
-                _share(summary.cv, star),
+                _interval(summary.mu, 3, star["mu"]),
+                _share(summary.cv, star["cv"]),
                 _share(summary.kappa),
                 _share(summary.kappa_human),
-                _interval(summary.delay_s, 2),
-                _interval(summary.delay_human_s, 2),
+                _interval(summary.delay_s, 2, star["delay_s"]),
+                _interval(summary.delay_human_s, 2, star["delay_human_s"]),
                 *(_count(getattr(summary, name)) for name in _COUNTS.values()),
             )
         )
@@ -139,10 +140,12 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
         *_COUNTS,
     )
     caption = f"{_cells(run, shown)}, 95 % intervals under the values."
-    if any(result.summary.defined_pairs < INDICATIVE_BELOW["mu"] for result in shown):
+    if any(indicative(of.summary.defined_pairs, key) for of in shown for key in _STARRED):
         caption += " * indicative: N too small."
     return Table("cells", caption, headings, tuple(rows), sortable=True)
 
+
+_STARRED = tuple(INDICATIVE_BELOW)
 
 _COUNTS = {
     "defined": "defined_pairs",
@@ -222,8 +225,8 @@ def _three(value: float | None) -> str:
 
 def tiles(summary: Summary) -> list[dict[str, Any]]:
     """The few numbers a reader looks for first, with their intervals in words."""
-    few = summary.defined_pairs < INDICATIVE_BELOW["mu"]
-    note = ["indicative: N too small"] if few else []
+    n = summary.defined_pairs
+    notes = {key: [words] if (words := indicative(n, key)) else [] for key in ("mu", "cv")}
     kappa, human = summary.kappa, summary.kappa_human
     return [
         {
@@ -234,12 +237,12 @@ def tiles(summary: Summary) -> list[dict[str, Any]]:
         {
             "name": "μ, mean of τ",
             "value": number(summary.mu.value, 4),
-            "lines": [_limits(summary.mu, 4), *note],
+            "lines": [_limits(summary.mu, 4), *notes["mu"]],
         },
         {
             "name": "c_v, spread of τ",
             "value": _share(summary.cv).text,
-            "lines": [_share(summary.cv).small, *note],
+            "lines": [_share(summary.cv).small, *notes["cv"]],
         },
         {
             "name": "κ, crash rate of the AV",

@@ -132,6 +132,8 @@ def tau_lines(summary: Summary) -> list[str]:
     said += f"μ = {mu.value:.4f} (95 % interval {_range(mu)}), "
     said += f"c_v = {_percent(cv.value)} ({_range(cv, True)})"
     words = [indicative(n, "mu")]
+    if not words[0] and indicative(n, "cv"):
+        words = [f"c_v {indicative(n, 'cv')}"]
     if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
         words.append("the interval of μ holds 1: which is faster is not told")
     return ["; ".join([said, *(word for word in words if word)]) + "."]

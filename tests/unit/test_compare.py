@@ -187,6 +187,8 @@ def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     # Two looks: what each of them says holds with 1 − 0.05/2.
     assert result.confidence == pytest.approx(0.975)
     assert result.groups[0].level == pytest.approx(0.025)
+    # κ too; of 0 in n, Clopper–Pearson ends at 1 − (half the error)^(1/n).
+    assert first.kappa.high == pytest.approx(1 - 0.0125 ** (1 / 20))
 
 
 def margins(folder: Path, limits: dict[str, object], fates: Fates) -> Path:

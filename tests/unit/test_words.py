@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from harness.comparison import Interval, PairColumns, proportion, summarise
+from harness.report.page_tables import tiles
 from harness.report.words import crash_lines, measure_rows, per_cent, tau_lines
 
 
@@ -80,3 +81,21 @@ def test_what_mu_tells() -> None:
     assert "the interval of μ holds 1: which is faster is not told" in line
     (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)))
     assert line == "τ is defined in no pair: neither μ nor c_v can be told."
+
+
+# N from which docs/method.md calls the intervals of μ and of c_v no longer indicative.
+@pytest.mark.parametrize(
+    ("pairs", "of_mu", "of_cv"), [(999, True, True), (1_000, False, True), (4_000, False, False)]
+)
+def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of_cv: bool) -> None:
+    summary = summarise(columns(pairs), 60.0, np.random.default_rng(1))
+    said = {
+        tile["name"].split(",")[0]: "indicative: N too small" in tile["lines"]
+        for tile in tiles(summary)
+    }
+    assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
+    (line,) = tau_lines(summary)
+    assert ("; indicative: N too small" in line, "; c_v indicative" in line) == (
+        of_mu,
+        of_cv and not of_mu,
+    )
