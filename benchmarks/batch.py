@@ -21,10 +21,16 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from harness.experiment import run_study
-from harness.options import Options
-from harness.scenario import Setting, read_scenario_file
-from harness.study import Study, parse_variation, single_cell, study_of
+from harness.batch.experiment import run_study
+from harness.scenario import (
+    Options,
+    Setting,
+    Study,
+    parse_variation,
+    read_scenario_file,
+    single_cell,
+    study_of,
+)
 
 FLOWS = "pedestrians.flow_per_hour=50,100,250,500,1000"
 STRATEGIES = "arms.av=soft_yield,hard_yield"

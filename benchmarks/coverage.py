@@ -24,11 +24,11 @@ from harness.comparison import (
 )
 from harness.encounter import FloatArray
 from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
-from harness.pairing import PairRunner
-from harness.results import episode_rows, table_of
+from harness.results.summaries import pair_columns
+from harness.results.tables import episode_rows, table_of
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.summaries import pair_columns
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""

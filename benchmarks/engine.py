@@ -19,13 +19,12 @@ from harness.encounter import Arm, Trace
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
-from harness.pairing import PairRunner
-from harness.place import network_of
-from harness.plan import planned_arrivals
+from harness.network import network_of, read_site
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.site import read_site
 
 
 @dataclass

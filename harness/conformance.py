@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Ending, Observation, Side, Strategy, Trace
 from harness.engine.plain import PlainEngine
-from harness.episode import Rules, run_episode
+from harness.episode.arms import make_strategy
+from harness.episode.loop import Rules, run_episode
 from harness.errors import InputError, in_one_line
 from harness.interaction import InteractionModel
-from harness.pairing import make_strategy
 from harness.scenario import Scenario, validate
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import find_strategy

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.engine.plain import PlainEngine
+from harness.engine.process import close_engine, engine_for
 from harness.engine.protocol import Engine
-from harness.episode import Episode, Steps
+from harness.episode.loop import Episode, Steps
+from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
-from harness.pairing import PairRunner
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.strategies.vector import observation_vector
-from harness.worker import close_engine, engine_for
 
 Vector = NDArray[np.float32]
 

@@ -10,9 +10,16 @@ from pathlib import Path
 
 import psutil
 
-from harness.scenario import ScenarioFile, Setting, read_scenario_file
-from harness.study import Study, parse_variation, single_cell, study_of
-from harness.tasks import Argument, Result
+from harness.scenario import (
+    ScenarioFile,
+    Setting,
+    Study,
+    parse_variation,
+    read_scenario_file,
+    single_cell,
+    study_of,
+)
+from harness.workers.tasks import Argument, Result
 
 CHECKOUT = Path(__file__).parents[1]
 

@@ -7,7 +7,7 @@ import pytest
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.interaction import InteractionModel, load_model
-from harness.place import network_of
+from harness.network import network_of
 from harness.scenario import Scenario
 
 MakeEngine = Callable[[Scenario], Engine]

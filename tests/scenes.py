@@ -7,7 +7,7 @@ import numpy as np
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
-from harness.episode import Rules, run_episode
+from harness.episode.loop import Rules, run_episode
 from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 

@@ -22,8 +22,7 @@ def network(
 
     file = read_scenario_file(scenario, settings_of(settings))
     loaded = file.scenario()
-    from harness.network import build_network
-    from harness.place import geometry_of
+    from harness.network import build_network, geometry_of
 
     files = build_network(geometry_of(loaded), out, file.name)
     if as_json:
@@ -82,7 +81,7 @@ def doctor(
 ) -> None:
     """Check this installation: versions, SUMO, a network build, one episode."""
     from harness.report.listings import installation_checks
-    from harness.results import versions
+    from harness.results.tables import versions
 
     if as_json:
         _print_checks(list(installation_checks()), quiet, as_json, versions=versions())

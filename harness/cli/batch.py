@@ -45,8 +45,7 @@ def run(
     as_json: JsonOption = False,
 ) -> None:
     """Run one experiment: every pair once with the AV, once with the human driver."""
-    from harness.scenario import read_scenario_file
-    from harness.study import single_cell
+    from harness.scenario import read_scenario_file, single_cell
 
     if resume is not None:
         _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, sumo_outputs)
@@ -74,8 +73,7 @@ def sweep(
     as_json: JsonOption = False,
 ) -> None:
     """Run a grid of cells: over the pedestrian flow, several strategies, any key."""
-    from harness.scenario import read_scenario_file
-    from harness.study import parse_variation, study_of
+    from harness.scenario import parse_variation, read_scenario_file, study_of
 
     if resume is not None:
         _refuse_beside_resume(
@@ -115,7 +113,7 @@ class _How(NamedTuple):
 
 
 def _start(study: Any, out: Path | None, how: _How) -> None:
-    from harness.options import Options
+    from harness.scenario import Options
 
     if how.sumo_outputs not in (None, "all", "crashed"):
         raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
@@ -128,7 +126,7 @@ def _start(study: Any, out: Path | None, how: _How) -> None:
     )
     hidden = how.quiet or how.as_json
     with _executor(study, options, how.dask) as make_executor, termination():
-        from harness.experiment import run_study
+        from harness.batch.experiment import run_study
 
         with progress_bar("pairs", hidden) as advance:
             finished = run_study(
@@ -140,7 +138,7 @@ def _start(study: Any, out: Path | None, how: _How) -> None:
 def _resume(
     folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
 ) -> None:
-    from harness.experiment import resume
+    from harness.batch.experiment import resume
 
     _refuse_workers_beside_dask(workers, dask)
     with (
@@ -160,7 +158,7 @@ def _refuse_workers_beside_dask(workers: int | None, dask: str | None) -> None:
 @contextmanager
 def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
     """What runs a study's tasks; its workers import while this process still does."""
-    from harness.pool import LocalPool, workers_for
+    from harness.workers.pool import LocalPool, workers_for
 
     if dask is not None:
         with _cluster(dask) as make_executor:
@@ -178,11 +176,11 @@ def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
 def _cluster(dask: str | None) -> Iterator[Any]:
     """The Dask cluster, or local workers made when the number of missing pairs is known."""
     if dask is None:
-        from harness.pool import LocalPool
+        from harness.workers.pool import LocalPool
 
         yield LocalPool
         return
-    from harness.cluster import DaskCluster
+    from harness.workers.cluster import DaskCluster
 
     # A wrong address is refused before a run folder is made.
     cluster = DaskCluster(dask)
@@ -195,7 +193,7 @@ def _cluster(dask: str | None) -> Iterator[Any]:
 def _precision(text: str | None) -> Any:
     if text is None:
         return None
-    from harness.options import Precision
+    from harness.scenario import Precision
 
     measure, _, number = text.partition("=")
     try:

@@ -136,8 +136,8 @@ def fit(
     from harness import calibration
     from harness.calibration.calibrate import fold_count, job_count
     from harness.interaction import VARIABLES, write_model
-    from harness.pool import default_workers
     from harness.report.model_terminal import fit_document, print_fit
+    from harness.workers.pool import default_workers
 
     if choose not in calibration.CHOICES:
         raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
@@ -248,7 +248,7 @@ def _write_rows(path: Path, extraction: Any, command: str) -> None:
     import pyarrow.parquet as pq
 
     from harness.calibration.sample import EXTRACTION_KEY
-    from harness.run_folder import write_file
+    from harness.files import write_file
 
     table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
     about = {"command": command, "counts": extraction.counts.as_dict()}

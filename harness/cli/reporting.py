@@ -33,7 +33,7 @@ def report(
     if figures is not None and figures.exists() and not figures.is_dir():
         raise InputError(f"--figures {figures}", "is a file", "a folder")
     from harness.report.page import write_report
-    from harness.run_data import load_run
+    from harness.review.run_data import load_run
 
     run = load_run(run_folder)
     written = write_report(run, out, figures)

@@ -45,7 +45,7 @@ def replay(
     if gui:
         if out is not None:
             raise InputError("--out", "stands beside --gui", "--screenshots DIR")
-        from harness.watch import watch
+        from harness.repeat.watch import watch
 
         watched = watch(
             run_folder,
@@ -64,7 +64,7 @@ def replay(
             raise InputError(option, "goes with --gui", "--gui")
     if out is None:
         raise InputError("--out", "is missing", "a new folder for SUMO's files, or --gui")
-    from harness.replay import replay as run_again
+    from harness.repeat.replay import replay as run_again
 
     replayed = run_again(run_folder, pair, arms, cell, out)
     problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
@@ -100,7 +100,7 @@ def score(
     as_json: JsonOption = False,
 ) -> None:
     """Recompute measures and summary from kept traces, without simulating."""
-    from harness.scoring import score as recompute
+    from harness.review.scoring import score as recompute
 
     folder = str(recompute(run_folder, out))
     if as_json:
@@ -125,7 +125,7 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Compare the strategies of a sweep pair by pair; with limits, find the allowed values."""
-    from harness.compare import compare as compare_run
+    from harness.review.compare import compare as compare_run
 
     if out is not None:
         if out.exists():
@@ -135,8 +135,8 @@ def compare(
     with progress_bar("comparisons", hidden=quiet or as_json) as advance:
         result = compare_run(run_folder, mu0, kappa0, advance)
     if out is not None:
+        from harness.files import write_csv
         from harness.report.comparison_document import comparison_rows
-        from harness.run_folder import write_csv
 
         write_csv(out, comparison_rows(result))
     if as_json:
@@ -159,7 +159,7 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Write the tables of a run folder in another format, beside the originals."""
-    from harness.run_folder import export_csv
+    from harness.review.export import export_csv
 
     if not csv:
         raise InputError("export", "no format given", "--csv")

@@ -10,9 +10,10 @@ from tempfile import TemporaryDirectory
 import libsumo
 
 from harness.encounter import Crossing, Vehicle
-from harness.engine.control import SumoEngine, start_command, types_file
+from harness.engine.control import SumoEngine
+from harness.engine.starting import start_command, types_file
 from harness.errors import EngineError
-from harness.site import read_site
+from harness.network import read_site
 
 _running: list[SumoEngine] = []
 

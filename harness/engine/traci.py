@@ -15,11 +15,12 @@ import sumo
 import traci
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
-from harness.engine.control import SumoEngine, start_command, types_file
+from harness.engine.control import SumoEngine
 from harness.engine.protocol import Engine
+from harness.engine.starting import start_command, types_file
 from harness.engine.view import view_settings
 from harness.errors import EngineError
-from harness.site import read_site
+from harness.network import read_site
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)

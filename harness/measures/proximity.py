@@ -5,9 +5,9 @@ Over the states of the record: the beginning of each step, and the moment someon
 
 import numpy as np
 
-from harness.contact import gap
 from harness.encounter import FloatArray
 from harness.measures.chunk import Chunk
+from harness.motion.contact import gap
 
 
 def min_gap_m(chunk: Chunk) -> FloatArray:

@@ -7,18 +7,17 @@ import numpy as np
 import pandas as pd
 
 from harness.encounter import Arm, Ending, FloatArray, Side
+from harness.episode.arrivals import planned_arrivals
 from harness.interaction import InteractionModel
-from harness.place import network_of
-from harness.plan import planned_arrivals
+from harness.network import network_of, read_site
 from harness.report import episode_figures as episodes_drawn
 from harness.report import model_figures, safety_figures, site_figures, style, tau_figures
 from harness.report.episode_traces import ShownPair
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.report.words import PAPER, is_the_papers
-from harness.run_data import RunData
+from harness.review.run_data import RunData
 from harness.scenario import Scenario
-from harness.site import read_site
 
 ARRIVALS_S = 60.0
 _MOST_CONDITIONS = 300

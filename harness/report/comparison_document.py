@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from harness.compare import CellResult, Comparison, GroupResult, RunComparison, SweepResult
 from harness.comparison import Interval, Standing
+from harness.review.compare import CellResult, Comparison, GroupResult, RunComparison, SweepResult
 
 
 def comparison_document(result: RunComparison) -> dict[str, Any]:

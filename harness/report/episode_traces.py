@@ -8,13 +8,14 @@ import pandas as pd
 
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
-from harness.execution import run_tasks
-from harness.options import HANG_AFTER_S, hang_limit_s
-from harness.pool import LocalPool, default_workers
-from harness.results import table_of
-from harness.run_data import RunData
-from harness.stored import differences_of
-from harness.tasks import Task, TaskResult
+from harness.repeat.stored import differences_of
+from harness.results.tables import table_of
+from harness.review.run_data import RunData
+from harness.scenario import hang_limit_s
+from harness.scenario.options import HANG_AFTER_S
+from harness.workers.execution import run_tasks
+from harness.workers.pool import LocalPool, default_workers
+from harness.workers.tasks import Task, TaskResult
 
 ALL_BELOW = 50
 """A run of at most so many pairs is shown whole."""

@@ -52,10 +52,8 @@ def _check_network() -> None:
 
 
 def _check_episode() -> None:
-    from harness.experiment import run_study
-    from harness.options import Options
-    from harness.scenario import Setting, read_scenario_file
-    from harness.study import single_cell
+    from harness.batch.experiment import run_study
+    from harness.scenario import Options, Setting, read_scenario_file, single_cell
 
     study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
     with tempfile.TemporaryDirectory() as folder:

@@ -12,6 +12,7 @@ import jinja2
 from jinja2.utils import htmlsafe_json_dumps
 
 from harness.errors import HarnessError, InputError
+from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import style
 from harness.report.catalogue import pictures_of
@@ -29,10 +30,9 @@ from harness.report.words import (
     sweep_lines,
     tau_lines,
 )
-from harness.results import versions
-from harness.run_data import RunData
-from harness.run_folder import write_file
-from harness.strategy_groups import strategy_groups
+from harness.results.tables import versions
+from harness.review.run_data import RunData
+from harness.review.strategy_groups import strategy_groups
 
 PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"

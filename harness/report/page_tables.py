@@ -18,7 +18,7 @@ from harness.report.words import (
     measure_rows,
     per_cent,
 )
-from harness.run_data import CellResult, RunData
+from harness.review.run_data import CellResult, RunData
 
 MOST_ROWS = 2_000
 """Cells of a sweep in a table; the others are in the run folder's files."""

@@ -12,7 +12,7 @@ from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Ending, FloatArray
 from harness.report.console import plain
 from harness.report.episode_figures import time_advantage
 from harness.report.episode_traces import Key, ShownPair
-from harness.run_data import RunData
+from harness.review.run_data import RunData
 
 MOST_STATES = 1_500
 """States of one arm; longer episodes are thinned evenly, first and last kept."""

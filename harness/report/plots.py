@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from harness.calibration import Sample
 from harness.calibration.choice import RULE_SHARE, relative_gain
+from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
 from harness.report.style import INK
 from harness.report.trajectory_figures import draw_map, draw_passing_event
-from harness.run_folder import write_file
 from harness.trajectories import Clip
 
 _DPI = 150

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from harness.encounter import Crossing, Vehicle
+from harness.network import Site
 from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend_below
-from harness.site import Site
 
 _MARGIN_M = 3.0
 _STRIPE_M = 0.5

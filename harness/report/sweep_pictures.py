@@ -5,15 +5,20 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from harness import compare
 from harness.comparison import Limits, Verdict
 from harness.report import style
 from harness.report import sweep_figures as draw
 from harness.report.comparison_terminal import allowed_lines
 from harness.report.console import plain
 from harness.report.style import Picture
-from harness.run_data import RunData
-from harness.strategy_groups import ParameterSweep, StrategyGroup, parameter_sweeps, strategy_groups
+from harness.review import compare
+from harness.review.run_data import RunData
+from harness.review.strategy_groups import (
+    ParameterSweep,
+    StrategyGroup,
+    parameter_sweeps,
+    strategy_groups,
+)
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (

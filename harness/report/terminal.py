@@ -8,9 +8,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from harness.batch.finish import Run
 from harness.comparison import INDICATIVE_BELOW, Summary
-from harness.finish import Run
-from harness.measure_tables import ConflictRate, conflict_row
 from harness.report.console import make_console, plain, table_of_columns, with_range
 from harness.report.words import (
     PAPER,
@@ -26,8 +25,9 @@ from harness.report.words import (
     measure_rows,
     sweep_lines,
 )
+from harness.results.measure_tables import ConflictRate, conflict_row
+from harness.results.summaries import summary_row
 from harness.scenario import Scenario
-from harness.summaries import summary_row
 
 
 def print_run(run: Run) -> None:

@@ -12,8 +12,8 @@ from harness.comparison import (
     zero_bound,
 )
 from harness.encounter import Arm
-from harness.measure_tables import CONFLICTS, ConflictRate
 from harness.measures import MEASURES
+from harness.results.measure_tables import CONFLICTS, ConflictRate
 from harness.scenario import Scenario
 
 Row = tuple[str, str, str, str, str]

@@ -11,12 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import harness
-from harness.compare import compare
-from harness.experiment import Options, run_study
-from harness.run_folder import export_csv
-from harness.scoring import score
-from harness.stored import StoredCell
-from harness.worker import close_engine
+from harness.batch.experiment import Options, run_study
+from harness.engine.process import close_engine
+from harness.repeat.stored import StoredCell
+from harness.review.compare import compare
+from harness.review.export import export_csv
+from harness.review.scoring import score
 from tests.batches import QUICK, Inline, one_cell, sweep
 from tests.fuzz.hostile import NAMES, VALUES, accepted_or_refused_in_one_line, files_below
 

@@ -11,8 +11,13 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from harness.resources import shipped_directory
-from harness.scenario import parse_setting, read_scenario_file
-from harness.study import parse_variation, single_cell, study_of
+from harness.scenario import (
+    parse_setting,
+    parse_variation,
+    read_scenario_file,
+    single_cell,
+    study_of,
+)
 from tests.fuzz.hostile import NAMES, VALUES, accepted_or_refused_in_one_line, cut_and_flipped
 
 CCTC = (shipped_directory("scenarios") / "cctc.toml").read_bytes()

@@ -10,12 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from harness.batch.experiment import run_study
+from harness.engine.process import close_engine
 from harness.errors import InterruptedRunError
-from harness.experiment import run_study
-from harness.options import Options
-from harness.study import Study
-from harness.tasks import Argument, Result
-from harness.worker import close_engine
+from harness.scenario import Options, Study
+from harness.workers.tasks import Argument, Result
 from tests.batches import Inline, one_cell, sweep
 from tests.conftest import _close_all
 

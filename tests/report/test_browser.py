@@ -15,7 +15,7 @@ import pytest
 import harness
 import harness.report.page as page_module
 from harness.report.page import write_report
-from harness.run_data import RunData
+from harness.review.run_data import RunData
 from tests.report.conftest import HOSTILE
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")

@@ -14,7 +14,7 @@ from scipy import stats
 
 import harness
 from harness.encounter import Arrival, Side
-from harness.place import network_of
+from harness.network import network_of, read_site
 from harness.report import (
     episode_figures,
     safety_figures,
@@ -28,8 +28,7 @@ from harness.report.catalogue import pictures_of
 from harness.report.episode_traces import choose_pairs, shown_pairs
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
-from harness.run_data import RunData
-from harness.site import read_site
+from harness.review.run_data import RunData
 from tests.batches import sweep
 from tests.report.conftest import simulate
 

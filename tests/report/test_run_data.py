@@ -12,9 +12,9 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.errors import InputError
-from harness.measure_tables import conflict_row
-from harness.options import Options
-from harness.results import SCHEMA
+from harness.results.measure_tables import conflict_row
+from harness.results.tables import SCHEMA
+from harness.scenario import Options
 from tests.batches import one_cell
 from tests.report.conftest import simulate
 
@@ -88,7 +88,7 @@ def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Pa
 
 
 def test_an_unfinished_run_is_read_while_another_process_holds_it(unfinished: Path) -> None:
-    from harness.run_folder import RunFolder
+    from harness.results.run_folder import RunFolder
 
     folder = RunFolder(unfinished)
     try:
@@ -194,7 +194,7 @@ def test_a_table_of_an_earlier_version_is_refused(single: Path, tmp_path: Path) 
 
 def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> None:
     """Read back from ``summary.csv``, as the statistics had it when the run ended."""
-    from harness.summaries import summarise_cell
+    from harness.results.summaries import summarise_cell
 
     run = harness.load_run(swept)
     assert len(run.results) == 4

@@ -17,8 +17,8 @@ from harness.comparison import (
     paired_difference,
     proportion,
 )
+from harness.results.summaries import pair_columns
 from harness.scenario import load_scenario
-from harness.summaries import pair_columns
 
 
 def least_coverage(low: np.ndarray, high: np.ndarray, n: int) -> float:

@@ -5,7 +5,7 @@ import pytest
 
 from harness.encounter import Arm
 from harness.engine.plain import PlainEngine
-from harness.pairing import PairRunner
+from harness.episode.pairing import PairRunner
 from harness.scenario import Setting, load_scenario
 
 PAIRS = 2000

@@ -13,14 +13,13 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import population
-from harness import until as looking
+from harness.batch.batch import Batch
+from harness.batch.until import reach_precision
 from harness.comparison import Interval, intervals, summary
-from harness.manifest import Batch
-from harness.options import Options, Precision
-from harness.results import EPISODES
-from harness.study import Study
-from harness.summaries import pair_columns, summarise_cell
-from harness.until import confidence_of, looks, reach_precision
+from harness.results import summaries as looking
+from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
+from harness.results.tables import EPISODES
+from harness.scenario import Options, Precision, Study
 from tests.batches import one_cell
 
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy import integrate, stats
 
+from harness.episode.arrivals import planned_arrivals
 from harness.interaction import InteractionModel
 from harness.mixture import TruncatedGaussianMixture
-from harness.plan import planned_arrivals
 from harness.scenario import load_scenario
 
 R, V, VP, W = range(4)

@@ -15,15 +15,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from harness import until
+from harness.batch.experiment import Run, resume, run_study
+from harness.engine.process import close_engine
 from harness.errors import HarnessError, InputError, InterruptedRunError
-from harness.experiment import Run, resume, run_study
-from harness.options import Options, Precision
-from harness.pool import LocalPool
-from harness.run_folder import claim_folder, read_manifest
-from harness.study import Study
-from harness.tasks import Argument, Result, Task
-from harness.worker import close_engine
+from harness.results import summaries
+from harness.results.reading import read_manifest
+from harness.results.run_folder import claim_folder
+from harness.scenario import Options, Precision, Study
+from harness.workers.pool import LocalPool
+from harness.workers.tasks import Argument, Result, Task
 from tests.batches import FLOW, QUICK, Inline, content, one_cell, options_of, shell, sweep
 
 LAMBDA = "pedestrians.flow_per_hour"
@@ -263,7 +263,7 @@ def holder_of(folder: Path) -> "subprocess.Popen[str]":
     code = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from harness.run_folder import RunFolder\n"
+        "from harness.results.run_folder import RunFolder\n"
         "folder = RunFolder(Path(sys.argv[1]))\n"
         "print('held', flush=True)\n"
         "time.sleep(300)\n"
@@ -368,7 +368,7 @@ def test_a_damaged_shard_is_run_again(tmp_path: Path, damage: Any) -> None:
 def test_until_stops_at_the_look_that_is_narrow_enough(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(until, "FIRST_LOOK", 10)
+    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
     nobody = {LAMBDA: 0.0, "pedestrians.max_count": 0, "experiment.pairs": 100}
     study = one_cell("cctc", {**QUICK, **nobody})
     # No pedestrian and no yielding: kappa = 0 of n, half-width (1 − (α/2)^(1/n)) / 2 with
@@ -398,7 +398,7 @@ def test_a_file_system_that_refuses_is_one_error(
     def full(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("harness.run_folder.os.fsync", full)
+    monkeypatch.setattr("harness.files.os.fsync", full)
     with pytest.raises(HarnessError, match="No space left on device"):
         run(study, tmp_path / "run")
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import psutil
 import pytest
 
+from harness.batch.experiment import run_study
 from harness.errors import InputError
-from harness.experiment import run_study
-from harness.options import Options
+from harness.scenario import Options
 from tests.batches import (
     CHECKOUT,
     QUICK,
@@ -107,7 +107,7 @@ def cluster(launch: Launch, tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def whole(tmp_path: Path, no_simulation: None) -> dict[str, bytes]:  # noqa: ARG001
     """The same run in this process."""
-    from harness.worker import close_engine
+    from harness.engine.process import close_engine
 
     study = one_cell("cctc", CHANGES)
     run_study(study, Options(traces=True), out=tmp_path / "whole", make_executor=Inline)
@@ -127,7 +127,7 @@ def test_same_bytes_as_in_one_process(
 
 
 def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> None:
-    from harness.cluster import DaskCluster
+    from harness.workers.cluster import DaskCluster
 
     study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.initial_speed_mps=9,10,12")
     run_study(study, Options(workers=1), out=tmp_path / "here")
@@ -210,7 +210,7 @@ def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
 def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Path) -> None:
     from distributed import Client
 
-    from harness.cluster import DaskCluster
+    from harness.workers.cluster import DaskCluster
 
     def workers() -> dict[str, int]:
         with Client(cluster, set_as_default=False) as client:
@@ -234,7 +234,7 @@ def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Pa
 def test_workers_with_several_threads_are_refused(
     launch: Launch, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
 ) -> None:
-    from harness.cluster import DaskCluster
+    from harness.workers.cluster import DaskCluster
 
     _, address = scheduler(launch, tmp_path_factory.mktemp("threads"))
     with pytest.raises(InputError, match="no workers"):

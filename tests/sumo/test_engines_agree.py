@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel
 from harness.measures import MEASURES, EpisodeRecord, Outcome
-from harness.pairing import PairRunner
 from harness.scenario import Scenario, validate
 
 STRATEGIES = [

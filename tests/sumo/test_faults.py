@@ -15,12 +15,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
+from harness.batch.experiment import resume, run_study
 from harness.encounter import Arrival
 from harness.engine.plain import PlainEngine
+from harness.engine.process import close_engine
 from harness.errors import EngineError, HarnessError
-from harness.experiment import resume, run_study
-from harness.options import Options
-from harness.worker import close_engine
+from harness.scenario import Options
 from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
@@ -143,7 +143,7 @@ def test_summary_counts_the_failed_apart(batch: Path) -> None:
 
 
 def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
-    from harness.scoring import score
+    from harness.review.scoring import score
 
     score(batch / "faulty", batch / "scored")
     assert content(batch / "scored") == content(batch / "faulty")
@@ -174,7 +174,7 @@ class NoStart(PlainEngine):
 def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NoStart, "episodes", 0)
     monkeypatch.setattr(
-        "harness.worker.engine_for",
+        "harness.workers.worker.engine_for",
         lambda scenario: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})

@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness.experiment import run_study
-from harness.options import Options
-from harness.run_folder import read_manifest
+from harness.batch.experiment import run_study
+from harness.results.reading import read_manifest
+from harness.scenario import Options
 from tests.batches import (
     QUICK,
     Inline,
@@ -38,7 +38,7 @@ SECONDS = 120.0
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The uninterrupted run, in this process and without workers."""
-    from harness.worker import close_engine
+    from harness.engine.process import close_engine
     from tests.conftest import _close_all
 
     _close_all()

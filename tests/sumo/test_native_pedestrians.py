@@ -4,9 +4,9 @@ import pytest
 
 from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
-from harness.episode import run_episode
+from harness.episode.loop import run_episode
+from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.pairing import PairRunner
 from harness.scenario import Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import rules_of

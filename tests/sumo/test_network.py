@@ -17,15 +17,18 @@ import libsumo
 import pytest
 import sumolib
 
-from harness import network
 from harness.errors import EngineError, InputError
 from harness.network import (
     CrossingGeometry,
+    Site,
+    build,
     build_network,
     network_for,
     plain_sources,
+    read_site,
+    sources,
 )
-from harness.site import Site, offset_deg, read_site
+from harness.network.site import offset_deg
 
 SHIPPED = Path(__file__).parents[2] / "networks" / "cctc"
 CCTC = CrossingGeometry()
@@ -140,7 +143,7 @@ def test_road_and_walk_have_their_true_bearings(case: tuple[CrossingGeometry, Pa
     assert angle_between(bearing_deg(*walk), geometry.bearing_deg - 90) < 0.01
     assert angle_between(site.bearing_deg, geometry.bearing_deg) < 1e-5
     length = math.hypot(*ground_m(*road))
-    assert length == pytest.approx(network.APPROACH_M + network.EXIT_M, rel=1e-6)
+    assert length == pytest.approx(sources.APPROACH_M + sources.EXIT_M, rel=1e-6)
 
 
 def space_m(place: tuple[float, float]) -> tuple[float, float, float]:
@@ -174,11 +177,11 @@ def source_nodes(net: Path) -> dict[str, tuple[float, float]]:
 def asked_nodes(geometry: CrossingGeometry) -> dict[str, tuple[float, float]]:
     """East and north metres of every node by the geometry's own definition."""
     bearing = math.radians(geometry.bearing_deg)
-    reach = network.FOOTPATH_M + geometry.length_m / 2
+    reach = sources.FOOTPATH_M + geometry.length_m / 2
     east_north = {"crosswalk": (0.0, 0.0)}
     for node, turn, distance in (
-        ("start", math.pi, network.APPROACH_M),
-        ("end", 0.0, network.EXIT_M),
+        ("start", math.pi, sources.APPROACH_M),
+        ("end", 0.0, sources.EXIT_M),
         ("near", math.pi / 2, reach),
         ("far", -math.pi / 2, reach),
     ):
@@ -413,8 +416,8 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
 def test_netconvert_failure_is_one_line_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    edges = network._TEMPLATES["edg.xml"].replace('to="end"', 'to="nowhere"')
-    monkeypatch.setitem(network._TEMPLATES, "edg.xml", edges)
+    edges = sources._TEMPLATES["edg.xml"].replace('to="end"', 'to="nowhere"')
+    monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
     with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
         build_network(CCTC, tmp_path, "site")
     assert "\n" not in str(caught.value)
@@ -425,45 +428,45 @@ def test_a_network_unlike_its_geometry_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
-    edges = network._TEMPLATES["edg.xml"].replace(' spreadType="center"', "")
-    monkeypatch.setitem(network._TEMPLATES, "edg.xml", edges)
+    edges = sources._TEMPLATES["edg.xml"].replace(' spreadType="center"', "")
+    monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
     with pytest.raises(EngineError, match=r"differs in max_range_m"):
         build_network(CCTC, tmp_path, "site")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_shipped_geometry_needs_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
     assert network_for(CrossingGeometry(length_m=9), SHIPPED) == SHIPPED / "cctc.net.xml"
     assert not (tmp_path / "cache").exists()
 
 
 def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
     geometry = CrossingGeometry(bearing_deg=10.0)
     net = network_for(geometry, SHIPPED)
     assert net.is_relative_to(tmp_path)
     assert read_site(net).bearing_deg == pytest.approx(10.0, abs=1e-5)
     with monkeypatch.context() as patch:
-        patch.setattr(network, "build_network", lambda *_: pytest.fail("built twice"))
+        patch.setattr(build, "build_network", lambda *_: pytest.fail("built twice"))
         assert network_for(geometry, SHIPPED) == net
     assert network_for(CrossingGeometry(bearing_deg=11.0), SHIPPED) != net
-    monkeypatch.setattr(network, "_netconvert_version", lambda: "another")
+    monkeypatch.setattr(build, "_netconvert_version", lambda: "another")
     assert network_for(geometry, SHIPPED) != net
 
 
 def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(network.CACHE_VARIABLE, raising=False)
+    monkeypatch.delenv(build.CACHE_VARIABLE, raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", "/somewhere")
-    assert network._cache_dir() == Path("/somewhere/crosswalk-harness/networks")
+    assert build._cache_dir() == Path("/somewhere/crosswalk-harness/networks")
     monkeypatch.delenv("XDG_CACHE_HOME")
-    assert network._cache_dir() == Path.home() / ".cache/crosswalk-harness/networks"
+    assert build._cache_dir() == Path.home() / ".cache/crosswalk-harness/networks"
 
 
 def test_changed_shipped_sources_are_not_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
     shutil.copytree(SHIPPED, tmp_path / "cctc")
     assert network_for(CCTC, tmp_path / "cctc") == tmp_path / "cctc" / "cctc.net.xml"
     types = tmp_path / "cctc" / "cctc.typ.xml"
@@ -472,7 +475,7 @@ def test_changed_shipped_sources_are_not_taken(
 
 
 def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(network.CACHE_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
     geometry = CrossingGeometry(bearing_deg=77.0)
 
     def build_and_read(_: int) -> tuple[Path, Site]:

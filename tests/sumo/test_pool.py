@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from harness import pool as pools
+from harness.batch.experiment import run_study
 from harness.errors import HarnessError
-from harness.experiment import run_study
-from harness.options import Options
-from harness.pool import LocalPool
-from harness.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
+from harness.scenario import Options
+from harness.workers import pool as pools
+from harness.workers.pool import LocalPool
+from harness.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
 from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell
 
 
@@ -86,10 +86,10 @@ def test_what_a_strategy_prints_is_no_result(tmp_path: Path) -> None:
 
 
 SCRIPT = """
-from harness.experiment import run_study
-from harness.options import Options
+from harness.batch.experiment import run_study
+from harness.scenario.options import Options
 from harness.scenario import Setting, read_scenario_file
-from harness.study import single_cell
+from harness.scenario.study import single_cell
 
 print("main module")
 study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 2)]))

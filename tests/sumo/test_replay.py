@@ -14,13 +14,13 @@ import pyarrow.parquet as pq
 import pytest
 import sumo as sumo_package
 
+from harness.batch.experiment import resume, run_study
 from harness.encounter import Arm
+from harness.engine.process import close_engine
 from harness.errors import InputError, InterruptedRunError
-from harness.experiment import resume, run_study
-from harness.options import Options
-from harness.replay import SUMO_FILES, replay
-from harness.site import read_site
-from harness.worker import close_engine
+from harness.network import read_site
+from harness.repeat.replay import SUMO_FILES, replay
+from harness.scenario import Options
 from tests.batches import CHECKOUT, FLOW, QUICK, Inline, one_cell, options_of, shell, sweep
 from tests.faulty import NAME, struck
 
@@ -318,7 +318,7 @@ def test_outputs_that_were_interrupted_are_remembered(
     def nobody(*_: object) -> None:
         raise AssertionError("nothing is left to do")
 
-    monkeypatch.setattr("harness.sumo_outputs.LocalPool", nobody)
+    monkeypatch.setattr("harness.repeat.sumo_outputs.LocalPool", nobody)
     assert resume(tmp_path / "run").output_failures == ()
 
 

@@ -5,11 +5,11 @@ import pytest
 pytest.importorskip("gymnasium")
 
 from harness.encounter import Arm, Ending
+from harness.engine.process import close_engine, engine_for
+from harness.episode.pairing import PairRunner
 from harness.errors import EngineError
 from harness.interaction import load_model
-from harness.pairing import PairRunner
 from harness.scenario import Setting, load_scenario
-from harness.worker import close_engine, engine_for
 from tests.unit.test_rl import BUSY, drive, environment
 
 pytestmark = pytest.mark.usefixtures("no_simulation")

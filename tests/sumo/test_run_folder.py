@@ -14,9 +14,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.engine.sumo import libsumo_engine
-from harness.pairing import PairRunner
-from harness.place import network_of
-from harness.results import episode_rows, pedestrian_rows, trace_rows
+from harness.episode.pairing import PairRunner
+from harness.network import network_of
+from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
 
 FLOW = [

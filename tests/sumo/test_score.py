@@ -6,15 +6,15 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from harness import scoring, until
+from harness.batch.experiment import run_study
 from harness.encounter import Arm
+from harness.engine.process import close_engine
 from harness.errors import InputError
-from harness.experiment import run_study
-from harness.options import Options, Precision
-from harness.replay import replay
-from harness.scoring import score
-from harness.study import Study
-from harness.worker import close_engine
+from harness.repeat.replay import replay
+from harness.results import summaries
+from harness.review import scoring
+from harness.review.scoring import score
+from harness.scenario import Options, Precision, Study
 from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
 
 STUDIES = {
@@ -72,7 +72,7 @@ def test_a_changed_trace_changes_the_measures(tmp_path: Path) -> None:
 def test_a_run_that_stopped_early_is_scored_with_its_confidence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(until, "FIRST_LOOK", 10)
+    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 80})
     options = Options(traces=True, until=Precision("kappa", 0.3))
     run_study(study, options, out=tmp_path / "run", make_executor=Inline)

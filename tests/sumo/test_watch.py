@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from harness.batch.experiment import run_study
 from harness.encounter import Arm
+from harness.engine.process import close_engine
 from harness.errors import InputError
-from harness.experiment import run_study
-from harness.options import Options
-from harness.watch import watch
-from harness.worker import close_engine
+from harness.repeat.watch import watch
+from harness.scenario import Options
 from tests.batches import FLOW, HARNESS, Inline, one_cell
 
 needs_xvfb = pytest.mark.skipif(

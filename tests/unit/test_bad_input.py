@@ -13,12 +13,10 @@ from typing import Any
 
 import pytest
 
+from harness.batch.experiment import run_study
 from harness.cli import app as cli
-from harness.experiment import run_study
-from harness.options import Options
 from harness.resources import shipped_directory
-from harness.scenario import Setting, read_scenario_file
-from harness.study import parse_variation, study_of
+from harness.scenario import Options, Setting, parse_variation, read_scenario_file, study_of
 
 Refuse = Callable[..., str]
 

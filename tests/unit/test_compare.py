@@ -11,17 +11,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness import until
+from harness.batch.experiment import run_study
 from harness.cli import app
-from harness.compare import RunComparison, compare
 from harness.comparison import Place, SweepVerdict, Verdict
 from harness.encounter import Arm
 from harness.errors import InputError
-from harness.experiment import run_study
-from harness.options import Options, Precision
-from harness.results import EPISODES, PEDESTRIANS
-from harness.study import Study
-from harness.tasks import Task, TaskResult
+from harness.results import summaries
+from harness.results.tables import EPISODES, PEDESTRIANS
+from harness.review.compare import RunComparison, compare
+from harness.scenario import Options, Precision, Study
+from harness.workers.tasks import Task, TaskResult
 from tests.batches import one_cell, sweep
 
 HUMAN_S = 10.0
@@ -172,7 +171,7 @@ def test_a_comparison_does_not_depend_on_the_others(tmp_path: Path) -> None:
 
 def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # With --until a cell without spread ends at its first look, the other goes on.
-    monkeypatch.setattr(until, "FIRST_LOOK", 20)
+    monkeypatch.setattr(summaries, "FIRST_LOOK", 20)
     study = sweep("cctc", {"experiment.pairs": 40}, "arms.av=soft_yield,hard_yield")
 
     def uneven(task: Task, pair: int) -> Fate:

@@ -7,10 +7,10 @@ is 1.1 to 3.4 m from there.  It is at R = 30 âˆ’ 5 t until it brakes at 4.5 m/sÂ
 import numpy as np
 import pytest
 
-from harness.contact import time_to_collision
 from harness.encounter import EgoView, Observation, PedestrianView, Side
 from harness.errors import InputError
 from harness.measures import measure
+from harness.motion.contact import time_to_collision
 from harness.strategies.driving import half_path
 from harness.strategies.emergency_brake import EmergencyBrake, _time_to_collision
 from tests.scenes import play, scenario
@@ -114,7 +114,7 @@ def test_goes_on_when_he_stops_outside_its_path() -> None:
 
 
 def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
-    # harness.contact has the exact rounded rectangle, worked out in another way.
+    # harness.motion.contact has the exact rounded rectangle, worked out in another way.
     rng = np.random.default_rng(3)
     scene = scenario()
     vehicle, half = scene.vehicle(), half_path(scene.vehicle())

@@ -8,7 +8,7 @@ import pytest
 
 from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
-from harness.episode import run_episode
+from harness.episode.loop import run_episode
 from harness.errors import EngineError
 from harness.measures import measure
 from harness.strategies.constant_speed import ConstantSpeed

@@ -8,9 +8,9 @@ from scipy import stats
 
 from harness.encounter import Arrival, Observation, Side
 from harness.engine.plain import PlainEngine
-from harness.episode import run_episode
-from harness.pairing import PairRunner
-from harness.plan import critical_gap_s, planned_arrivals
+from harness.episode.arrivals import critical_gap_s, planned_arrivals
+from harness.episode.loop import run_episode
+from harness.episode.pairing import PairRunner
 from harness.scenario import GapAcceptanceSection, Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import rules_of

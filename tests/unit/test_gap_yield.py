@@ -214,7 +214,7 @@ def test_on_the_crosswalk_it_goes_on_before_someone_with_little_advantage() -> N
 ])  # fmt: skip
 def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
     from harness.engine.plain import PlainEngine
-    from harness.pairing import PairRunner
+    from harness.episode.pairing import PairRunner
 
     scene = scenario(
         **{

@@ -14,9 +14,10 @@ from harness.encounter import (
     Vehicle,
 )
 from harness.engine.plain import PlainEngine
+from harness.episode.arms import make_strategy
+from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import InteractionModel
-from harness.pairing import PairRunner, make_strategy
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import play, scenario
 from tests.statistical.test_walking_speeds import Joint, V

@@ -4,9 +4,9 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from harness.measure_tables import CONFLICTS, conflict_rates, conflict_row, measure_rows
 from harness.measures import MEASURES
-from harness.results import EPISODES
+from harness.results.measure_tables import CONFLICTS, conflict_rates, conflict_row, measure_rows
+from harness.results.tables import EPISODES
 from harness.scenario import ConflictsSection, Scenario
 
 # ending, min_ttc_s, pet_s, max_drac_mps2, avoidable

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import pytest
 
+from harness.batch.experiment import resume, run_study
 from harness.cli import app
 from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
+from harness.engine.process import close_engine
+from harness.episode.arms import check_arms
+from harness.episode.pairing import PairRunner
 from harness.errors import InputError
-from harness.experiment import resume, run_study
-from harness.options import Options
-from harness.pairing import PairRunner, check_arms
-from harness.scenario import Scenario, validate
+from harness.scenario import Options, Scenario, validate
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
-from harness.worker import close_engine
 from tests.batches import QUICK, Inline, one_cell
 
 MODULE = '''

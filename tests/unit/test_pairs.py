@@ -8,10 +8,10 @@ import pytest
 
 from harness.encounter import Arm, Side
 from harness.engine.plain import PlainEngine
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
-from harness.pairing import PairRunner
-from harness.plan import planned_arrivals
 from harness.scenario import Scenario, load_scenario, validate
 
 FLOW = {

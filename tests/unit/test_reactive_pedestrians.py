@@ -7,10 +7,10 @@ import pytest
 
 from harness.encounter import Arrival, Contact, Ending, Observation, Side, Walk
 from harness.engine.plain import PlainEngine
-from harness.episode import run_episode
+from harness.episode.loop import run_episode
+from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.pairing import PairRunner
-from harness.results import pedestrian_rows, trace_rows
+from harness.results.tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
 from tests.scenes import outcome_of, rules_of
 

@@ -21,9 +21,9 @@ from harness.encounter import (  # noqa: E402
     Side,
 )
 from harness.engine.plain import PlainEngine  # noqa: E402
+from harness.episode.pairing import PairRunner  # noqa: E402
 from harness.errors import EngineError, InputError  # noqa: E402
 from harness.interaction import load_model  # noqa: E402
-from harness.pairing import PairRunner  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402

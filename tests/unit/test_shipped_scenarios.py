@@ -2,10 +2,9 @@
 
 import pytest
 
-from harness.pairing import check_arms
+from harness.episode.arms import check_arms
 from harness.resources import shipped_directory
-from harness.scenario import read_scenario_file
-from harness.study import single_cell, study_of
+from harness.scenario import read_scenario_file, single_cell, study_of
 
 CELLS = {"cctc": 1, "cctc_flow": 1, "euro_ncap_vru": 27, "aggressiveness": 16, "strategies": 28}
 

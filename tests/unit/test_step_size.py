@@ -4,8 +4,8 @@ import pytest
 
 from harness.encounter import Side
 from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.pairing import PairRunner
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield

@@ -2,8 +2,8 @@
 
 import pytest
 
-from harness.strategy_groups import parameter_sweeps, strategy_groups
-from harness.study import Study
+from harness.review.strategy_groups import parameter_sweeps, strategy_groups
+from harness.scenario import Study
 from tests.batches import one_cell, scenario_file, sweep
 
 
@@ -68,7 +68,7 @@ def test_a_default_is_the_same_as_the_value_written_out() -> None:
     file = scenario_file("cctc", {})
     file.tree["strategies"] = {}
     assert file.sweep is None
-    from harness.study import study_of
+    from harness.scenario import study_of
 
     study = study_of(file, [("strategies.soft_yield.p1", [0.0169, 0.02])])
     plain = one_cell("cctc", {})
@@ -115,7 +115,7 @@ def test_words_are_no_sweep() -> None:
 
 
 def test_aggressiveness_is_the_margin_turned_round() -> None:
-    from harness.strategy_groups import ParameterSweep
+    from harness.review.strategy_groups import ParameterSweep
 
     line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
     assert line.aggressiveness == (0.0, -1.5, -3.0)

@@ -6,8 +6,14 @@ from pathlib import Path
 import pytest
 
 from harness.errors import InputError
-from harness.scenario import read_scenario_file
-from harness.study import Study, parse_variation, single_cell, study_from, study_of
+from harness.scenario import (
+    Study,
+    parse_variation,
+    read_scenario_file,
+    single_cell,
+    study_from,
+    study_of,
+)
 
 
 def study(tmp_path: Path, text: str, *vary: str) -> Study:

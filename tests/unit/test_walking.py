@@ -7,7 +7,7 @@ import pytest
 
 from harness.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
 from harness.measures import measure
-from harness.walking import cleared_s, states_at
+from harness.motion.walking import cleared_s, states_at
 from tests.scenes import drive
 
 CROSSING = Crossing(9.0, 4.0)

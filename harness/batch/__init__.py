@@ -1,0 +1,1 @@
+"""A study from scenario to finished run folder: begun, interrupted, resumed, finished."""

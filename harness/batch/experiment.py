@@ -1,0 +1,199 @@
+"""A study from scenario to run folder: begun, interrupted, resumed, finished."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from harness.batch.batch import Batch, batch_of, recall_batch
+from harness.batch.finish import Run, finish, read_finished
+from harness.batch.until import reach_precision
+from harness.errors import HarnessError, InputError, InterruptedRunError
+from harness.repeat.sumo_outputs import write_outputs
+from harness.results.manifest import refuse_other_versions
+from harness.results.run_folder import RunFolder, claim_folder
+from harness.scenario import Cell, Options, Study, hang_limit_s
+from harness.workers.execution import run_tasks
+from harness.workers.pool import LocalPool, workers_for
+from harness.workers.tasks import Executor, ExecutorLostError, Task
+
+FEWEST_PAIRS = 5
+"""Pairs of the smallest tasks: those at the end of a run, so that workers end together."""
+
+MakeExecutor = Callable[[int], Executor]
+Progress = Callable[[int, int, str], None]
+"""(done, planned, of what)."""
+
+
+def run_study(
+    study: Study,
+    options: Options,
+    *,
+    out: Path | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor = LocalPool,
+) -> Run:
+    """Run every cell and write the run folder.
+
+    Args:
+        study: what to run.
+        options: how.
+        out: the folder; default ``runs/<name>-<next free number>``.
+        progress: told how far it is.
+        make_executor: makes the executor for a number of workers.
+
+    Raises:
+        InputError: model, strategies or folder are refused; nothing has been written then.
+        HarnessError: the folder cannot be written any more; the run can be resumed.
+    """
+    batch = batch_of(study, options)
+    folder = RunFolder(claim_folder(out, study.name))
+    with _held(folder):
+        folder.write_manifest(batch.manifest())
+        return _carry_out(folder, batch, progress, make_executor)
+
+
+def resume(
+    path: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor = LocalPool,
+) -> Run:
+    """Go on with an interrupted run; a finished one is only read.
+
+    Raises:
+        InputError: no run folder, another process works on it, or versions or model differ.
+    """
+    if not path.is_dir():
+        raise InputError(f"--resume {path}", "is no folder", "a run folder")
+    folder = RunFolder(path)
+    with _held(folder):
+        document = folder.read_manifest()
+        batch = recall_batch(document, workers)
+        refuse_other_versions(document, batch.manifest())
+        if document.get("counts") is not None:
+            # Interrupted, if at all, while it cleared up.
+            folder.drop_shards()
+            return _with_outputs(read_finished(path, batch), folder, batch, progress)
+        folder.note("resumed")
+        return _carry_out(folder, batch, progress, make_executor)
+
+
+@contextmanager
+def _held(folder: RunFolder) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedRunError(folder.path) from None
+    except ExecutorLostError as error:
+        kept = f"what is finished is kept: harness run --resume {folder.path}"
+        raise HarnessError(f"{error}; {kept}") from None
+    finally:
+        folder.close()
+
+
+def _carry_out(
+    folder: RunFolder, batch: Batch, progress: Progress, make_executor: MakeExecutor
+) -> Run:
+    work = _Work(folder, batch, progress, make_executor)
+    try:
+        if batch.options.until is None:
+            work.reach(batch.planned)
+        else:
+            reach_precision(batch, batch.options.until, work.reach, folder.episodes_of)
+    finally:
+        work.stop()
+    folder.note("simulated")
+    return _with_outputs(finish(folder, batch), folder, batch, progress)
+
+
+def _with_outputs(run: Run, folder: RunFolder, batch: Batch, progress: Progress) -> Run:
+    """Add what is missing of SUMO's own outputs, where they were asked for."""
+    if batch.options.sumo_outputs is None:
+        return run
+    what = "SUMO outputs (slow: a SUMO for each episode)"
+    failures = write_outputs(
+        folder, batch.study, batch.options, lambda done, planned: progress(done, planned, what)
+    )
+    return replace(run, output_failures=failures)
+
+
+class _Work:
+    """Brings cells to a number of pairs, skipping what is done."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        batch: Batch,
+        progress: Progress,
+        make_executor: MakeExecutor,
+    ) -> None:
+        self.folder, self.batch, self.progress = folder, batch, progress
+        self.make_executor = make_executor
+        self.executor: Executor | None = None
+        self.done = folder.done_pairs()
+
+    def reach(self, goals: dict[int, int]) -> None:
+        """Run what is missing up to ``goals`` pairs of each cell."""
+        missing = {
+            cell: [pair for pair in range(goal) if pair not in self.done.get(cell, ())]
+            for cell, goal in goals.items()
+        }
+        total, left = sum(goals.values()), sum(map(len, missing.values()))
+        if not left:
+            return
+        begin, done = time.perf_counter(), total - left
+        executor = self._executor()
+        self.folder.note("started", pairs=left, workers=executor.workers)
+        tasks = self._tasks(missing, left, executor.workers)
+        for task, result in run_tasks(executor, tasks, self.folder.note):
+            self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
+            for failure in result.failures:
+                self.folder.note("episode failed", **failure)
+            self.done.setdefault(task.cell, set()).update(task.pairs)
+            done += task.count
+            self.progress(done, total, "pairs")
+        rate = left / (time.perf_counter() - begin)
+        self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
+
+    def stop(self) -> None:
+        """End the executor, if there is one."""
+        if self.executor is not None:
+            self.executor.stop()
+
+    def _executor(self) -> Executor:
+        """One for all looks of ``--until``."""
+        if self.executor is None:
+            planned = sum(self.batch.planned.values())
+            self.executor = self.make_executor(workers_for(planned, self.batch.options))
+        return self.executor
+
+    def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
+        """Runs of consecutive pairs, smaller towards the end, so that no worker ends late."""
+        most = self.batch.options.task_pairs
+        for cell in self.batch.study.cells:
+            pairs = missing[cell.number]
+            begin = 0
+            while begin < len(pairs):
+                size = min(most, max(FEWEST_PAIRS, left // (4 * workers)))
+                end = begin + 1
+                while end < len(pairs) and end - begin < size and pairs[end] == pairs[end - 1] + 1:
+                    end += 1
+                yield self._task(cell, pairs[begin], end - begin)
+                left -= end - begin
+                begin = end
+
+    def _task(self, cell: Cell, first: int, count: int) -> Task:
+        options = self.batch.options
+        return Task(
+            cell=cell.number,
+            first_pair=first,
+            count=count,
+            scenario=cell.scenario,
+            model=self.batch.models[cell.number],
+            traces=options.traces,
+            hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario.experiment),
+            stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
+        )

@@ -1,0 +1,49 @@
+"""``--until``: look again and again until every interval is narrow enough, and pay for it."""
+
+from collections.abc import Callable
+
+import pyarrow as pa
+
+from harness.batch.batch import Batch
+from harness.comparison import Interval
+from harness.results.summaries import confidence_of, looks, summarise_cell
+from harness.scenario import Cell, Precision
+
+
+def reach_precision(
+    batch: Batch,
+    until: Precision,
+    reach: Callable[[dict[int, int]], None],
+    episodes_of: Callable[[int], pa.Table],
+) -> None:
+    """Go on until every cell's interval is narrow enough, or all its pairs are done.
+
+    Args:
+        batch: what is run.
+        until: what is narrow enough.
+        reach: brings cells to a number of pairs, both by the cell's number.
+        episodes_of: the ``episodes`` of a cell so far.
+    """
+    planned = batch.planned
+    confidence = confidence_of(batch.study, batch.options)
+    goals = dict.fromkeys(planned, 0)
+    open_cells = list(batch.study.cells)
+    for look in looks(max(planned.values())):
+        for cell in open_cells:
+            goals[cell.number] = min(look, planned[cell.number])
+        reach(goals)
+        open_cells = [
+            cell
+            for cell in open_cells
+            if goals[cell.number] < planned[cell.number]
+            and not _narrow(episodes_of(cell.number), cell, until, confidence)
+        ]
+        if not open_cells:
+            return
+
+
+def _narrow(episodes: pa.Table, cell: Cell, until: Precision, confidence: float) -> bool:
+    interval: Interval = getattr(summarise_cell(episodes, cell, confidence), until.measure)
+    if interval.low is None or interval.high is None:
+        return False
+    return (interval.high - interval.low) / 2 <= until.half_width

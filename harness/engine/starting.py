@@ -1,0 +1,67 @@
+"""How SUMO is started: its options, and the types of ego and pedestrians.
+
+The choices are explained, with the measurements behind them, in docs/sumo.md.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from harness.encounter import Vehicle
+
+
+def start_command(
+    net: Path, types: Path, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None = None
+) -> list[str]:
+    """The command line SUMO is started with, ``outputs`` being further options."""
+    options: dict[str, Any] = {
+        "--net-file": net,
+        "--additional-files": types,
+        "--seed": sumo_seed,
+        "--step-length": f"{step_s:.3f}",
+        "--step-method.ballistic": "true",
+        "--insertion-checks": "none",
+        "--collision.check-junctions": "true",
+        "--collision.mingap-factor": "0",
+        "--collision.action": "warn",
+        "--pedestrian.striping.dawdling": "0",
+        "--pedestrian.striping.jamtime": "-1",
+        "--pedestrian.striping.jamtime.crossing": "-1",
+        "--time-to-teleport": "-1",
+        "--no-step-log": "true",
+        "--no-warnings": "true",
+        **(outputs or {}),
+    }
+    return ["sumo", *(str(part) for option in options.items() for part in option)]
+
+
+def types_file(vehicle: Vehicle) -> str:
+    """The types of ego and pedestrians as a SUMO additional file; nothing in them is random.
+
+    The ego is ``driven`` while SUMO's own driver drives it.
+    """
+    ego = {
+        "vClass": "passenger",
+        "length": vehicle.length_m,
+        "width": vehicle.width_m,
+        "accel": vehicle.max_acceleration_mps2,
+        "decel": vehicle.max_deceleration_mps2,
+        "emergencyDecel": vehicle.max_deceleration_mps2,
+        # No random number may decide anything: no speed factor, no dawdling.
+        "speedDev": 0,
+        "sigma": 0,
+        "minGap": 0,
+        "maxSpeed": 100,
+    }
+    driven = ego | {
+        "accel": vehicle.resume_acceleration_mps2,
+        "maxSpeed": vehicle.initial_speed_mps,
+    }
+    walker = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
+    types = {"ego": ego, "driven": driven, "walker": walker}
+    written = "".join(
+        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
+        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
+    )
+    return f"<additional>{written}</additional>\n"

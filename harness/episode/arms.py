@@ -1,0 +1,45 @@
+"""The strategies of both arms: made anew for each episode, refused before anything runs."""
+
+from typing import Any
+
+from harness.encounter import Strategy
+from harness.errors import InputError, in_one_line
+from harness.interaction import InteractionModel
+from harness.scenario import Scenario
+from harness.seeding import stream
+from harness.strategies.parameters import check_complete, check_parameters, needs
+from harness.strategies.registry import find_strategy, prepare, table_key
+
+
+def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
+    """A fresh strategy object for one episode; whatever its class has to prepare is prepared."""
+    factory = find_strategy(name, "arms")
+    parameters = scenario.strategies.get(name, {})
+    prepare(factory, parameters)
+    given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
+    wanted = needs(factory)
+    if "rng" in wanted:
+        given["rng"] = stream(scenario.experiment.seed, "strategy", pair)
+    return factory(**{key: given[key] for key in wanted}, **parameters)
+
+
+def check_arms(scenario: Scenario, model: InteractionModel) -> None:
+    """Refuse unknown strategies and parameters before anything runs.
+
+    Raises:
+        InputError: naming the key of the scenario.
+    """
+    for name in scenario.strategies:
+        where = table_key(name)
+        check_parameters(find_strategy(name, where), scenario.strategies[name], where)
+    for key, name in scenario.arms.model_dump().items():
+        where = table_key(name)
+        factory = find_strategy(name, f"arms.{key}")
+        check_complete(factory, scenario.strategies.get(name, {}), where)
+        try:
+            make_strategy(scenario, name, 0, model)
+        except InputError as error:
+            parameter = error.where.removeprefix(f"{name}.")
+            raise InputError(f"{where}.{parameter}", error.problem, error.allowed) from None
+        except Exception as error:
+            raise InputError(where, f"cannot be made: {in_one_line(error)}") from None

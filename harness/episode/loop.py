@@ -1,0 +1,337 @@
+"""Runs one episode: a strategy, an engine, and pedestrians who look once and walk.
+
+This is the loop everything else waits for.  Contacts and measures are found afterwards, from
+the trace; the loop only keeps what cannot be worked out later.
+"""
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from numbers import Real
+
+import numpy as np
+
+from harness.encounter import (
+    Arrival,
+    Behaviour,
+    Crossing,
+    EgoView,
+    Ending,
+    Observation,
+    PedestrianView,
+    Strategy,
+    Trace,
+    Vehicle,
+    Walk,
+)
+from harness.engine.protocol import Engine
+from harness.episode.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
+from harness.errors import EngineError, StrategyError, place_of
+
+ROUNDING_M = 1e-9
+"""An ego this near a threshold is on it: engines differ in the last bits of their sums."""
+
+Steps = Generator[Observation, float | None, Ending]
+"""An episode from the driver's side: observations out, wanted accelerations in."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What is the same in all episodes of a cell.
+
+    ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
+    edge within that time, or while its body overlaps the crosswalk.  Whoever has a critical gap
+    of his own goes by that instead of ``kerb_wait_s``.
+    """
+
+    vehicle: Vehicle
+    crossing: Crossing
+    kerb_wait_s: float
+    step_s: float
+    timeout_s: float
+    behaviour: Behaviour = "constant"
+
+
+def run_episode(
+    engine: Engine,
+    strategy: Strategy,
+    arrivals: Sequence[Arrival],
+    choose_speed: ChooseSpeed,
+    rules: Rules,
+) -> Trace:
+    """Simulate one episode from the trigger until the ego has passed or the time is up.
+
+    Args:
+        engine: an engine bound to the same vehicle, crossing and step as ``rules``.
+        strategy: a fresh strategy object.
+        arrivals: everyone who may come, by arrival time (s from the trigger, ≥ 0).
+        choose_speed: the walking speed of someone who steps off, given what he sees.
+        rules: the cell's constants.
+
+    Returns:
+        The trace.  It goes on past a contact, until the body has passed; ``measures`` ends the
+        record there.  An error of engine or strategy ends it as ``engine_failed``.
+    """
+    episode = Episode(engine, arrivals, choose_speed, rules)
+    reason, traceback, collided = None, None, None
+    try:
+        ending = _drive(episode.steps(), strategy)
+        collided = engine.end()
+    except EngineError as error:
+        ending, reason = Ending.ENGINE_FAILED, str(error)
+        traceback = error.traceback if isinstance(error, StrategyError) else None
+    return episode.trace(
+        ending,
+        reason=reason,
+        sumo_collision=collided,
+        fallback=bool(getattr(strategy, "fallback", False)),
+        traceback=traceback,
+    )
+
+
+def failed_episode(error: StrategyError, rules: Rules) -> Trace:
+    """The trace of an episode whose strategy could not even be made."""
+    return Trace(
+        vehicle=rules.vehicle,
+        crossing=rules.crossing,
+        step_s=rules.step_s,
+        x_m=np.array([]),
+        speed_mps=np.array([]),
+        walks=(),
+        ending=Ending.ENGINE_FAILED,
+        reason=str(error),
+        sumo_collision=None,
+        fallback=False,
+        traceback=error.traceback,
+    )
+
+
+def _drive(steps: Steps, strategy: Strategy) -> Ending:
+    """Answer every observation of an episode with the strategy's command."""
+    decide = strategy.decide
+    observation = next(steps)
+    try:
+        while True:
+            try:
+                wanted = decide(observation)
+            except Exception as error:
+                what = f"raised {type(error).__name__}: {error}"
+                when = f"at t = {observation.time_s:.3f} s ({place_of(error)})"
+                raise StrategyError(f"the strategy {what} {when}", error) from error
+            observation = steps.send(wanted)
+    except StopIteration as finished:
+        ending: Ending = finished.value
+        return ending
+
+
+class Episode:
+    """One running episode: who drives it answers the observations of ``steps``.
+
+    Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
+    ``walks`` everyone who has arrived, ``places`` (index, y in m) of everyone who was at the
+    crosswalk at the end of the last step.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        arrivals: Sequence[Arrival],
+        choose_speed: ChooseSpeed,
+        rules: Rules,
+    ) -> None:
+        self.engine, self.rules = engine, rules
+        self.arrivals, self.choose_speed = arrivals, choose_speed
+        self.next_arrival = 0
+        self.next_event_s = 0.0
+        self.walkers: list[Walker] = []
+        self.walks: list[Walk] = []
+        self.x_m: list[float] = []
+        self.speed_mps: list[float] = []
+        self.places: list[tuple[int, float]] = []
+
+    def trace(
+        self,
+        ending: Ending,
+        *,
+        reason: str | None = None,
+        sumo_collision: bool | None = None,
+        fallback: bool = False,
+        traceback: str | None = None,
+    ) -> Trace:
+        """What has been simulated so far, as of an engine that left off like this."""
+        return Trace(
+            vehicle=self.rules.vehicle,
+            crossing=self.rules.crossing,
+            step_s=self.rules.step_s,
+            x_m=np.array(self.x_m),
+            speed_mps=np.array(self.speed_mps),
+            walks=tuple(self.walks),
+            ending=ending,
+            reason=reason,
+            sumo_collision=sumo_collision,
+            fallback=fallback,
+            traceback=traceback,
+        )
+
+    def steps(self) -> Steps:
+        """Simulate step by step.
+
+        Yields what a strategy sees at each step and takes the wanted acceleration in m/s² (None:
+        the engine's own driver); returns how the engine left off.
+
+        Raises:
+            EngineError: the engine lost the episode, or the answer is no acceleration.
+        """
+        rules, engine = self.rules, self.engine
+        vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
+        detection = vehicle.detection_range_m + ROUNDING_M
+        passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
+        steps = math.ceil(rules.timeout_s / step - 1e-9)
+        note_x, note_speed = self.x_m.append, self.speed_mps.append
+        walkers, natives = self.walkers, rules.behaviour == "sumo"
+        acceleration = 0.0
+        x, speed = engine.begin(self._held())
+        note_x(x)
+        note_speed(speed)
+        self._happen(0.0, 0.0, x, speed, 0.0)
+        for n in range(steps):
+            now, then = n * step, (n + 1) * step
+            for walker in walkers:
+                if walker.due_s <= now:
+                    self._update_walkers(now, -x, speed)
+                    break
+            seen: tuple[PedestrianView, ...] = ()
+            if walkers and abs(x) <= detection:
+                seen = tuple([walker.view() for walker in walkers])
+            view = EgoView(-x, speed, acceleration)
+            wanted = yield Observation(now, step, view, vehicle, crossing, seen)
+            target = None
+            if wanted is None:
+                # What the engine's driver does is known only afterwards: going on as it did until
+                # now, but not backwards.
+                acceleration = max(acceleration, -speed / step)
+            else:
+                wanted = self._limited(wanted, now)
+                target = speed + wanted * step
+                if target < 0:
+                    target = 0.0
+                acceleration = (target - speed) / step
+            # Those who arrive within this step see the ego where it is at that very moment.
+            if self.next_event_s <= then:
+                self._happen(now, then, x, speed, acceleration)
+            if natives:
+                x, after = self._step_with_natives(target, now, then)
+            else:
+                self.places = places = [(w.index, w.walk_until(then)) for w in walkers]
+                x, after = engine.step(target, places)
+            if after != target:
+                acceleration = (after - speed) / step
+            speed = after
+            note_x(x)
+            note_speed(speed)
+            if x >= passed_at:
+                return Ending.CROSSED
+        return Ending.TIMED_OUT
+
+    def _limited(self, answer: float, now: float) -> float:
+        """A command within the vehicle's limits."""
+        vehicle = self.rules.vehicle
+        wanted = answer if type(answer) is float else _as_float(answer)
+        if wanted > vehicle.max_acceleration_mps2:
+            return vehicle.max_acceleration_mps2
+        if wanted < -vehicle.max_deceleration_mps2:
+            return -vehicle.max_deceleration_mps2
+        if wanted == wanted:
+            return wanted
+        raise StrategyError(f"the strategy returned {answer!r} at t = {now:.3f} s")
+
+    def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
+        """Those who wait look again; those who have reached the other kerb leave."""
+        for walker in tuple(self.walkers):
+            if walker.due_s > now:
+                continue
+            if walker.walk.start_s is None:
+                self._look(walker, now, range_m, speed)
+                self.next_event_s = min(self.next_event_s, walker.look_s)
+            else:
+                self.walkers.remove(walker)
+                self.engine.remove(walker.index)
+
+    def _happen(
+        self, now: float, until: float, x: float, speed: float, acceleration: float
+    ) -> None:
+        """Everyone who arrives or looks again in (now, until] sees the ego where it is then."""
+
+        def seen_at(time_s: float) -> tuple[float, float]:
+            elapsed = time_s - now
+            range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
+            return range_then, speed + acceleration * elapsed
+
+        self.next_event_s = math.inf
+        while self.next_arrival < len(self.arrivals):
+            arrival = self.arrivals[self.next_arrival]
+            if arrival.arrival_s > until:
+                self.next_event_s = arrival.arrival_s
+                break
+            self.next_arrival += 1
+            self._admit(arrival, *seen_at(arrival.arrival_s))
+        for walker in self.walkers:
+            while walker.look_s <= until:
+                walker.look(*seen_at(walker.look_s))
+            self.next_event_s = min(self.next_event_s, walker.look_s)
+
+    def _admit(self, arrival: Arrival, range_m: float, speed: float) -> None:
+        """Someone arrives: he waits for his time, looks for his gap, or is left to the engine."""
+        walk, crossing = Walk(arrival), self.rules.crossing
+        self.walks.append(walk)
+        if arrival.path is not None:
+            self.walkers.append(TimedWalker(walk, crossing))
+            return
+        if self.rules.behaviour == "sumo":
+            walking_speed = self.choose_speed(arrival, range_m, speed)
+            walk.speed_mps, walk.range_m, walk.vehicle_speed_mps = walking_speed, range_m, speed
+            self.walkers.append(NativeWalker(walk, crossing))
+            self.engine.let_walk(arrival.index, arrival.side, walking_speed)
+            return
+        walker = Walker(walk, crossing)
+        if self.rules.behaviour == "reactive":
+            walker = ReactiveWalker(walk, crossing, self.rules.vehicle, self.choose_speed)
+        self.walkers.append(walker)
+        self._look(walker, arrival.arrival_s, range_m, speed)
+
+    def _look(self, walker: Walker, time_s: float, range_m: float, speed: float) -> None:
+        """Kerb rule: step off now, or wait for the next step."""
+        rules, arrival = self.rules, walker.walk.arrival
+        gap_s = arrival.critical_gap_s
+        wait_s = rules.kerb_wait_s if gap_s is None else gap_s
+        to_edge = range_m - rules.crossing.width_m / 2
+        if to_edge <= speed * wait_s + ROUNDING_M:
+            return
+        walking_speed = self.choose_speed(arrival, range_m, speed)
+        walker.step_off(time_s, walking_speed, (range_m, speed))
+
+    def _held(self) -> Sequence[Arrival]:
+        """Those whom the engine holds where it is told to."""
+        if self.rules.behaviour == "sumo":
+            return [arrival for arrival in self.arrivals if arrival.path is not None]
+        return self.arrivals
+
+    def _step_with_natives(
+        self, target: float | None, now: float, then: float
+    ) -> tuple[float, float]:
+        """A step in which some walk by the engine's own model."""
+        natives = [walker for walker in self.walkers if isinstance(walker, NativeWalker)]
+        held = [walker for walker in self.walkers if not isinstance(walker, NativeWalker)]
+        places = [(walker.index, walker.walk_until(then)) for walker in held]
+        state = self.engine.step(target, places)
+        for walker in natives:
+            x, y = self.engine.place_of(walker.index)
+            walker.note(now, then, x, y)
+            places.append((walker.index, y))
+        self.places = places
+        return state
+
+
+def _as_float(answer: object) -> float:
+    """A command that is another kind of number, as numpy's; NaN for what is none."""
+    return float(answer) if isinstance(answer, Real) else math.nan

@@ -1,0 +1,260 @@
+"""Pedestrians of one running episode, by how they walk: steadily, on a known path, or reacting."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from harness.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    Arrival,
+    Crossing,
+    Leg,
+    PedestrianView,
+    Side,
+    Vehicle,
+    Walk,
+)
+from harness.motion.contact import time_to_collision
+from harness.motion.walking import cleared_s
+
+LOOK_EVERY_S = 1.0
+"""How often a reactive pedestrian looks again after he has stepped off."""
+
+
+class ChooseSpeed(Protocol):
+    """The walking speed of someone who looks, given what he sees."""
+
+    def __call__(
+        self,
+        arrival: Arrival,
+        range_m: float,
+        speed_mps: float,
+        lateral_m: float | None = None,
+        /,
+    ) -> float:
+        """Walking speed in m/s, > 0; ``lateral_m`` where he is no longer at his kerb."""
+        ...
+
+
+class Walker:
+    """A pedestrian while he is at the crosswalk: steps off and keeps his speed.
+
+    ``due_s`` is when he needs attention at the beginning of a step: always while he waits, then
+    when he reaches the other kerb.  ``look_s`` is when he next looks at the ego by himself, inside
+    a step if need be.
+    """
+
+    __slots__ = (
+        "_direction",
+        "_kerb",
+        "_length",
+        "_progress",
+        "_speed",
+        "_start",
+        "_to_lane",
+        "due_s",
+        "index",
+        "look_s",
+        "side",
+        "walk",
+    )
+
+    def __init__(self, walk: Walk, crossing: Crossing) -> None:
+        self.walk = walk
+        self.index, self.side = walk.arrival.index, walk.arrival.side
+        self.due_s, self.look_s = -math.inf, math.inf
+        self._start, self._speed, self._progress = 0.0, 0.0, 0.0
+        self._length = crossing.length_m
+        near = self.side is Side.NEAR
+        self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
+        lane = crossing.lane_centre_m
+        self._to_lane = lane if near else crossing.length_m - lane
+
+    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
+        """He leaves his kerb at that speed, having seen (range_m, vehicle_speed_mps)."""
+        self._start, self._speed = time_s, speed_mps
+        self.walk.start_s, self.walk.speed_mps = time_s, speed_mps
+        self.walk.range_m, self.walk.vehicle_speed_mps = state
+        self.due_s = time_s + self._length / speed_mps
+
+    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
+        """What he does at ``look_s``, when the ego is there; a steady walker never looks again."""
+        raise NotImplementedError
+
+    def walk_until(self, time_s: float) -> float:
+        """Move on to that time; returns y.  One who waits has no speed yet."""
+        progress = self._speed * (time_s - self._start)
+        self._progress = progress if progress < self._length else self._length
+        return self._kerb + self._direction * self._progress
+
+    def view(self) -> PedestrianView:
+        """What a strategy sees of him now."""
+        return PedestrianView(
+            self.index,
+            self.side,
+            self._to_lane - self._progress,
+            self._length - self._progress,
+            self._speed,
+            self._speed > 0,
+        )
+
+
+class TimedWalker(Walker):
+    """Stands at the beginning of his path until its time has come, then follows it."""
+
+    __slots__ = ("_crossing", "_path")
+
+    def __init__(self, walk: Walk, crossing: Crossing) -> None:
+        super().__init__(walk, crossing)
+        assert walk.arrival.path is not None
+        self._crossing, self._path = crossing, walk.arrival.path
+        self.look_s, self.due_s = self._path[0].time_s, math.inf
+        self._progress = self._along(self._path[0].y_m)
+
+    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
+        """He starts; what he sees changes nothing, but is kept."""
+        walk = self.walk
+        walk.start_s, walk.legs = self.look_s, self._path
+        walk.speed_mps = abs(self._path[-1].y_mps)
+        walk.range_m, walk.vehicle_speed_mps = range_m, vehicle_speed_mps
+        cleared = cleared_s(walk, self._crossing)
+        assert cleared is not None
+        self.due_s = cleared
+        self.walk_until(self.look_s)
+        self.look_s = math.inf
+
+    def walk_until(self, time_s: float) -> float:
+        """See ``Walker.walk_until``."""
+        if self.walk.start_s is not None:
+            leg = self._path[0]
+            for later in self._path[1:]:
+                if later.time_s <= time_s:
+                    leg = later
+            walked_s = time_s - leg.time_s
+            y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
+            self._progress = min(self._along(y), self._length)
+            self._speed = self._direction * (leg.y_mps + leg.y_mps2 * walked_s)
+        return self._kerb + self._direction * self._progress
+
+    def view(self) -> PedestrianView:
+        """See ``Walker.view``; before the kerb he is not on the crossing yet."""
+        started = self.walk.start_s is not None
+        return super().view()._replace(on_crossing=started and self._progress >= 0)
+
+    def _along(self, y_m: float) -> float:
+        return self._direction * (y_m - self._kerb)
+
+
+class ReactiveWalker(Walker):
+    """Looks again every second and walks on at the speed of his quantile given what he sees.
+
+    He stands instead, until he looks again, where at that speed he would be hit by an ego that
+    keeps its own, as long as his disc has not reached the ego's way.
+    """
+
+    __slots__ = ("_base", "_choose", "_legs", "_vehicle")
+
+    def __init__(
+        self, walk: Walk, crossing: Crossing, vehicle: Vehicle, choose: ChooseSpeed
+    ) -> None:
+        super().__init__(walk, crossing)
+        self._choose, self._vehicle = choose, vehicle
+        self._base = 0.0
+        self._legs: list[Leg] = []
+
+    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
+        """See ``Walker.step_off``."""
+        super().step_off(time_s, speed_mps, state)
+        self.look_s = time_s + LOOK_EVERY_S
+        self._note_leg()
+
+    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
+        """See the class."""
+        now = self.look_s
+        self.look_s = now + LOOK_EVERY_S
+        self.walk_until(now)
+        if self._progress >= self._length:
+            self.look_s = math.inf
+            return
+        lateral = self._to_lane - self._progress
+        speed = self._choose(self.walk.arrival, range_m, vehicle_speed_mps, lateral)
+        if self._must_stop(speed, range_m, vehicle_speed_mps):
+            speed = 0.0
+        if speed == self._speed:
+            return
+        self._start, self._base, self._speed = now, self._progress, speed
+        self.due_s = now + (self._length - self._base) / speed if speed else math.inf
+        self._note_leg()
+
+    def walk_until(self, time_s: float) -> float:
+        """See ``Walker.walk_until``."""
+        progress = self._base + self._speed * (time_s - self._start)
+        self._progress = progress if progress < self._length else self._length
+        return self._kerb + self._direction * self._progress
+
+    def view(self) -> PedestrianView:
+        """See ``Walker.view``; who stands on the crossing is on it."""
+        return super().view()._replace(on_crossing=self.walk.start_s is not None)
+
+    def _note_leg(self) -> None:
+        y = self._kerb + self._direction * self._base
+        self._legs.append(Leg(self._start, 0.0, y, 0.0, self._direction * self._speed, 0.0))
+        self.walk.legs = tuple(self._legs)
+
+    def _must_stop(self, speed_mps: float, range_m: float, vehicle_speed_mps: float) -> bool:
+        half = self._vehicle.width_m / 2
+        if self._to_lane - self._progress <= half + PEDESTRIAN_RADIUS_M:
+            return False
+        y = self._kerb + self._direction * self._progress
+        lane = self._kerb + self._direction * self._to_lane
+        course = time_to_collision(
+            np.array([range_m]),
+            np.array([y]),
+            np.array([-vehicle_speed_mps]),
+            np.array([self._direction * speed_mps]),
+            (self._vehicle.length_m, lane - half, lane + half),
+        )
+        return bool(np.isfinite(course[0]))
+
+
+class NativeWalker(Walker):
+    """Walks by the engine's own model; what it did is noted after every step.
+
+    He steps off when he crosses his kerb's line, found by interpolation within the step.
+    """
+
+    __slots__ = ("_place",)
+
+    def __init__(self, walk: Walk, crossing: Crossing) -> None:
+        super().__init__(walk, crossing)
+        self.due_s = math.inf
+        self._place: tuple[float, float] | None = None
+
+    def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
+        """Where he is at ``then``, the end of the step that began at ``now``."""
+        before, self._place = self._place, (x_m, y_m)
+        progress = self._direction * (y_m - self._kerb)
+        if before is not None:
+            x_mps, y_mps = ((x_m - before[0]) / (then - now), (y_m - before[1]) / (then - now))
+            self._speed = max(0.0, self._direction * y_mps)
+            self._note_leg(Leg(now, *before, x_mps, y_mps, 0.0), progress)
+        self._progress = min(progress, self._length)
+        if progress >= self._length:
+            self.due_s = then
+
+    def view(self) -> PedestrianView:
+        """See ``Walker.view``; before the kerb he is not on the crossing yet."""
+        return super().view()._replace(on_crossing=self.walk.start_s is not None)
+
+    def _note_leg(self, leg: Leg, progress_m: float) -> None:
+        walk = self.walk
+        if walk.legs is not None:
+            walk.legs = (*walk.legs, leg)
+        elif progress_m >= 0:
+            ahead_s = (self._kerb - leg.y_m) / leg.y_mps if leg.y_mps else 0.0
+            walk.start_s = leg.time_s + ahead_s
+            first = leg._replace(
+                time_s=walk.start_s, x_m=leg.x_m + leg.x_mps * ahead_s, y_m=self._kerb
+            )
+            walk.legs = (first,)

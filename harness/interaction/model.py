@@ -1,0 +1,267 @@
+"""The interaction model: a truncated Gaussian mixture and what its four variables mean.
+
+The one place that knows their order: 1/R, v, v_p, 1/T_adv (paper, section II).  It answers two
+questions: how fast does a pedestrian walk who sees this vehicle, and how fast would a driver go
+who sees this pedestrian.
+
+T_adv = |R/v − L/v_p| holds v_p, so "v_p given (R, v, T_adv)" can be read in three ways: with T_adv
+integrated out (``marginal``), given (``given_time_advantage``: the paper's figures), or tied to
+v_p by the pedestrian's L (``curve``).
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from harness.encounter import FloatArray
+from harness.interaction.curve_reading import CurveReading
+from harness.mixture import Conditional, TruncatedGaussianMixture
+
+VARIABLES = (
+    "inverse_range_per_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "inverse_time_advantage_per_s",
+)
+INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
+
+
+class InteractionModel:
+    """A fitted mixture with its name, provenance and identity.
+
+    Conditions are clamped to the model's support: it says nothing outside the box it was fitted
+    in.
+
+    Args:
+        mixture: of dimension 4, variables in the order of ``VARIABLES``.
+        name: what it is called.
+        provenance: where it comes from, free form.
+        sha256: of the file it was read from.
+    """
+
+    def __init__(
+        self,
+        mixture: TruncatedGaussianMixture,
+        name: str,
+        provenance: Mapping[str, Any],
+        sha256: str,
+    ) -> None:
+        self.mixture = mixture
+        self.name = name
+        self.provenance = dict(provenance)
+        self.sha256 = sha256
+
+    def walking_speed(
+        self, quantile: FloatArray, range_m: FloatArray, vehicle_speed_mps: FloatArray
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | 1/R, v), 1/T_adv integrated out (reading ``marginal``).
+
+        Args:
+            quantile: shape (n,), in [0, 1].
+            range_m: R, shape (n,); R ≤ 0 has no condition: see ``walking_speed_unconditional``.
+            vehicle_speed_mps: v, shape (n,).
+
+        Returns:
+            Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
+            last bit whatever else is asked in the same call.
+        """
+        seen = self._seen(range_m, vehicle_speed_mps)
+        return self._walking.ppf(np.asarray(quantile, dtype=float), seen)
+
+    def walking_speed_unconditional(self, quantile: float) -> float:
+        """v_p at a quantile of its marginal, for someone who meets no vehicle."""
+        return float(self._walking_marginal.ppf(np.array([quantile]), np.empty((1, 0)))[0])
+
+    def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
+        """Density of the marginal of v_p in s/m, (n,): 0 outside the box."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        return self._walking_marginal.pdf(speeds, np.empty((len(speeds), 0)))
+
+    def walking_speed_given_time_advantage(
+        self,
+        quantile: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        inverse_time_advantage_per_s: FloatArray,
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | 1/R, v, 1/T_adv) (reading ``given_time_advantage``).
+
+        Args:
+            quantile: (n,) in [0, 1].
+            range_m, vehicle_speed_mps, inverse_time_advantage_per_s: (n,), clamped.
+
+        Returns:
+            Walking speeds in m/s, (n,), as of ``walking_speed``.
+        """
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.ppf(np.asarray(quantile, dtype=float), given)
+
+    def walking_speed_on_curve(
+        self,
+        quantile: FloatArray,
+        range_m: FloatArray,
+        lateral_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | R, v, L) (reading ``curve``, see ``curve_reading``).
+
+        Args:
+            quantile: (n,) in [0, 1].
+            range_m, vehicle_speed_mps: (n,), clamped; T_adv is computed from the clamped values.
+            lateral_m: L > 0, (n,).
+
+        Returns:
+            Walking speeds in m/s, (n,).  *Undefined* (NaN) where no v_p of the box gives a T_adv
+            of the box.
+        """
+        seen = self._seen(range_m, vehicle_speed_mps)
+        return self._curve.ppf(quantile, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+
+    def walking_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v_p in s/m, (n,): 0 outside the box.
+
+        Args:
+            speed_mps: where, (n,).
+            range_m, vehicle_speed_mps: (n,) or one value, clamped.
+            inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
+            lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
+        """
+        speeds = np.asarray(speed_mps, dtype=float)
+        if lateral_m is not None:
+            seen = self._seen(range_m, vehicle_speed_mps)
+            return self._curve.density(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+        if inverse_time_advantage_per_s is None:
+            return self._walking.pdf(speeds, self._seen(range_m, vehicle_speed_mps))
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.pdf(speeds, given)
+
+    def walking_speed_cdf(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        if lateral_m is not None:
+            seen = self._seen(range_m, vehicle_speed_mps)
+            return self._curve.cdf(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+        if inverse_time_advantage_per_s is None:
+            return self._walking.cdf(speeds, self._seen(range_m, vehicle_speed_mps))
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
+        return self._walking_given_time.cdf(speeds, given)
+
+    def driver_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        pedestrian_speed_mps: FloatArray,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v in s/m, (n,), given (1/R, v_p) and 1/T_adv unless that is None."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        columns = [_inverse(range_m), pedestrian_speed_mps]
+        if inverse_time_advantage_per_s is None:
+            given = self._clamp(_table(columns), (INVERSE_RANGE, PEDESTRIAN_SPEED))
+            return self._driving_marginal.pdf(speeds, given)
+        given = self._clamp(
+            _table([*columns, inverse_time_advantage_per_s]),
+            (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE),
+        )
+        return self._driving.pdf(speeds, given)
+
+    def driver_speed(
+        self,
+        range_m: float,
+        pedestrian_speed_mps: float,
+        inverse_time_advantage_per_s: float | None = None,
+        *,
+        quantile: float | None = None,
+    ) -> float:
+        """The speed v a driver goes at who sees this pedestrian, in m/s.
+
+        Args:
+            range_m: R > 0.
+            pedestrian_speed_mps: v_p.
+            inverse_time_advantage_per_s: 1/T_adv with the present v (reading
+                ``given_time_advantage``); None leaves it out (``marginal``).
+            quantile: of the conditional distribution; None takes its mode.
+        """
+        if inverse_time_advantage_per_s is None:
+            conditional = self._driving_marginal
+            given: tuple[int, ...] = (INVERSE_RANGE, PEDESTRIAN_SPEED)
+            values = [1 / range_m, pedestrian_speed_mps]
+        else:
+            conditional = self._driving
+            given = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+            values = [1 / range_m, pedestrian_speed_mps, inverse_time_advantage_per_s]
+        y = self._clamp(np.array([values]), given)
+        if quantile is None:
+            return float(conditional.mode(y)[0])
+        return float(conditional.ppf(np.array([quantile]), y)[0])
+
+    def _clamp(self, values: FloatArray, variables: tuple[int, ...]) -> FloatArray:
+        chosen = list(variables)
+        return np.clip(values, self.mixture.lower[chosen], self.mixture.upper[chosen])
+
+    def _seen(
+        self, range_m: FloatArray, speed_mps: FloatArray, inverse_time: FloatArray | None = None
+    ) -> FloatArray:
+        """Clamped (1/R, v) and, where given, 1/T_adv, one row per pedestrian."""
+        columns = [_inverse(range_m), speed_mps]
+        if inverse_time is None:
+            return self._clamp(_table(columns), (INVERSE_RANGE, VEHICLE_SPEED))
+        variables = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+        return self._clamp(_table([*columns, inverse_time]), variables)
+
+    @cached_property
+    def _walking(self) -> Conditional:
+        return self.mixture.conditional(PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED))
+
+    @cached_property
+    def _walking_given_time(self) -> Conditional:
+        return self.mixture.conditional(
+            PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+        )
+
+    @cached_property
+    def _curve(self) -> CurveReading:
+        order = (INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+        return CurveReading(self.mixture, order)
+
+    @cached_property
+    def _walking_marginal(self) -> Conditional:
+        return self.mixture.conditional(PEDESTRIAN_SPEED, ())
+
+    @cached_property
+    def _driving(self) -> Conditional:
+        return self.mixture.conditional(
+            VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+        )
+
+    @cached_property
+    def _driving_marginal(self) -> Conditional:
+        return self.mixture.conditional(VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED))
+
+
+def _inverse(range_m: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(range_m, dtype=float)
+
+
+def _table(columns: Sequence[FloatArray]) -> FloatArray:
+    """Values (n,), or one for all, as columns."""
+    return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(column) for column in columns)))

@@ -1,0 +1,169 @@
+"""From a crosswalk's geometry to its SUMO network, shipped or built by netconvert.
+
+`harness.network.site` reads the network back.
+"""
+
+import hashlib
+import os
+import re
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from harness.errors import EngineError, InputError
+from harness.network.site import TOLERANCE_M, read_site
+from harness.network.sources import APPROACH_M, CrossingGeometry, plain_sources
+
+CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
+
+_TOLERANCE_DEG = 1e-5
+_NETCONVERT_LIMIT_S = 120.0
+
+
+@dataclass(frozen=True)
+class NetworkFiles:
+    """The files of one built network: SUMO's network and the plain-XML sources it came from."""
+
+    net: Path
+    sources: tuple[Path, ...]
+
+
+def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> NetworkFiles:
+    """Write a site's sources into a folder and let netconvert make its network there.
+
+    The same arguments give the same bytes: netconvert's header, which holds the date and the
+    machine's paths, is taken out. Every file appears complete or not at all, the network last.
+
+    Args:
+        geometry: the crosswalk.
+        directory: the folder; made if missing.
+        name: stem of the files' names.
+
+    Raises:
+        InputError: a bad name, or a folder that cannot be written.
+        EngineError: netconvert is missing, failed, or built another geometry than asked for.
+    """
+    sources = plain_sources(geometry, name)
+    net_name = f"{name}.net.xml"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{name}-", dir=directory, ignore_cleanup_errors=True
+        ) as folder:
+            workshop = Path(folder)
+            for file_name, text in sources.items():
+                (workshop / file_name).write_bytes(text.encode())
+            _netconvert(workshop, f"{name}.netccfg", net_name)
+            _check(workshop / net_name, geometry)
+            for file_name in (*sources, net_name):
+                (workshop / file_name).replace(directory / file_name)
+    except OSError as error:
+        raise InputError(str(directory), f"cannot be written ({error.strerror})") from error
+    return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
+
+
+def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
+    """The network of a geometry: the shipped one, one built earlier, or one built now.
+
+    The shipped network is taken if its sources are, character for character, those this geometry
+    gives. Any other network is kept in ``$CROSSWALK_HARNESS_CACHE``, else
+    ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else ``~/.cache/crosswalk-harness/networks``,
+    under a hash of its sources and of netconvert's version. Processes may build at the same time.
+
+    Args:
+        geometry: the crosswalk.
+        shipped_dir: the shipped site's folder; its name is the stem of its files' names.
+
+    Returns:
+        Path of the ``.net.xml``.
+
+    Raises:
+        InputError: the cache folder cannot be written.
+        EngineError: see `build_network`.
+    """
+    shipped = plain_sources(geometry, shipped_dir.name)
+    net = shipped_dir / f"{shipped_dir.name}.net.xml"
+    if net.is_file() and all(_text(shipped_dir / file) == text for file, text in shipped.items()):
+        return net
+    digest = hashlib.sha256(_netconvert_version().encode())
+    for file_name, text in sorted(plain_sources(geometry, "site").items()):
+        digest.update(f"\0{file_name}\0{text}".encode())
+    directory = _cache_dir() / digest.hexdigest()[:24]
+    net = directory / "site.net.xml"
+    if net.is_file():  # it is put in place last, hence everything is there
+        return net
+    return build_network(geometry, directory, "site").net
+
+
+def _netconvert(directory: Path, configuration: str, net_name: str) -> None:
+    """Run netconvert on a configuration and take the comments out of its network."""
+    try:
+        import sumo
+    except ImportError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+    suffix = ".exe" if os.name == "nt" else ""
+    program = Path(sumo.SUMO_HOME) / "bin" / f"netconvert{suffix}"
+    try:
+        done = subprocess.run(
+            [str(program), "-c", configuration],
+            cwd=directory,
+            env={**os.environ, "SUMO_HOME": str(sumo.SUMO_HOME)},
+            capture_output=True,
+            text=True,
+            timeout=_NETCONVERT_LIMIT_S,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
+    net = directory / net_name
+    if done.returncode != 0 or not net.is_file():
+        words = [line for line in done.stderr.splitlines() if line.strip()]
+        reason = "; ".join(words) or f"exit code {done.returncode}"
+        raise EngineError(f"netconvert: {' '.join(reason.split())}")
+    text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
+    net.write_bytes(text.encode())
+
+
+def _netconvert_version() -> str:
+    try:
+        return metadata.version("eclipse-sumo")
+    except metadata.PackageNotFoundError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+
+
+def _check(net: Path, geometry: CrossingGeometry) -> None:
+    """Raise unless netconvert built the geometry asked for."""
+    try:
+        site = read_site(net)
+    except InputError as error:  # no fault of the user, who has not seen this file
+        raise EngineError(f"netconvert: {error.problem} for {geometry}") from error
+    turn = (site.bearing_deg - geometry.bearing_deg + 180.0) % 360.0 - 180.0
+    errors = {
+        "length_m": abs(site.length_m - geometry.length_m) / TOLERANCE_M,
+        "width_m": abs(site.width_m - geometry.width_m) / TOLERANCE_M,
+        "lane centre": abs(site.lane_centre_m - geometry.length_m / 4) / TOLERANCE_M,
+        "bearing_deg": abs(turn) / _TOLERANCE_DEG,
+        "max_range_m": abs(site.max_range_m - APPROACH_M) / TOLERANCE_M,
+    }
+    wrong = [what for what, error in errors.items() if not error <= 1.0]
+    if wrong:
+        raise EngineError(f"netconvert: the network differs in {', '.join(wrong)} from {geometry}")
+
+
+def _cache_dir() -> Path:
+    """The folder of built networks; environment variables that are empty do not count."""
+    own = os.environ.get(CACHE_VARIABLE)
+    if own:
+        return Path(own).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "crosswalk-harness" / "networks"
+
+
+def _text(path: Path) -> str | None:
+    """A file's text, None if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None

@@ -1,0 +1,1 @@
+"""What a run leaves behind: its tables, its folder on disk, what is reported of each cell."""

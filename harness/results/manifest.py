@@ -1,0 +1,82 @@
+"""The manifest of a run: everything it depends on, written down, recalled, and checked."""
+
+from collections.abc import Iterable
+from typing import Any
+
+from harness.errors import InputError
+from harness.interaction import InteractionModel
+from harness.results.tables import SCHEMA, versions
+from harness.scenario import Options, Precision, Study, study_from
+from harness.strategies.registry import source_digests
+
+
+def manifest_of(
+    study: Study,
+    models: Iterable[InteractionModel],
+    options: Options,
+    counts: dict[str, int] | None = None,
+) -> dict[str, Any]:
+    """Everything a run depends on; ``counts`` is null until its tables are finished."""
+    until = options.until
+    used = {model.name: model.sha256 for model in models}
+    driven = {name for cell in study.cells for name in cell.scenario.arms.model_dump().values()}
+    return {
+        "schema": SCHEMA,
+        "name": study.name,
+        "scenario": study.base.model_dump(),
+        "cells": [cell.varied for cell in study.cells],
+        "traces": options.traces,
+        "sumo_outputs": options.sumo_outputs,
+        "until": None if until is None else {until.measure: until.half_width},
+        "seed": study.base.experiment.seed,
+        "versions": {**versions(), **source_digests(driven)},
+        "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
+        "counts": counts,
+    }
+
+
+def recall_study(document: dict[str, Any]) -> Study:
+    """The study of a manifest.
+
+    Raises:
+        InputError: the manifest is of another format, or damaged.
+    """
+    try:
+        if document["schema"] != SCHEMA:
+            raise InputError("manifest.json", f"format version {document['schema']!r}", str(SCHEMA))
+        return study_from(document)
+    except (KeyError, TypeError, AttributeError, ValueError):
+        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+
+
+def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
+    """The options of a manifest that decide what a run holds.
+
+    Raises:
+        InputError: the manifest is damaged.
+    """
+    try:
+        until = document["until"]
+        return Options(
+            traces=bool(document["traces"]),
+            until=None if until is None else Precision(*next(iter(until.items()))),
+            workers=workers,
+            sumo_outputs=document["sumo_outputs"],
+        )
+    except (KeyError, TypeError, AttributeError, StopIteration):
+        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+
+
+def refuse_other_versions(then: dict[str, Any], now: dict[str, Any]) -> None:
+    """Half a run under one version and half under another would be neither."""
+    versions_then = then.get("versions")
+    for name, version in now["versions"].items():
+        before = versions_then.get(name) if isinstance(versions_then, dict) else None
+        if before != version:
+            raise InputError(
+                "--resume",
+                f"the run was begun with {name} {before}, this is {version}",
+                "the same versions",
+            )
+    if then.get("models") != now["models"]:
+        raise InputError("--resume", "the interaction model has changed", "the same model")

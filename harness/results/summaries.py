@@ -1,0 +1,141 @@
+"""From the episodes of a cell to what is reported of it."""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, get_type_hints
+
+import numpy as np
+import pyarrow as pa
+
+from harness.comparison import CONFIDENCE, Interval, PairColumns, Proportion, Summary, summarise
+from harness.encounter import Arm, Contact, Ending
+from harness.errors import InputError
+from harness.scenario import Cell, Options, Study
+
+FIRST_LOOK = 1_000
+"""Pairs at the first look of ``--until``; each further look is at twice as many."""
+
+_BOOTSTRAP = 5
+"""Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""
+
+
+def looks(pairs: int) -> list[int]:
+    """Numbers of pairs at which ``--until`` looks: 1,000, 2,000, 4,000 … and at last ``pairs``."""
+    numbers = []
+    look = FIRST_LOOK
+    while look < pairs:
+        numbers.append(look)
+        look *= 2
+    return [*numbers, pairs]
+
+
+def confidence_of(study: Study, options: Options) -> float:
+    """Confidence of each interval.
+
+    Looking L times and stopping at the best moment would spoil a 95 % interval, so with
+    ``--until`` each look uses 1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
+    """
+    if options.until is None:
+        return CONFIDENCE
+    most = max(cell.scenario.experiment.pairs for cell in study.cells)
+    return 1 - (1 - CONFIDENCE) / len(looks(most))
+
+
+def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    """What is reported of a cell, from its episodes by pair.
+
+    The resampling's stream is the scenario's alone: the same episodes give the same intervals.
+    """
+    experiment = cell.scenario.experiment
+    rng = np.random.default_rng((experiment.seed, _BOOTSTRAP))
+    return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
+
+
+def pair_columns(episodes: pa.Table) -> PairColumns:
+    """What the comparison needs, from the episodes of one cell.
+
+    Args:
+        episodes: rows in order of pairs, AV first.
+
+    Raises:
+        InputError: they are not: an arm is missing, or rows of two runs are mixed.
+    """
+    _check_pairs(episodes)
+    arm = np.array(episodes["arm"].to_pylist())
+    ending = np.array(episodes["ending"].to_pylist())
+    front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
+    crashed = ending == Ending.CRASHED
+    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
+
+    def numbers(name: str) -> Any:
+        return episodes[name].to_numpy().astype(float)
+
+    def both(values: Any) -> tuple[Any, Any]:
+        return values[arm == Arm.AV], values[arm == Arm.HUMAN]
+
+    met = both(numbers("pedestrians"))
+    return PairColumns(
+        time_s=both(numbers("pass_time_s")),
+        delay_s=both(numbers("delay_s")),
+        stops=both(numbers("stops")),
+        stopped_s=both(numbers("stopped_s")),
+        crashed=both(crashed),
+        front=both(crashed & front),
+        avoidable=both(crashed & avoidable),
+        timed_out=both(ending == Ending.TIMED_OUT),
+        failed=both(ending == Ending.ENGINE_FAILED),
+        av_fallback=both(numbers("fallback") > 0)[0],
+        met=met[0] + met[1],
+    )
+
+
+def _check_pairs(episodes: pa.Table) -> None:
+    arms, pairs = episodes["arm"].to_pylist(), episodes["pair"].to_pylist()
+    whole = len(arms) > 0 and len(arms) % 2 == 0
+    whole = whole and arms[::2] == [Arm.AV.value] * (len(arms) // 2)
+    whole = whole and arms[1::2] == [Arm.HUMAN.value] * (len(arms) // 2)
+    if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != len(pairs) // 2:
+        raise InputError(
+            "episodes", "are not two arms of each pair of a cell", "one run's episodes"
+        )
+
+
+def summary_row(summary: Summary) -> dict[str, float | int | None]:
+    """A summary as the columns of ``summary.csv``; an interval becomes three."""
+    row: dict[str, float | int | None] = {}
+    for field in fields(Summary):
+        value = getattr(summary, field.name)
+        if isinstance(value, Interval):
+            row[field.name] = value.value
+            row[f"{field.name}_ci_low"] = value.low
+            row[f"{field.name}_ci_high"] = value.high
+        else:
+            row[field.name] = value
+    return row
+
+
+def summary_from(row: Mapping[str, Any], trials: Mapping[Arm, int]) -> Summary:
+    """A summary from the columns of ``summary.csv``: what ``summary_row`` makes of it, undone.
+
+    Args:
+        row: the columns; NaN or None where undefined.
+        trials: episodes of each arm that did not fail, of which shares are shares.
+    """
+    values: dict[str, Any] = {}
+    kinds = get_type_hints(Summary)
+    for field in fields(Summary):
+        name, kind = field.name, kinds[field.name]
+        if kind not in (Interval, Proportion):
+            values[name] = int(row[name]) if kind is int else _known(row[name])
+            continue
+        value, low, high = (_known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high"))
+        if kind is Interval:
+            values[name] = Interval(value, low, high)
+        else:
+            of = trials[Arm.HUMAN if name.endswith("_human") else Arm.AV]
+            values[name] = Proportion(value, low, high, round((value or 0.0) * of), of)
+    return Summary(**values)
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or np.isnan(value) else float(value)

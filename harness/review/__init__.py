@@ -1,0 +1,1 @@
+"""Stored runs looked at: read, compared, scored anew.  Nothing is simulated."""

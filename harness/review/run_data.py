@@ -1,0 +1,383 @@
+"""A run folder in Python: typed, read when asked for, finished or still going on.
+
+run = harness.load_run("runs/cctc-1")
+run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
+"""
+
+import csv
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.comparison import Summary
+from harness.encounter import Arm, Ending
+from harness.errors import InputError
+from harness.interaction import InteractionModel, load_model
+from harness.results.manifest import options_of, recall_study
+from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
+from harness.results.reading import MANIFEST, count_rows, read_manifest, read_table
+from harness.results.shards import DamagedShardError, Shard, read_shard, shards_of
+from harness.results.summaries import confidence_of, summarise_cell, summary_from, summary_row
+from harness.results.tables import TABLES, pair_rows, table_of
+from harness.scenario import Cell, Scenario, Study
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What came out of one cell."""
+
+    cell: Cell
+    summary: Summary
+    conflicts: tuple[ConflictRate, ...]
+
+
+@dataclass(frozen=True)
+class RunData:
+    """What a run folder holds.  Tables are read on first use and kept; do not change them.
+
+    A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
+    it was loaded, and ``summary`` is worked out from those.
+    """
+
+    path: Path
+    manifest: Mapping[str, Any]
+    """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
+    study: Study
+    finished: bool
+    """False while the run goes on, or after it was broken off."""
+    shards: tuple[Shard, ...] = ()
+    """Finished work of an unfinished run."""
+
+    @property
+    def name(self) -> str:
+        """What the run is called: its scenario's name."""
+        return self.study.name
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario before anything was varied."""
+        return self.study.base
+
+    def scenario_of(self, cell: int) -> Scenario:
+        """The scenario of one cell."""
+        return self.study.cells[cell].scenario
+
+    @property
+    def varied_keys(self) -> list[str]:
+        """What a sweep varies; nothing for a run of one cell."""
+        return self.study.varied_keys
+
+    @property
+    def kept_traces(self) -> bool:
+        """Whether the run keeps every step (``--traces``)."""
+        return bool(self.manifest["traces"])
+
+    @property
+    def planned_pairs(self) -> int:
+        """Pairs of all cells as planned; ``--until`` may end with fewer."""
+        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
+
+    @cached_property
+    def cells(self) -> pd.DataFrame:
+        """One row per cell: ``cell`` and the varied keys."""
+        if self.finished:
+            return _frame(read_table(self.path, "cells"))
+        rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """One row per cell × pair × arm.
+
+        ``cell, pair, arm, strategy, ending, reason, contact, contact_index, contact_time_s,
+        sumo_collision, fallback, steps, pedestrians`` and a column for each of
+        ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
+        """
+        return _frame(self._episode_table)
+
+    @cached_property
+    def pedestrians(self) -> pd.DataFrame:
+        """One row per pedestrian × arm.
+
+        ``cell, pair, arm, index, arrival_s, start_s, side, quantile, speed_mps, range_m,
+        vehicle_speed_mps, cleared_s``; what he saw and how fast he went is missing where he never
+        got to go.
+        """
+        return _frame(self._pedestrian_table)
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
+        if self.finished:
+            return self._read("pairs")
+        episodes = self._episode_table
+        numbers = episodes["cell"].to_numpy()
+        parts = [
+            table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
+            for cell in np.unique(numbers)
+        ]
+        return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
+
+        ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  Cells
+        of an unfinished run without a finished pair are left out.
+        """
+        if self.finished:
+            return _read_summary(self.path, self.study)
+        return pd.DataFrame(
+            [
+                {
+                    "cell": cell.number,
+                    **cell.varied,
+                    **summary_row(summarise_cell(own, cell, self.confidence)),
+                }
+                for cell, own in self._episodes_by_cell()
+            ]
+        )
+
+    @cached_property
+    def results(self) -> tuple[CellResult, ...]:
+        """Summary and conflict rates of every cell with a finished pair, as typed records."""
+        found = []
+        rows = {row["cell"]: row for _, row in self.summary.iterrows()}
+        for cell, own in self._episodes_by_cell():
+            ran = own.filter(pc.not_equal(own["ending"], Ending.ENGINE_FAILED.value))
+            counts = {arm: pc.sum(pc.equal(ran["arm"], arm.value)).as_py() or 0 for arm in Arm}
+            rates = conflict_rates(own, cell.scenario.conflicts, self.confidence)
+            row = {str(name): value for name, value in rows[cell.number].items()}
+            found.append(CellResult(cell, summary_from(row, counts), rates))
+        return tuple(found)
+
+    @cached_property
+    def measures(self) -> pd.DataFrame:
+        """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
+
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **row}
+                for cell, own in self._episodes_by_cell()
+                for row in measure_rows(own)
+            ]
+        )
+
+    @cached_property
+    def conflicts(self) -> pd.DataFrame:
+        """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
+
+        ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
+        ci_high``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **conflict_row(rate)}
+                for cell, own in self._episodes_by_cell()
+                for rate in conflict_rates(own, cell.scenario.conflicts, self.confidence)
+            ]
+        )
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """One row per step and object; big: ``traces_of`` reads one pair.
+
+        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (his centre).
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return self._read("traces")
+
+    def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
+        """The rows of ``traces`` of both arms of one pair.
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return _frame(self.rows_of("traces", cell, pair))
+
+    def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
+        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
+        if name == "traces" and self.finished:
+            return read_table(self.path, name, cell, pair)
+        if name == "traces":
+            holding = [one for one in self.shards if one.cell == cell and pair in one.numbers]
+            table = self._table(name, holding)
+        else:
+            table = self._episode_table if name == "episodes" else self._pedestrian_table
+        own = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
+        return table.filter(own)
+
+    def failures(self) -> pd.DataFrame:
+        """The episodes in which engine or strategy failed, with ``reason``."""
+        return self.episodes[self.episodes["ending"] == Ending.ENGINE_FAILED]
+
+    def model_of(self, cell: int) -> InteractionModel:
+        """The interaction model a cell used.
+
+        Raises:
+            InputError: it is no longer there, or has changed since.
+        """
+        section = self.scenario_of(cell).model
+        key = (section.name, section.path)
+        if key not in self._models:
+            self._models[key] = load_model(*key)
+        model = self._models[key]
+        if model.sha256 not in {entry.get("sha256") for entry in self.manifest["models"]}:
+            raise InputError(f"model {model.name}", "has changed since the run", "the same file")
+        return model
+
+    @property
+    def confidence(self) -> float:
+        """Of each interval of the run."""
+        return confidence_of(self.study, options_of(dict(self.manifest)))
+
+    def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
+        """The episodes of every cell that has any."""
+        episodes = self._episode_table
+        numbers = episodes["cell"].to_numpy()
+        for cell in self.study.cells:
+            own = episodes.filter(pa.array(numbers == cell.number))
+            if own.num_rows:
+                yield cell, own
+
+    @cached_property
+    def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
+        return {}
+
+    @cached_property
+    def _episode_table(self) -> pa.Table:
+        return self._table("episodes")
+
+    @cached_property
+    def _pedestrian_table(self) -> pa.Table:
+        return self._table("pedestrians")
+
+    def _need_traces(self) -> None:
+        if not self.kept_traces:
+            raise InputError(str(self.path), "kept no traces", "a run with --traces")
+
+    def _read(self, name: str) -> pd.DataFrame:
+        return _frame(self._table(name))
+
+    def _table(self, name: str, shards: Sequence[Shard] | None = None) -> pa.Table:
+        if self.finished:
+            return read_table(self.path, name)
+        parts = []
+        for shard in self.shards if shards is None else shards:
+            try:
+                parts.append(read_shard(shard.path)[name].cast(TABLES[name]))
+            except FileNotFoundError:
+                what = "has been finished or resumed meanwhile"
+                raise InputError(str(self.path), what, "load it again") from None
+            except (OSError, DamagedShardError, KeyError, ValueError, pa.ArrowException):
+                raise InputError(
+                    str(shard.path), "is damaged", "go on with: harness run --resume"
+                ) from None
+        return pa.concat_tables([TABLES[name].empty_table(), *parts])
+
+
+def load_run(path: str | Path) -> RunData:
+    """Open a run folder, finished or not.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        Its content; tables are read when they are asked for.
+
+    Raises:
+        InputError: it is no run folder, one of another format version, an incomplete copy, or
+            damaged.
+    """
+    folder = Path(path)
+    document = read_manifest(folder)
+    try:
+        study = recall_study(document)
+        options_of(document)
+        counts = document["counts"]
+        finished = counts is not None
+        expected = {
+            "cells": len(study.cells),
+            "episodes": int(counts["episodes"]) if finished else 0,
+            "pairs": int(counts["pairs"]) if finished else 0,
+        }
+    except InputError as error:
+        where = error.where.removeprefix(MANIFEST)
+        raise InputError(f"{folder / MANIFEST}{where}", error.problem, error.allowed) from None
+    except (KeyError, TypeError, ValueError):
+        where = str(folder / MANIFEST)
+        raise InputError(where, "is damaged", "a manifest as a run writes it") from None
+    if not finished:
+        shards = _readable(folder)
+        if read_manifest(folder).get("counts") is not None:
+            # It was finished while its shards were read, and they are gone.
+            return load_run(folder)
+        return RunData(folder, document, study, finished=False, shards=shards)
+    for name in ("cells", "episodes", "pairs", "pedestrians", *(["traces"] * document["traces"])):
+        found = count_rows(folder, name)
+        rows = expected.get(name, found)
+        if found != rows:
+            where = str(folder / f"{name}.parquet")
+            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+    return RunData(folder, document, study, finished=True)
+
+
+def _readable(folder: Path) -> tuple[Shard, ...]:
+    """The shards that can be read; one that cannot does not count, as when a run is resumed."""
+    readable = []
+    for shard in shards_of(folder):
+        try:
+            read_shard(shard.path)
+        except (OSError, DamagedShardError):
+            continue
+        readable.append(shard)
+    return tuple(readable)
+
+
+def _read_summary(folder: Path, study: Study) -> pd.DataFrame:
+    path = folder / "summary.csv"
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file, strict=True))
+        columns = {name: _numbers([row[name] for row in rows]) for name in (rows or [{}])[0]}
+    except FileNotFoundError:
+        raise InputError(str(path), "is missing", "a finished run's table") from None
+    except (OSError, ValueError, TypeError, csv.Error):
+        raise InputError(str(path), "cannot be read", "a run's table") from None
+    expected = {"pairs", "defined_pairs", "mu", "cv", "kappa", "delay_s", *study.varied_keys}
+    if len(rows) != len(study.cells) or not expected <= set(columns):
+        raise InputError(str(path), "is damaged", f"a row for each of {len(study.cells)} cells")
+    for key in study.varied_keys:
+        # CSV knows no types: a strategy may be called "nan".
+        columns[key] = [cell.varied[key] for cell in study.cells]
+    return pd.DataFrame({"cell": range(len(rows)), **columns})
+
+
+def _numbers(texts: Sequence[str]) -> list[Any]:
+    """A column of the summary: whole numbers, floats with NaN for empty, or else text."""
+    for read in (int, lambda text: float(text) if text else math.nan):
+        try:
+            return [read(text) for text in texts]
+        except ValueError:
+            continue
+    return list(texts)
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    frame: pd.DataFrame = table.to_pandas()
+    return frame

@@ -1,0 +1,211 @@
+"""Scenario files: TOML in, a checked ``Scenario`` out.
+
+Every key has a default and unknown keys are refused, so a scenario file says only what differs.
+Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
+"""
+
+import copy
+import difflib
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from pydantic import BaseModel, ValidationError
+
+from harness.errors import InputError, unknown_name
+from harness.resources import shipped_directory
+from harness.scenario.consistency import check_consistency
+from harness.scenario.sections import Scenario, TimedSection
+
+
+class Setting(NamedTuple):
+    """A dotted key with the value it gets, and the option to name in messages about it."""
+
+    key: str
+    value: Any
+    source: str = "--set"
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """A scenario file as read: nothing checked yet but that it is TOML.
+
+    ``sweep`` is its ``[sweep]`` table, None where there is none.  A relative ``model.path`` has
+    been taken from the file's folder.
+    """
+
+    name: str
+    source: str
+    tree: dict[str, Any]
+    sweep: dict[str, Any] | None
+    settings: tuple[Setting, ...]
+    folder: Path
+
+    def scenario(self, more: Sequence[Setting] = ()) -> Scenario:
+        """The checked scenario with all settings applied, later ones over earlier ones.
+
+        Raises:
+            InputError: a key or value is not accepted.
+        """
+        tree = copy.deepcopy(self.tree)
+        sources = {}
+        for setting in (*self.settings, *more):
+            apply_setting(tree, setting)
+            if setting.key == "model.path":
+                # An option's path is the shell's, a path in the file is the file's.
+                on_shell = setting.source.startswith("--")
+                _anchor_model_path(tree, Path.cwd() if on_shell else self.folder)
+            sources[setting.key] = setting.source
+        return validate(tree, self.source, sources)
+
+
+def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> ScenarioFile:
+    """Read a scenario file, or a shipped scenario by its name (``cctc``).
+
+    Args:
+        name_or_path: a TOML file, or the name of a shipped scenario.
+        settings: to be applied over the file's values.
+
+    Raises:
+        InputError: the file is missing or no TOML.
+    """
+    path = _find(name_or_path)
+    try:
+        tree = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(str(path), f"not a TOML file ({error})") from None
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read ({error.strerror})") from None
+    _anchor_model_path(tree, path.parent)
+    sweep = tree.pop("sweep", None)
+    if sweep is not None and not isinstance(sweep, dict):
+        raise InputError(f"{path.name}: sweep", f"{_shorten(sweep)} is not accepted", "a table")
+    return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
+
+
+def load_scenario(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> Scenario:
+    """The scenario of a file without its sweep, checked; see ``read_scenario_file``."""
+    return read_scenario_file(name_or_path, settings).scenario()
+
+
+def parse_setting(text: str) -> Setting:
+    """Split ``key=value``; the value is read as TOML, and as a string where it is none."""
+    key, equals, raw = text.partition("=")
+    key = key.strip()
+    if not equals or not key:
+        raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
+    try:
+        return Setting(key, tomllib.loads(f"value = {raw}")["value"])
+    except tomllib.TOMLDecodeError:
+        return Setting(key, raw.strip())
+
+
+def validate(
+    tree: Mapping[str, Any], source: str, key_sources: Mapping[str, str] | None = None
+) -> Scenario:
+    """Check a tree of keys and values; the first thing wrong becomes an ``InputError``.
+
+    Args:
+        tree: nested tables as read from TOML.
+        source: what to call the file in messages.
+        key_sources: for keys that came from elsewhere (``--set``), where from.
+    """
+    try:
+        scenario = Scenario.model_validate(tree)
+    except ValidationError as error:
+        raise _explain(error, source, key_sources or {}) from None
+    check_consistency(scenario, source)
+    return scenario
+
+
+def _find(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    try:
+        is_file, is_folder = path.is_file(), path.is_dir()
+    except (OSError, ValueError) as error:
+        raise InputError(str(path), f"is no usable path ({error})", "a scenario file") from None
+    if is_file:
+        return path
+    folder = shipped_directory("scenarios")
+    shipped = sorted(file.stem for file in folder.glob("*.toml"))
+    if str(name_or_path) in shipped:
+        return folder / f"{name_or_path}.toml"
+    if is_folder:
+        raise InputError(str(path), "is a folder", "a scenario file (TOML)")
+    close = difflib.get_close_matches(path.stem, shipped, n=1)
+    raise InputError(
+        str(path),
+        "no such scenario file",
+        f"a TOML file, or a shipped scenario: {', '.join(shipped)}",
+        close[0] if close else None,
+    )
+
+
+def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
+    model = tree.get("model")
+    if isinstance(model, dict) and isinstance(model.get("path"), str):
+        model["path"] = os.path.normpath(folder.absolute() / model["path"])
+
+
+def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
+    """Set one dotted key of a nested table, making the tables on its way.
+
+    Raises:
+        InputError: not a dotted key (TOML's syntax, parts may be quoted), or it leads through a
+            value that is no table.
+    """
+    key = setting.key
+    try:
+        # TOML's own key syntax, so that quoted parts may contain dots and colons.
+        branch = tomllib.loads(f"{key} = 0")
+    except tomllib.TOMLDecodeError:
+        branch = {}
+    # A remark, or several lines, is TOML too.
+    if len(branch) != 1 or "\n" in key:
+        raise InputError(
+            f"{setting.source} {key}", "not a dotted key", "e.g. ego.initial_speed_mps"
+        ) from None
+    node = tree
+    while True:
+        (name,) = branch
+        if not isinstance(branch[name], dict):
+            node[name] = setting.value
+            return
+        branch = branch[name]
+        if not isinstance(node.setdefault(name, {}), dict):
+            raise InputError(f"{setting.source} {key}", f"{name!r} is not a table")
+        node = node[name]
+
+
+def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
+    first = error.errors(include_url=False)[0]
+    path = [str(part) for part in first["loc"]]
+    key = ".".join(path)
+    # A misspelt table is wrong in whatever option named a key of it.
+    named = [full for full in key_sources if full == key or full.startswith(f"{key}.")]
+    where = f"{key_sources[named[-1]]} {named[-1]}" if named else f"{source}: {key}"
+    if first["type"] == "extra_forbidden":
+        return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
+    message = first["msg"]
+    allowed = message[0].lower() + message[1:]
+    return InputError(where, f"{_shorten(first['input'])} is not accepted", allowed)
+
+
+def _keys_of(path: list[str]) -> list[str]:
+    section: type[BaseModel] = Scenario
+    for name in path:
+        if name.isdecimal():  # an entry of [[pedestrians.timed]], the only array of tables
+            section = TimedSection
+        elif name != "timed":
+            annotation = section.model_fields[name].annotation
+            assert isinstance(annotation, type)
+            section = annotation
+    return list(section.model_fields)
+
+
+def _shorten(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

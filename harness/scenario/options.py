@@ -1,0 +1,44 @@
+"""How a run is carried out; nothing of it changes what one pair gives."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from harness.scenario.sections import ExperimentSection
+
+TASK_PAIRS = 50
+"""Pairs in a task."""
+
+HANG_AFTER_S = 120.0
+HANG_AFTER_S_PER_STEP = 0.002
+"""A worker that finishes no pair for so long, and so long for each of its steps, is ended."""
+
+
+@dataclass(frozen=True)
+class Precision:
+    """``--until``: go on until the half-width of every cell's interval is this small.
+
+    ``measure`` is ``mu`` or ``kappa``.
+    """
+
+    measure: str
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says beside the study.
+
+    ``workers`` None means all cores; ``sumo_outputs`` says whose SUMO outputs are written.
+    """
+
+    traces: bool = False
+    until: Precision | None = None
+    workers: int | None = None
+    hang_after_s: float = HANG_AFTER_S
+    task_pairs: int = TASK_PAIRS
+    sumo_outputs: Literal["all", "crashed"] | None = None
+
+
+def hang_limit_s(hang_after_s: float, experiment: ExperimentSection) -> float:
+    """How long a worker may take for one pair of a scenario."""
+    return hang_after_s + 2 * experiment.timeout_s / experiment.step_s * HANG_AFTER_S_PER_STEP

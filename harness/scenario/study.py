@@ -1,0 +1,219 @@
+"""From one scenario file to the cells of a study: a single cell, or a grid of varied keys."""
+
+import itertools
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import time
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+from harness.errors import InputError
+from harness.scenario.file import ScenarioFile, Setting, apply_setting, validate
+from harness.scenario.sections import Scenario
+
+MAX_CELLS = 100_000
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One point of a study.
+
+    ``number`` is its place in the tables; it never enters a seed.  ``varied`` holds the varied
+    keys with this cell's values.
+    """
+
+    number: int
+    varied: dict[str, Any]
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class Study:
+    """All cells of a run, in order: the last varied key changes fastest.
+
+    ``base`` is the scenario without the variation.
+    """
+
+    name: str
+    base: Scenario
+    cells: tuple[Cell, ...]
+
+    @property
+    def varied_keys(self) -> list[str]:
+        """The varied keys, in the order given; none for a run of one cell."""
+        return list(self.cells[0].varied)
+
+
+Variation = tuple[str, list[Any]]
+
+
+def single_cell(file: ScenarioFile) -> Study:
+    """A study of one cell.
+
+    Raises:
+        InputError: the file has a ``[sweep]`` table.
+    """
+    if file.sweep is not None:
+        raise InputError(
+            f"{file.source}: sweep", "a study of several cells", "`harness sweep` runs it"
+        )
+    scenario = file.scenario()
+    return Study(file.name, scenario, (Cell(0, {}, scenario),))
+
+
+def study_of(file: ScenarioFile, variations: Sequence[Variation]) -> Study:
+    """The cells of a sweep: the ``--vary`` options, or else the file's ``[sweep]`` table.
+
+    Raises:
+        InputError: nothing varies, a key or value is not accepted, a key varies twice.
+    """
+    if variations and file.sweep is not None:
+        raise InputError(
+            "--vary", f"{file.source} has a [sweep] table of its own", "one of the two"
+        )
+    if file.sweep is not None:
+        points, source = _points_of_table(file.sweep, file.source), "sweep"
+    else:
+        points, source = _grid(variations, "--vary"), "--vary"
+    if not points:
+        raise InputError(
+            file.source, "nothing to vary", "--vary key=v1,v2 (repeatable) or a [sweep] table"
+        )
+    if len(points) > MAX_CELLS:
+        raise InputError(file.source, f"{len(points)} cells", f"at most {MAX_CELLS}")
+    keys = list(dict.fromkeys(key for point in points for key in point))
+    cells = []
+    for number, point in enumerate(points):
+        settings = [Setting(key, value, source) for key, value in point.items()]
+        scenario = file.scenario(settings)
+        dumped = scenario.model_dump()
+        varied = {key: point.get(key, _value_at(dumped, key)) for key in keys}
+        cells.append(Cell(number, varied, scenario))
+    return Study(file.name, file.scenario(), tuple(cells))
+
+
+def study_from(document: Mapping[str, Any]) -> Study:
+    """The study a manifest describes: its scenario and the varied keys of each cell."""
+    where = "manifest.json"
+    base = validate(document["scenario"], where)
+    cells = []
+    for number, varied in enumerate(document["cells"]):
+        tree = base.model_dump()
+        for key, value in varied.items():
+            if value is not None:
+                apply_setting(tree, Setting(key, value))
+        cells.append(Cell(number, dict(varied), validate(tree, where)))
+    return Study(document["name"], base, tuple(cells))
+
+
+def parse_variation(text: str) -> Variation:
+    """Split ``key=v1,v2,…``; values are TOML or text, ``0:1:0.1`` is a range with its end.
+
+    Raises:
+        InputError: no such form, or a range that never ends.
+    """
+    key, equals, raw = text.partition("=")
+    where = f"--vary {text}"
+    if not equals or not key.strip() or not raw.strip():
+        raise InputError(where, "no key=v1,v2,…", "e.g. pedestrians.flow_per_hour=50,100,250")
+    try:
+        values: list[Any] = tomllib.loads(f"values = [{raw}]")["values"]
+    except tomllib.TOMLDecodeError:
+        values = [_value(part.strip()) for part in raw.split(",")]
+    return key.strip(), _expand(values, where)
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _expand(values: Sequence[Any], where: str) -> list[Any]:
+    """Replace ranges given as text by their numbers."""
+    expanded: list[Any] = []
+    for value in values:
+        # TOML reads 10:50:10 as a time of day.
+        text = value.isoformat() if isinstance(value, time) else value
+        parts = text.split(":") if isinstance(text, str) else []
+        numbers = [_decimal(part) for part in parts]
+        if len(numbers) != 3 or any(number is None for number in numbers):
+            expanded.append(value)
+            continue
+        # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
+        begin, end, step = (number for number in numbers if number is not None)
+        if step == 0 or (end - begin) / step < 0 or (end - begin) / step > MAX_CELLS:
+            raise InputError(where, f"range {text!r}", "begin:end:step that reaches its end")
+        whole = all(number == number.to_integral_value() for number in (begin, end, step))
+        for index in range(int((end - begin) / step) + 1):
+            number = begin + index * step
+            expanded.append(int(number) if whole else float(number))
+    return expanded
+
+
+def _decimal(text: str) -> Decimal | None:
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        return None
+    return number if number.is_finite() and abs(number.adjusted()) < 300 else None
+
+
+def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, Any]]:
+    where = f"{source}: sweep"
+    named = table.get("cells")
+    if named is None:
+        flat = _flatten(table)
+        for key, values in flat.items():
+            if not isinstance(values, list):
+                raise InputError(f"{where}.{key}", f"{values!r} is no list", "a list of values")
+        return _grid(
+            [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()], where
+        )
+    if len(table) > 1:
+        other = next(key for key in table if key != "cells")
+        raise InputError(f"{where}.{other}", "stands beside [[sweep.cells]]", "one of the two")
+    if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
+        raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
+    return [_flatten(cell) for cell in named]
+
+
+def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
+    keys = [key for key, _ in variations]
+    for key, values in variations:
+        if keys.count(key) > 1:
+            raise InputError(where, f"{key} varies twice", "each key once")
+        if not values:
+            raise InputError(f"{where} {key}", "no values", "at least one")
+    if not keys:
+        return []
+    return [
+        dict(zip(keys, values, strict=True))
+        for values in itertools.product(*(values for _, values in variations))
+    ]
+
+
+def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat.update(_flatten(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def _value_at(tree: Mapping[str, Any], key: str) -> Any:
+    """What a cell that does not name a varied key has there; None where there is no such key."""
+    probe: dict[str, Any] = {}
+    apply_setting(probe, Setting(key, None))
+    node: Any = tree
+    while isinstance(probe, dict):
+        (name,) = probe
+        if not isinstance(node, Mapping) or name not in node:
+            return None
+        node, probe = node[name], probe[name]
+    return node

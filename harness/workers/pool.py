@@ -1,0 +1,198 @@
+"""Worker processes on this machine.
+
+Each has a pipe of its own and a thread here that waits for it.  Nothing is shared between workers:
+one that is killed in the middle of a message takes no other, and no lock, with it.
+"""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import Future
+from multiprocessing.connection import Connection, Pipe
+from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock, Thread
+from typing import Any, NamedTuple
+
+from harness.scenario import Options
+from harness.workers.tasks import (
+    Argument,
+    ExecutorLostError,
+    Result,
+    TaskFailedError,
+    WorkerDiedError,
+)
+
+_START = "; ".join(
+    (
+        "import sys",
+        "from multiprocessing.connection import Connection",
+        "connection = Connection(int(sys.argv[1]))",
+        "sys.path[:] = connection.recv()",
+        "from harness.workers.worker import serve",
+        "serve(connection)",
+    )
+)
+"""What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
+multiprocessing's, which would run the main module of the caller in each worker again."""
+
+_STANDARD_ERROR = 2
+
+_STARTS = 3
+"""How often in a row a worker may die before it is ready; what kills it then is no task."""
+
+
+class _Job(NamedTuple):
+    function: Callable[[Any], Any]
+    argument: Any
+    future: "Future[Any]"
+
+
+class _Worker(NamedTuple):
+    process: "subprocess.Popen[bytes]"
+    connection: Connection
+
+
+class LocalPool:
+    """See ``Executor``; the workers start at once and import while the caller goes on.
+
+    Args:
+        workers: how many processes.
+        folder: their working directory, where a user's own strategies are found; None: this
+            process's.
+    """
+
+    def __init__(self, workers: int, folder: Path | None = None) -> None:
+        self.workers = workers
+        self._folder, self._path = folder, list(sys.path)
+        self._queue: SimpleQueue[_Job | None] = SimpleQueue()
+        self._lock = Lock()
+        self._stopped = False
+        self._problem = "the workers are stopped"
+        self._alive: set[subprocess.Popen[bytes]] = set()
+        self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
+        for thread in self._threads:
+            thread.start()
+
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
+        """See ``Executor.submit``."""
+        future: Future[Result] = Future()
+        self._queue.put(_Job(function, argument, future))
+        return future
+
+    def stop(self) -> None:
+        """See ``Executor.stop``."""
+        with self._lock:
+            self._stopped = True
+            for process in self._alive:
+                process.kill()
+        for _ in self._threads:
+            self._queue.put(None)
+        for thread in self._threads:
+            thread.join()
+
+    def _keep_busy(self) -> None:
+        """Give one worker job after job, and another worker the next if it dies."""
+        worker = self._ready()
+        while (job := self._queue.get()) is not None:
+            if worker is not None and worker.process.poll() is not None:
+                # It died of nothing; this job is not to blame.
+                self._bury(worker)
+                worker = None
+            worker = worker or self._ready()
+            if worker is None:
+                job.future.set_exception(ExecutorLostError(self._problem))
+            elif not self._survives(worker, job):
+                worker = self._ready()
+        if worker is not None:
+            worker.process.kill()
+            self._bury(worker)
+
+    def _survives(self, worker: _Worker, job: _Job) -> bool:
+        """Let a worker do a job; returns whether it is still there afterwards."""
+        try:
+            worker.connection.send((job.function, job.argument))
+            done, answer = worker.connection.recv()
+        except (EOFError, OSError):
+            code = self._bury(worker)
+            error = WorkerDiedError(f"the worker process died (exit code {code})")
+            job.future.set_exception(error)
+            return False
+        except Exception as error:
+            # A thread that ended here would leave the run waiting for ever.
+            job.future.set_exception(error)
+            return True
+        if done:
+            job.future.set_result(answer)
+        else:
+            job.future.set_exception(TaskFailedError(answer))
+        return True
+
+    def _ready(self) -> _Worker | None:
+        """A new worker that has imported everything; None if there can be none any more."""
+        for _ in range(_STARTS):
+            worker = self._start()
+            if worker is None:
+                return None
+            try:
+                worker.connection.send(self._path)
+                worker.connection.recv()
+            except (EOFError, OSError):
+                code = self._bury(worker)
+                self._problem = f"no worker process gets ready (exit code {code})"
+            else:
+                return worker
+        return None
+
+    def _start(self) -> _Worker | None:
+        with self._lock:
+            if self._stopped:
+                return None
+            ours, theirs = Pipe()
+            try:
+                # The end of its standard input tells a worker that its parent is gone, however
+                # that died.  What it prints is no result: it goes where errors go.  In a group of
+                # its own it does not hear Ctrl-C, which is the parent's business.
+                process = subprocess.Popen(
+                    [sys.executable, "-P", "-c", _START, str(theirs.fileno())],
+                    stdin=subprocess.PIPE,
+                    stdout=_STANDARD_ERROR,
+                    pass_fds=[theirs.fileno()],
+                    process_group=0,
+                    cwd=self._folder,
+                )
+            except OSError as error:
+                ours.close()
+                self._problem = f"no worker process can be started ({error.strerror})"
+                return None
+            finally:
+                # Held by the worker alone from here on, its death closes the pipe.
+                theirs.close()
+            self._alive.add(process)
+            return _Worker(process, ours)
+
+    def _bury(self, worker: _Worker) -> int:
+        """Clear away a worker that is dead or about to die; returns its exit code."""
+        worker.connection.close()
+        try:
+            worker.process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            worker.process.kill()
+        with self._lock:
+            self._alive.discard(worker.process)
+        # Closes its standard input too.
+        worker.process.communicate()
+        return worker.process.returncode
+
+
+def default_workers() -> int:
+    """All cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def workers_for(pairs: int, options: Options) -> int:
+    """How many workers some pairs keep busy, at most as many as asked for."""
+    return max(1, min(options.workers or default_workers(), -(-pairs // options.task_pairs)))
