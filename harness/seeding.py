@@ -21,6 +21,12 @@ _PURPOSES: dict[Purpose, int] = {
 }
 
 
+Resampling = Literal["summary", "comparison"]
+
+# Apart from the streams above by their form, not only by their numbers.
+_RESAMPLINGS: dict[Resampling, int] = {"summary": 5, "comparison": 6}
+
+
 def stream(root_seed: int, purpose: Purpose, pair: int) -> np.random.Generator:
     """The generator of one purpose for one pair.
 
@@ -32,3 +38,13 @@ def stream(root_seed: int, purpose: Purpose, pair: int) -> np.random.Generator:
     # As a spawn key, not as further entropy: seeds above 2**32 must not run into the purpose.
     key = (_PURPOSES[purpose], pair)
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root_seed, spawn_key=key)))
+
+
+def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
+    """The generator of the bootstrap's resamples: the same for every cell of a run.
+
+    Args:
+        root_seed: the experiment's seed, ≥ 0.
+        purpose: what is resampled.
+    """
+    return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

@@ -1,8 +1,9 @@
 """From extracted rows to a fitted interaction model with its card."""
 
-from harness.calibration.calibrate import Calibration, Candidate, Settings, calibrate
+from harness.calibration.calibrate import Calibration, Candidate, calibrate
 from harness.calibration.card import card
 from harness.calibration.choice import CHOICES, by_bic, by_held_out, by_rule
+from harness.calibration.jobs import Settings
 from harness.calibration.sample import (
     BOX_LOWER,
     BOX_UPPER,

@@ -1,54 +1,22 @@
-"""Fits every K, scores it on vehicles it has not seen, chooses one.
+"""Fits every K, scores it on vehicles it has not seen, chooses one."""
 
-Every fit is a job of its own with its own seed, run in worker processes of one BLAS thread each:
-the numbers are the same however many of them there are.
-"""
-
-import multiprocessing
-import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 import numpy as np
 
-from harness.calibration.choice import Choice, by_bic, by_held_out, by_rule
+from harness.calibration.choice import by_bic, by_held_out, by_rule
+from harness.calibration.jobs import Answer, Job, Settings, Shared, fitting_pool, jobs_of, run_job
 from harness.calibration.sample import LABELS, Sample
 from harness.calibration.scores import (
     HeldOut,
-    by_vehicle,
-    driving_log_scores,
     vehicle_folds,
-    walking_log_scores,
 )
 from harness.errors import InputError
 from harness.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
 
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
 Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to fit.
-
-    Attributes:
-        components: every K to fit, ascending.
-        choose: how one of them is chosen; a single K is taken as given.
-        starts: k-means++ starts of every fit, the best kept.
-        folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
-        seed: of starts and folds.
-        tol: a fit stops where its steps gain less than this per unit of weight.
-    """
-
-    components: tuple[int, ...]
-    choose: Choice = "held-out"
-    starts: int = 3
-    folds: int = 5
-    seed: int = 1
-    tol: float = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +83,11 @@ def calibrate(
     """
     _check(sample, settings)
     folds = fold_count(sample, settings)
-    jobs = _jobs(settings, folds)
+    jobs = jobs_of(settings, folds)
     fold_of = _folds(sample, settings, folds)
-    results: dict[_Job, _Answer] = {}
-    with _pool(_Shared(sample, settings, fold_of), workers) as pool:
-        waiting = {pool.submit(_run, job): job for job in jobs}
+    results: dict[Job, Answer] = {}
+    with fitting_pool(Shared(sample, settings, fold_of), workers) as pool:
+        waiting = {pool.submit(run_job, job): job for job in jobs}
         try:
             for future in as_completed(waiting):
                 results[waiting[future]] = future.result()
@@ -141,104 +109,6 @@ def fold_count(sample: Sample, settings: Settings) -> int:
     if settings.folds < 2 or not sample.vehicles or sample.vehicles < 2:
         return 0
     return min(settings.folds, sample.vehicles)
-
-
-@dataclass(frozen=True)
-class _Job:
-    """One fit: to all rows (fold None), or to those outside a fold."""
-
-    components: int
-    fold: int | None
-
-
-@dataclass(frozen=True, eq=False)
-class _Answer:
-    """A fit to all rows, the scores of a fold, or why there is none."""
-
-    fit: FitResult | None = None
-    walking: HeldOut | None = None
-    driving: HeldOut | None = None
-    refusal: tuple[str, str, str | None] | None = None
-
-
-@dataclass(frozen=True, eq=False)
-class _Shared:
-    sample: Sample
-    settings: Settings
-    fold_of: np.ndarray | None
-
-
-_shared: _Shared | None = None
-
-
-def _receive(shared: _Shared) -> None:
-    """Runs once in every worker process."""
-    global _shared
-    _shared = shared
-
-
-@contextmanager
-def _pool(shared: _Shared, workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Fresh processes with one BLAS thread: another number changes the last digits of a fit."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        with ProcessPoolExecutor(
-            max_workers=max(workers, 1),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_receive,
-            initargs=(shared,),
-        ) as pool:
-            yield pool
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-
-
-def _jobs(settings: Settings, folds: int) -> list[_Job]:
-    """The slowest first, so that no worker is left with one at the end."""
-    falling = sorted(settings.components, reverse=True)
-    return [_Job(k, fold) for k in falling for fold in (None, *range(folds))]
-
-
-def _run(job: _Job) -> _Answer:
-    """One fit in a worker; a refusal comes back as words, an exception would lose its parts."""
-    assert _shared is not None
-    try:
-        return _fit(job, _shared)
-    except InputError as error:
-        return _Answer(refusal=(error.where, error.problem, error.allowed))
-
-
-def _fit(job: _Job, shared: _Shared) -> _Answer:
-    sample, settings = shared.sample, shared.settings
-    held = np.zeros(sample.weights.size, dtype=bool)
-    if job.fold is not None and shared.fold_of is not None:
-        held = shared.fold_of == job.fold
-    fit = fit_mixture(
-        sample.data[~held],
-        job.components,
-        sample.lower,
-        sample.upper,
-        sample_weight=sample.weights[~held],
-        tol=settings.tol,
-        n_init=settings.starts,
-        seed=np.random.SeedSequence(
-            settings.seed, spawn_key=(job.components, 0 if job.fold is None else job.fold + 1)
-        ),
-        names=LABELS,
-    )
-    if job.fold is None or sample.vehicle is None or sample.vehicles is None:
-        return _Answer(fit=fit)
-    rows, weights = sample.data[held], sample.weights[held]
-    group = (weights, sample.vehicle[held], sample.vehicles)
-    return _Answer(
-        walking=by_vehicle(walking_log_scores(fit.mixture, rows), *group),
-        driving=by_vehicle(driving_log_scores(fit.mixture, rows), *group),
-    )
 
 
 def _check(sample: Sample, settings: Settings) -> None:
@@ -272,14 +142,14 @@ def _folds(sample: Sample, settings: Settings, folds: int) -> np.ndarray | None:
     return vehicle_folds(sample.vehicle, sample.weights, folds, settings.seed)
 
 
-def _conclude(settings: Settings, folds: int, results: dict[_Job, _Answer]) -> Calibration:
+def _conclude(settings: Settings, folds: int, results: dict[Job, Answer]) -> Calibration:
     warnings: list[str] = []
     candidates = []
     for k in sorted(settings.components):
-        answer = results[_Job(k, None)]
+        answer = results[Job(k, None)]
         if answer.fit is None:
             raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
-        of_folds = [results[_Job(k, fold)] for fold in range(folds)]
+        of_folds = [results[Job(k, fold)] for fold in range(folds)]
         held_out = _joined([answer.walking for answer in of_folds])
         if folds and held_out is None:
             warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")

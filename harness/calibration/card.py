@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from harness.calibration.calibrate import Calibration, Candidate, Settings
+from harness.calibration.calibrate import Calibration, Candidate
 from harness.calibration.choice import RULE_SHARE, by_rule, relative_gain
+from harness.calibration.jobs import Settings
 from harness.calibration.sample import RowFile, Sample, effective_number
 from harness.calibration.scores import HeldOut
 from harness.errors import InputError

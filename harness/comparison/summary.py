@@ -40,6 +40,27 @@ class PairColumns:
     av_fallback: np.ndarray
     met: np.ndarray
 
+    @property
+    def tau(self) -> FloatArray:
+        """AV time / human time of each pair, NaN where either arm did not cross."""
+        av, human = self.time_s
+        ratio: FloatArray = av / human
+        return ratio
+
+    def tau_with_timeouts(self, timeout_s: float) -> FloatArray:
+        """τ with timed-out arms counted at ``timeout_s``; NaN after a crash or a failure."""
+        av, human = (
+            np.where(out, timeout_s, time)
+            for out, time in zip(self.timed_out, self.time_s, strict=True)
+        )
+        ratio: FloatArray = av / human
+        return ratio
+
+    @property
+    def any_timed_out(self) -> np.ndarray:
+        """Whether either arm of the pair timed out."""
+        return self.timed_out[0] | self.timed_out[1]
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -90,23 +111,22 @@ def summarise(
         rng: for the bootstrap.
         confidence: of the intervals, two-sided.
     """
-    (av_time, human_time), (av_out, human_out) = pairs.time_s, pairs.timed_out
     av_ran, human_ran = ~pairs.failed[0], ~pairs.failed[1]
-    tau = av_time / human_time
+    tau = pairs.tau
     defined = ~np.isnan(tau)
     mu, cv = bootstrap_mean_and_cv(tau[defined], rng, confidence)
     delays = [bootstrap_mean(delay[~np.isnan(delay)], rng, confidence) for delay in pairs.delay_s]
-    with_timeout = np.where(av_out, timeout_s, av_time) / np.where(human_out, timeout_s, human_time)
+    with_timeouts = pairs.tau_with_timeouts(timeout_s)
     kappa = proportion(int(pairs.crashed[0].sum()), int(av_ran.sum()), confidence)
     return Summary(
         pairs=len(tau),
         defined_pairs=int(defined.sum()),
-        timed_out=int((av_out | human_out).sum()),
+        timed_out=int(pairs.any_timed_out.sum()),
         failed=int((~av_ran | ~human_ran).sum()),
         fallbacks=int(pairs.av_fallback.sum()),
         met_nobody=int((pairs.met == 0).sum()),
         mu=mu,
-        mu_timeout=_mean(with_timeout[~np.isnan(with_timeout)]),
+        mu_timeout=_mean(with_timeouts[~np.isnan(with_timeouts)]),
         cv=cv,
         kappa=kappa,
         kappa_front=int(pairs.front[0].sum()) / kappa.trials if kappa.trials else None,

@@ -3,7 +3,13 @@
 from typing import Any
 
 from harness.comparison import Interval, Standing
-from harness.review.compare import CellResult, Comparison, GroupResult, RunComparison, SweepResult
+from harness.review.comparisons import (
+    ComparedCell,
+    Comparison,
+    GroupResult,
+    RunComparison,
+    SweepResult,
+)
 
 
 def comparison_document(result: RunComparison) -> dict[str, Any]:
@@ -58,7 +64,7 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
     }
 
 
-def _cell_document(cell: CellResult, standing: Standing, group: GroupResult) -> dict[str, Any]:
+def _cell_document(cell: ComparedCell, standing: Standing, group: GroupResult) -> dict[str, Any]:
     def numbers(positions: tuple[int, ...]) -> list[int]:
         return [group.cells[position].strategy.cell.number for position in positions]
 

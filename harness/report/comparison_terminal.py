@@ -9,7 +9,7 @@ from harness.comparison import (
     Verdict,
 )
 from harness.report.console import make_console, number, plain, table_of_columns, with_range
-from harness.review.compare import GroupResult, RunComparison, SweepResult
+from harness.review.comparisons import GroupResult, RunComparison, SweepResult
 
 _NAMED = 4
 """Cells named in a word about another; the JSON document has all."""

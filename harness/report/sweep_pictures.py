@@ -11,7 +11,8 @@ from harness.report import sweep_figures as draw
 from harness.report.comparison_terminal import allowed_lines
 from harness.report.console import plain
 from harness.report.style import Picture
-from harness.review import compare
+from harness.review.compare import allowed_values
+from harness.review.comparisons import SweepResult
 from harness.review.run_data import RunData
 from harness.review.strategy_groups import (
     ParameterSweep,
@@ -155,15 +156,13 @@ def _aggressiveness(
 _PARTS = ("value", "low", "high")
 
 
-def _judged(
-    run: RunData, group: StrategyGroup, parameter: ParameterSweep
-) -> compare.SweepResult | None:
+def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> SweepResult | None:
     """The verdict on a finished sweep whose scenario has both limits."""
     given = group.cells[0].cell.scenario.limits
     if not run.finished or given.mu0 is None or given.kappa0 is None:
         return None
     limits = Limits(given.mu0, given.kappa0)
-    results = compare.allowed_values(run.path, group, limits, run.confidence)
+    results = allowed_values(run.path, group, limits, run.confidence)
     return next(result for result in results if result.sweep == parameter)
 
 

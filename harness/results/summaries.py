@@ -11,12 +11,10 @@ from harness.comparison import CONFIDENCE, Interval, PairColumns, Proportion, Su
 from harness.encounter import Arm, Contact, Ending
 from harness.errors import InputError
 from harness.scenario import Cell, Options, Study
+from harness.seeding import resampling
 
 FIRST_LOOK = 1_000
 """Pairs at the first look of ``--until``; each further look is at twice as many."""
-
-_BOOTSTRAP = 5
-"""Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""
 
 
 def looks(pairs: int) -> list[int]:
@@ -47,7 +45,7 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
     The resampling's stream is the scenario's alone: the same episodes give the same intervals.
     """
     experiment = cell.scenario.experiment
-    rng = np.random.default_rng((experiment.seed, _BOOTSTRAP))
+    rng = resampling(experiment.seed, "summary")
     return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
 
 

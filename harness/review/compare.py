@@ -13,21 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from harness.comparison import (
-    INDICATIVE_COMPARED_BELOW,
-    AllowedInterval,
-    CrashTest,
-    Interval,
     Limits,
-    Proportion,
-    Standing,
     allowed_interval,
     holm,
     mcnemar,
     paired_difference,
-    pareto_front,
     proportion,
-    relation_of_crashes,
-    relation_of_means,
     swept_value,
 )
 from harness.encounter import FloatArray
@@ -35,6 +26,13 @@ from harness.errors import InputError
 from harness.results.manifest import options_of, recall_study
 from harness.results.reading import read_finished_manifest, read_table
 from harness.results.summaries import confidence_of, pair_columns
+from harness.review.comparisons import (
+    ComparedCell,
+    Comparison,
+    GroupResult,
+    RunComparison,
+    SweepResult,
+)
 from harness.review.strategy_groups import (
     ParameterSweep,
     StrategyCell,
@@ -42,104 +40,10 @@ from harness.review.strategy_groups import (
     parameter_sweeps,
     strategy_groups,
 )
-
-_RESAMPLING = 6
-"""Keys the resampling apart from the streams of ``seeding``, which begin with the same seed."""
+from harness.seeding import resampling
 
 Progress = Callable[[int, int], None]
 """(steps done, steps planned)."""
-
-
-@dataclass(frozen=True)
-class CellResult:
-    """What a cell shows by itself."""
-
-    strategy: StrategyCell
-    pairs: int
-    defined_pairs: int
-    timed_out: int
-    mu: float | None
-    mu_timeout: float | None
-    kappa: Proportion
-    delay_s: float | None
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """Cell ``a`` less cell ``b``, positions in their group, over the pairs they have in common.
-
-    ``mu_timeout_difference`` is that of τ with timed-out arms counted at the time-out; ``p_holm``
-    is the McNemar test's p within the family of all such tests of the run.
-    """
-
-    a: int
-    b: int
-    defined_in_both: int
-    mu_difference: Interval
-    mu_timeout_difference: float | None
-    crossed_in_both: int
-    delay_difference_s: Interval
-    crashes: CrashTest
-    p_holm: float
-
-    @property
-    def indicative(self) -> list[str]:
-        """Differences of which N is too small for their intervals to hold what they say."""
-        counts = {
-            "mu_difference": self.defined_in_both,
-            "delay_difference_s": self.crossed_in_both,
-        }
-        return [name for name, count in counts.items() if count < INDICATIVE_COMPARED_BELOW[name]]
-
-
-@dataclass(frozen=True)
-class SweepResult:
-    """Which values of a parameter are allowed."""
-
-    sweep: ParameterSweep
-    limits: Limits
-    found: AllowedInterval
-
-    @property
-    def indicative(self) -> tuple[bool, ...]:
-        """Of every value, whether N is too small for μ's bound to hold what it says."""
-        least = INDICATIVE_COMPARED_BELOW["mu_bound"]
-        return tuple(judgement.swept.pairs < least for judgement in self.found.judgements)
-
-
-@dataclass(frozen=True)
-class GroupResult:
-    """One group of cells that differ in the AV's strategy alone.
-
-    ``level`` is the chance of error at which a difference counts as told.
-    """
-
-    group: StrategyGroup
-    level: float
-    cells: tuple[CellResult, ...]
-    comparisons: tuple[Comparison, ...]
-    sweeps: tuple[SweepResult, ...]
-
-    def standings(self) -> list[Standing]:
-        """The place of every cell on the Pareto front of (μ, κ)."""
-        relations = {
-            (item.a, item.b): (
-                relation_of_means(item.mu_difference),
-                relation_of_crashes(item.crashes, item.p_holm, self.level),
-            )
-            for item in self.comparisons
-        }
-        return pareto_front(len(self.cells), relations)
-
-
-@dataclass(frozen=True)
-class RunComparison:
-    """All of a run; ``confidence`` is that of each interval."""
-
-    folder: Path
-    name: str
-    confidence: float
-    groups: tuple[GroupResult, ...]
 
 
 def compare(
@@ -282,15 +186,13 @@ def _compare_group(
 def _read(run: Path, member: StrategyCell) -> _Columns:
     pairs = pair_columns(read_table(run, "episodes", member.cell.number))
     timeout_s = member.cell.scenario.experiment.timeout_s
-    (av_time, human_time), (av_out, human_out) = pairs.time_s, pairs.timed_out
     return _Columns(
-        tau=av_time / human_time,
-        tau_timeout=np.where(av_out, timeout_s, av_time)
-        / np.where(human_out, timeout_s, human_time),
+        tau=pairs.tau,
+        tau_timeout=pairs.tau_with_timeouts(timeout_s),
         delay_s=pairs.delay_s[0],
         crashed=pairs.crashed[0],
         ran=~pairs.failed[0],
-        timed_out=int((av_out | human_out).sum()),
+        timed_out=int(pairs.any_timed_out.sum()),
     )
 
 
@@ -299,7 +201,7 @@ def _compare(a: int, b: int, columns: list[_Columns], seed: int, confidence: flo
     common = min(len(columns[a].tau), len(columns[b].tau))
     first, second = columns[a].first(common), columns[b].first(common)
     # The same resampling for every two cells: none depends on what else was compared.
-    rng = np.random.default_rng((seed, _RESAMPLING))
+    rng = resampling(seed, "comparison")
     crashes = mcnemar(first.crashed, second.crashed, first.ran, second.ran)
     return Comparison(
         a=a,
@@ -322,7 +224,7 @@ def _judge(
             columns[cell].tau,
             columns[cell].crashed,
             columns[cell].ran,
-            np.random.default_rng((seed, _RESAMPLING)),
+            resampling(seed, "comparison"),
             len(sweep.cells),
             level,
         )
@@ -331,8 +233,8 @@ def _judge(
     return SweepResult(sweep, limits, allowed_interval(swept, limits, level))
 
 
-def _cell(strategy: StrategyCell, columns: _Columns, confidence: float) -> CellResult:
-    return CellResult(
+def _cell(strategy: StrategyCell, columns: _Columns, confidence: float) -> ComparedCell:
+    return ComparedCell(
         strategy=strategy,
         pairs=len(columns.tau),
         defined_pairs=_count(columns.tau),

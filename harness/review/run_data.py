@@ -4,9 +4,7 @@ run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
 """
 
-import csv
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -23,10 +21,11 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.results.manifest import options_of, recall_study
 from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
-from harness.results.reading import MANIFEST, count_rows, read_manifest, read_table
-from harness.results.shards import DamagedShardError, Shard, read_shard, shards_of
+from harness.results.reading import MANIFEST, count_rows, read_manifest
+from harness.results.shards import Shard
 from harness.results.summaries import confidence_of, summarise_cell, summary_from, summary_row
 from harness.results.tables import TABLES, pair_rows, table_of
+from harness.review.run_tables import RunTables, read_summary, readable_shards
 from harness.scenario import Cell, Scenario, Study
 
 
@@ -89,7 +88,7 @@ class RunData:
     def cells(self) -> pd.DataFrame:
         """One row per cell: ``cell`` and the varied keys."""
         if self.finished:
-            return _frame(read_table(self.path, "cells"))
+            return _frame(self._tables.read("cells"))
         rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
         return pd.DataFrame(rows)
 
@@ -101,7 +100,7 @@ class RunData:
         sumo_collision, fallback, steps, pedestrians`` and a column for each of
         ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
         """
-        return _frame(self._episode_table)
+        return _frame(self._tables.read("episodes"))
 
     @cached_property
     def pedestrians(self) -> pd.DataFrame:
@@ -111,14 +110,14 @@ class RunData:
         vehicle_speed_mps, cleared_s``; what he saw and how fast he went is missing where he never
         got to go.
         """
-        return _frame(self._pedestrian_table)
+        return _frame(self._tables.read("pedestrians"))
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
-            return self._read("pairs")
-        episodes = self._episode_table
+            return _frame(self._tables.read("pairs"))
+        episodes = self._tables.read("episodes")
         numbers = episodes["cell"].to_numpy()
         parts = [
             table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
@@ -134,7 +133,7 @@ class RunData:
         of an unfinished run without a finished pair are left out.
         """
         if self.finished:
-            return _read_summary(self.path, self.study)
+            return pd.DataFrame(read_summary(self.path, self.study))
         return pd.DataFrame(
             [
                 {
@@ -199,7 +198,7 @@ class RunData:
             InputError: the run keeps no traces.
         """
         self._need_traces()
-        return self._read("traces")
+        return _frame(self._tables.read("traces"))
 
     def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
         """The rows of ``traces`` of both arms of one pair.
@@ -212,15 +211,7 @@ class RunData:
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
         """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
-        if name == "traces" and self.finished:
-            return read_table(self.path, name, cell, pair)
-        if name == "traces":
-            holding = [one for one in self.shards if one.cell == cell and pair in one.numbers]
-            table = self._table(name, holding)
-        else:
-            table = self._episode_table if name == "episodes" else self._pedestrian_table
-        own = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
-        return table.filter(own)
+        return self._tables.rows_of(name, cell, pair)
 
     def failures(self) -> pd.DataFrame:
         """The episodes in which engine or strategy failed, with ``reason``."""
@@ -248,7 +239,7 @@ class RunData:
 
     def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
         """The episodes of every cell that has any."""
-        episodes = self._episode_table
+        episodes = self._tables.read("episodes")
         numbers = episodes["cell"].to_numpy()
         for cell in self.study.cells:
             own = episodes.filter(pa.array(numbers == cell.number))
@@ -260,35 +251,12 @@ class RunData:
         return {}
 
     @cached_property
-    def _episode_table(self) -> pa.Table:
-        return self._table("episodes")
-
-    @cached_property
-    def _pedestrian_table(self) -> pa.Table:
-        return self._table("pedestrians")
+    def _tables(self) -> RunTables:
+        return RunTables(self.path, self.finished, self.shards)
 
     def _need_traces(self) -> None:
         if not self.kept_traces:
             raise InputError(str(self.path), "kept no traces", "a run with --traces")
-
-    def _read(self, name: str) -> pd.DataFrame:
-        return _frame(self._table(name))
-
-    def _table(self, name: str, shards: Sequence[Shard] | None = None) -> pa.Table:
-        if self.finished:
-            return read_table(self.path, name)
-        parts = []
-        for shard in self.shards if shards is None else shards:
-            try:
-                parts.append(read_shard(shard.path)[name].cast(TABLES[name]))
-            except FileNotFoundError:
-                what = "has been finished or resumed meanwhile"
-                raise InputError(str(self.path), what, "load it again") from None
-            except (OSError, DamagedShardError, KeyError, ValueError, pa.ArrowException):
-                raise InputError(
-                    str(shard.path), "is damaged", "go on with: harness run --resume"
-                ) from None
-        return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
 
 def load_run(path: str | Path) -> RunData:
@@ -323,7 +291,7 @@ def load_run(path: str | Path) -> RunData:
         where = str(folder / MANIFEST)
         raise InputError(where, "is damaged", "a manifest as a run writes it") from None
     if not finished:
-        shards = _readable(folder)
+        shards = readable_shards(folder)
         if read_manifest(folder).get("counts") is not None:
             # It was finished while its shards were read, and they are gone.
             return load_run(folder)
@@ -335,47 +303,6 @@ def load_run(path: str | Path) -> RunData:
             where = str(folder / f"{name}.parquet")
             raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
     return RunData(folder, document, study, finished=True)
-
-
-def _readable(folder: Path) -> tuple[Shard, ...]:
-    """The shards that can be read; one that cannot does not count, as when a run is resumed."""
-    readable = []
-    for shard in shards_of(folder):
-        try:
-            read_shard(shard.path)
-        except (OSError, DamagedShardError):
-            continue
-        readable.append(shard)
-    return tuple(readable)
-
-
-def _read_summary(folder: Path, study: Study) -> pd.DataFrame:
-    path = folder / "summary.csv"
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, strict=True))
-        columns = {name: _numbers([row[name] for row in rows]) for name in (rows or [{}])[0]}
-    except FileNotFoundError:
-        raise InputError(str(path), "is missing", "a finished run's table") from None
-    except (OSError, ValueError, TypeError, csv.Error):
-        raise InputError(str(path), "cannot be read", "a run's table") from None
-    expected = {"pairs", "defined_pairs", "mu", "cv", "kappa", "delay_s", *study.varied_keys}
-    if len(rows) != len(study.cells) or not expected <= set(columns):
-        raise InputError(str(path), "is damaged", f"a row for each of {len(study.cells)} cells")
-    for key in study.varied_keys:
-        # CSV knows no types: a strategy may be called "nan".
-        columns[key] = [cell.varied[key] for cell in study.cells]
-    return pd.DataFrame({"cell": range(len(rows)), **columns})
-
-
-def _numbers(texts: Sequence[str]) -> list[Any]:
-    """A column of the summary: whole numbers, floats with NaN for empty, or else text."""
-    for read in (int, lambda text: float(text) if text else math.nan):
-        try:
-            return [read(text) for text in texts]
-        except ValueError:
-            continue
-    return list(texts)
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

@@ -18,7 +18,8 @@ from harness.encounter import Arm
 from harness.errors import InputError
 from harness.results import summaries
 from harness.results.tables import EPISODES, PEDESTRIANS
-from harness.review.compare import RunComparison, compare
+from harness.review.compare import compare
+from harness.review.comparisons import RunComparison
 from harness.scenario import Options, Precision, Study
 from harness.workers.tasks import Task, TaskResult
 from tests.batches import one_cell, sweep

@@ -1,0 +1,147 @@
+"""The fits of a calibration, each a job of its own with its own seed, in processes of one thread.
+
+So the numbers are the same however many processes there are.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.calibration.choice import Choice
+from harness.calibration.sample import LABELS, Sample
+from harness.calibration.scores import (
+    HeldOut,
+    by_vehicle,
+    driving_log_scores,
+    walking_log_scores,
+)
+from harness.errors import InputError
+from harness.mixture import FitResult, fit_mixture
+
+_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to fit.
+
+    Attributes:
+        components: every K to fit, ascending.
+        choose: how one of them is chosen; a single K is taken as given.
+        starts: k-means++ starts of every fit, the best kept.
+        folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
+        seed: of starts and folds.
+        tol: a fit stops where its steps gain less than this per unit of weight.
+    """
+
+    components: tuple[int, ...]
+    choose: Choice = "held-out"
+    starts: int = 3
+    folds: int = 5
+    seed: int = 1
+    tol: float = 1e-6
+
+
+@dataclass(frozen=True)
+class Job:
+    """One fit: to all rows (fold None), or to those outside a fold."""
+
+    components: int
+    fold: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A fit to all rows, the scores of a fold, or why there is none."""
+
+    fit: FitResult | None = None
+    walking: HeldOut | None = None
+    driving: HeldOut | None = None
+    refusal: tuple[str, str, str | None] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What every worker process is told once."""
+
+    sample: Sample
+    settings: Settings
+    fold_of: np.ndarray | None
+
+
+_shared: Shared | None = None
+
+
+def _receive(shared: Shared) -> None:
+    """Runs once in every worker process."""
+    global _shared
+    _shared = shared
+
+
+@contextmanager
+def fitting_pool(shared: Shared, workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Fresh processes with one BLAS thread: another number changes the last digits of a fit."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        with ProcessPoolExecutor(
+            max_workers=max(workers, 1),
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_receive,
+            initargs=(shared,),
+        ) as pool:
+            yield pool
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def jobs_of(settings: Settings, folds: int) -> list[Job]:
+    """The slowest first, so that no worker is left with one at the end."""
+    falling = sorted(settings.components, reverse=True)
+    return [Job(k, fold) for k in falling for fold in (None, *range(folds))]
+
+
+def run_job(job: Job) -> Answer:
+    """One fit in a worker; a refusal comes back as words, an exception would lose its parts."""
+    assert _shared is not None
+    try:
+        return _fit(job, _shared)
+    except InputError as error:
+        return Answer(refusal=(error.where, error.problem, error.allowed))
+
+
+def _fit(job: Job, shared: Shared) -> Answer:
+    sample, settings = shared.sample, shared.settings
+    held = np.zeros(sample.weights.size, dtype=bool)
+    if job.fold is not None and shared.fold_of is not None:
+        held = shared.fold_of == job.fold
+    fit = fit_mixture(
+        sample.data[~held],
+        job.components,
+        sample.lower,
+        sample.upper,
+        sample_weight=sample.weights[~held],
+        tol=settings.tol,
+        n_init=settings.starts,
+        seed=np.random.SeedSequence(
+            settings.seed, spawn_key=(job.components, 0 if job.fold is None else job.fold + 1)
+        ),
+        names=LABELS,
+    )
+    if job.fold is None or sample.vehicle is None or sample.vehicles is None:
+        return Answer(fit=fit)
+    rows, weights = sample.data[held], sample.weights[held]
+    group = (weights, sample.vehicle[held], sample.vehicles)
+    return Answer(
+        walking=by_vehicle(walking_log_scores(fit.mixture, rows), *group),
+        driving=by_vehicle(driving_log_scores(fit.mixture, rows), *group),
+    )
