@@ -6,8 +6,7 @@
 in the folder it lies in.  docs/strategies.md explains what an observation holds.
 """
 
-from harness.encounter import Observation
-from harness.errors import InputError
+from harness import InputError, Observation
 
 
 class MyStrategy:

@@ -10,8 +10,14 @@ from harness.encounter import Arm, Ending, FloatArray, Side
 from harness.episode.arrivals import planned_arrivals
 from harness.interaction import InteractionModel
 from harness.network import network_of, read_site
-from harness.report import episode_figures as episodes_drawn
-from harness.report import model_figures, safety_figures, site_figures, style, tau_figures
+from harness.report import (
+    episode_figures as episodes_drawn,
+    model_figures,
+    safety_figures,
+    site_figures,
+    style,
+    tau_figures,
+)
 from harness.report.episode_traces import ShownPair
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures

@@ -6,8 +6,7 @@ import numpy as np
 import pandas as pd
 
 from harness.comparison import Limits, Verdict
-from harness.report import style
-from harness.report import sweep_figures as draw
+from harness.report import style, sweep_figures as draw
 from harness.report.comparison_terminal import allowed_lines
 from harness.report.console import plain
 from harness.report.style import Picture

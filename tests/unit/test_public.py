@@ -1,0 +1,62 @@
+"""The public interface: what ``harness`` names, and that naming it costs nothing."""
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import harness
+
+ROOT = Path(harness.__file__).parents[1]
+
+
+def named_for_type_checkers() -> dict[str, str]:
+    """Name → module of what the face imports for type checkers."""
+    tree = ast.parse(Path(harness.__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    found = {}
+    for node in block.body:
+        assert isinstance(node, ast.ImportFrom)
+        for alias in node.names:
+            assert alias.asname == alias.name, "without `as` it is not exported"
+            found[alias.name] = str(node.module)
+    return found
+
+
+def test_type_checkers_see_what_is_there() -> None:
+    assert named_for_type_checkers() == harness._MODULE_OF
+    assert sorted(harness.__all__) == dir(harness)
+
+
+@pytest.mark.parametrize("name", harness.__all__)
+def test_every_public_name_is_there_and_says_what_it_is(name: str) -> None:
+    found = getattr(harness, name)
+    assert found.__doc__
+    assert getattr(found, "__module__", found.__name__).startswith("harness.")
+
+
+def test_every_public_name_is_in_the_docs_and_no_other() -> None:
+    table = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").split("| to | names |")[1]
+    rows = [line.split("|")[2] for line in table.splitlines() if line.startswith("| ")]
+    told = set(re.findall(r"`([A-Za-z_]+)`", " ".join(rows)))
+    assert told == {*harness.__all__}
+
+
+def test_another_name_is_refused() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = harness.nothing
+
+
+def test_importing_it_imports_nothing_heavy() -> None:
+    script = "import sys, harness; print([n for n in ('numpy', 'pandas') if n in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_types_ship_with_it() -> None:
+    assert (Path(harness.__file__).parent / "py.typed").is_file()
