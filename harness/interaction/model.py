@@ -9,9 +9,9 @@ integrated out (``marginal``), given (``given_time_advantage``: the paper's figu
 v_p by the pedestrian's L (``curve``).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,13 @@ VARIABLES = (
     "inverse_time_advantage_per_s",
 )
 INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
+
+
+class _Walking(NamedTuple):
+    """Density and distribution function of v_p given what a pedestrian sees."""
+
+    density: Callable[[FloatArray], FloatArray]
+    cdf: Callable[[FloatArray], FloatArray]
 
 
 class InteractionModel:
@@ -136,14 +143,10 @@ class InteractionModel:
             inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
             lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
         """
-        speeds = np.asarray(speed_mps, dtype=float)
-        if lateral_m is not None:
-            seen = self._seen(range_m, vehicle_speed_mps)
-            return self._curve.density(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
-        if inverse_time_advantage_per_s is None:
-            return self._walking.pdf(speeds, self._seen(range_m, vehicle_speed_mps))
-        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
-        return self._walking_given_time.pdf(speeds, given)
+        walking = self._walking_given(
+            range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m
+        )
+        return walking.density(np.asarray(speed_mps, dtype=float))
 
     def walking_speed_cdf(
         self,
@@ -155,14 +158,10 @@ class InteractionModel:
         lateral_m: FloatArray | None = None,
     ) -> FloatArray:
         """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
-        speeds = np.asarray(speed_mps, dtype=float)
-        if lateral_m is not None:
-            seen = self._seen(range_m, vehicle_speed_mps)
-            return self._curve.cdf(speeds, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
-        if inverse_time_advantage_per_s is None:
-            return self._walking.cdf(speeds, self._seen(range_m, vehicle_speed_mps))
-        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
-        return self._walking_given_time.cdf(speeds, given)
+        walking = self._walking_given(
+            range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m
+        )
+        return walking.cdf(np.asarray(speed_mps, dtype=float))
 
     def driver_speed_density(
         self,
@@ -212,6 +211,23 @@ class InteractionModel:
         if quantile is None:
             return float(conditional.mode(y)[0])
         return float(conditional.ppf(np.array([quantile]), y)[0])
+
+    def _walking_given(
+        self,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        inverse_time: FloatArray | None,
+        lateral_m: FloatArray | None,
+    ) -> _Walking:
+        """v_p under the reading that what is given calls for."""
+        if lateral_m is not None:
+            seen = self._seen(range_m, vehicle_speed_mps)
+            place = 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1]
+            curve = self._curve
+            return _Walking(lambda x: curve.density(x, *place), lambda x: curve.cdf(x, *place))
+        conditional = self._walking if inverse_time is None else self._walking_given_time
+        given = self._seen(range_m, vehicle_speed_mps, inverse_time)
+        return _Walking(lambda x: conditional.pdf(x, given), lambda x: conditional.cdf(x, given))
 
     def _clamp(self, values: FloatArray, variables: tuple[int, ...]) -> FloatArray:
         chosen = list(variables)

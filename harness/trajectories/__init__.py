@@ -5,7 +5,6 @@ from harness.trajectories.encounters import conflict_point
 from harness.trajectories.extraction import (
     Extraction,
     extract,
-    model_rows,
     read_clips,
     summary,
 )
@@ -29,7 +28,6 @@ __all__ = [
     "VehicleTrack",
     "conflict_point",
     "extract",
-    "model_rows",
     "read_clips",
     "row_weights",
     "summary",

@@ -15,7 +15,7 @@ from harness.trajectories.paths import (
     first_crossing,
     travel_m,
 )
-from harness.trajectories.rules import Rules
+from harness.trajectories.rules import ROW_COLUMNS, Rules
 from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
 
 # Corner spacing and the chord that gives a direction: a few times the recording jitter (about
@@ -27,19 +27,8 @@ LONG_PAUSE_S = 10.0
 
 # The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
 Columns = dict[str, Floats | str | float | None]
-CANDIDATE_COLUMNS = (
-    "source",
-    "clip",
-    "vehicle",
-    "pedestrian",
-    "time_s",
-    "range_m",
-    "lateral_m",
-    "vehicle_speed_mps",
-    "pedestrian_speed_mps",
-    "crossing_angle_deg",
-    "passed_first",
-    "pet_s",
+CANDIDATE_COLUMNS = tuple(
+    name for name in ROW_COLUMNS if name not in ("arrival_time_s", "time_advantage_s")
 )
 
 

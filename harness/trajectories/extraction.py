@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from harness.errors import InputError, unknown_name
@@ -22,7 +21,7 @@ from harness.trajectories.rules import (
     split_options,
     with_times,
 )
-from harness.trajectories.tracks import Clip, Floats
+from harness.trajectories.tracks import Clip
 
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
@@ -107,31 +106,6 @@ def read_clips(paths: str | Path | Sequence[str | Path], format: str, **options:
         raise InputError(f"format {format}", "holds rows, not tracks")
     _, own = split_options(options, known.options, f"format {format}")
     return list(known.clips(as_paths(paths), own, Tally()))
-
-
-def model_rows(rows: pd.DataFrame) -> Floats:
-    """The four variables of the interaction model, in its order.
-
-    Args:
-        rows: with ``range_m``, ``vehicle_speed_mps``, ``pedestrian_speed_mps`` and
-            ``time_advantage_s``, as ``extract`` gives them.
-
-    Returns:
-        (n, 4): 1/R in 1/m, v and v_p in m/s, 1/T_adv in 1/s; the paper's section on variables.
-
-    Raises:
-        InputError: a column is missing, or R or T_adv is not above 0 (1/0 is undefined).
-    """
-    needed = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
-    for name in needed:
-        if name not in rows:
-            raise InputError("rows", f"column {name!r} is missing", ", ".join(needed))
-    values = np.array(rows[list(needed)].to_numpy(dtype=np.float64, na_value=np.nan))
-    for column, name in ((0, "range_m"), (3, "time_advantage_s")):
-        if not (values[:, column] > 0).all():
-            raise InputError(f"rows: {name}", "a value is missing or not above 0", "above 0")
-    values[:, [0, 3]] = 1.0 / values[:, [0, 3]]
-    return values
 
 
 def summary(extraction: Extraction) -> dict[str, Any]:

@@ -40,6 +40,7 @@ NOT_HERE = {
     "source": "changes the shell",
     "pip": "changes the environment",
     "git": "changes the checkout",
+    ".venv/bin/pre-commit": "changes the checkout",
     "dask": "serves for ever; tests/sumo/test_dask.py starts a cluster",
     "--dask": "needs that cluster",
     "xvfb-run": "tests/sumo/test_watch.py",

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.errors import InputError
 from harness.trajectories import (
     REASONS,
     ROW_COLUMNS,
@@ -17,7 +16,6 @@ from harness.trajectories import (
     VehicleTrack,
     conflict_point,
     extract,
-    model_rows,
     read_clips,
     summary,
 )
@@ -280,28 +278,6 @@ def test_path_that_turns_back_on_itself_still_has_a_direction():
     np.testing.assert_array_equal(np.abs(path.direction(2.0, 0.5)), [1, 0])
 
 
-def test_model_rows_in_the_order_of_the_model():
-    rows = pd.DataFrame(
-        {
-            "time_advantage_s": [2.0, 0.5],
-            "pedestrian_speed_mps": [1.2, 1.5],
-            "range_m": [10.0, 4.0],
-            "vehicle_speed_mps": [5.0, 3.0],
-        }
-    )
-    np.testing.assert_array_equal(model_rows(rows), [[0.1, 5, 1.2, 0.5], [0.25, 3, 1.5, 2]])
-
-
-@pytest.mark.parametrize("value", [0.0, -1.0, np.nan])
-def test_model_rows_refuse_what_has_no_reciprocal(made_up, value):
-    rows = made_up.rows.copy()
-    rows.loc[3, "range_m"] = value
-    with pytest.raises(InputError, match="range_m"):
-        model_rows(rows)
-    with pytest.raises(InputError, match="time_advantage_s"):
-        model_rows(rows.drop(columns="time_advantage_s"))
-
-
 def test_summary_is_plain_data(made_up):
     # One vehicle, 22 + 9 rows; R over both pairs from 1.2 m (18 − 4·4.2) to 22 m.
     plain = summary(made_up)
@@ -321,7 +297,6 @@ def test_nothing_left_is_an_empty_result_not_an_error():
     assert tuple(nothing.rows.columns) == ROW_COLUMNS
     assert (nothing.counts.pairs, nothing.counts.vehicles) == (0, 0)
     assert nothing.counts.dropped["pairs"]["no_row_kept"] == 2
-    assert model_rows(nothing.rows).shape == (0, 4)
     assert summary(nothing)["quartiles"]["range_m"] == {
         "n": 0,
         "min": None,
