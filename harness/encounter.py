@@ -78,6 +78,10 @@ class Crossing:
         """y of the centre of the ego's lane."""
         return self.length_m / 4
 
+    def to_lane_m(self, side: Side) -> float:
+        """From that side's kerb to the centre of the ego's lane: L of someone who stands there."""
+        return self.lane_centre_m if side is Side.NEAR else self.length_m - self.lane_centre_m
+
     @property
     def stop_line_m(self) -> float:
         """Range of the front bumper at Hard-Yield's stop line, 1 m before the near edge."""

@@ -68,8 +68,7 @@ class Walker:
         self._length = crossing.length_m
         near = self.side is Side.NEAR
         self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
-        lane = crossing.lane_centre_m
-        self._to_lane = lane if near else crossing.length_m - lane
+        self._to_lane = crossing.to_lane_m(self.side)
 
     def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
         """He leaves his kerb at that speed, having seen (range_m, vehicle_speed_mps)."""

@@ -20,9 +20,7 @@ class WalkingSpeeds:
     def __init__(self, model: InteractionModel, rules: Rules, reading: str) -> None:
         self._model = model
         self._on_curve = reading == "curve"
-        # From each kerb to the centre of the ego's lane, L of whoever steps off there.
-        centre_m = rules.crossing.lane_centre_m
-        self._lateral_m = {Side.NEAR: centre_m, Side.FAR: rules.crossing.length_m - centre_m}
+        self._lateral_m = {side: rules.crossing.to_lane_m(side) for side in Side}
         self._at_trigger = (rules.vehicle.trigger_range_m, rules.vehicle.initial_speed_mps)
         self._foreseen: dict[tuple[float, Side], float] = {}
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time
 from harness.measures.rows import time_at, x_range
@@ -18,8 +18,8 @@ def pet_s(chunk: Chunk) -> FloatArray:
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
-    lane = crossing.lane_centre_m
-    to_lane = np.where(legs.from_far, crossing.length_m - lane, lane)
+    near, far = (crossing.to_lane_m(side) for side in (Side.NEAR, Side.FAR))
+    to_lane = np.where(legs.from_far, far, near)
     length = crossing.length_m
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)

@@ -215,8 +215,7 @@ def _mean_density(
 ) -> FloatArray:
     """Mean over the walkers (evenly chosen ones, where there are many) of f(v_p | what he saw)."""
     some = walkers.iloc[:: max(1, len(walkers) // _MOST_CONDITIONS)]
-    centre = scenario.crosswalk().lane_centre_m
-    lateral = {Side.NEAR: centre, Side.FAR: scenario.crossing.length_m - centre}
+    crossing = scenario.crosswalk()
     on_curve = scenario.model.pedestrian_reading == "curve"
     total = np.zeros_like(grid)
     seen = some.groupby(["range_m", "vehicle_speed_mps", "side"], sort=False).size()
@@ -228,7 +227,7 @@ def _mean_density(
         state = (np.full_like(grid, range_m), np.full_like(grid, speed))
         density = np.full_like(grid, np.nan)
         if on_curve:
-            away = np.full_like(grid, lateral[Side(side)])
+            away = np.full_like(grid, crossing.to_lane_m(Side(side)))
             density = model.walking_speed_density(grid, *state, lateral_m=away)
         if not np.isfinite(density).all():
             # As in a run: where no walking speed fits the box, L says nothing.

@@ -1,6 +1,6 @@
 """What no key of a scenario can tell alone: whether all of them fit together."""
 
-from harness.encounter import PEDESTRIAN_RADIUS_M
+from harness.encounter import PEDESTRIAN_RADIUS_M, Side
 from harness.errors import InputError, unknown_name
 from harness.scenario.sections import Scenario, TimedSection, path_of
 
@@ -68,8 +68,8 @@ def _check_pedestrians(scenario: Scenario, where: str) -> None:
 
 def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
     """He starts on his footpath or on the road, clear of the car, and not before the trigger."""
-    ego, length_m = scenario.ego, scenario.crossing.length_m
-    to_kerb_m = length_m / 4 if timed.side == "near" else 3 * length_m / 4
+    ego = scenario.ego
+    to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
     nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
     if not nearest < timed.start_lateral_m <= farthest:
         raise InputError(
