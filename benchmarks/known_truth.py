@@ -1,0 +1,224 @@
+"""A small experiment of which the truth is known: the paper's (``cctc``) on the plain engine.
+
+Its one pedestrian steps off at the trigger, so an episode is a function of his side and of his
+quantile u, which is uniform.  Expectations are integrals over u: here sums over the midpoints of
+equal parts of (0, 1), for either side, each driven through the program's own episode.  There is no
+sampling in them, and nothing of ``harness.comparison``.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+import numpy as np
+import pyarrow as pa
+
+from benchmarks.coverage import plain_engine
+from harness.encounter import Arm, Arrival, FloatArray, Side
+from harness.episode.arms import make_strategy
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.loop import Rules, run_episode
+from harness.episode.pairing import PairRunner
+from harness.interaction import InteractionModel, load_model
+from harness.measures import Outcome, measure
+from harness.results.tables import episode_rows, table_of
+from harness.scenario import Scenario, Setting, load_scenario
+
+SCENARIO = "cctc"
+
+MARGIN = "strategies.soft_yield.time_margin_s"
+
+CELLS: dict[str, dict[str, object]] = {
+    "soft": {},
+    "hard": {"arms.av": "hard_yield"},
+    "constant": {"arms.av": "constant_speed"},
+    "brake": {"arms.av": "emergency_brake", "strategies.emergency_brake.ttc_threshold_s": 0.6},
+    "bold": {MARGIN: -1.046},
+}
+"""AVs by a short name.  ``brake`` and ``bold`` crash equally often, but not in the same pairs."""
+
+COMPARED = (("soft", "hard"), ("soft", "constant"), ("brake", "bold"))
+
+SWEPT = {f"margin {margin:g}": {MARGIN: margin} for margin in (-1.5, -1.0, -0.5, 0.0, 0.5, 1.0)}
+"""Cells of a sweep of Soft-Yield's margin."""
+
+FREE_S = (30.0 + 2.0 + 5.0) / 5.0
+"""Pass time of a car that never brakes: range, half the crosswalk and length at 5 m/s."""
+
+CHUNK = 500
+
+Columns = Mapping[str, np.ndarray]
+
+
+def scenario_of(settings: Mapping[str, object], seed: int = 1) -> Scenario:
+    """The experiment with another AV and root seed."""
+    changes = {**settings, "experiment.seed": seed}
+    return load_scenario(SCENARIO, [Setting(key, value) for key, value in changes.items()])
+
+
+def model_of(scenario: Scenario) -> InteractionModel:
+    """The interaction model of a scenario."""
+    return load_model(scenario.model.name, scenario.model.path)
+
+
+def nodes(cells: Mapping[str, Mapping[str, object]], per_side: int) -> dict[str, pa.Table]:
+    """``episodes`` of every cell, one pair for each node; all nodes weigh the same."""
+    middles = (np.arange(per_side) + 0.5) / per_side
+    quantiles, sides = np.tile(middles, 2), [Side.NEAR] * per_side + [Side.FAR] * per_side
+    any_cell = scenario_of({})
+    human = _arm(any_cell, Arm.HUMAN, quantiles, sides)
+    return {
+        name: both_arms(_arm(scenario_of(settings), Arm.AV, quantiles, sides), human)
+        for name, settings in cells.items()
+    }
+
+
+def both_arms(av: pa.Table, human: pa.Table) -> pa.Table:
+    """Rows pair by pair, AV first, of one arm's rows each."""
+    order = np.arange(2 * av.num_rows).reshape(2, -1).T.ravel()
+    return pa.concat_tables([av, human]).take(order)
+
+
+def node_of(arrival: Arrival, per_side: int) -> int:
+    """The node nearest to a pedestrian's quantile, on his side."""
+    assert arrival.quantile is not None
+    return int(arrival.quantile * per_side) + (arrival.side is Side.FAR) * per_side
+
+
+def planned_nodes(pairs: int, seed: int, per_side: int) -> np.ndarray:
+    """The nodes nearest to the pedestrians whom the program plans for these pairs."""
+    scenario = scenario_of({}, seed)
+    planned = (planned_arrivals(scenario, pair) for pair in range(pairs))
+    return np.array([node_of(arrivals[0], per_side) for arrivals in planned])
+
+
+def chosen_pairs(episodes: pa.Table, chosen: np.ndarray) -> pa.Table:
+    """These nodes as the pairs 0, 1, 2 … of an experiment."""
+    rows = np.stack([2 * chosen, 2 * chosen + 1], axis=1).ravel()
+    place = episodes.schema.get_field_index("pair")
+    numbers = pa.array(np.repeat(np.arange(len(chosen)), 2))
+    return episodes.take(rows).set_column(place, "pair", numbers)
+
+
+def simulated(
+    cells: Mapping[str, Mapping[str, object]], pairs: int, seed: int, model: InteractionModel
+) -> dict[str, pa.Table]:
+    """The same cells as the program runs them: planned and drawn from the root seed.
+
+    The human's arm is the same in every cell, so it is simulated in the first alone.
+    """
+    found: dict[str, pa.Table] = {}
+    human = None
+    for name, settings in cells.items():
+        reference = {} if human is None else {"arms.human": "constant_speed"}
+        scenario = scenario_of({**settings, **reference}, seed)
+        engine = plain_engine(scenario)
+        outcomes = PairRunner(scenario, model, lambda engine=engine: engine).run(range(pairs))
+        table = table_of("episodes", episode_rows(0, outcomes))
+        if human is None:
+            human = table.take(np.arange(1, 2 * pairs, 2))
+        found[name] = both_arms(table.take(np.arange(0, 2 * pairs, 2)), human)
+    return found
+
+
+def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side]) -> pa.Table:
+    """One arm of every node."""
+    model, engine = model_of(scenario), plain_engine(scenario)
+    vehicle, experiment = scenario.vehicle(), scenario.experiment
+    rules = Rules(
+        vehicle,
+        scenario.crosswalk(),
+        scenario.pedestrians.kerb_wait_s,
+        experiment.step_s,
+        experiment.timeout_s,
+    )
+    count = len(quantiles)
+    seen = (np.full(count, vehicle.trigger_range_m), np.full(count, vehicle.initial_speed_mps))
+    speeds = model.walking_speed(quantiles, *seen).tolist()
+    name = scenario.arms.av if arm is Arm.AV else scenario.arms.human
+
+    def outcomes() -> Iterator[Outcome]:
+        for begin in range(0, count, CHUNK):
+            chunk = range(begin, min(begin + CHUNK, count))
+            traces = [
+                run_episode(
+                    engine,
+                    make_strategy(scenario, name, node, model),
+                    (Arrival(0, 0.0, sides[node], float(quantiles[node])),),
+                    _always(speeds[node]),
+                    rules,
+                )
+                for node in chunk
+            ]
+            for node, trace, record in zip(chunk, traces, measure(traces), strict=True):
+                yield Outcome(node, arm, name, record, trace)
+
+    return table_of("episodes", episode_rows(0, outcomes()))
+
+
+def _always(speed_mps: float) -> Callable[..., float]:
+    return lambda *_seen: speed_mps
+
+
+def columns_of(episodes: pa.Table) -> tuple[Columns, Columns]:
+    """Of the AV's and the human's rows: pass time, ending, and what conflicts go by."""
+    names = ("pass_time_s", "min_ttc_s", "min_time_advantage_s", "pet_s", "max_drac_mps2")
+    found = []
+    for first in (0, 1):
+        rows = episodes.take(np.arange(first, episodes.num_rows, 2))
+        numbers = {name: np.array(rows[name].to_pylist(), dtype=float) for name in names}
+        crashed = np.array(rows["ending"].to_pylist()) == "crashed"
+        avoidable = np.array([bool(value) for value in rows["avoidable"].to_pylist()])
+        found.append({**numbers, "crashed": crashed, "avoidable": crashed & avoidable})
+    return found[0], found[1]
+
+
+def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
+    """What the intervals of a cell should hold, from the definitions in docs/method.md."""
+    truth = {}
+    av, human = columns_of(episodes)
+    tau = tau_of(episodes)
+    mean, square = np.nanmean(tau), np.nanmean(tau**2)
+    truth["mu"], truth["cv"] = float(mean), float(np.sqrt(square - mean**2) / mean)
+    for arm, end in ((av, ""), (human, "_human")):
+        crashed = arm["crashed"]
+        truth[f"kappa{end}"] = float(crashed.mean())
+        truth[f"kappa_avoidable{end}"] = float(arm["avoidable"].mean())
+        truth[f"delay{end}_s"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S
+        for name, conflict in (
+            ("ttc", arm["min_ttc_s"] < 1.5),
+            ("time_advantage", arm["min_time_advantage_s"] < 1.5),
+            ("pet", arm["pet_s"] < 1.5),
+            ("drac", arm["max_drac_mps2"] > 3.35),
+        ):
+            truth[f"{name}{end}"] = float((conflict | crashed).mean())
+    return truth
+
+
+def truth_of_differences(first: pa.Table, second: pa.Table) -> dict[str, float]:
+    """Of the AV's arm, over the nodes at which both cells are defined."""
+    times = [columns_of(cell)[0]["pass_time_s"] for cell in (first, second)]
+    return {
+        "mu_difference": float(np.nanmean(tau_of(first) - tau_of(second))),
+        "delay_difference_s": float(np.nanmean(times[0] - times[1])),
+    }
+
+
+def tau_of(episodes: pa.Table) -> FloatArray:
+    """τ of every pair, NaN where either arm did not cross."""
+    av, human = columns_of(episodes)
+    tau: FloatArray = av["pass_time_s"] / human["pass_time_s"]
+    return tau
+
+
+def every_truth(
+    cells: Mapping[str, pa.Table], compared: Iterable[tuple[str, str]]
+) -> dict[str, float]:
+    """Truths by the names that ``benchmarks.audit`` gives the intervals."""
+    found = {
+        f"{cell}: {name}": value
+        for cell, episodes in cells.items()
+        for name, value in truth_of_cell(episodes).items()
+    }
+    for a, b in compared:
+        for name, value in truth_of_differences(cells[a], cells[b]).items():
+            found[f"{a} − {b}: {name}"] = value
+    return found
