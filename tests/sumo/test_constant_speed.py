@@ -4,16 +4,17 @@ The geometry is worked out here: the ego is the rectangle from its bumper back o
 the pedestrian a disc of radius 0.25 m, both at constant velocity.  The distance from a point on
 a straight path to a convex set is a convex function of time, so its minimum is found by
 narrowing an interval and the first contact by bisection, without any of the harness's formulas.
+SUMO's own verdict is held against the rule for it (``benchmarks.verdicts``).
 """
 
 import math
 from collections import Counter
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import NamedTuple
 
 import pytest
 
+from benchmarks.verdicts import Passage
 from harness.encounter import Side, Trace
 from harness.measures import measure
 from harness.strategies.constant_speed import ConstantSpeed
@@ -94,60 +95,6 @@ def simulate(case: Case, sumo) -> Trace:
     return play(ConstantSpeed(), [(case.arrival, case.side, case.walking)], scene, sumo(scene))
 
 
-# SUMO's own verdict, by the rule measured for it and by its sources (MSVehicle::getBoundingPoly,
-# MSTransportable::getBoundingBox): a car is an octagon, its nose and tail tapered to 0.6 of the
-# width over a tenth of the length; a person is a box of 0.215 m behind his position and 0.239 m
-# to either side; only a car whose front is on the junction's inner lane (3.5 m either way) is
-# looked at, and only once or twice a step.
-OUTLINE = [(0.0, 0.3), (0.1, 0.5), (0.9, 0.5), (1.0, 0.3)]
-INNER_LANE_M = 3.5
-OWN_WALK_M = 2 * 1.39 * 0.1
-Polygon = list[tuple[float, float]]
-
-
-def overlap(one: Polygon, other: Polygon, margin: float) -> bool:
-    """Whether two convex polygons overlap by more than the margin in m (separating axes)."""
-    for polygon in (one, other):
-        for (x0, y0), (x1, y1) in zip(polygon, polygon[1:] + polygon[:1], strict=True):
-            side = math.hypot(x1 - x0, y1 - y0)
-            reach = [[((y1 - y0) * x - (x1 - x0) * y) / side for x, y in p] for p in (one, other)]
-            if min(max(reach[0]) - min(reach[1]), max(reach[1]) - min(reach[0])) < margin:
-                return False
-    return True
-
-
-def boxes_overlap(case: Case, front: float, time: float, ahead: float, margin: float) -> bool:
-    """SUMO's outlines at one moment; the person's box reaches ``ahead`` in front of him."""
-    if front < -1 or front > LENGTH + 1 or not 0 <= case.walking * (time - case.arrival) <= L0:
-        return False
-    car = [(front - LENGTH * a, LANE_CENTRE + WIDTH * b) for a, b in OUTLINE]
-    car += [(front - LENGTH * a, LANE_CENTRE - WIDTH * b) for a, b in reversed(OUTLINE)]
-    y, direction = case.y(time), 1 if case.side is Side.NEAR else -1
-    near, far = y - direction * 0.215, y + direction * ahead
-    person = [(-0.239, near), (0.239, near), (0.239, far), (-0.239, far)]
-    return overlap(car, person, margin)
-
-
-def sumo_must_see(case: Case, trace: Trace) -> bool:
-    """The outlines overlap at a step's end with the front clearly on the inner lane."""
-    return any(
-        abs(front) < INNER_LANE_M - 1e-6 and boxes_overlap(case, front, step * 0.1, 0.0, 1e-6)
-        for step, front in enumerate(trace.x_m.tolist())
-    )
-
-
-def sumo_may_see(case: Case, trace: Trace) -> bool:
-    """Or after the car has moved and before the person is put where he is told to be: then he
-    stands up to two steps of SUMO's own walk ahead of where he was, and the car counts as on the
-    inner lane if it began its step there."""
-    fronts = trace.x_m.tolist()
-    return sumo_must_see(case, trace) or any(
-        abs(before) <= INNER_LANE_M + 1e-6
-        and boxes_overlap(case, front, step * 0.1, OWN_WALK_M, -1e-6)
-        for step, (before, front) in enumerate(pairwise(fronts))
-    )
-
-
 def check(all_cases: list[Case], sumo) -> Counter[str]:
     """Compare every case; returns how many there were of each kind."""
     seen: Counter[str] = Counter()
@@ -184,10 +131,11 @@ def check(all_cases: list[Case], sumo) -> Counter[str]:
                 assert record.contact == ("front" if front < 0 else "side"), case
             seen[f"contact {record.contact}"] += 1
             seen["seen by SUMO"] += bool(trace.sumo_collision)
-        must, may = sumo_must_see(case, trace), sumo_may_see(case, trace)
+        passage = Passage(trace)
+        must, may = passage.must_be_seen(), passage.may_be_seen()
         assert not must or trace.sumo_collision, case
         assert may or not trace.sumo_collision, case
-        seen["left open by the rule"] += must != may
+        seen["left open by the rule"] += passage.is_left_open()
     return seen
 
 
