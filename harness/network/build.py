@@ -64,17 +64,17 @@ def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> Net
     return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
 
 
-def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
-    """The network of a geometry: the shipped one, one built earlier, or one built now.
+def network_for(geometry: CrossingGeometry, shipped: Path) -> Path:
+    """The network of a geometry: a shipped one, one built earlier, or one built now.
 
-    The shipped network is taken if its sources are, character for character, those this geometry
+    A shipped network is taken if its sources are, character for character, those this geometry
     gives. Any other network is kept in ``$CROSSWALK_HARNESS_CACHE``, else
     ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else ``~/.cache/crosswalk-harness/networks``,
     under a hash of its sources and of netconvert's version. Processes may build at the same time.
 
     Args:
         geometry: the crosswalk.
-        shipped_dir: the shipped site's folder; its name is the stem of its files' names.
+        shipped: folder of the shipped sites, each a folder as `build_network` writes it.
 
     Returns:
         Path of the ``.net.xml``.
@@ -83,10 +83,10 @@ def network_for(geometry: CrossingGeometry, shipped_dir: Path) -> Path:
         InputError: the cache folder cannot be written.
         EngineError: see `build_network`.
     """
-    shipped = plain_sources(geometry, shipped_dir.name)
-    net = shipped_dir / f"{shipped_dir.name}.net.xml"
-    if net.is_file() and all(_text(shipped_dir / file) == text for file, text in shipped.items()):
-        return net
+    for net in sorted(shipped.glob("*/*.net.xml")):
+        sources = plain_sources(geometry, net.name.removesuffix(".net.xml"))
+        if all(_text(net.with_name(file)) == text for file, text in sources.items()):
+            return net
     digest = hashlib.sha256(_netconvert_version().encode())
     for file_name, text in sorted(plain_sources(geometry, "site").items()):
         digest.update(f"\0{file_name}\0{text}".encode())

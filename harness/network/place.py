@@ -14,5 +14,5 @@ def geometry_of(scenario: Scenario) -> CrossingGeometry:
 
 
 def network_of(scenario: Scenario) -> Path:
-    """The SUMO network of a scenario: the shipped one, or built into the cache."""
-    return network_for(geometry_of(scenario), shipped_directory("networks") / "cctc")
+    """The SUMO network of a scenario: a shipped one, or built into the cache."""
+    return network_for(geometry_of(scenario), shipped_directory("networks"))

@@ -1,0 +1,70 @@
+"""What every site below ``networks/`` must be, whichever they are.
+
+A site is a folder as ``harness network SCENARIO --out networks/SITE`` writes it, and the shipped
+scenario it was written for.  ``tests/sumo/test_network.py`` measures and drives each of them.
+"""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.network import build, build_network, geometry_of, network_of
+from harness.scenario import Setting, load_scenario
+from tests.sites import NETWORKS, geometries, shipped_nets, shipped_scenarios
+from tests.sumo.test_engines_agree import assert_same_episode
+
+NETS = shipped_nets()
+CROSSWALKS = geometries()
+every_site = pytest.mark.parametrize("name", NETS)
+
+
+def test_every_folder_is_one_site() -> None:
+    folders = sorted(path.name for path in NETWORKS.iterdir() if path.is_dir())
+    assert folders == sorted(net.parent.name for net in NETWORKS.glob("*/*.net.xml"))
+    assert len(NETS) == len(folders)
+
+
+@every_site
+def test_its_scenario_takes_place_there_and_nothing_is_built(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
+    crosswalk = CROSSWALKS.get(name)
+    assert crosswalk is not None, "no shipped scenario's [crossing] gives these sources"
+    there = [each for each in shipped_scenarios().values() if geometry_of(each) == crosswalk]
+    assert {network_of(scenario) for scenario in there} == {NETS[name]}
+    assert not (tmp_path / "cache").exists()
+
+
+@every_site
+def test_is_what_its_sources_give(name: str, tmp_path: Path) -> None:
+    net = NETS[name]
+    files = build_network(CROSSWALKS[name], tmp_path, name)
+    for source in files.sources:
+        assert net.with_name(source.name).read_text(encoding="utf-8") == source.read_text("utf-8")
+    number = re.compile(r"-?\d+\.\d+")
+    built, shipped = (path.read_text(encoding="utf-8") for path in (files.net, net))
+    assert number.sub("#", built) == number.sub("#", shipped)
+    # Another machine's sine may round the last digit of nine to the other side.
+    values = [[float(value) for value in number.findall(text)] for text in (built, shipped)]
+    assert values[0] == pytest.approx(values[1], abs=2e-9, rel=0)
+    assert {path.name for path in net.parent.iterdir()} == {p.name for p in tmp_path.iterdir()}
+
+
+@every_site
+def test_sumo_plays_there_what_the_plain_engine_plays(name: str, sumo, model) -> None:
+    crosswalk = [Setting(f"crossing.{key}", value) for key, value in vars(CROSSWALKS[name]).items()]
+    people = [Setting("pedestrians.flow_per_hour", 900.0), Setting("experiment.timeout_s", 60.0)]
+    scenario = load_scenario("cctc_flow", [*crosswalk, *people])
+    plain = PairRunner(
+        scenario, model, lambda: PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    )
+    in_sumo = PairRunner(scenario, model, lambda: sumo(scenario))
+    met = 0
+    for one, other in zip(in_sumo.run(range(4)), plain.run(range(4)), strict=True):
+        assert_same_episode(one, other, (name, one.pair, one.arm))
+        met += one.record.pedestrians
+    assert met > 4

@@ -1,0 +1,34 @@
+"""The shipped sites, whichever they are: every network below ``networks/``, and its crosswalk."""
+
+from pathlib import Path
+
+from harness.network import CrossingGeometry, geometry_of, plain_sources
+from harness.resources import shipped_directory
+from harness.scenario import Scenario, load_scenario
+
+NETWORKS = shipped_directory("networks")
+
+
+def shipped_nets() -> dict[str, Path]:
+    """Every shipped network, by the stem of its files' names."""
+    return {net.name.removesuffix(".net.xml"): net for net in sorted(NETWORKS.glob("*/*.net.xml"))}
+
+
+def shipped_scenarios() -> dict[str, Scenario]:
+    """Every shipped scenario, by name; of a study, what its cells start from."""
+    names = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))
+    return {name: load_scenario(name) for name in names}
+
+
+def geometries() -> dict[str, CrossingGeometry]:
+    """The crosswalk of each shipped network at which a shipped scenario takes place."""
+    crosswalks = [geometry_of(scenario) for scenario in shipped_scenarios().values()]
+    return {
+        name: geometry
+        for name, net in shipped_nets().items()
+        for geometry in crosswalks
+        if all(
+            net.with_name(file).is_file() and net.with_name(file).read_text("utf-8") == text
+            for file, text in plain_sources(geometry, name).items()
+        )
+    }
