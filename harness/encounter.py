@@ -131,7 +131,9 @@ class Strategy(Protocol):
     ``rng`` a ``numpy.random.Generator`` of its own, keyed by pair, one that names ``step_s`` the
     simulation's step.  A boolean attribute ``fallback``, where there is one, is recorded at the
     end of the episode.  A classmethod ``prepare``, where there is one, is called with the same
-    parameters once per process before the first object is made.
+    parameters once per process before the first object is made.  A built-in strategy may name the
+    parameters that are its aggressiveness in the class: ``AGGRESSIVENESS = {"margin_s": -1.0}``
+    (the sign: less of it is bolder).
     """
 
     def decide(self, observation: Observation, /) -> float | None:

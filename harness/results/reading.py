@@ -1,7 +1,7 @@
 """Reads a run folder: its manifest, whose form is checked, and its tables (docs/files.md)."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,6 +14,8 @@ from harness.errors import InputError
 from harness.results.tables import SCHEMA, TABLES
 
 MANIFEST = "manifest.json"
+
+_HAS_ALL = "a run of this version, or `harness score` of one that kept its traces"
 
 
 class _Manifest(BaseModel):
@@ -72,9 +74,20 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
 
 
 def read_table(
-    folder: Path, name: str, cell: int | None = None, pair: int | None = None
+    folder: Path,
+    name: str,
+    cell: int | None = None,
+    pair: int | None = None,
+    optional: Collection[str] = (),
 ) -> pa.Table:
     """One table of a finished run: all of it, one cell's rows, or one pair's.
+
+    Args:
+        folder: of the run.
+        name: of the table.
+        cell: whose rows; None: all cells'.
+        pair: likewise.
+        optional: columns that a run of an earlier version may lack; such a column is left out.
 
     Raises:
         InputError: the table is missing, damaged, or of another format.
@@ -85,10 +98,12 @@ def read_table(
         table = pq.read_table(path, filters=filters or None)
         if name not in TABLES:
             return table
-        missing = [column for column in TABLES[name].names if column not in table.column_names]
+        held = pa.schema([field for field in TABLES[name] if field.name in table.column_names])
+        needed = [column for column in TABLES[name].names if column not in optional]
+        missing = [column for column in needed if column not in held.names]
         if missing:
-            raise InputError(str(path), f"lacks {missing[0]}", "a run of this version")
-        return table.select(TABLES[name].names).cast(TABLES[name])
+            raise InputError(str(path), f"lacks {missing[0]}", _HAS_ALL)
+        return table.select(held.names).cast(held)
 
 
 def count_rows(folder: Path, name: str) -> int:

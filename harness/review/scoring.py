@@ -13,6 +13,7 @@ from harness.batch.finish import finish
 from harness.encounter import Arm, Arrival, Ending, Leg, Side, Trace, Walk
 from harness.errors import InputError
 from harness.measures import Outcome, measure
+from harness.measures.table import COLUMNS
 from harness.results.reading import read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.tables import episode_rows
@@ -40,7 +41,8 @@ def score(run: Path, out: Path) -> Path:
     try:
         for cell in batch.study.cells:
             names = ("episodes", "pedestrians", "traces")
-            tables = {name: read_table(run, name, cell.number) for name in names}
+            # Measures are worked out anew: those added since the run need not be there.
+            tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
             for first in range(0, cell.scenario.experiment.pairs, _PART_PAIRS):
                 last = first + _PART_PAIRS - 1
                 part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
@@ -64,8 +66,8 @@ def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, dict
     for row, ending in enumerate(stored["ending"]):
         if ending == Ending.ENGINE_FAILED:
             # There is nothing to measure where a worker died.
-            for name, column in scored.items():
-                column[row] = stored[name][row]
+            for name in stored:
+                scored[name][row] = stored[name][row]
     kept = {name: tables[name].to_pydict() for name in ("pedestrians", "traces")}
     return {"episodes": scored, **kept}
 

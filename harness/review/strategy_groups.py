@@ -12,10 +12,7 @@ from typing import Any
 
 from harness.scenario import Cell, Scenario, Study
 from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import STRATEGIES, table_key
-
-AGGRESSIVENESS = {("soft_yield", "time_margin_s"): -1.0, ("gap_yield", "critical_gap_s"): -1.0}
-"""Sign of the parameters that are a strategy's aggressiveness: less margin is bolder."""
+from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class ParameterSweep:
     @property
     def aggressiveness(self) -> tuple[float, ...] | None:
         """Of every value, where the parameter is known to stand for it."""
-        sign = AGGRESSIVENESS.get((self.strategy, self.parameter))
+        sign = aggressiveness_of(self.strategy).get(self.parameter)
         # No negative zero: a margin of 0 is an aggressiveness of 0.
         return None if sign is None else tuple(sign * value + 0.0 for value in self.values)
 

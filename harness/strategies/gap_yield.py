@@ -1,7 +1,7 @@
 """Gap-Yield: goes first through a gap that is long enough, yields smoothly otherwise."""
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
@@ -60,6 +60,8 @@ class GapYield:
         critical_gap_s: the time advantage above which it goes first, s; below 0 it also goes where
             it would be late.  Its aggressiveness is −critical_gap_s.
     """
+
+    AGGRESSIVENESS: ClassVar = {"critical_gap_s": -1.0}  # a smaller gap is bolder
 
     def __init__(self, *, critical_gap_s: float = 1.5) -> None:
         self._critical_gap_s = critical_gap_s

@@ -68,6 +68,16 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
     return digests
 
 
+def aggressiveness_of(name: str) -> Mapping[str, float]:
+    """Parameters of a built-in strategy that are its aggressiveness, each with its sign.
+
+    The attribute ``AGGRESSIVENESS`` of its class, where there is one; nothing for a user's own,
+    whose code need not be there when results are read.
+    """
+    signs: Mapping[str, float] = getattr(STRATEGIES.get(name), "AGGRESSIVENESS", {})
+    return signs
+
+
 def table_key(name: str) -> str:
     """The key of a strategy's table as a scenario writes it; names with a colon are quoted."""
     return f'strategies."{name}"' if ":" in name else f"strategies.{name}"

@@ -1,7 +1,7 @@
 """Soft-Yield, the automated vehicle of the paper (Schroeder et al. 2014)."""
 
 import math
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from harness.encounter import Observation, PedestrianView
 from harness.strategies.driving import clearing_time, resume
@@ -45,6 +45,8 @@ class SoftYield:
         time_margin_s: how long after the pedestrian has left it arrives at x = 0, s; before he has
             left where negative.
     """
+
+    AGGRESSIVENESS: ClassVar = {"time_margin_s": -1.0}  # a smaller margin is bolder
 
     def __init__(
         self,

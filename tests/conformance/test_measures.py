@@ -71,7 +71,9 @@ def test_the_scenes_are_what_they_are_called() -> None:
 
 @every_measure
 def test_is_documented(entry: Measure) -> None:
-    assert row_of(entry) in DOCS.read_text(encoding="utf-8").splitlines()
+    row = row_of(entry)
+    documented = row in DOCS.read_text(encoding="utf-8").splitlines()
+    assert documented, f"docs/measures.md has to have this line in its table:\n{row}"
 
 
 @every_measure

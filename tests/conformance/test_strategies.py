@@ -9,13 +9,22 @@ from typing import ClassVar
 import pytest
 
 from harness.conformance import CHECKS, Subject, check_strategy
-from harness.strategies.registry import STRATEGIES
+from harness.strategies.parameters import parameters_of
+from harness.strategies.registry import STRATEGIES, aggressiveness_of
 
 
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_keeps(strategy: str, check: str, model) -> None:
     CHECKS[check](Subject(strategy, model))
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_what_it_calls_its_aggressiveness_is_a_number_among_its_parameters(strategy: str) -> None:
+    numbers = {p.name for p in parameters_of(STRATEGIES[strategy]) if p.annotation in (int, float)}
+    signs = aggressiveness_of(strategy)
+    assert signs.keys() <= numbers
+    assert {*signs.values()} <= {-1.0, 1.0}
 
 
 class Steady:

@@ -1,5 +1,6 @@
 """Score: the measures of a run again from its traces alone, byte for byte."""
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -79,6 +80,23 @@ def test_a_run_that_stopped_early_is_scored_with_its_confidence(
     assert pq.read_metadata(tmp_path / "run" / "pairs.parquet").num_rows < 80
     score(tmp_path / "run", tmp_path / "scored")
     assert content(tmp_path / "scored") == content(tmp_path / "run")
+
+
+def test_scoring_gives_a_run_the_measures_added_since(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 10})
+    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
+    shutil.copytree(tmp_path / "run", tmp_path / "older")
+    path = tmp_path / "older" / "episodes.parquet"
+    pq.write_table(pq.read_table(path).drop_columns(["stops", "max_jerk_mps3"]), path)
+    score(tmp_path / "older", tmp_path / "scored")
+    assert content(tmp_path / "scored") == content(tmp_path / "run")
+    done = shell("report", tmp_path / "older")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "lacks stops" in done.stderr
+    assert "harness score" in done.stderr
+    pq.write_table(pq.read_table(path).drop_columns(["ending"]), path)
+    with pytest.raises(InputError, match="lacks ending"):
+        score(tmp_path / "older", tmp_path / "again")
 
 
 def test_refused(tmp_path: Path) -> None:
