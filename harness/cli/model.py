@@ -5,7 +5,7 @@ What a command needs is imported when it is called.
 
 import json
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -31,8 +31,8 @@ def extract(
         str,
         typer.Option(
             "--format",
-            help="vci: fixed camera, DUT and sets like it; mobileye: the paper's sensor; "
-            "table: rows you already have (columns: docs/model.md).",
+            help="How the data are laid out, e.g. vci (fixed camera) or table (rows you already "
+            "have); all formats: docs/model.md.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="The rows are written here (.parquet).")],
@@ -57,7 +57,7 @@ def extract(
     from harness.report.model_terminal import print_extraction
 
     if plots is not None and format_ in trajectories.FORMATS:
-        _refuse_rows_without_tracks(trajectories.FORMATS[format_], format_)
+        _refuse_rows_without_tracks(trajectories.FORMATS, format_)
     extraction = trajectories.extract(paths, format_, **options)
     if extraction.rows.empty:
         raise InputError(str(paths[0]), f"no row passes the rules{_most_frequent(extraction)}")
@@ -70,7 +70,7 @@ def extract(
         from harness.report.plots import plot_trajectories
 
         clips = trajectories.read_clips(paths, format_, **options)
-        figures = plot_trajectories(clips, extraction.rows, format_, plots)
+        figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
     if as_json:
         print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
@@ -221,9 +221,10 @@ def _options(settings: list[str] | None) -> dict[str, Any]:
     return {setting.key: setting.value for setting in map(parse_setting, settings or [])}
 
 
-def _refuse_rows_without_tracks(known: Any, name: str) -> None:
-    if known.clips is None:
-        raise InputError("--plots", f"format {name} holds rows, not tracks", "vci or mobileye")
+def _refuse_rows_without_tracks(formats: Mapping[str, Any], name: str) -> None:
+    if formats[name].clips is None:
+        tracks = " or ".join(other for other in formats if formats[other].clips is not None)
+        raise InputError("--plots", f"format {name} holds rows, not tracks", tracks)
 
 
 def _most_frequent(extraction: Any) -> str:

@@ -42,28 +42,25 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     return written
 
 
-def plot_trajectories(
-    clips: Sequence[Clip], rows: pd.DataFrame, format: str, folder: Path
-) -> list[Path]:
+def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -> list[Path]:
     """A map of each site and one passing event coloured by time.
 
     Args:
-        clips: the tracks; clips of fixed cameras (``vci``) named alike but for their number are
-            of one site, other formats have one.
+        clips: the tracks.
         rows: what was extracted from them.
-        format: of the clips.
         folder: made if missing; earlier files of the same names are replaced.
     """
     sites: dict[str, list[Clip]] = {}
     for clip in clips:
-        site = re.sub(r"[\W_]*\d*$", "", clip.name) if format == "vci" else ""
-        sites.setdefault(site, []).append(clip)
+        sites.setdefault(clip.site, []).append(clip)
     written = []
     for site, of_site in sites.items():
         figure, axes = _figure(1, 1, 8, 6)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
         draw_map(axes[0], of_site, title)
-        written += save(figure, folder, f"map-{site}" if site else "map")
+        # A clip in a folder of its own is named after it, as in "b/straight".
+        name = "-".join(["map", *re.findall(r"[\w.]+", site)])
+        written += save(figure, folder, name)
     event = _sample_event(rows)
     figure, axes = _figure(1, 1, 8, 6)
     clip = next(clip for clip in clips if (clip.source, clip.name) == event[:2])

@@ -117,15 +117,17 @@ def _as_numbers(column: pd.Series) -> pd.Series:
 
 
 def identifiers(column: pd.Series) -> pd.Series:
-    """Identifiers as text; whole numbers lose the ``.0`` that an empty cell elsewhere gives them.
+    """Identifiers as text; whole numbers lose the ``.0`` that an odd cell elsewhere gives them.
 
     A missing identifier stays missing.
     """
+    text = column.astype("str")
     if pd.api.types.is_float_dtype(column):
-        whole = column.dropna()
-        if np.isfinite(whole).all() and (whole % 1 == 0).all() and (whole.abs() < 2**53).all():
-            column = column.astype("Int64")
-    return column.astype("str").where(column.notna())
+        values = column.to_numpy(dtype=np.float64, na_value=np.nan)
+        with np.errstate(invalid="ignore"):
+            whole = (values % 1 == 0) & (np.abs(values) < 2**53)
+        text[whole] = column[whole].astype("Int64").astype("str")
+    return text.where(column.notna())
 
 
 def in_order(names: Iterable[str]) -> list[str]:

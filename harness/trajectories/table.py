@@ -79,7 +79,8 @@ def _read_file(path: Path, source: str, tally: Tally) -> pd.DataFrame:
     table = read_table(path)
     require_columns(path, table, NEEDED)
     if "lateral_m" not in table and "time_advantage_s" not in table:
-        require_columns(path, table, (*NEEDED, "time_advantage_s"))
+        neither = "has neither column 'time_advantage_s' nor 'lateral_m'"
+        raise InputError(str(path), neither, "at least one of them")
     ignored = [name for name in table.columns if name not in ROW_COLUMNS]
     if ignored:
         tally.note(f"{path.name}: columns not used: {', '.join(ignored)}")

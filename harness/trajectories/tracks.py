@@ -90,6 +90,7 @@ class Clip:
         vehicles, pedestrians: tracks by identifier, in a fixed order.
         sightings: None where the pairs are found from the paths; else the sensor's own pairs.
         y_down: whether y points down when x points right, as in images; a map must turn the axis.
+        site: the place, where a source has several; clips of one site share its axes, and a map.
     """
 
     source: str
@@ -98,3 +99,4 @@ class Clip:
     pedestrians: Mapping[str, Track]
     sightings: tuple[Sighting, ...] | None = None
     y_down: bool = False
+    site: str = ""

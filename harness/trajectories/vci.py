@@ -14,6 +14,7 @@ same ratio, and the counts say so.
 """
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -133,7 +134,9 @@ def _read_clip(
         vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)
-    return Clip(source, name, vehicles, walkers, y_down=True)
+    # Clips of one site are named alike but for their number: intersection_01, intersection_02.
+    site = re.sub(r"[\W_]*\d*$", "", name)
+    return Clip(source, name, vehicles, walkers, y_down=True, site=site)
 
 
 def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:

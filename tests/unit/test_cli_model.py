@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -114,6 +115,15 @@ def test_extract_draws_the_papers_first_figures(harness, tmp_path):
     for name in names:
         start = (tmp_path / "f" / name).read_bytes()[:4]
         assert start == (b"\x89PNG" if name.endswith("png") else b"%PDF")
+
+
+def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
+    for name in ("north", "south"):
+        shutil.copytree(DATA / "vci_made_up", tmp_path / "sites" / name)
+    options = ("--format", "vci", "--out", "r.parquet", "--plots", "f", "--quiet")
+    assert harness("extract", tmp_path / "sites", *options)[0] == 0
+    maps = {path.name for path in (tmp_path / "f").glob("map*.png")}
+    assert maps == {f"map-{name}-trajectories_filtered-straight.png" for name in ("north", "south")}
 
 
 @pytest.mark.parametrize(
