@@ -4,6 +4,7 @@ import math
 import sys
 import types
 from collections.abc import Iterator
+from pathlib import Path
 from typing import ClassVar
 
 import pytest
@@ -12,11 +13,21 @@ from harness.conformance import CHECKS, Subject, check_strategy
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of
 
+DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
+
 
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_keeps(strategy: str, check: str, model) -> None:
     CHECKS[check](Subject(strategy, model))
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_is_documented(strategy: str) -> None:
+    page = DOCS.read_text(encoding="utf-8")
+    assert f"\n| `{strategy}` |" in page, f"docs/strategies.md lacks a row for {strategy}"
+    for name in (parameter.name for parameter in parameters_of(STRATEGIES[strategy])):
+        assert f"`{strategy}.{name}`" in page or f"`{name}`" in page, name
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
