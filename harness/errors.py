@@ -39,7 +39,7 @@ class InputError(HarnessError):
             parts.append(f"allowed: {allowed}")
         if nearest:
             parts.append(f"did you mean {nearest!r}?")
-        super().__init__(" ".join("; ".join(parts).split()))
+        super().__init__(one_line("; ".join(parts)))
 
 
 class EngineError(HarnessError):
@@ -55,7 +55,7 @@ class StrategyError(EngineError):
     """
 
     def __init__(self, message: str, cause: BaseException | None = None) -> None:
-        super().__init__(" ".join(message.split()))
+        super().__init__(one_line(message))
         self.traceback: str | None = None
         if cause is not None and cause.__traceback__ is not None:
             # The first frame is the harness's call.
@@ -69,6 +69,14 @@ class InterruptedRunError(HarnessError):
 
     def __init__(self, folder: object) -> None:
         super().__init__(f"interrupted; go on with: harness run --resume {folder}")
+
+
+def one_line(text: str) -> str:
+    """Text on one line, what cannot be printed spelled out: a terminal obeys control characters."""
+    return "".join(
+        char if char.isprintable() else char.encode("unicode_escape").decode()
+        for char in " ".join(text.split())
+    )
 
 
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:

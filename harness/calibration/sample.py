@@ -1,7 +1,6 @@
 """The rows a model is fitted on: read, checked, cut to the box, weighted."""
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,12 +11,20 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from harness.documents import parse_json
 from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.interaction import VARIABLES
 from harness.trajectories import WEIGHINGS, row_weights
-from harness.trajectories.csv_input import EmptyTableError, as_paths, read_table, require_columns
+from harness.trajectories.csv_input import (
+    EmptyTableError,
+    as_paths,
+    identifiers,
+    read_table,
+    require_columns,
+)
 from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
+from harness.trajectories.rules import TEXT_COLUMNS
 from harness.trajectories.weights import Weigh
 
 # R up to 60 m and 1/T_adv up to 2 per s: what a sensor resolves; the floors of the speeds are the
@@ -89,7 +96,7 @@ def read_rows(path: Path) -> RowFile:
         InputError: missing, unreadable, empty, or a needed column is missing.
     """
     if not as_paths(path)[0].is_file():
-        raise InputError(str(path), "is a folder", "a file `harness extract` wrote")
+        raise InputError(str(path), "is no regular file", "a file `harness extract` wrote")
     try:
         rows = read_table(path)
     except EmptyTableError as error:
@@ -98,6 +105,8 @@ def read_rows(path: Path) -> RowFile:
     for name in COLUMNS:
         if not pd.api.types.is_numeric_dtype(rows[name]):
             raise InputError(f"{path}: {name}", "holds text", "numbers")
+    # Any type may stand in another program's file; grouped, sorted and written down is text.
+    rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
     return RowFile(
         path.name, rows, hashlib.sha256(path.read_bytes()).hexdigest(), _extraction(path)
     )
@@ -107,7 +116,7 @@ def _extraction(path: Path) -> Mapping[str, Any]:
     """What the extraction wrote about itself, {} where it did not."""
     try:
         metadata = pq.read_schema(path).metadata or {}
-        found = json.loads(metadata.get(EXTRACTION_KEY, b"{}"))
+        found = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
     except (OSError, ValueError, pa.ArrowException):
         return {}
     return found if isinstance(found, dict) else {}

@@ -1,5 +1,7 @@
 """The application: every command, and how refusals and interruptions end it."""
 
+import errno
+import io
 import sys
 
 import typer
@@ -7,7 +9,7 @@ from typer.exceptions import Abort, Exit, TyperException
 
 from harness.cli import about, batch, model, reporting, review
 from harness.cli.output import say
-from harness.errors import HarnessError, InputError, InterruptedRunError
+from harness.errors import HarnessError, InputError, InterruptedRunError, one_line
 
 COMMANDS = (
     batch.run,
@@ -43,8 +45,15 @@ _INTERRUPTED = 130
 """Exit code of Ctrl-C; typer returns it where a command did not catch the interruption."""
 
 
+_NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
+"""Why a file system refuses a name, whatever is on it: the user's input."""
+
+
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal without μ, or a path that is no text, is no reason to break off.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = app(standalone_mode=False)
         if code == _INTERRUPTED:
@@ -52,19 +61,19 @@ def main() -> None:
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
         # `harness` or `harness model` alone: typer's answer is the whole help.
-        say(text if text.startswith("Usage:") else "harness: " + " ".join(text.split()))
+        say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2
     except InterruptedRunError as error:
-        say(f"harness: {error}")
+        say(one_line(f"harness: {error}"))
         code = _INTERRUPTED
     except HarnessError as error:
-        say(f"harness: {error}")
+        say(one_line(f"harness: {error}"))
         code = 1
     except OSError as error:
-        # What no module foresaw: a name too long for the file system, a disk that went away.
+        # What no module foresaw: a name that no file can have, a disk that went away.
         name = "" if error.filename is None else f"{error.filename}: "
-        say(f"harness: {name}{error.strerror or error}")
-        code = 1
+        say(one_line(f"harness: {name}{error.strerror or error}"))
+        code = 2 if error.errno in _NO_NAME else 1
     except Exit as error:
         code = error.exit_code
     except (Abort, KeyboardInterrupt):

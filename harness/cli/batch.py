@@ -26,7 +26,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import print_json, print_line, progress_bar, say
-from harness.errors import InputError
+from harness.errors import InputError, one_line
 
 
 def run(
@@ -223,7 +223,7 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
                 f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
             )
             more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
-            say(f"harness: {len(failures)} {what}: {shown}{more}")
+            say(one_line(f"harness: {len(failures)} {what}: {shown}{more}"))
     if finished.failures or finished.output_failures:
         raise typer.Exit(1)
 

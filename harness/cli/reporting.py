@@ -7,7 +7,7 @@ import typer
 
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, say
-from harness.errors import InputError
+from harness.errors import InputError, one_line
 
 
 def report(
@@ -55,7 +55,7 @@ def report(
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
     for difference in written.differing:
-        say(f"harness: an episode run again is not as stored: {difference}")
+        say(one_line(f"harness: an episode run again is not as stored: {difference}"))
     if open_page:
         _open(written.page)
 

@@ -7,7 +7,7 @@ import typer
 
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar, say
-from harness.errors import InputError
+from harness.errors import InputError, one_line
 
 
 def replay(
@@ -69,7 +69,7 @@ def replay(
     replayed = run_again(run_folder, pair, arms, cell, out)
     problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
     if problems:
-        say(f"harness: {'; '.join(problems)}; SUMO's files are cut off")
+        say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
     done = [(str(one.folder), one.differences) for one in replayed if one.problem is None]
     _compare(done, problems, quiet, as_json)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.documents import parse_json
 from harness.errors import InputError, unknown_name
 from harness.files import whole_file
 from harness.interaction.model import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES, InteractionModel
@@ -16,6 +17,9 @@ from harness.resources import shipped_directory
 
 SCHEMA = 1
 """Version of the model file's format."""
+
+LARGEST_NUMBER = 1e9
+"""No speed in m/s, and no inverse of a distance or a time, is larger; products would overflow."""
 
 _ARRAYS = ("weights", "locations", "scale_matrices", "lower", "upper")
 _KEYS = {"schema", "name", "variables", "provenance", *_ARRAYS}
@@ -30,15 +34,18 @@ def read_document(path: Path) -> tuple[dict[str, Any], str]:
     """
     where = str(path)
     try:
+        if path.exists() and not path.is_file():
+            # A pipe or a device may never end.
+            raise InputError(where, "model file cannot be read (no regular file)", _WANTED)
         content = path.read_bytes()
     except (OSError, ValueError) as error:
         # ValueError: a name no file can have.
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(where, f"model file cannot be read ({why})") from None
     try:
-        document = json.loads(content)
-    except (ValueError, RecursionError):
-        raise InputError(where, "not a JSON file", _WANTED) from None
+        document = parse_json(content)
+    except ValueError as error:
+        raise InputError(where, f"not a JSON file ({error})", _WANTED) from None
     if not isinstance(document, dict):
         raise InputError(where, "not a JSON object", _WANTED)
     return document, hashlib.sha256(content).hexdigest()
@@ -82,6 +89,8 @@ def as_mixture(
         raise InputError(where, f"format version {document['schema']!r}", str(SCHEMA))
     if document["variables"] != list(variables):
         raise InputError(where, f"variables {document['variables']!r}", ", ".join(variables))
+    if not isinstance(document["name"], str):
+        raise InputError(where, f"name {document['name']!r}", "text")
     if not isinstance(document.get("provenance", {}), dict):
         raise InputError(where, "provenance is not an object")
     arrays = {}
@@ -90,6 +99,9 @@ def as_mixture(
             arrays[key] = np.array(document[key], dtype=float)
         except (ValueError, TypeError, OverflowError):
             raise InputError(where, f"{key} is no rectangular array of numbers") from None
+        finite = arrays[key][np.isfinite(arrays[key])]
+        if (np.abs(finite) > LARGEST_NUMBER).any():
+            raise InputError(where, f"{key} holds a number beyond {LARGEST_NUMBER:g}")
     if arrays["lower"].shape != (len(variables),):
         raise InputError(where, f"lower has shape {arrays['lower'].shape}", f"({len(variables)},)")
     try:

@@ -15,7 +15,13 @@ PIPE_COLUMNS = 120
 def make_console() -> Console:
     """Stdout; wide enough for the tables where it is a pipe."""
     # Rich takes 80 columns for a pipe, where nothing limits the width.
-    return Console(highlight=False, width=None if sys.stdout.isatty() else PIPE_COLUMNS)
+    # What is printed comes from files: no brackets or colons in it are instructions.
+    return Console(
+        highlight=False,
+        markup=False,
+        emoji=False,
+        width=None if sys.stdout.isatty() else PIPE_COLUMNS,
+    )
 
 
 def table_of_columns(title: str, *headings: str) -> Table:

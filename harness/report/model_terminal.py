@@ -9,6 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
+from harness.calibration.card_form import is_card
+from harness.errors import one_line
 from harness.interaction import VARIABLES, InteractionModel
 from harness.trajectories import REASONS
 
@@ -41,9 +43,9 @@ def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Pa
                 dropped.add_row(level, str(counts["dropped"][level][reason]), words)
     console.print(dropped)
     for clip, why in counts["skipped"].items():
-        console.print(f"Clip {clip} not used: {why}", soft_wrap=True)
+        console.print(one_line(f"Clip {clip} not used: {why}"), soft_wrap=True)
     for note in counts["notes"]:
-        console.print(note, soft_wrap=True)
+        console.print(one_line(note), soft_wrap=True)
     _print_files(console, "Rows", [out])
     _print_files(console, "Figures", figures)
 
@@ -60,7 +62,7 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
     """Card, moments and marginals."""
     console, card = _console(), model.provenance
     console.print(f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256}")
-    if card.get("candidates"):
+    if is_card(card):
         _print_candidates(console, card)
         _print_card(console, card)
     else:
@@ -170,7 +172,7 @@ def _print_card(console: Console, card: Mapping[str, Any]) -> None:
 
 
 def _console() -> Console:
-    return Console(highlight=False, markup=False)
+    return Console(highlight=False, markup=False, emoji=False)
 
 
 def _print_files(console: Console, what: str, paths: Sequence[Path]) -> None:

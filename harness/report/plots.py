@@ -11,11 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from harness.calibration import Sample
+from harness.calibration.card_form import is_card
 from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
-from harness.report.style import INK
+from harness.report.style import INK, plain, without_glyph_warnings
 from harness.report.trajectory_figures import draw_map, draw_passing_event
 from harness.trajectories import Clip
 
@@ -35,7 +36,10 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     written = []
     for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
         buffer = io.BytesIO()
-        figure.savefig(buffer, format=suffix[1:], dpi=_DPI, bbox_inches="tight", metadata=metadata)
+        with without_glyph_warnings():
+            figure.savefig(
+                buffer, format=suffix[1:], dpi=_DPI, bbox_inches="tight", metadata=metadata
+            )
         path = folder / f"{name}{suffix}"
         write_file(path, buffer.getvalue())
         written.append(path)
@@ -77,7 +81,7 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
         folder: made if missing; earlier files of the same names are replaced.
     """
     written = []
-    if len(model.provenance.get("candidates") or []) > 1:
+    if is_card(model.provenance) and len(model.provenance["candidates"]) > 1:
         written += save(_components_page(model), folder, "components")
     written += save(_pairs_page(model, sample), folder, "pairs")
     return [*written, *save(_speeds_page(model), folder, "speeds")]
@@ -187,4 +191,4 @@ def _figure(down: int, across: int, width: float, height: float) -> tuple[Figure
 
 
 def _caption(figure: Figure, words: str) -> None:
-    figure.supxlabel(words, fontsize=9.5, color=INK)
+    figure.supxlabel(plain(words), fontsize=9.5, color=INK)

@@ -7,6 +7,7 @@ page swaps the same colours for lighter ones in its dark scheme, so no figure us
 
 import textwrap
 import unicodedata
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -92,7 +93,15 @@ class Picture:
 @contextmanager
 def styled() -> Iterator[None]:
     """Figures made and saved inside have the style's sizes and fonts."""
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context(_SETTINGS), without_glyph_warnings():
+        yield
+
+
+@contextmanager
+def without_glyph_warnings() -> Iterator[None]:
+    """A name in letters the font lacks is drawn as boxes; nobody at a terminal need hear of it."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
 
 

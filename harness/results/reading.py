@@ -1,21 +1,24 @@
 """Reads a run folder: its manifest, whose form is checked, and its tables (docs/files.md)."""
 
-import json
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from harness.documents import parse_json
 from harness.errors import InputError
 from harness.results.tables import SCHEMA, TABLES
 
 MANIFEST = "manifest.json"
 
 _HAS_ALL = "a run of this version, or `harness score` of one that kept its traces"
+
+
+_Width = Annotated[float, Field(gt=0, lt=1)]
 
 
 class _Manifest(BaseModel):
@@ -27,7 +30,8 @@ class _Manifest(BaseModel):
     scenario: dict[str, Any]
     cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
     traces: bool
-    until: dict[str, Annotated[float, Field(gt=0)]] | None
+    sumo_outputs: Literal["all", "crashed"] | None
+    until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     versions: dict[str, str]
     models: list[dict[str, str]]
@@ -42,10 +46,12 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        if not path.is_file():
+            raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
+        document = parse_json(path.read_bytes())
     except OSError:
         raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}") from None
-    except (ValueError, RecursionError):
+    except ValueError:
         raise InputError(str(path), "is damaged", "a manifest as a run writes it") from None
     if not isinstance(document, dict):
         raise InputError(str(path), "is damaged", "a manifest as a run writes it")

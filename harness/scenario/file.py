@@ -7,7 +7,6 @@ Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
 import copy
 import difflib
 import os
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
+from harness.documents import parse_toml
 from harness.errors import InputError, unknown_name
 from harness.resources import shipped_directory
 from harness.scenario.consistency import check_consistency
@@ -74,11 +74,13 @@ def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = (
     """
     path = _find(name_or_path)
     try:
-        tree = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        tree = parse_toml(path.read_text(encoding="utf-8"))
+    except ValueError as error:
         raise InputError(str(path), f"not a TOML file ({error})") from None
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})") from None
+    if not path.stem.isprintable():
+        raise InputError(str(path), "is no name for a run", "a file name that can be printed")
     _anchor_model_path(tree, path.parent)
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
@@ -98,8 +100,8 @@ def parse_setting(text: str) -> Setting:
     if not equals or not key:
         raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
     try:
-        return Setting(key, tomllib.loads(f"value = {raw}")["value"])
-    except tomllib.TOMLDecodeError:
+        return Setting(key, parse_toml(f"value = {raw}")["value"])
+    except ValueError:
         return Setting(key, raw.strip())
 
 
@@ -160,8 +162,8 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
     key = setting.key
     try:
         # TOML's own key syntax, so that quoted parts may contain dots and colons.
-        branch = tomllib.loads(f"{key} = 0")
-    except tomllib.TOMLDecodeError:
+        branch = parse_toml(f"{key} = 0")
+    except ValueError:
         branch = {}
     # A remark, or several lines, is TOML too.
     if len(branch) != 1 or "\n" in key:

@@ -1,8 +1,8 @@
 """The scenario: every key of a scenario file with its default, frozen and checked by itself."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, JsonValue
 
 from harness.encounter import Behaviour, Crossing, Leg, Side, Vehicle
 from harness.motion.walking import timed_path
@@ -125,7 +125,7 @@ class Scenario(_Section):
     pedestrians: PedestriansSection = PedestriansSection()
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
-    strategies: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     limits: LimitsSection = LimitsSection()

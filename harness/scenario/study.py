@@ -1,13 +1,14 @@
 """From one scenario file to the cells of a study: a single cell, or a grid of varied keys."""
 
 import itertools
-import tomllib
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import time
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
+from harness.documents import parse_toml
 from harness.errors import InputError
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, validate
 from harness.scenario.sections import Scenario
@@ -80,8 +81,6 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation]) -> Study:
         raise InputError(
             file.source, "nothing to vary", "--vary key=v1,v2 (repeatable) or a [sweep] table"
         )
-    if len(points) > MAX_CELLS:
-        raise InputError(file.source, f"{len(points)} cells", f"at most {MAX_CELLS}")
     keys = list(dict.fromkeys(key for point in points for key in point))
     cells = []
     for number, point in enumerate(points):
@@ -118,16 +117,16 @@ def parse_variation(text: str) -> Variation:
     if not equals or not key.strip() or not raw.strip():
         raise InputError(where, "no key=v1,v2,…", "e.g. pedestrians.flow_per_hour=50,100,250")
     try:
-        values: list[Any] = tomllib.loads(f"values = [{raw}]")["values"]
-    except tomllib.TOMLDecodeError:
+        values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
+    except ValueError:
         values = [_value(part.strip()) for part in raw.split(",")]
     return key.strip(), _expand(values, where)
 
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+        return parse_toml(f"value = {text}")["value"]
+    except ValueError:
         return text
 
 
@@ -177,6 +176,8 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
         raise InputError(f"{where}.{other}", "stands beside [[sweep.cells]]", "one of the two")
     if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
         raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
+    if len(named) > MAX_CELLS:
+        raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
     return [_flatten(cell) for cell in named]
 
 
@@ -189,6 +190,10 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
             raise InputError(f"{where} {key}", "no values", "at least one")
     if not keys:
         return []
+    # Counted before they are made: two long ranges are more than the memory holds.
+    count = math.prod(len(values) for _, values in variations)
+    if count > MAX_CELLS:
+        raise InputError(where, f"{count} cells", f"at most {MAX_CELLS}")
     return [
         dict(zip(keys, values, strict=True))
         for values in itertools.product(*(values for _, values in variations))

@@ -120,8 +120,14 @@ def identifiers(column: pd.Series) -> pd.Series:
     """Identifiers as text; whole numbers lose the ``.0`` that an odd cell elsewhere gives them.
 
     A missing identifier stays missing.
+
+    Raises:
+        InputError: they are bytes that are no text.
     """
-    text = column.astype("str")
+    try:
+        text = column.astype("str")
+    except UnicodeDecodeError:
+        raise InputError(f"column {column.name!r}", "holds bytes", "text or numbers") from None
     if pd.api.types.is_float_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
         with np.errstate(invalid="ignore"):

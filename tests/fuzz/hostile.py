@@ -1,12 +1,25 @@
 """Hostile content for files a user hands in, and what must come of it."""
 
+from collections import Counter
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from hypothesis import strategies as st
+from hypothesis import settings, strategies as st
 
 from harness.errors import InputError
+
+full = False
+"""Whether all cases are run, not a sample; set before the tests are read."""
+
+planned: Counter[str] = Counter()
+"""Cases in full of each kind of file."""
+
+
+def cases(kind: str, number: int) -> settings:
+    """A test's part of the cases of its kind of file: so many in full, up to 40 in a sample."""
+    planned[kind] += number
+    return settings(max_examples=number if full else min(40, max(8, number // 50)))
+
 
 NAMES = st.one_of(
     st.sampled_from(
@@ -28,6 +41,17 @@ NAMES = st.one_of(
             "-rf",
             "os:system",
             "..:x",
+            "\ud800",
+            "[/x][bold]",
+            "$\\frac{$",
+            "\x1b[2J\x9b",
+            "</script><img src=x onerror=alert(1)>",
+            "\"'><b>",
+            "{{7*7}}",
+            "%s%n",
+            "nan",
+            "a\u2028b\x85c\rd",
+            "file.\n.toml",
         ]
     ),
     st.text(max_size=30),
@@ -80,8 +104,3 @@ def accepted_or_refused_in_one_line(read: Callable[[], Any]) -> bool:
         assert text.split(": ")[0], text
         return False
     return True
-
-
-def files_below(folder: Path) -> set[Path]:
-    """Every file and folder below a folder."""
-    return set(folder.rglob("*"))

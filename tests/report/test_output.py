@@ -105,9 +105,9 @@ def test_no_color_is_respected_on_a_terminal() -> None:
     code = (
         "import os\n"
         "from harness.report.console import make_console\n"
-        "make_console().print('[red]words[/red]')\n"
+        "make_console().print('words', style='red')\n"
         "os.environ['NO_COLOR'] = '1'\n"
-        "make_console().print('[red]more[/red]')\n"
+        "make_console().print('more', style='red')\n"
     )
     script = f"import pty, sys; sys.exit(pty.spawn([sys.executable, '-c', {code!r}]) != 0)"
     environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
