@@ -127,7 +127,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
         return []
     for child in children:
         try:
-            if any("serve(connection)" in word for word in child.cmdline()):
+            if any("serve(connection" in word for word in child.cmdline()):
                 found.append(child)
         except (psutil.NoSuchProcess, psutil.ZombieProcess):
             continue

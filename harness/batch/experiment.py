@@ -12,6 +12,7 @@ from harness.batch.until import reach_precision
 from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.repeat.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
+from harness.results.reading import MANIFEST
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.scenario import Cell, Options, Study, hang_limit_s
 from harness.workers.execution import run_tasks
@@ -50,6 +51,7 @@ def run_study(
     batch = batch_of(study, options)
     folder = RunFolder(claim_folder(out, study.name))
     with _held(folder):
+        folder.drop_shards()
         folder.write_manifest(batch.manifest())
         return _carry_out(folder, batch, progress, make_executor)
 
@@ -86,6 +88,8 @@ def _held(folder: RunFolder) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
+        if not (folder.path / MANIFEST).is_file():
+            raise  # nothing has begun that could go on
         raise InterruptedRunError(folder.path) from None
     except ExecutorLostError as error:
         kept = f"what is finished is kept: harness run --resume {folder.path}"

@@ -80,22 +80,22 @@ def calibrate(
 
     Raises:
         InputError: fewer rows than components, constant or collinear columns, nothing to choose by.
+        HarnessError: a worker died of a fit.
     """
     _check(sample, settings)
     folds = fold_count(sample, settings)
     jobs = jobs_of(settings, folds)
-    fold_of = _folds(sample, settings, folds)
+    shared = Shared(sample, settings, _folds(sample, settings, folds))
     results: dict[Job, Answer] = {}
-    with fitting_pool(Shared(sample, settings, fold_of), workers) as pool:
-        waiting = {pool.submit(run_job, job): job for job in jobs}
-        try:
-            for future in as_completed(waiting):
-                results[waiting[future]] = future.result()
-                if progress:
-                    progress(len(results))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    pool = fitting_pool(min(workers, len(jobs)))
+    try:
+        waiting = {pool.submit(run_job, (job, shared)): job for job in jobs}
+        for future in as_completed(waiting):
+            results[waiting[future]] = future.result()
+            if progress:
+                progress(len(results))
+    finally:
+        pool.stop()
     return _conclude(settings, folds, results)
 
 

@@ -3,11 +3,6 @@
 So the numbers are the same however many processes there are.
 """
 
-import multiprocessing
-import os
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +17,9 @@ from harness.calibration.scores import (
 )
 from harness.errors import InputError
 from harness.mixture import FitResult, fit_mixture
+from harness.workers.pool import LocalPool
 
-_THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+_ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 @dataclass(frozen=True)
@@ -67,41 +63,16 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What every worker process is told once."""
+    """What all jobs have in common."""
 
     sample: Sample
     settings: Settings
     fold_of: np.ndarray | None
 
 
-_shared: Shared | None = None
-
-
-def _receive(shared: Shared) -> None:
-    """Runs once in every worker process."""
-    global _shared
-    _shared = shared
-
-
-@contextmanager
-def fitting_pool(shared: Shared, workers: int) -> Iterator[ProcessPoolExecutor]:
+def fitting_pool(workers: int) -> LocalPool:
     """Fresh processes with one BLAS thread: another number changes the last digits of a fit."""
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
-    try:
-        with ProcessPoolExecutor(
-            max_workers=max(workers, 1),
-            mp_context=multiprocessing.get_context("spawn"),
-            initializer=_receive,
-            initargs=(shared,),
-        ) as pool:
-            yield pool
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+    return LocalPool(workers, imports=__name__, environment=_ONE_THREAD)
 
 
 def jobs_of(settings: Settings, folds: int) -> list[Job]:
@@ -110,11 +81,10 @@ def jobs_of(settings: Settings, folds: int) -> list[Job]:
     return [Job(k, fold) for k in falling for fold in (None, *range(folds))]
 
 
-def run_job(job: Job) -> Answer:
+def run_job(task: tuple[Job, Shared]) -> Answer:
     """One fit in a worker; a refusal comes back as words, an exception would lose its parts."""
-    assert _shared is not None
     try:
-        return _fit(job, _shared)
+        return _fit(*task)
     except InputError as error:
         return Answer(refusal=(error.where, error.problem, error.allowed))
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption, ScenarioArgument, SetOption, settings_of
 from harness.cli.output import print_json, print_line
 
@@ -24,7 +25,8 @@ def network(
     loaded = file.scenario()
     from harness.network import build_network, geometry_of
 
-    files = build_network(geometry_of(loaded), out, file.name)
+    with unwinding():
+        files = build_network(geometry_of(loaded), out, file.name)
     if as_json:
         print_json({"net": str(files.net)})
     else:
@@ -83,12 +85,15 @@ def doctor(
     from harness.report.listings import installation_checks
     from harness.results.tables import versions
 
+    found = versions()
     if as_json:
-        _print_checks(list(installation_checks()), quiet, as_json, versions=versions())
+        with unwinding():
+            _print_checks(installation_checks(), quiet, as_json, versions=found)
         return
-    for name, version in () if quiet else versions().items():
+    for name, version in () if quiet else found.items():
         print_line(f"{name:8s} {version}")
-    _print_checks(installation_checks(), quiet, as_json)
+    with unwinding():
+        _print_checks(installation_checks(), quiet, as_json)
 
 
 def _print_checks(

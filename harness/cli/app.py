@@ -8,6 +8,7 @@ import typer
 from typer.exceptions import Abort, Exit, TyperException
 
 from harness.cli import about, batch, model, reporting, review
+from harness.cli.interruption import LINE, exit_code
 from harness.cli.output import say
 from harness.errors import HarnessError, InputError, InterruptedRunError, one_line
 
@@ -42,7 +43,7 @@ app.add_typer(model.group, name="model")
 
 
 _INTERRUPTED = 130
-"""Exit code of Ctrl-C; typer returns it where a command did not catch the interruption."""
+"""What typer returns where a command did not catch the interruption."""
 
 
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
@@ -57,7 +58,7 @@ def main() -> None:
     try:
         code = app(standalone_mode=False)
         if code == _INTERRUPTED:
-            say("harness: interrupted")
+            raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
         # `harness` or `harness model` alone: typer's answer is the whole help.
@@ -65,7 +66,7 @@ def main() -> None:
         code = 2
     except InterruptedRunError as error:
         say(one_line(f"harness: {error}"))
-        code = _INTERRUPTED
+        code = exit_code()
     except HarnessError as error:
         say(one_line(f"harness: {error}"))
         code = 1
@@ -77,6 +78,6 @@ def main() -> None:
     except Exit as error:
         code = error.exit_code
     except (Abort, KeyboardInterrupt):
-        say("harness: interrupted")
-        code = _INTERRUPTED
+        say(LINE)
+        code = exit_code()
     sys.exit(code if isinstance(code, int) else 0)

@@ -1,6 +1,5 @@
 """``run`` and ``sweep``: experiments of one cell or of many, begun or resumed."""
 
-import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -8,6 +7,7 @@ from typing import Any, NamedTuple
 
 import typer
 
+from harness.cli.interruption import unwinding
 from harness.cli.options import (
     DaskOption,
     JsonOption,
@@ -125,10 +125,10 @@ def _start(study: Any, out: Path | None, how: _How) -> None:
         sumo_outputs=how.sumo_outputs,  # type: ignore[arg-type]
     )
     hidden = how.quiet or how.as_json
-    with _executor(study, options, how.dask) as make_executor, termination():
+    with _executor(study, options, how.dask) as make_executor:
         from harness.batch.experiment import run_study
 
-        with progress_bar("pairs", hidden) as advance:
+        with progress_bar("pairs", hidden) as advance, unwinding():
             finished = run_study(
                 study, options, out=out, progress=advance, make_executor=make_executor
             )
@@ -144,7 +144,7 @@ def _resume(
     with (
         _cluster(dask) as make_executor,
         progress_bar("pairs", hidden=quiet or as_json) as advance,
-        termination(),
+        unwinding(),
     ):
         finished = resume(folder, workers=workers, progress=advance, make_executor=make_executor)
     _report(finished, quiet, as_json)
@@ -226,13 +226,3 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
             say(one_line(f"harness: {len(failures)} {what}: {shown}{more}"))
     if finished.failures or finished.output_failures:
         raise typer.Exit(1)
-
-
-@contextmanager
-def termination() -> Iterator[None]:
-    """SIGTERM ends a run as Ctrl-C does: workers stopped, folder resumable."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from harness.cli import model_options
+from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar
 from harness.errors import InputError, unknown_name
@@ -64,13 +65,15 @@ def extract(
     command = ["extract", *map(str, paths), "--format", format_]
     for text in settings or []:
         command += ["--set", text]
-    _write_rows(out, extraction, _command([*command, "--out", str(out)]))
+    with unwinding():
+        _write_rows(out, extraction, _command([*command, "--out", str(out)]))
     figures = []
     if plots is not None:
         from harness.report.plots import plot_trajectories
 
         clips = trajectories.read_clips(paths, format_, **options)
-        figures = plot_trajectories(clips, extraction.rows, plots)
+        with unwinding():
+            figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
     if as_json:
         print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
@@ -156,14 +159,15 @@ def fit(
     command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
     command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
     jobs = job_count(sample, settings)
-    with progress_bar("fits", quiet or as_json) as advance:
+    with progress_bar("fits", quiet or as_json) as advance, unwinding():
         fitted = calibration.calibrate(
             sample, settings, workers or default_workers(), lambda done: advance(done, jobs)
         )
     card = calibration.card(sample, settings, fitted, file, _command(command), state)
     if fold_count(sample, settings) < folds:
         card["folds_wanted"] = folds
-    model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
+    with unwinding():
+        model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
     if as_json:
         print_json(fit_document(model, out))
     elif quiet:
@@ -206,7 +210,8 @@ def show(
             sample = make_sample(
                 table, weigh=model_options.weighing(weigh), lower=lower, upper=upper
             )
-        figures = plot_model(loaded, sample, plots)
+        with unwinding():
+            figures = plot_model(loaded, sample, plots)
     if as_json:
         print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
     elif quiet:

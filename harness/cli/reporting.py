@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, say
 from harness.errors import InputError, one_line
@@ -36,7 +37,8 @@ def report(
     from harness.review.run_data import load_run
 
     run = load_run(run_folder)
-    written = write_report(run, out, figures)
+    with unwinding():
+        written = write_report(run, out, figures)
     if as_json:
         print_json(
             {

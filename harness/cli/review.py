@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar, say
 from harness.errors import InputError, one_line
@@ -47,15 +48,16 @@ def replay(
             raise InputError("--out", "stands beside --gui", "--screenshots DIR")
         from harness.repeat.watch import watch
 
-        watched = watch(
-            run_folder,
-            pair,
-            arms,
-            cell,
-            pace=1.0 if pace is None else pace,
-            screenshots=screenshots,
-            every_s=0.5 if every is None else every,
-        )
+        with unwinding():
+            watched = watch(
+                run_folder,
+                pair,
+                arms,
+                cell,
+                pace=1.0 if pace is None else pace,
+                screenshots=screenshots,
+                every_s=0.5 if every is None else every,
+            )
         names = [(f"pair {pair}, arm {one.arm}", one.differences) for one in watched]
         _compare(names, [], quiet, as_json)
         return
@@ -66,7 +68,8 @@ def replay(
         raise InputError("--out", "is missing", "a new folder for SUMO's files, or --gui")
     from harness.repeat.replay import replay as run_again
 
-    replayed = run_again(run_folder, pair, arms, cell, out)
+    with unwinding():
+        replayed = run_again(run_folder, pair, arms, cell, out)
     problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
     if problems:
         say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
@@ -102,7 +105,8 @@ def score(
     """Recompute measures and summary from kept traces, without simulating."""
     from harness.review.scoring import score as recompute
 
-    folder = str(recompute(run_folder, out))
+    with unwinding():
+        folder = str(recompute(run_folder, out))
     if as_json:
         print_json({"folder": folder})
     else:
@@ -163,7 +167,8 @@ def export(
 
     if not csv:
         raise InputError("export", "no format given", "--csv")
-    files = [str(path) for path in export_csv(run_folder)]
+    with unwinding():
+        files = [str(path) for path in export_csv(run_folder)]
     if as_json:
         print_json({"files": files})
     else:

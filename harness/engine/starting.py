@@ -11,6 +11,11 @@ from xml.sax.saxutils import quoteattr
 from harness.encounter import Vehicle
 
 
+def scratch_prefix(process: int) -> str:
+    """How the names of a process's temporary folders begin."""
+    return f"crosswalk-harness-{process}-"
+
+
 def start_command(
     net: Path, types: Path, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None = None
 ) -> list[str]:

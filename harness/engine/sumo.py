@@ -3,6 +3,7 @@
 The only module that imports libsumo.
 """
 
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -11,7 +12,7 @@ import libsumo
 
 from harness.encounter import Crossing, Vehicle
 from harness.engine.control import SumoEngine
-from harness.engine.starting import start_command, types_file
+from harness.engine.starting import scratch_prefix, start_command, types_file
 from harness.errors import EngineError
 from harness.network import read_site
 
@@ -42,7 +43,7 @@ def libsumo_engine(
     """
     if _running:
         raise EngineError("only one SUMO simulation can run in a process; close the first")
-    with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
+    with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
         types = Path(folder) / "types.add.xml"
         types.write_text(types_file(vehicle), encoding="utf-8")
         try:

@@ -106,6 +106,7 @@ def replay(
     """
     # An episode may kill its process: that is then not this one.
     pool = LocalPool(len(arms))
+    folders: list[Path] = []
     try:
         stored = StoredCell(run, cell)
         stored.check_pair(pair)
@@ -118,6 +119,11 @@ def replay(
         ]
         futures = [pool.submit(run_again, job) for job in jobs]
         return [_replayed(job, future) for job, future in zip(jobs, futures, strict=True)]
+    except KeyboardInterrupt:
+        pool.stop()
+        for folder in folders:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
     finally:
         pool.stop()
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harness.errors import HarnessError, InputError
+from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.strategies.parameters import describe, parameters_of
 from harness.strategies.registry import available
 
@@ -38,6 +38,8 @@ def installation_checks() -> Iterator[tuple[str, str | None]]:
     for title, check in zip(CHECKS, (_check_network, _check_episode), strict=True):
         try:
             check()
+        except InterruptedRunError:
+            raise KeyboardInterrupt from None  # of a run in a folder that is gone
         except (HarnessError, ImportError, OSError) as error:
             yield title, str(error)
             return

@@ -126,8 +126,14 @@ class RunFolder:
         write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
 
     def drop_shards(self) -> None:
-        """Remove the shards; their content is in the tables."""
+        """Remove the shards, which are in the tables, and what a killed process left half-written.
+
+        A folder that holds no run yet may have some of a run that never got its manifest.
+        """
         shutil.rmtree(self.path / SHARDS, ignore_errors=True)
+        for name in (MANIFEST, "*.parquet", "*.csv"):
+            for path in self.path.glob(f".{name}.*.partial"):
+                path.unlink(missing_ok=True)
 
     def _shard_folder(self) -> Path:
         folder = self.path / SHARDS

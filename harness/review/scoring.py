@@ -39,6 +39,7 @@ def score(run: Path, out: Path) -> Path:
     batch = recall_batch(document)
     folder = RunFolder(claim_folder(out, batch.study.name))
     try:
+        folder.drop_shards()
         for cell in batch.study.cells:
             names = ("episodes", "pedestrians", "traces")
             # Measures are worked out anew: those added since the run need not be there.
@@ -49,6 +50,10 @@ def score(run: Path, out: Path) -> Path:
                 rows = _score(run, part, cell)
                 folder.write_shard(cell.number, first, _PART_PAIRS, rows)
         finish(folder, batch)
+    except BaseException:
+        # Nothing here can go on: what is half done would only be in the way.
+        folder.drop_shards()
+        raise
     finally:
         folder.close()
     return out

@@ -5,16 +5,19 @@ one that is killed in the middle of a message takes no other, and no lock, with 
 """
 
 import os
+import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
+from tempfile import gettempdir
 from threading import Lock, Thread
 from typing import Any, NamedTuple
 
+from harness.engine.starting import scratch_prefix
 from harness.scenario import Options
 from harness.workers.tasks import (
     Argument,
@@ -31,7 +34,7 @@ _START = "; ".join(
         "connection = Connection(int(sys.argv[1]))",
         "sys.path[:] = connection.recv()",
         "from harness.workers.worker import serve",
-        "serve(connection)",
+        "serve(connection, sys.argv[2])",
     )
 )
 """What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
@@ -61,11 +64,21 @@ class LocalPool:
         workers: how many processes.
         folder: their working directory, where a user's own strategies are found; None: this
             process's.
+        imports: the module of what they will run, imported before they take their first job.
+        environment: variables that they have and this process has not.
     """
 
-    def __init__(self, workers: int, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        workers: int,
+        folder: Path | None = None,
+        *,
+        imports: str = "harness.engine.sumo",
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.workers = workers
         self._folder, self._path = folder, list(sys.path)
+        self._imports, self._environment = imports, {**os.environ, **(environment or {})}
         self._queue: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = Lock()
         self._stopped = False
@@ -157,12 +170,13 @@ class LocalPool:
                 # that died.  What it prints is no result: it goes where errors go.  In a group of
                 # its own it does not hear Ctrl-C, which is the parent's business.
                 process = subprocess.Popen(
-                    [sys.executable, "-P", "-c", _START, str(theirs.fileno())],
+                    [sys.executable, "-P", "-c", _START, str(theirs.fileno()), self._imports],
                     stdin=subprocess.PIPE,
                     stdout=_STANDARD_ERROR,
                     pass_fds=[theirs.fileno()],
                     process_group=0,
                     cwd=self._folder,
+                    env=self._environment,
                 )
             except OSError as error:
                 ours.close()
@@ -185,6 +199,9 @@ class LocalPool:
             self._alive.discard(worker.process)
         # Closes its standard input too.
         worker.process.communicate()
+        # Killed while its SUMO started.
+        for folder in Path(gettempdir()).glob(f"{scratch_prefix(worker.process.pid)}*"):
+            shutil.rmtree(folder, ignore_errors=True)
         return worker.process.returncode
 
 

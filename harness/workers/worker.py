@@ -1,6 +1,7 @@
 """What runs inside a worker process: one task, on the one SUMO simulation of the process."""
 
 import faulthandler
+import importlib
 import math
 import os
 import time
@@ -21,15 +22,14 @@ from harness.workers.tasks import Task, TaskResult
 _runner: tuple[str, PairRunner] | None = None
 
 
-def serve(connection: Connection) -> None:
+def serve(connection: Connection, module: str) -> None:
     """Answer the calls that come down a pipe, until it or the parent process is gone.
 
-    The first message says that everything is imported.  The answer to a call is (True, its
-    result), or (False, why there is none).
+    The first message says that everything is imported, ``module`` included.  The answer to a call
+    is (True, its result), or (False, why there is none).
     """
     Thread(target=_end_with_parent, daemon=True).start()
-    import harness.engine.sumo  # noqa: F401  # libsumo, before the first task waits for it
-
+    importlib.import_module(module)
     connection.send("ready")
     while True:
         try:

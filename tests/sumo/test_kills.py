@@ -153,7 +153,7 @@ def test_interrupted_and_resumed(
         output, errors = running.communicate(timeout=SECONDS)
     finally:
         running.kill()
-    assert running.returncode == 130, errors
+    assert running.returncode == 128 + number, errors
     assert output == ""
     assert errors.count("\n") == 1
     if not (folder / "manifest.json").exists():

@@ -1,0 +1,206 @@
+"""Ctrl-C and SIGTERM at chosen moments, in every command that writes.
+
+The moment is not a matter of time: a ``sitecustomize`` that only the command itself sees sends the
+signal when a module is imported, or when the n-th file is about to be finished.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+
+from tests.batches import CHECKOUT, QUICK, content, options_of, shell, start
+from tests.unit.test_cli_model import made_up
+
+HOOK = """
+import os, signal, sys
+
+what, _, where = os.environ.pop("STRIKE", "").partition(":")
+numbers = [int(number) for number in os.environ.pop("STRIKE_WITH", "2").split(",")]
+
+def strike():
+    for number in numbers:
+        signal.raise_signal(number)
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == where:
+            strike()
+
+if what == "import":
+    sys.meta_path.insert(0, Finder())
+if what == "file":
+    sync, left = os.fsync, int(where)
+    def fsync(file):
+        global left
+        left -= 1
+        if left == 0:
+            strike()
+        sync(file)
+    os.fsync = fsync
+"""
+
+MADE_UP = CHECKOUT / "tests" / "data"
+RUN = ["run", "cctc", "--pairs", 6, "--traces", "-q", "--out", "out", *options_of(QUICK)]
+SWEEP = ["sweep", *RUN[1:], "--vary", "ego.initial_speed_mps=9,10"]
+COMMANDS: dict[str, list[object]] = {
+    "score": ["score", "RUN", "--out", "out"],
+    "report": ["report", "RUN", "--figures", "out"],
+    "export": ["export", "RUN", "--csv"],
+    "replay": ["replay", "RUN", "--pair", 1, "--out", "out"],
+    "extract": ["extract", MADE_UP / "vci_made_up", "--format", "vci", "--out", "out.parquet"],
+    "model show": ["model", "show", "dut", "--plots", "out"],
+}
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An uninterrupted run and sweep."""
+    folder = tmp_path_factory.mktemp("whole")
+    for name, command in (("run", RUN), ("sweep", SWEEP)):
+        done = shell(*[folder / name if word == "out" else word for word in command])
+        assert done.returncode == 0, done.stderr
+    return folder
+
+
+def struck(
+    tmp_path: Path, command: list[object], strike: str, *numbers: signal.Signals
+) -> "subprocess.CompletedProcess[str]":
+    """A command that is struck by signals; leaves nothing temporary and no half-written file."""
+    for name in ("hook", "temporary", "here"):
+        (tmp_path / name).mkdir(exist_ok=True)
+    (tmp_path / "hook" / "sitecustomize.py").write_text(HOOK)
+    running = start(
+        *command,
+        cwd=tmp_path / "here",
+        env={
+            "PYTHONPATH": os.pathsep.join([str(tmp_path / "hook"), str(CHECKOUT)]),
+            "TMPDIR": str(tmp_path / "temporary"),
+            "STRIKE": strike,
+            "STRIKE_WITH": ",".join(str(int(number)) for number in numbers),
+        },
+    )
+    try:
+        output, errors = running.communicate(timeout=120)
+    finally:
+        running.kill()
+    assert [*(tmp_path / "temporary").iterdir()] == []
+    hidden = [path.name for path in (tmp_path / "here").rglob(".*") if path.name != ".lock"]
+    assert hidden == []
+    assert running.returncode == 128 + numbers[0], errors
+    assert output == ""
+    return subprocess.CompletedProcess([], running.returncode, output, errors)
+
+
+@pytest.mark.parametrize(
+    ("module", "number"),
+    [
+        ("typer", signal.SIGINT),
+        ("numpy", signal.SIGTERM),
+        ("pyarrow", signal.SIGINT),
+        ("rich.progress", signal.SIGTERM),
+    ],
+)
+def test_while_a_command_imports(tmp_path: Path, module: str, number: signal.Signals) -> None:
+    done = struck(tmp_path, RUN, f"import:{module}", number)
+    assert done.stderr == "harness: interrupted\n"
+    assert [*(tmp_path / "here").iterdir()] == []
+
+
+def strike_resume_compare(
+    tmp_path: Path, whole: Path, name: str, file: int, number: signal.Signals
+) -> None:
+    command = RUN if name == "run" else SWEEP
+    done = struck(tmp_path, command, f"file:{file}", number)
+    out = tmp_path / "here" / "out"
+    if file == 1:
+        assert done.stderr == "harness: interrupted\n"
+        again = shell(*command, cwd=tmp_path / "here", env={"PYTHONPATH": str(CHECKOUT)})
+    else:
+        assert done.stderr == "harness: interrupted; go on with: harness run --resume out\n"
+        again = shell("run", "--resume", out, "-q")
+    assert again.returncode == 0, again.stderr
+    assert content(out) == content(whole / name)
+
+
+@pytest.mark.parametrize("file", [1, 2, 6])
+def test_while_a_run_writes_a_file(tmp_path: Path, whole: Path, file: int) -> None:
+    """The manifest, a shard, a table."""
+    strike_resume_compare(tmp_path, whole, "run", file, signal.SIGINT)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("file", range(1, 13))
+@pytest.mark.parametrize("name", ["run", "sweep"])
+def test_while_a_run_writes_any_file(
+    tmp_path: Path, whole: Path, name: str, file: int, number: signal.Signals
+) -> None:
+    """From the first manifest, over shards, tables and summaries, towards the last manifest."""
+    strike_resume_compare(tmp_path, whole, name, file, number)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: str) -> None:
+    command = [whole / "run" if word == "RUN" else word for word in COMMANDS[name]]
+    before = content(whole / "run")
+    done = struck(tmp_path, command, "file:1", signal.SIGINT)
+    assert done.stderr == "harness: interrupted\n"
+    assert content(whole / "run") == before
+    left = [path for path in (tmp_path / "here").rglob("*") if path.is_file()]
+    assert left == []
+
+
+def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whole: Path) -> None:
+    done = struck(tmp_path, RUN, "file:3", signal.SIGINT, signal.SIGTERM, signal.SIGINT)
+    assert done.stderr == "harness: interrupted; go on with: harness run --resume out\n"
+    out = tmp_path / "here" / "out"
+    assert shell("run", "--resume", out, "-q").returncode == 0
+    assert content(out) == content(whole / "run")
+
+
+def test_a_later_signal_ends_what_did_not_hear_the_first() -> None:
+    script = """
+import signal
+from harness.cli import interruption
+with interruption.unwinding():
+    try:
+        signal.raise_signal(signal.SIGINT)
+    except KeyboardInterrupt:
+        interruption._SAME_S = -1.0
+    signal.raise_signal(signal.SIGTERM)
+    print("still here")
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (143, "")
+    assert done.stderr == "harness: interrupted\n"
+
+
+def test_ctrl_c_ends_a_fit_and_its_workers(tmp_path: Path) -> None:
+    made_up().to_csv(tmp_path / "made_up.csv")
+    rows = tmp_path / "rows.parquet"
+    done = shell("extract", tmp_path / "made_up.csv", "--format", "table", "--out", rows)
+    assert done.returncode == 0, done.stderr
+    out = tmp_path / "model.json"
+    # Enough to do for longer than anybody waits.
+    fit = ("fit", rows, "--components", "1..5", "--choose", "bic", "--starts", 10_000)
+    running = start(*fit, "--out", out, "--workers", 2, "--quiet")
+    try:
+        end = time.monotonic() + 60
+        while len(workers := psutil.Process(running.pid).children(recursive=True)) < 2:
+            assert running.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        os.killpg(running.pid, signal.SIGINT)
+        _, errors = running.communicate(timeout=60)
+    finally:
+        running.kill()
+    assert (running.returncode, errors) == (130, "harness: interrupted\n")
+    _, alive = psutil.wait_procs(workers, timeout=10)
+    assert alive == []
+    assert not out.exists()
