@@ -220,7 +220,7 @@ def until(cells: Cells, truth: Mapping[str, float], experiments: int) -> None:
         )
 
 
-def bias_of_cv(tau: FloatArray, pairs: int) -> float:
+def bias_of_cv(tau: FloatArray, pairs: float) -> float:
     """Leading term, in 1/N, of the bias of c_v = s/m, s the population standard deviation.
 
     With c = σ/μ, skewness γ and kurtosis k of τ, expanding √V/M about (σ², μ) to second order,
@@ -253,7 +253,8 @@ def main() -> None:
         tau = known_truth.tau_of(cells[name])
         for n, tally in tallies.items():
             mean, error = tally.bias(f"{name}: cv")
-            expected = bias_of_cv(tau[~np.isnan(tau)], n)
+            defined = tau[~np.isnan(tau)]
+            expected = bias_of_cv(defined, n * len(defined) / len(tau))
             print(f"- {name}, N = {n}: {mean:+.5f} (s.e. {error:.5f}), expected {expected:+.5f}")
     if options.simulated:
         agreement(cells, min(options.pairs), options.simulated)

@@ -200,6 +200,10 @@ def test_intervals_are_as_long_as_their_estimates_are_uncertain() -> None:
         assert length == pytest.approx(2 * 1.96 * np.nanstd(values) / np.sqrt(n), rel=0.07), key
 
 
+HEAVY_TAILED = ("soft: mu", f"soft: {BAND}all", "mu_difference")
+"""Few pairs do not show the tail of τ: 93 % at N = 200 (docs/method.md, Audit)."""
+
+
 @pytest.mark.slow
 def test_intervals_hold_as_often_as_they_should() -> None:
     """Two-sided, so that an interval which is too long is found as well as one too short."""
@@ -208,19 +212,19 @@ def test_intervals_hold_as_often_as_they_should() -> None:
 
     def believable(key: str, least: float, most: float) -> bool:
         hits = round(tally.coverage(key).holds * experiments)
-        low, high = stats.binom.ppf([1e-4, 1 - 1e-4], experiments, [least, most])
+        low, high = stats.binom.ppf([1e-3, 1 - 1e-3], experiments, [least, most])
         return bool(low <= hits <= high)
 
     for key in tally.found:
-        exact = tally.exact(key)
+        exact, (mean, error) = tally.exact(key), tally.bias(key)
         if exact is not None:
             assert believable(key, exact, exact), key
+        elif key.startswith(f"soft: {BAND}") and not key.endswith("all"):
+            assert believable(key, 0.0, 0.95), key
         elif key != "constant: delay_s":
-            # 95 %; heavy tails take some of μ and more of c_v (docs/method.md, coverage).
-            least = 0.82 if key.endswith("cv") else 0.9 if "soft: mu" in key else 0.935
-            assert believable(key, least, 0.96), key
-        mean, error = tally.bias(key)
-        if not key.endswith("cv"):
-            assert abs(mean) <= 4 * error + 1e-9, key
+            least = 0.85 if key == "soft: cv" else 0.92 if key.endswith(HEAVY_TAILED) else 0.94
+            assert believable(key, least, 0.955), key
+        assert abs(mean) <= 4 * error + 1e-9 or key.endswith("cv"), key
+    assert tally.bias("soft: cv")[0] < 0
     for claim, count in tally.wrong.items():
-        assert count <= stats.binom.ppf(1 - 1e-4, experiments, 0.05), claim
+        assert count <= stats.binom.ppf(1 - 1e-3, experiments, 0.05), claim
