@@ -141,7 +141,8 @@ def _yield(observation: Observation, until_s: float, go: float) -> float:
     ego, step = observation.ego, observation.step_s
     limit = observation.vehicle.max_deceleration_mps2
     to_edge = _to_edge(observation)
-    if ego.speed_mps <= 0:
+    if ego.speed_mps <= ROUNDING:
+        # It stands; a stop may leave 1e-17 m/s, which must not send it rolling.
         return 0.0
     if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
         rolling = 2 * (to_edge - ego.speed_mps * until_s) / until_s**2

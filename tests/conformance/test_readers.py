@@ -181,9 +181,10 @@ def test_an_unusable_cell_spoils_nothing_but_its_record(form: str, folder: Path,
         found = extracted_or_refused(folder, form)
         if isinstance(found, Extraction):
             is_the_encounter(found.rows)
+        # Of a file with a line for each object or recording, that may have been the one needed.
+        if len(before.splitlines()) > 3:
+            assert isinstance(found, Extraction), found
             assert found.counts.rows >= clean.rows - 2
-        else:
-            assert len(before.splitlines()) <= 3, found  # a file of one record or two
         file.write_text(before, encoding="utf-8")
 
 

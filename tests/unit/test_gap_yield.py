@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import Side
+from harness.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield
@@ -229,3 +229,19 @@ def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
     assert set(endings) <= {"crossed", "timed_out"}
     # At 3,000 per hour somebody nearly always walks.
     assert endings.count("timed_out") <= 4
+
+
+@pytest.mark.parametrize("lateral_m", np.linspace(-1.0, 4.0, 21))
+def test_a_stop_is_one_whatever_its_last_bits(lateral_m: float) -> None:
+    # The plain engine stops at 1e-17 m/s where SUMO stops at 0: no reason to roll off earlier.
+    scene = scenario()
+    walker = PedestrianView(0, Side.FAR, lateral_m, lateral_m + 2.25, 1.2, True)
+    answers = [
+        GapYield().decide(
+            Observation(
+                9.0, STEP, EgoView(3.0, speed, 0.0), scene.vehicle(), scene.crosswalk(), (walker,)
+            )
+        )
+        for speed in (0.0, 1.4e-17)
+    ]
+    assert answers[0] == pytest.approx(answers[1], abs=1e-9)
