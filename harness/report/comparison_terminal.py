@@ -20,16 +20,16 @@ def print_comparison(result: RunComparison) -> None:
     console = make_console()
     for group in result.groups:
         shared = ", ".join(f"{key} = {plain(value)}" for key, value in group.group.shared.items())
-        console.print(f"{result.name}: {shared}" if shared else result.name, markup=False)
+        console.print(f"{result.name}: {shared}" if shared else result.name)
         console.print(_cell_table(group))
         if group.comparisons:
             console.print(_difference_table(group))
         for sweep in group.sweeps:
             console.print(_sweep_table(sweep, group))
             for line in allowed_lines(sweep, group.level):
-                console.print(line, markup=False)
+                console.print(line)
     for line in _notes(result):
-        console.print(line, markup=False)
+        console.print(line)
 
 
 def _cell_table(result: GroupResult) -> Table:

@@ -12,6 +12,7 @@ from rich.table import Table
 from harness.calibration.card_form import is_card
 from harness.errors import one_line
 from harness.interaction import VARIABLES, InteractionModel
+from harness.report.console import make_console
 from harness.trajectories import REASONS
 
 _SYMBOLS = ("1/R (1/m)", "v (m/s)", "v_p (m/s)", "1/T_adv (1/s)")
@@ -21,7 +22,7 @@ _SHOWN = (0.05, 0.5, 0.95)
 
 def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Path]) -> None:
     """Counts, quartiles, and what each rule left out."""
-    console, counts = _console(), summary["counts"]
+    console, counts = make_console(), summary["counts"]
     console.print(
         f"{summary['rows']} rows of {_known(summary['encounters'])} encounters with "
         f"{_known(summary['vehicles'])} vehicles, from {_known(counts['clips'])} clips "
@@ -52,7 +53,7 @@ def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Pa
 
 def print_fit(model: InteractionModel, out: Path) -> None:
     """The table over K and the card's main lines."""
-    console = _console()
+    console = make_console()
     _print_candidates(console, model.provenance)
     _print_card(console, model.provenance)
     _print_files(console, "Model", [out])
@@ -60,7 +61,7 @@ def print_fit(model: InteractionModel, out: Path) -> None:
 
 def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
     """Card, moments and marginals."""
-    console, card = _console(), model.provenance
+    console, card = make_console(), model.provenance
     console.print(f"{model.name}: K = {model.mixture.weights.size}, sha256 {model.sha256}")
     if is_card(card):
         _print_candidates(console, card)
@@ -169,10 +170,6 @@ def _print_card(console: Console, card: Mapping[str, Any]) -> None:
     for command in card["commands"]:
         console.print(f"$ {command}", soft_wrap=True)
     console.print(f"Rows sha256 {card['rows_sha256']}", soft_wrap=True)
-
-
-def _console() -> Console:
-    return Console(highlight=False, markup=False, emoji=False)
 
 
 def _print_files(console: Console, what: str, paths: Sequence[Path]) -> None:

@@ -40,9 +40,9 @@ def print_run(run: Run) -> None:
             console.print(line)
     else:
         _print_cell(console, run.summaries[0], run.conflicts[0], run.study.base)
-    console.print(f"Run folder: {run.folder}", soft_wrap=True, markup=False)
+    console.print(f"Run folder: {run.folder}", soft_wrap=True)
     command = f"harness report {shlex.quote(str(run.folder))}"
-    console.print(f"See it: {command}", soft_wrap=True, markup=False)
+    console.print(f"See it: {command}", soft_wrap=True)
 
 
 def _print_cell(

@@ -11,6 +11,7 @@ import pytest
 
 from harness.cli import app as cli
 from harness.cli.app import COMMANDS
+from harness.report.console import make_console, table_of_columns
 
 # How each command is called here; RUN and SWEEP are finished runs, NEW what is not there yet.
 CALLS = {
@@ -120,3 +121,14 @@ def test_no_color_is_respected_on_a_terminal() -> None:
         check=True,
     )
     assert shown.stdout.split() == ["\x1b[31mwords\x1b[0m", "more"]
+
+
+def test_brackets_in_names_and_values_are_no_markup(capsys: pytest.CaptureFixture[str]) -> None:
+    table = table_of_columns("cases [b]", "[/case]")
+    table.add_row("[/x]")
+    table.add_row("[red]a")
+    make_console().print(table)
+    make_console().print("study [i]")
+    shown = capsys.readouterr().out
+    for text in ("cases [b]", "[/case]", "[/x]", "[red]a", "study [i]"):
+        assert text in shown
