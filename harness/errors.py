@@ -88,9 +88,12 @@ def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> Inpu
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """The valid name closest to a misspelt one, None where none is near."""
-    close = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
-    return close[0] if close else None
+    """The valid name closest to a misspelt or shortened one, None where none is near."""
+    names = list(valid)
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    # ``flow`` for ``flow_per_hour`` is too short to look alike.
+    whole = [valid_name for valid_name in names if name in valid_name.split("_")]
+    return next(iter(close + whole), None)
 
 
 def place_of(error: BaseException) -> str | None:

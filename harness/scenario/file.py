@@ -5,7 +5,6 @@ Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
 """
 
 import copy
-import difflib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ValidationError
 
 from harness.documents import parse_toml
-from harness.errors import InputError, unknown_name
+from harness.errors import InputError, nearest_name, unknown_name
 from harness.resources import shipped_directory
 from harness.scenario.consistency import check_consistency
 from harness.scenario.sections import Scenario, TimedSection
@@ -137,12 +136,11 @@ def _find(name_or_path: str | Path) -> Path:
         return folder / f"{name_or_path}.toml"
     if is_folder:
         raise InputError(str(path), "is a folder", "a scenario file (TOML)")
-    close = difflib.get_close_matches(path.stem, shipped, n=1)
     raise InputError(
         str(path),
         "no such scenario file",
         f"a TOML file, or a shipped scenario: {', '.join(shipped)}",
-        close[0] if close else None,
+        nearest_name(path.stem, shipped),
     )
 
 
@@ -182,6 +180,15 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         node = node[name]
 
 
+_TOML_WORDS = {
+    "model_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "an array",
+    "bool_type": "true or false",
+}
+"""What is allowed in a scenario file's words, where pydantic's are Python's."""
+
+
 def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
     first = error.errors(include_url=False)[0]
     path = [str(part) for part in first["loc"]]
@@ -191,8 +198,8 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     where = f"{key_sources[named[-1]]} {named[-1]}" if named else f"{source}: {key}"
     if first["type"] == "extra_forbidden":
         return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
-    message = first["msg"]
-    allowed = message[0].lower() + message[1:]
+    message = first["msg"].removeprefix("Input should be ")
+    allowed = _TOML_WORDS.get(first["type"], message[0].lower() + message[1:])
     return InputError(where, f"{_shorten(first['input'])} is not accepted", allowed)
 
 

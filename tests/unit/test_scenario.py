@@ -216,7 +216,7 @@ def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
         ("[experiment]\ntimeout_s = 0.05", ["experiment.timeout_s", "0.05", "0.1"]),
         ("[arms]\nav = 3", ["arms.av", "3", "string"]),
         ("[arms]\nrobot = 'x'", ["arms.robot", "unknown key", "av, human"]),
-        ("[strategies]\nsoft_yield = 3", ["strategies.soft_yield", "3"]),
+        ("[strategies]\nsoft_yield = 3", ["strategies.soft_yield", "3", "allowed: a table"]),
     ],
 )
 def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
@@ -231,7 +231,10 @@ def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
         ("ego.lenght_m=4", ["--set ego.lenght_m", "unknown key", "length_m"]),
         ("egos.length_m=4", ["--set", "unknown key 'egos'", "did you mean 'ego'"]),
         ("ego.length_m=long", ["--set ego.length_m", "'long'", "number"]),
-        ("ego=4", ["--set ego", "4"]),
+        ("ego=4", ["--set ego", "4", "allowed: a table"]),
+        ("ego.speed=4", ["unknown key 'speed'", "did you mean 'initial_speed_mps'"]),
+        ("pedestrians.timed=4", ["--set pedestrians.timed", "4", "allowed: an array"]),
+        ("pedestrians.first_at_trigger=1", ["1", "allowed: true or false"]),
         ("ego.length_m.x=4", ["--set ego.length_m.x", "not a table"]),
         ("ego..length_m=4", ["--set ego..length_m", "not a dotted key"]),
         ("ego length=4", ["--set ego length", "not a dotted key"]),
