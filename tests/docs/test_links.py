@@ -1,0 +1,55 @@
+"""Every link in the README and the docs leads somewhere: to a file, and to a heading in it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+
+
+def text_of(page: Path) -> str:
+    """A page without its code blocks, where # is no heading."""
+    text = page.read_text(encoding="utf-8")
+    return re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def links(page: Path) -> list[str]:
+    """Targets of a page's links within the project."""
+    return [link for link in LINK.findall(text_of(page)) if "://" not in link]
+
+
+def anchors(page: Path) -> set[str]:
+    """What a link to a heading of a page may say, as GitHub and GitLab form it."""
+    headings = re.findall(r"^#+ (.+)$", text_of(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def broken(page: Path) -> list[str]:
+    """The links of a page that lead nowhere."""
+    found = []
+    for link in links(page):
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            found.append(link)
+    return found
+
+
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.stem)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    assert broken(page) == []
+
+
+def test_a_broken_link_is_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("# A heading, and more\n[a](#a-heading-and-more) [b](#nowhere) [c](no.md)\n")
+    assert broken(page) == ["#nowhere", "no.md"]
+
+
+def test_the_readme_leads_to_every_page() -> None:
+    named = {(ROOT / link.partition("#")[0]).resolve() for link in links(README)}
+    assert {*PAGES} <= named
