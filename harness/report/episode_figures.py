@@ -149,8 +149,8 @@ def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> FloatArray:
     smallest = np.full(len(times), np.nan)
     for walker in parts.values():
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
-        # Where he was first seen on the crossing says which kerb he came from.
-        direction = 1.0 if y[0] < 2 * lane_centre_m else -1.0
+        # Which way he goes; who was seen once, or stands, is taken to be near the kerb he left.
+        direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < 2 * lane_centre_m else -1.0)
         lateral = (lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy())
         ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)

@@ -184,6 +184,16 @@ def test_time_advantage_by_hand() -> None:
     assert found.tolist() == pytest.approx([2.25, 0.375, 0.375])
 
 
+def test_time_advantage_of_one_who_starts_on_the_road() -> None:
+    """From the far side, on the near half: at 4.25 and 3.25 m, L = 2 and 1; |4 − 2|, |3 − 1|."""
+    rows = made_up_trace()
+    rows = rows[rows["object"] != "pedestrian-0"]
+    rows.loc[rows["object"] == "pedestrian-1", ["time_s", "speed_mps"]] = [[0.0, 1.0], [1.0, 1.0]]
+    rows.loc[rows["object"] == "pedestrian-1", "y_m"] = [4.25, 3.25]
+    found = episode_figures.time_advantage(rows, 2.25)
+    assert found[:2].tolist() == pytest.approx([2.0, 2.0])
+
+
 def test_time_advantage_past_the_line_or_standing_is_undefined() -> None:
     rows = made_up_trace()
     rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 1.0), "x_m"] = 1.0
