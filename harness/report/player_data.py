@@ -167,7 +167,7 @@ def _words(record: dict[str, Any]) -> str:
     else:
         said = {Ending.TIMED_OUT: "timed out", Ending.ENGINE_FAILED: "failed in the engine"}[ending]
         said += f" ({record['reason']})" if record["reason"] else ""
-    said += ", fell back to Hard-Yield" if record["fallback"] else ""
+    said += ", fell back on another strategy" if record["fallback"] else ""
     if record["min_time_advantage_s"] is not None:
         said += f"; smallest time advantage {record['min_time_advantage_s']:.2f} s"
     if record["min_ttc_s"] is not None:

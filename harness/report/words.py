@@ -180,7 +180,8 @@ def count_lines(summary: Summary) -> list[str]:
         f"τ = AV time / human time is defined in {summary.defined_pairs:,} of {summary.pairs:,} "
         f"pairs; timed out: {summary.timed_out:,} ({out:.1%}); failed in the engine: "
         f"{summary.failed:,}; met nobody: {summary.met_nobody:,} ({nobody:.1%}).",
-        f"The AV fell back to Hard-Yield in {summary.fallbacks:,} of {summary.pairs:,} episodes.",
+        f"The AV's strategy fell back on another (Soft-Yield: on Hard-Yield) in "
+        f"{summary.fallbacks:,} of {summary.pairs:,} episodes.",
     ]
 
 
