@@ -345,13 +345,6 @@ def test_a_run_without_a_finished_pair_is_refused(
     assert "no pair is finished yet" in capsys.readouterr().err
 
 
-def test_the_notebook_of_the_docs_runs(single: Path) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "report.md").read_text(encoding="utf-8")
-    (block,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
-    code = "import matplotlib\nmatplotlib.use('Agg')\n" + block.replace("runs/cctc-1", str(single))
-    exec(compile(code, "docs/report.md", "exec"), {})
-
-
 def test_what_is_worth_watching(swept: Path) -> None:
     run = harness.load_run(swept)
     chosen = choose_pairs(run)
