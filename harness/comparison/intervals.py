@@ -14,7 +14,7 @@ from harness.encounter import FloatArray
 CONFIDENCE = 0.95
 
 RESAMPLES = 4_999
-"""Bootstrap resamples; fewer above 2,000 pairs, see ``_resamples``."""
+"""Bootstrap resamples; fewer above 4,000 values, see ``_resamples``."""
 
 INDICATIVE_BELOW = {"mu": 1_000, "cv": 4_000, "delay_s": 200, "delay_human_s": 50}
 """Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
@@ -30,7 +30,7 @@ _RESAMPLES_BEYOND = 20
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A point estimate with its two-sided 95 % interval; None where undefined."""
+    """A point estimate with its two-sided interval; None where undefined."""
 
     value: float | None
     low: float | None

@@ -1,4 +1,4 @@
-"""What a run will do, before it does it: the pedestrians of every pair."""
+"""Who comes: the pedestrians of every pair, known before anything runs."""
 
 import math
 from statistics import NormalDist

@@ -1,4 +1,4 @@
-"""Runs one episode: a strategy, an engine, and pedestrians who look once and walk.
+"""Runs one episode: a strategy, an engine, and the pedestrians who come.
 
 This is the loop everything else waits for.  Contacts and measures are found afterwards, from
 the trace; the loop only keeps what cannot be worked out later.

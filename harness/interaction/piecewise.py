@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.encounter import FloatArray
 from harness.mixture.sums import running_sum
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 # Gauss points of a cell from −1 to 1, and the matrix from values there to a polynomial's

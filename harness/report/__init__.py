@@ -1,1 +1,1 @@
-"""What people read: the terminal's tables, figures."""
+"""What people read: words and tables on the terminal, figures, the page of a run."""

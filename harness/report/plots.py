@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from harness.calibration import Sample
@@ -16,7 +15,7 @@ from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
-from harness.report.style import INK, plain, without_glyph_warnings
+from harness.report.style import INK, new_figure, plain, without_glyph_warnings
 from harness.report.trajectory_figures import draw_map, draw_passing_event
 from harness.trajectories import Clip
 
@@ -59,14 +58,14 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
         sites.setdefault(clip.site, []).append(clip)
     written = []
     for site, of_site in sites.items():
-        figure, axes = _figure(1, 1, 8, 6)
+        figure, axes = new_figure(height=6, width=8)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
         draw_map(axes[0], of_site, title)
         # A clip in a folder of its own is named after it, as in "b/straight".
         name = "-".join(["map", *re.findall(r"[\w.]+", site)])
         written += save(figure, folder, name)
     event = _sample_event(rows)
-    figure, axes = _figure(1, 1, 8, 6)
+    figure, axes = new_figure(height=6, width=8)
     clip = next(clip for clip in clips if (clip.source, clip.name) == event[:2])
     draw_passing_event(axes[0], clip, event[2], event[3])
     return [*written, *save(figure, folder, "passing-event")]
@@ -96,7 +95,7 @@ def _components_page(model: InteractionModel) -> Figure:
         for of in card["candidates"]
         if of["held_out"]
     }
-    figure, axes = _figure(2, 2, 11, 7.5)
+    figure, axes = new_figure(2, 2, height=7.5, width=11)
     draw.draw_bic(axes[0], bic, card["components"])
     draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
     draw.draw_bic_change(axes[2], bic)
@@ -116,7 +115,7 @@ def _components_page(model: InteractionModel) -> Figure:
 def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
     """All six pairs of variables, rows beside the model on one scale."""
     wide = sample is not None
-    figure, axes = _figure(3, 4 if wide else 2, 15 if wide else 8, 10.5)
+    figure, axes = new_figure(3, 4 if wide else 2, height=10.5, width=15 if wide else 8)
     view = draw.usual_view(model.mixture)
     for index, pair in enumerate(draw.PAIRS):
         density = draw.pair_density(model.mixture, pair, view)
@@ -137,7 +136,7 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
 
 def _speeds_page(model: InteractionModel) -> Figure:
     """Densities of v_p and of v under the authors' conditions, and v_p as pedestrians use it."""
-    figure, axes = _figure(2, 2, 12, 8.5)
+    figure, axes = new_figure(2, 2, height=8.5, width=12)
     times, speed = _INVERSE_TIMES, _VEHICLE_SPEEDS[1]
     draw.draw_walking_speed(
         axes[0],
@@ -181,13 +180,6 @@ def _sample_event(rows: pd.DataFrame) -> tuple[str, str, str, str]:
     span = rows.groupby(key, sort=True)["range_m"].agg(lambda column: column.max() - column.min())
     source, clip, vehicle, pedestrian = (str(part) for part in span.index[int(np.argmax(span))])
     return source, clip, vehicle, pedestrian
-
-
-def _figure(down: int, across: int, width: float, height: float) -> tuple[Figure, list[Axes]]:
-    """A figure without a window, its axes in reading order."""
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False)
-    return figure, list(axes.ravel())
 
 
 def _caption(figure: Figure, words: str) -> None:

@@ -108,7 +108,7 @@ def without_glyph_warnings() -> Iterator[None]:
 def new_figure(
     down: int = 1, across: int = 1, *, height: float = HEIGHT_INCH, width: float = WIDTH_INCH
 ) -> tuple[Figure, list[Axes]]:
-    """A figure without a window, its axes in reading order; make it inside ``styled``."""
+    """A figure without a window, its axes in reading order; the page's are made in ``styled``."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(down, across, squeeze=False)
     return figure, list(axes.ravel())

@@ -1,10 +1,7 @@
 """Hard-Yield: stop before the crosswalk and wait until it is clear."""
 
-from harness.encounter import Observation
+from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import full_braking_distance, resume, stop_after
-
-CLEARANCE_M = 0.25
-"""Range at which the bumper touches a pedestrian on the centre line (his disc's radius)."""
 
 
 class HardYield:
@@ -35,7 +32,7 @@ class HardYield:
             and ego.speed_mps**2 <= 2 * limit * distance
         ):
             return stop_after(distance, ego.speed_mps, step)
-        room = ego.range_m - CLEARANCE_M
+        room = ego.range_m - PEDESTRIAN_RADIUS_M
         if not self._braking_at_maximum:
             self._braking_at_maximum = full_braking_distance(ego.speed_mps, limit, step) < room
         if self._braking_at_maximum:
