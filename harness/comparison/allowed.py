@@ -48,11 +48,15 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class SweptValue:
-    """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep."""
+    """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep.
+
+    ``defined_pairs`` of the ``pairs`` have a τ.
+    """
 
     mu: Interval
     kappa: Proportion
     pairs: int
+    defined_pairs: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +101,12 @@ def swept_value(
         level: chance that any upper (or any lower) bound is wrong.
     """
     confidence = 1 - 2 * _tail(values, level)
+    defined = tau[~np.isnan(tau)]
     return SweptValue(
-        bootstrap_mean(tau[~np.isnan(tau)], rng, confidence),
+        bootstrap_mean(defined, rng, confidence),
         proportion(int((crashed & ran).sum()), int(ran.sum()), confidence),
         len(tau),
+        len(defined),
     )
 
 

@@ -72,7 +72,7 @@ class SweepResult:
     def indicative(self) -> tuple[bool, ...]:
         """Of every value, whether N is too small for μ's bound to hold what it says."""
         least = INDICATIVE_COMPARED_BELOW["mu_bound"]
-        return tuple(judgement.swept.pairs < least for judgement in self.found.judgements)
+        return tuple(judgement.swept.defined_pairs < least for judgement in self.found.judgements)
 
 
 @dataclass(frozen=True)

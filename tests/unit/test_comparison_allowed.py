@@ -42,6 +42,12 @@ def test_bounds_are_one_sided_and_shared_by_the_sweep() -> None:
     assert 0.7 - value.mu.low == pytest.approx(reach, rel=0.07)
 
 
+def test_pairs_without_a_tau_do_not_count_for_its_bound() -> None:
+    tau = np.where(np.arange(400) < 100, np.nan, spread(0.7, 400))
+    value = swept(tau, 100, 5)
+    assert (value.pairs, value.defined_pairs, value.kappa.trials) == (400, 300, 400)
+
+
 def test_some_values_are_allowed() -> None:
     # Upper bounds of 0 of 1,000 at 1 − 0.05/6: 0.0048.
     sweep = [
