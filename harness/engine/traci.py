@@ -43,15 +43,13 @@ class Gui:
     every_s: float = 0.5
 
 
-def traci_engine(
-    net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, sumo_seed: int = 1
-) -> SumoEngine:
+def traci_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float) -> SumoEngine:
     """Start a SUMO process and connect to it; arguments as ``sumo.libsumo_engine``.
 
     Raises:
         EngineError: SUMO does not start or does not answer.
     """
-    return _start("sumo", net, vehicle, crossing, step_s, sumo_seed, "")
+    return _start("sumo", net, vehicle, crossing, step_s, "")
 
 
 def gui_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui) -> Engine:
@@ -61,7 +59,7 @@ def gui_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, g
         EngineError: it does not start (it needs a display) or does not answer.
     """
     settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
-    engine = _start("sumo-gui", net, vehicle, crossing, step_s, 1, settings)
+    engine = _start("sumo-gui", net, vehicle, crossing, step_s, settings)
     return _Shown(engine, vehicle, step_s, gui)
 
 
@@ -119,13 +117,12 @@ def _start(
     vehicle: Vehicle,
     crossing: Crossing,
     step_s: float,
-    sumo_seed: int,
     settings: str,
 ) -> SumoEngine:
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = Path(folder.name) / "types.add.xml"
     types.write_text(types_file(vehicle), encoding="utf-8")
-    _, *options = start_command(net, types, step_s, sumo_seed)
+    _, *options = start_command(net, types, step_s, sumo_seed=1)
     if settings:
         view = Path(folder.name) / "view.xml"
         view.write_text(settings, encoding="utf-8")

@@ -52,7 +52,6 @@ class Site:
     far_position_m: float
     max_range_m: float
     min_range_m: float
-    exit_m: float
     origin_x_m: float
     origin_y_m: float
     along_x: float
@@ -196,7 +195,6 @@ def _site(root: ET.Element) -> Site:
         far_position_m=1.0,
         max_range_m=-ego[0].real,
         min_range_m=-ego[1].real,
-        exit_m=ego[3].real,
         origin_x_m=origin.real,
         origin_y_m=origin.imag,
         along_x=along.real,

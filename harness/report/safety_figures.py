@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from harness.encounter import FloatArray
-from harness.report.style import AV, HUMAN, INK, MUTED, VERMILLION, finish, legend_below
+from harness.report.style import AV, HUMAN, INK, VERMILLION, finish, legend_below
 
 _MOST_STEPS = 400
 _BINS = 24
@@ -20,7 +20,6 @@ def draw_shares(
     values: Mapping[str, FloatArray],
     across: str,
     up_to: float,
-    threshold: float | None = None,
 ) -> None:
     """Share of episodes whose measure is at most x; it ends below 1 where some have none.
 
@@ -30,7 +29,6 @@ def draw_shares(
             measure is undefined: such an episode counts among all, never below x.
         across: label of the measure with its unit.
         up_to: end of the axis.
-        threshold: of a conflict, a line of its own.
     """
     highest = 0.0
     for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
@@ -39,8 +37,6 @@ def draw_shares(
         x, share = _steps(defined, len(column), up_to)
         highest = max(highest, float(share.max()))
         axes.step(x, share, where="post", color=look.colour, ls=look.dash, lw=1.7, label=label)
-    if threshold is not None:
-        axes.axvline(threshold, color=MUTED, ls=":", lw=1.2, label=f"conflict below {threshold:g}")
     axes.set_xlim(0, up_to)
     axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
     total = max((len(column) for column in values.values()), default=0)

@@ -126,7 +126,7 @@ def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
         axes.set_title(plain(count), loc="right", fontsize=9, color=MUTED)
 
 
-def legend_below(axes: Axes, columns: int = 2) -> None:
+def legend_below(axes: Axes) -> None:
     """A legend under the axes, where it covers nothing."""
     if axes.get_legend_handles_labels()[1]:
         drop = ScaledTranslation(0, _LEGEND_DROP_INCH, axes.figure.dpi_scale_trans)
@@ -135,7 +135,7 @@ def legend_below(axes: Axes, columns: int = 2) -> None:
             loc="upper center",
             bbox_to_anchor=(0.5, 0.0),
             bbox_transform=axes.transAxes + drop,
-            ncols=columns,
+            ncols=2,
             columnspacing=1.6,
         )
 

@@ -53,9 +53,7 @@ def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> Non
     _legend(axes, handles, columns=2)
 
 
-def draw_passing_event(
-    axes: Axes, clip: Clip, vehicle: str, pedestrian: str, title: str | None = None
-) -> PathCollection:
+def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) -> PathCollection:
     """One vehicle and one pedestrian, coloured by time, with a colour bar.
 
     Time runs from the first instant at which both were recorded; whole paths are drawn in grey,
@@ -65,7 +63,6 @@ def draw_passing_event(
         axes: drawn into; x and y in metres, equal scales. Its figure gets the colour bar.
         clip: holds both tracks.
         vehicle, pedestrian: identifiers in the clip.
-        title: what is shown; clip and identifiers by default.
 
     Returns:
         The coloured marks of the vehicle, whose colour scale both share.
@@ -92,9 +89,9 @@ def draw_passing_event(
     # An inset keeps the bar as high as the axes, whatever shape equal scales give them.
     bar = axes.figure.colorbar(marks, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)))
     bar.set_label("time since both were in view (s)")
-    default = f"{clip.name}: vehicle {vehicle}, pedestrian {pedestrian}"
+    title = f"{clip.name}: vehicle {vehicle}, pedestrian {pedestrian}"
     counted = f"{end - start:.1f} s in common, one mark every {DRAWN_EVERY_S:g} s"
-    _finish(axes, [clip], title or default, counted)
+    _finish(axes, [clip], title, counted)
     _legend(axes, handles, columns=len(handles))
     return marks
 

@@ -223,12 +223,11 @@ def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
         "AV": np.array([1.0, 2.0, np.nan, 4.0]),
         "human": np.array([np.nan, np.nan, 30.0, 3.0]),
     }
-    safety_figures.draw_shares(axes, values, "TTC (s)", 10.0, threshold=1.5)
+    safety_figures.draw_shares(axes, values, "TTC (s)", 10.0)
     x, y = line(axes, "AV, defined in 3 of 4")
     assert list(x) == [0, 1, 2, 4, 10]
     assert list(y) == [0, 0.25, 0.5, 0.75, 0.75]
     assert list(line(axes, "human, defined in 2 of 4")[1]) == [0, 0.25, 0.25]
-    assert list(line(axes, "conflict below 1.5")[0]) == [1.5, 1.5]
     assert axes.get_title(loc="right") == "n = 4 per arm"
 
 
