@@ -138,9 +138,8 @@ def _alarm() -> Iterator[None]:
 
 def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Tasks run where they are submitted, and fail as they do in a worker."""
-    from concurrent.futures import Future, ThreadPoolExecutor
+    from concurrent.futures import Future
 
-    from harness.calibration import jobs
     from harness.workers.pool import LocalPool
     from harness.workers.tasks import TaskFailedError
 
@@ -155,10 +154,6 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
             future.set_exception(TaskFailedError(f"{type(error).__name__}: {error}"))
         return future
 
-    def threads(initializer: Any, initargs: Any, **_: Any) -> ThreadPoolExecutor:
-        return ThreadPoolExecutor(1, initializer=initializer, initargs=initargs)
-
-    monkeypatch.setattr(jobs, "ProcessPoolExecutor", threads)
     monkeypatch.setattr(LocalPool, "__init__", made)
     monkeypatch.setattr(LocalPool, "submit", submit)
     monkeypatch.setattr(LocalPool, "stop", lambda pool: None)  # noqa: ARG005

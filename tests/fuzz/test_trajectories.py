@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import example, given, strategies as st
 
+from harness.trajectories import FORMATS
 from tests.fuzz.command import done_or_refused, in_this_process
 from tests.fuzz.hostile import NAMES, NUMBERS, cases, cut_and_flipped
 from tests.fuzz.tables import hostile_table, written
@@ -49,6 +50,14 @@ def fittable() -> pa.Table:
 
 TABLE = fittable()
 FITTABLE = TABLE.to_pandas().to_csv(index=False).encode()
+
+FORMS = list(FORMATS)
+ENCOUNTER = {
+    path.relative_to(DATA / "encounter"): path.read_bytes()
+    for path in sorted((DATA / "encounter").rglob("*"))
+    if path.is_file()
+}
+"""What every format has to show (tests/conformance/test_readers.py), by format and file."""
 
 QUICK_FIT = ("--components", "1", "--starts", "1", "--folds", "0", "--workers", "1")
 
@@ -156,6 +165,18 @@ def test_vci(folder: Path, spoilt: tuple[Path, bytes]) -> None:
     (folder / "set" / name).write_bytes(VCI[name])
 
 
+@cases("trajectories", 1_200)
+@given(
+    st.one_of([st.tuples(st.just(name), hostile(content)) for name, content in ENCOUNTER.items()]),
+)
+def test_every_format(folder: Path, spoilt: tuple[Path, bytes]) -> None:
+    name, content = spoilt
+    form = name.parts[0]
+    shutil.copytree(DATA / "encounter" / form, emptied(folder / "shown") / form)
+    (folder / "shown" / name).write_bytes(content)
+    used(folder, folder / "shown" / form, form)
+
+
 @cases("trajectories", 30)
 @given(hostile(VCI[CARS]), hostile(MOBILEYE))
 def test_figures(folder: Path, cars: bytes, mobileye: bytes) -> None:
@@ -189,7 +210,7 @@ def test_any_name_of_a_clip(folder: Path, name: str) -> None:
 @given(
     st.one_of(st.binary(max_size=200), st.text(max_size=200).map(str.encode)),
     st.sampled_from(["rows.parquet", "rows.csv", "rows.txt", "x_traj_veh_filtered.csv"]),
-    st.sampled_from(["table", "mobileye", "vci"]),
+    st.sampled_from(FORMS),
 )
 def test_any_bytes(folder: Path, content: bytes, name: str, form: str) -> None:
     (folder / name).write_bytes(content)
@@ -198,7 +219,7 @@ def test_any_bytes(folder: Path, content: bytes, name: str, form: str) -> None:
 
 
 @cases("trajectories", 300)
-@given(NAMES, st.sampled_from(["table", "mobileye", "vci"]))
+@given(NAMES, st.sampled_from(FORMS))
 def test_any_path(folder: Path, name: str, form: str) -> None:
     used(folder, folder / name, form)
 
@@ -218,7 +239,7 @@ UNUSUAL: dict[str, bytes] = {
 
 
 @pytest.mark.parametrize("name", UNUSUAL)
-@pytest.mark.parametrize("form", ["table", "mobileye", "vci"])
+@pytest.mark.parametrize("form", FORMS)
 def test_unusual_files(folder: Path, name: str, form: str) -> None:
     (folder / "rows.csv").write_bytes(UNUSUAL[name])
     used(folder, folder / "rows.csv", form)
