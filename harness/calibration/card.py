@@ -75,6 +75,7 @@ def card(
         "extraction": file.extraction.get("counts"),
         "warnings": [*_near_warnings(near), *calibration.warnings],
         "versions": _versions(),
+        **({"folds_wanted": settings.folds} if calibration.folds < settings.folds else {}),
     }
 
 

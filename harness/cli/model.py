@@ -130,15 +130,12 @@ def fit(
     as_json: JsonOption = False,
 ) -> None:
     """Fit the interaction model to rows for each number of components and choose one."""
-    ks, state, box = (
-        model_options.components(components),
-        model_options.state(near),
-        model_options.bounds(bounds),
-    )
+    ks, state = model_options.components(components), model_options.state(near)
+    box, weighing = model_options.bounds(bounds), model_options.weighing(weigh)
     model_options.check_target(out, "--out", ".json")
     from harness import calibration
-    from harness.calibration.calibrate import fold_count, job_count
-    from harness.interaction import VARIABLES, write_model
+    from harness.calibration.calibrate import job_count
+    from harness.interaction import write_model
     from harness.report.model_terminal import fit_document, print_fit
     from harness.workers.pool import default_workers
 
@@ -146,16 +143,11 @@ def fit(
         raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
     file = calibration.read_rows(rows)
     sample = calibration.make_sample(
-        file.rows, weigh=model_options.weighing(weigh), lower=box[0], upper=box[1], strict=strict
+        file.rows, weigh=weighing, lower=box[0], upper=box[1], strict=strict
     )
     settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
     command = ["fit", str(rows), "--components", components, "--choose", choose, "--weigh", weigh]
-    for i, variable in enumerate(VARIABLES):
-        command += [
-            "--bounds",
-            f"{variable}={model_options.number(box[0][i])}:{model_options.number(box[1][i])}",
-        ]
-    command += ["--strict"] if strict else []
+    command += [*model_options.as_options(box), *(["--strict"] if strict else [])]
     command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
     command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
     jobs = job_count(sample, settings)
@@ -164,8 +156,6 @@ def fit(
             sample, settings, workers or default_workers(), lambda done: advance(done, jobs)
         )
     card = calibration.card(sample, settings, fitted, file, _command(command), state)
-    if fold_count(sample, settings) < folds:
-        card["folds_wanted"] = folds
     with unwinding():
         model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
     if as_json:

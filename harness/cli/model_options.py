@@ -75,6 +75,17 @@ def number(value: float) -> str:
     return text
 
 
+def as_options(box: tuple[Any, Any]) -> list[str]:
+    """A box as the ``--bounds`` that give it again."""
+    from harness.interaction import VARIABLES
+
+    return [
+        word
+        for name, low, high in zip(VARIABLES, *box, strict=True)
+        for word in ("--bounds", f"{name}={number(low)}:{number(high)}")
+    ]
+
+
 def weighing(text: str) -> Any:
     """One of the known weighings."""
     from harness.trajectories import WEIGHINGS

@@ -214,7 +214,8 @@ def _mean_density(
     model: InteractionModel, scenario: Scenario, walkers: pd.DataFrame, grid: FloatArray
 ) -> FloatArray:
     """Mean over the walkers (evenly chosen ones, where there are many) of f(v_p | what he saw)."""
-    some = walkers.iloc[:: max(1, len(walkers) // _MOST_CONDITIONS)]
+    few = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
+    some = walkers.iloc[few]
     crossing = scenario.crosswalk()
     on_curve = scenario.model.pedestrian_reading == "curve"
     total = np.zeros_like(grid)
