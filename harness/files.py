@@ -1,6 +1,7 @@
 """Files that appear complete or not at all: written beside, synced, then renamed."""
 
 import csv
+import errno
 import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from harness.errors import HarnessError
+from harness.errors import HarnessError, InputError
 
 
 @contextmanager
@@ -50,6 +51,13 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_file(path, text.getvalue().encode())
 
 
+_NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR)
+"""Another place would have to be chosen; anything else, a full disk say, may be mended."""
+
+
 def cannot_write(path: Path, error: OSError) -> HarnessError:
     """The error of a file system that refuses."""
-    return HarnessError(f"{path}: cannot be written ({error.strerror})")
+    why = f"cannot be written ({error.strerror})"
+    if error.errno in _NOT_THERE:
+        return InputError(str(path), why, "a writable place")
+    return HarnessError(f"{path}: {why}")

@@ -9,6 +9,7 @@ from pathlib import Path
 from harness.batch.batch import Batch, batch_of, recall_batch
 from harness.batch.finish import Run, finish, read_finished
 from harness.batch.until import reach_precision
+from harness.engine.installation import check_packages
 from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.repeat.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
@@ -45,9 +46,10 @@ def run_study(
         make_executor: makes the executor for a number of workers.
 
     Raises:
-        InputError: model, strategies or folder are refused; nothing has been written then.
+        InputError: SUMO, model, strategies or folder are refused; nothing has been written then.
         HarnessError: the folder cannot be written any more; the run can be resumed.
     """
+    check_packages()
     batch = batch_of(study, options)
     folder = RunFolder(claim_folder(out, study.name))
     with _held(folder):
@@ -70,6 +72,7 @@ def resume(
     """
     if not path.is_dir():
         raise InputError(f"--resume {path}", "is no folder", "a run folder")
+    check_packages()
     folder = RunFolder(path)
     with _held(folder):
         document = folder.read_manifest()

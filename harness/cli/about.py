@@ -85,7 +85,10 @@ def doctor(
     from harness.report.listings import installation_checks
     from harness.results.tables import versions
 
-    found = versions()
+    try:
+        found = versions()
+    except ImportError:
+        found = {}  # what is missing is the first check's to say
     if as_json:
         with unwinding():
             _print_checks(installation_checks(), quiet, as_json, versions=found)

@@ -5,6 +5,7 @@ The only module that imports libsumo.
 
 import os
 from collections.abc import Mapping
+from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,6 +18,17 @@ from harness.errors import EngineError
 from harness.network import read_site
 
 _running: list[SumoEngine] = []
+
+
+def _refuse_another_sumo() -> None:
+    """A SUMO elsewhere on the module path, that of SUMO_HOME's tools say, may be of any version."""
+    _, found = libsumo.getVersion()
+    wanted = f"SUMO {metadata.version('libsumo')}"
+    if found != wanted:
+        raise EngineError(f"{libsumo.__file__} is {found}, not {wanted}: see PYTHONPATH")
+
+
+_refuse_another_sumo()
 
 
 def libsumo_engine(

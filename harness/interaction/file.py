@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.documents import parse_json
 from harness.errors import InputError, unknown_name
-from harness.files import whole_file
+from harness.files import write_file
 from harness.interaction.model import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
 from harness.resources import shipped_directory
@@ -55,14 +55,10 @@ def write_document(path: Path, document: Mapping[str, Any]) -> None:
     """Write the file whole.
 
     Raises:
-        InputError: the place cannot be written.
+        HarnessError: the file system refuses.
     """
     content = (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    try:
-        with whole_file(path) as beside:
-            beside.write_bytes(content)
-    except OSError as error:
-        raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+    write_file(path, content)
 
 
 def as_mixture(

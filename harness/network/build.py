@@ -115,6 +115,9 @@ def _netconvert(directory: Path, configuration: str, net_name: str) -> None:
             timeout=_NETCONVERT_LIMIT_S,
             check=False,
         )
+    except FileNotFoundError:
+        again = "pip install --force-reinstall eclipse-sumo"
+        raise EngineError(f"netconvert: there is no {program}; {again}") from None
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
     net = directory / net_name

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from harness.encounter import Arm
 from harness.engine.control import SumoEngine
+from harness.engine.installation import check_packages
 from harness.engine.plain import PlainEngine
 from harness.engine.process import close_engine
 from harness.engine.view import view_settings
@@ -104,6 +105,7 @@ def replay(
     Raises:
         InputError: no such run, cell or pair, or ``out`` is not empty.
     """
+    check_packages()
     # An episode may kill its process: that is then not this one.
     pool = LocalPool(len(arms))
     folders: list[Path] = []

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.encounter import Arm, Ending
+from harness.engine.installation import check_packages
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode.pairing import PairRunner
@@ -49,6 +50,7 @@ def watch(
         InputError: no such run, cell or pair, no display, or the folder is refused.
         EngineError: sumo-gui did not start, or its window was closed.
     """
+    check_packages()
     from harness.engine.traci import Gui, gui_engine
 
     if not pace > 0:

@@ -5,11 +5,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from harness.engine.installation import check_packages
 from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.strategies.parameters import describe, parameters_of
 from harness.strategies.registry import available
 
-CHECKS = ("SUMO's netconvert builds a network", "one pair runs in SUMO")
+CHECKS = (
+    "SUMO is installed in the version needed",
+    "SUMO's library loads",
+    "SUMO's netconvert builds a network",
+    "one pair runs in SUMO",
+)
 
 
 def strategy_documents() -> list[dict[str, Any]]:
@@ -35,7 +41,8 @@ def strategy_documents() -> list[dict[str, Any]]:
 
 def installation_checks() -> Iterator[tuple[str, str | None]]:
     """Check the installation step by step: what, and the problem or None; ends at the first one."""
-    for title, check in zip(CHECKS, (_check_network, _check_episode), strict=True):
+    checks = (check_packages, _check_library, _check_network, _check_episode)
+    for title, check in zip(CHECKS, checks, strict=True):
         try:
             check()
         except InterruptedRunError:
@@ -44,6 +51,17 @@ def installation_checks() -> Iterator[tuple[str, str | None]]:
             yield title, str(error)
             return
         yield title, None
+
+
+def _check_library() -> None:
+    from harness.workers.pool import LocalPool
+
+    # In a process of its own: a broken library may take its process with it.
+    pool = LocalPool(1)
+    try:
+        pool.submit(abs, -1).result()
+    finally:
+        pool.stop()
 
 
 def _check_network() -> None:

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from harness.calibration import Sample
 from harness.calibration.card_form import is_card
 from harness.calibration.choice import RULE_SHARE, relative_gain
-from harness.files import write_file
+from harness.files import cannot_write, write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
 from harness.report.style import INK, new_figure, plain, without_glyph_warnings
@@ -31,7 +31,10 @@ _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write ``name.png`` and ``name.pdf``, each complete or not at all, without a clock inside."""
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from None
     written = []
     for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
         buffer = io.BytesIO()

@@ -33,6 +33,8 @@ _START = "; ".join(
         "from multiprocessing.connection import Connection",
         "connection = Connection(int(sys.argv[1]))",
         "sys.path[:] = connection.recv()",
+        "from harness.workers.parent import end_with_parent",
+        "end_with_parent()",
         "from harness.workers.worker import serve",
         "serve(connection, sys.argv[2])",
     )
@@ -152,12 +154,17 @@ class LocalPool:
                 return None
             try:
                 worker.connection.send(self._path)
-                worker.connection.recv()
+                problem = worker.connection.recv()
             except (EOFError, OSError):
                 code = self._bury(worker)
                 self._problem = f"no worker process gets ready (exit code {code})"
             else:
-                return worker
+                if problem is None:
+                    return worker
+                # Another would say the same.
+                self._bury(worker)
+                self._problem = f"no worker process gets ready ({problem})"
+                return None
         return None
 
     def _start(self) -> _Worker | None:

@@ -6,15 +6,15 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
 from typing import IO, Any
 
 from harness.encounter import Ending
 from harness.engine.process import close_engine, engine_for
 from harness.episode.pairing import PairRunner
+from harness.errors import in_one_line
 from harness.measures import Outcome
 from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
 from harness.workers.tasks import Task, TaskResult
@@ -25,12 +25,15 @@ _runner: tuple[str, PairRunner] | None = None
 def serve(connection: Connection, module: str) -> None:
     """Answer the calls that come down a pipe, until it or the parent process is gone.
 
-    The first message says that everything is imported, ``module`` included.  The answer to a call
-    is (True, its result), or (False, why there is none).
+    The first message is None when everything is imported, ``module`` included, or says why not.
+    The answer to a call is (True, its result), or (False, why there is none).
     """
-    Thread(target=_end_with_parent, daemon=True).start()
-    importlib.import_module(module)
-    connection.send("ready")
+    try:
+        importlib.import_module(module)
+    except Exception as error:
+        connection.send(in_one_line(error))
+        return
+    connection.send(None)
     while True:
         try:
             function, argument = connection.recv()
@@ -41,14 +44,6 @@ def serve(connection: Connection, module: str) -> None:
         except BaseException as error:  # a strategy may well call sys.exit
             answer = (False, f"{type(error).__name__}: {error}")
         connection.send(answer)
-
-
-def _end_with_parent() -> None:
-    """Nobody would read what a worker without a parent finds out: standard input ends then."""
-    with suppress(OSError):
-        while os.read(0, 1):
-            pass
-    os._exit(1)
 
 
 def run_task(task: Task) -> TaskResult:

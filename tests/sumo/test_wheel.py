@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import sysconfig
@@ -9,12 +10,19 @@ import venv
 import zipfile
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 CHECKOUT = Path(__file__).parents[2]
 
 
-def run(*command: object, cwd: Path) -> str:
+PYTHONS = ("3.11", "3.12", "3.13")
+"""Every version that ``pyproject.toml`` names."""
+
+MINUTES_S = 1200.0
+
+
+def run(*command: object, cwd: Path, timeout_s: float = 300.0) -> str:
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     result = subprocess.run(
         [str(part) for part in command],
@@ -22,7 +30,7 @@ def run(*command: object, cwd: Path) -> str:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=timeout_s,
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
@@ -84,3 +92,50 @@ def test_it_runs_from_another_folder(installed: Path, tmp_path: Path) -> None:
     assert (tmp_path / document["folder"] / "manifest.json").is_file()
     manifest = json.loads((tmp_path / document["folder"] / "manifest.json").read_text())
     assert manifest["counts"]["crossed"] + manifest["counts"]["crashed"] == 4
+
+
+def interpreter(version: str) -> Path | None:
+    """A Python of a version on this machine: on the path, or one of pyenv's."""
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    places = [shutil.which(f"python{version}"), *pyenv.glob(f"versions/{version}.*/bin/python")]
+    script = "import sys; print('%d.%d' % sys.version_info[:2])"
+    for place in filter(None, places):
+        # A shim of pyenv's is there for versions that are not.
+        told = subprocess.run([place, "-c", script], capture_output=True, text=True, check=False)
+        if told.stdout.strip() == version:
+            return Path(place)
+    return None
+
+
+def test_every_python_is_named() -> None:
+    text = (CHECKOUT / "pyproject.toml").read_text(encoding="utf-8")
+    named = text.split("Programming Language :: Python :: ")[2:]
+    assert tuple(part.partition('"')[0] for part in named) == PYTHONS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("version", PYTHONS)
+def test_an_empty_environment_of_every_python(wheel: Path, tmp_path: Path, version: str) -> None:
+    """Installed as a user does it, from a package index; the numbers are those of this Python."""
+    python = interpreter(version)
+    if python is None:
+        pytest.skip(f"no Python {version} on this machine")
+    run(python, "-m", "venv", tmp_path / "fresh", cwd=tmp_path)
+    fresh = tmp_path / "fresh" / "bin"
+    pip = (fresh / "python", "-m", "pip", "--disable-pip-version-check", "--quiet")
+    constraints = ("--constraint", CHECKOUT / "constraints.txt")
+    probe = [*pip, "download", "--no-deps", *constraints, "--dest", tmp_path / "probe", "filelock"]
+    if subprocess.run(probe, capture_output=True, check=False).returncode:
+        pytest.skip("no package index can be reached")
+    run(*pip, "install", *constraints, wheel, cwd=tmp_path, timeout_s=MINUTES_S)
+    seen = run(fresh / "harness", "doctor", cwd=tmp_path)
+    assert "FAILED" not in seen
+    assert f"python   {version}." in seen
+    command = ("run", "cctc", "--pairs", "2", "--traces", "--quiet", "--out")
+    run(fresh / "harness", *command, tmp_path / "there", cwd=tmp_path)
+    run(sys.executable, "-m", "harness", *command, tmp_path / "here", cwd=CHECKOUT)
+    for name in ("episodes", "pedestrians", "pairs", "traces", "cells"):
+        tables = [pq.read_table(tmp_path / side / f"{name}.parquet") for side in ("there", "here")]
+        assert tables[0].equals(tables[1]), name
+    for name in ("summary.csv", "measures.csv", "conflicts.csv"):
+        assert (tmp_path / "there" / name).read_bytes() == (tmp_path / "here" / name).read_bytes()

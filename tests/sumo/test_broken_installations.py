@@ -1,0 +1,151 @@
+"""A SUMO that is missing, broken or of another version, and disks that cannot be written: one line.
+
+What is broken lies in a folder that comes first on the module path.
+"""
+
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from harness.engine import installation
+from harness.errors import InputError
+from tests.batches import CHECKOUT, QUICK, options_of, shell
+from tests.sumo.test_faults import mount
+
+RUN = ["run", "cctc", "--pairs", 2, "-q", *options_of(QUICK)]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("finished") / "run"
+    assert shell(*RUN, "--traces", "--out", folder).returncode == 0
+    return folder
+
+
+def broken(folder: Path, module: str, source: str) -> dict[str, str]:
+    """An environment in which a module is another one."""
+    place = folder / "broken" / module
+    place.mkdir(parents=True)
+    (place / "__init__.py").write_text(source)
+    return {"PYTHONPATH": os.pathsep.join([str(place.parent), str(CHECKOUT)])}
+
+
+def one_line(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -> None:
+    assert done.returncode == code, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("harness: ")
+    for part in parts:
+        assert part in done.stderr
+
+
+NO_LIBRARY = "libxerces-c-3.2.so: cannot open shared object file: No such file or directory"
+LIBRARIES = {
+    "does not load": (f"raise ImportError({NO_LIBRARY!r})", NO_LIBRARY),
+    "other version": ("def getVersion():\n    return 21, 'SUMO 1.20.0'\n", "is SUMO 1.20.0, not"),
+}
+
+
+@pytest.mark.parametrize("fault", LIBRARIES)
+def test_a_library_that_is_of_no_use(tmp_path: Path, finished: Path, fault: str) -> None:
+    source, reason = LIBRARIES[fault]
+    env = broken(tmp_path, "libsumo", source)
+    one_line(shell(*RUN, "--out", tmp_path / "out", env=env), 1, "no worker", reason)
+    replayed = shell("replay", finished, "--pair", 1, "--out", tmp_path / "again", env=env)
+    one_line(replayed, 1, "no worker", reason)
+    seen = shell("doctor", env=env)
+    assert seen.returncode == 1
+    assert reason in seen.stdout
+    assert "FAILED   SUMO's library loads" in seen.stdout
+    assert "--resume" not in seen.stdout
+    assert seen.stderr == ""
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("raise ImportError", "netconvert: not found; install eclipse-sumo"),
+        ("SUMO_HOME = '/nowhere'", "there is no /nowhere/bin/netconvert; pip install"),
+    ],
+    ids=["no package", "no program"],
+)
+def test_no_netconvert(tmp_path: Path, source: str, reason: str) -> None:
+    env = broken(tmp_path, "sumo", source)
+    one_line(shell("network", "cctc", "--out", tmp_path / "net", env=env), 1, reason)
+    seen = shell("doctor", "-q", env=env)
+    assert (seen.returncode, seen.stderr) == (1, "")
+    assert reason in seen.stdout
+
+
+def test_another_sumo_home_changes_nothing(tmp_path: Path, finished: Path) -> None:
+    env = {"SUMO_HOME": str(tmp_path)}
+    again = shell(*RUN, "--traces", "--out", tmp_path / "run", env=env)
+    assert (again.returncode, again.stderr) == (0, "")
+    for name in ("episodes.parquet", "traces.parquet"):
+        assert (tmp_path / "run" / name).read_bytes() == (finished / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("installed", "reason"),
+    [("1.27.0", "version 1.27.0 is installed; allowed: 1.28.0"), (None, "is not installed")],
+)
+def test_packages_of_another_version_are_refused(
+    monkeypatch: pytest.MonkeyPatch, installed: str | None, reason: str
+) -> None:
+    metadata = installation.metadata
+    version = metadata.version
+
+    def found(name: str) -> str:
+        if name != "eclipse-sumo":
+            return version(name)
+        if installed is None:
+            raise metadata.PackageNotFoundError(name)
+        return installed
+
+    installation.check_packages()
+    monkeypatch.setattr(metadata, "version", found)
+    with pytest.raises(InputError, match=f"eclipse-sumo: {reason}") as caught:
+        installation.check_packages()
+    assert "pip install eclipse-sumo==1.28.0" in str(caught.value)
+
+
+@pytest.fixture(params=["read-only", "full"])
+def disk(request: pytest.FixtureRequest, tmp_path: Path, finished: Path) -> Iterator[Path]:
+    """A small file system with a finished run on it, which takes no more."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    if not mount(place, "-o", "size=400k"):
+        pytest.skip("no right to mount a file system")
+    try:
+        (place / "run").mkdir()
+        for file in finished.iterdir():
+            (place / "run" / file.name).write_bytes(file.read_bytes())
+        if request.param == "read-only":
+            assert mount(place, "-o", "remount,ro")
+        else:
+            with pytest.raises(OSError, match="No space"):
+                (place / "rest").write_bytes(bytes(1_000_000))
+        yield place
+    finally:
+        subprocess.run(["umount", str(place)], check=False)
+
+
+def test_a_disk_that_takes_no_more(disk: Path, finished: Path) -> None:
+    full = (disk / "rest").exists()
+    why = "No space left on device" if full else "Read-only file system"
+    before = sorted(disk.rglob("*"))
+    for words in (
+        ["export", disk / "run", "--csv"],
+        ["report", disk / "run"],
+        ["report", finished, "--out", disk / "page.html"],
+        ["report", finished, "--out", disk.parent / "page.html", "--figures", disk / "figures"],
+        ["score", finished, "--out", disk / "score"],
+        [*RUN, "--out", disk / "again"],
+    ):
+        one_line(shell(*words), 1 if full else 2, why, str(disk))
+    # Folders take no space here; no file is left, whole or in part.
+    assert sorted(path for path in disk.rglob("*") if path.is_file()) == [
+        path for path in before if path.is_file()
+    ]
