@@ -211,6 +211,11 @@ def main() -> None:
     for _ in range(options.rounds):
         for name, measure_it in rows.items():
             found[name].append(measure_it())
+    print_costs(found)
+
+
+def print_costs(found: dict[str, list[Cost]]) -> None:
+    """The table of all ways, and the ratios that mean something on a shared machine."""
     table = Table(title="medians of the rounds")
     for heading in ("way", "episodes/s", "µs/step", "model µs/step", "measures", "steps/episode"):
         table.add_column(heading)

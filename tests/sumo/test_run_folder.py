@@ -27,7 +27,7 @@ FLOW = [
 ]
 TEXT, REAL, WHOLE, TRUTH = pa.string(), pa.float64(), "integer", pa.bool_()
 KEYS = {"cell": WHOLE, "pair": WHOLE, "arm": TEXT}
-# The columns of DESIGN, section 5, with what a reader takes them for.
+# The columns of docs/files.md, with what a reader takes them for.
 COLUMNS = {
     "episodes": KEYS
     | {"strategy": TEXT, "ending": TEXT, "reason": TEXT, "pass_time_s": REAL, "contact": TEXT}

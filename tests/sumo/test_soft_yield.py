@@ -1,4 +1,4 @@
-"""Soft-Yield in SUMO against its closed form (paper, section III-C; DESIGN section 3)."""
+"""Soft-Yield in SUMO against its closed form (paper, section III-C; docs/method.md)."""
 
 import math
 

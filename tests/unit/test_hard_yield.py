@@ -1,4 +1,4 @@
-"""Hard-Yield: one constant deceleration to R = 3 m, waiting, going on (DESIGN, section 3)."""
+"""Hard-Yield: one constant deceleration to R = 3 m, waiting, going on (docs/method.md, Strategies)."""
 
 import math
 

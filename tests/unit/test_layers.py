@@ -1,4 +1,4 @@
-"""Who may import whom (DESIGN, section 6), read from the sources; and what starting up costs."""
+"""Who may import whom, read from the sources; and what starting up costs."""
 
 import ast
 import subprocess

@@ -11,7 +11,7 @@ from harness.errors import InputError
 from harness.resources import shipped_directory
 from harness.scenario import Scenario, load_scenario, parse_setting, validate
 
-# Table II of the paper and the defaults of DESIGN, section 3.
+# Table II of the paper and the choices beside it: what an empty scenario runs.
 DEFAULTS: dict[str, dict[str, Any]] = {
     "crossing": {
         "latitude_deg": 42.278415,
