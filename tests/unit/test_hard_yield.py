@@ -1,4 +1,4 @@
-"""Hard-Yield: one constant deceleration to R = 3 m, waiting, going on (docs/method.md, Strategies)."""
+"""Hard-Yield: one constant deceleration to R = 3 m, waiting, going on (docs/method.md)."""
 
 import math
 
