@@ -13,13 +13,11 @@ from harness.errors import HarnessError
 from harness.repeat.replay import Repetition, repetition, run_again
 from harness.repeat.stored import StoredCell
 from harness.results.reading import read_table
-from harness.results.run_folder import RunFolder
+from harness.results.run_folder import SUMO_OUTPUTS, RunFolder
 from harness.scenario import Options, Study
 from harness.workers.execution import ATTEMPTS, finished, reason_of
 from harness.workers.pool import LocalPool, default_workers
 from harness.workers.tasks import ExecutorLostError, Failure
-
-FOLDER = "sumo"
 
 
 def write_outputs(
@@ -112,7 +110,7 @@ def _repetitions(
 
 
 def _place(run: Path, cell: int, pair: int, arm: Arm) -> Path:
-    return run / FOLDER / f"{cell}-{pair}-{arm.value}"
+    return run / SUMO_OUTPUTS / f"{cell}-{pair}-{arm.value}"
 
 
 def _name(job: Repetition) -> str:

@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.documents import parse_json
 from harness.errors import InputError
+from harness.results.rows import check_rows
 from harness.results.tables import SCHEMA, TABLES
 
 MANIFEST = "manifest.json"
@@ -109,7 +110,9 @@ def read_table(
         missing = [column for column in needed if column not in held.names]
         if missing:
             raise InputError(str(path), f"lacks {missing[0]}", _HAS_ALL)
-        return table.select(held.names).cast(held)
+        table = table.select(held.names).cast(held)
+        check_rows(table, str(path))
+        return table
 
 
 def count_rows(folder: Path, name: str) -> int:
@@ -127,6 +130,8 @@ def _reading(folder: Path, name: str) -> Iterator[Path]:
     """The path of a table; what goes wrong with it becomes one line."""
     path = folder / f"{name}.parquet"
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(str(path), "is no regular file", "a run's table")
         yield path
     except FileNotFoundError:
         raise InputError(str(path), "is missing", "a finished run's table") from None

@@ -24,6 +24,7 @@ from harness.results.shards import (
     SHARDS,
     DamagedShardError,
     Shard,
+    check_planned,
     encode_shard,
     read_shard,
     shard_name,
@@ -31,7 +32,11 @@ from harness.results.shards import (
 )
 from harness.results.tables import TABLES, pair_rows, table_of, write_parquet
 
+SUMO_OUTPUTS = "sumo"
+"""The folder of SUMO's own outputs inside a run folder."""
+
 _LOCK = ".lock"
+_LOG = "log.jsonl"
 
 
 class RunFolder:
@@ -41,11 +46,13 @@ class RunFolder:
         path: an existing folder.
 
     Raises:
-        InputError: another process works on it.
+        InputError: another process works on it, or it holds a symbolic link, through which work
+            would be written somewhere else.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        _refuse_links(path)
         self._lock = filelock.FileLock(path / _LOCK, timeout=0)
         try:
             # The operating system lets go of it when the process dies, however it dies.
@@ -66,7 +73,7 @@ class RunFolder:
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"time": now, "event": event, **details})
         try:
-            with (self.path / "log.jsonl").open("a", encoding="utf-8") as file:
+            with (self.path / _LOG).open("a", encoding="utf-8") as file:
                 file.write(line + "\n")
         except OSError as error:
             raise cannot_write(self.path, error) from None
@@ -93,15 +100,23 @@ class RunFolder:
         path = self._shard_folder() / shard_name(cell, first, count)
         write_file(path, encode_shard(tables))
 
-    def done_pairs(self) -> dict[int, set[int]]:
-        """Which pairs of which cell are finished; a shard that cannot be read does not count."""
+    def done_pairs(self, planned: Mapping[int, int]) -> dict[int, set[int]]:
+        """Which pairs of which cell are finished; a shard that cannot be read does not count.
+
+        Args:
+            planned: pairs of each cell, by number.
+
+        Raises:
+            InputError: a shard holds others.
+        """
         done: dict[int, set[int]] = {}
         for shard in shards_of(self.path):
             try:
-                read_shard(shard.path)
+                read_shard(shard)
             except (OSError, DamagedShardError):
                 shard.path.unlink()
                 continue
+            check_planned(self.path, [shard], planned)
             done.setdefault(shard.cell, set()).update(shard.numbers)
         return done
 
@@ -119,7 +134,7 @@ class RunFolder:
         names = ["episodes", "pedestrians", *(["traces"] if traces else [])]
         shards = shards_of(self.path)
         for name in names:
-            parts = (read_shard(shard.path)[name] for shard in shards)
+            parts = (read_shard(shard)[name] for shard in shards)
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
         by_cell = self.episodes_by_cell()
         pairs = (table_of("pairs", pair_rows(cell, episodes)) for cell, episodes in by_cell)
@@ -144,8 +159,21 @@ class RunFolder:
         return folder
 
 
+def _refuse_links(run: Path) -> None:
+    """Nothing that is written in place, or below, may be a way out of the folder."""
+    log = run / _LOG
+    if log.exists() and not log.is_file():
+        raise InputError(str(log), "is no regular file", "a run's log")
+    inside = [run / _LOCK, run / _LOG]
+    for folder in (run / SHARDS, run / SUMO_OUTPUTS):
+        inside += [folder, *folder.rglob("*")]
+    for path in inside:
+        if path.is_symlink():
+            raise InputError(str(path), "is a symbolic link", "files and folders of a run")
+
+
 def _episodes(shards: Iterable[Shard]) -> pa.Table:
-    parts = [read_shard(shard.path)["episodes"] for shard in shards]
+    parts = [read_shard(shard)["episodes"] for shard in shards]
     return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
 
 

@@ -8,11 +8,16 @@ read beside the process that works on it.
 import io
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
 import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.errors import InputError
+from harness.results.rows import check_rows
+from harness.results.tables import TABLES
 
 SHARDS = "shards"
 """The folder of the shards inside a run folder."""
@@ -45,7 +50,7 @@ def shards_of(run: Path) -> list[Shard]:
     found = []
     for path in (run / SHARDS).glob("*.arrows"):
         match = _NAME.fullmatch(path.name)
-        if match:
+        if match and path.is_file():
             cell, first, pairs = (int(part) for part in match.groups())
             found.append(Shard(cell, first, pairs, path))
     return sorted(found)
@@ -70,21 +75,60 @@ def encode_shard(tables: Mapping[str, pa.Table]) -> bytes:
     return zlib.crc32(content).to_bytes(_CHECKSUM) + content
 
 
-def read_shard(path: Path) -> dict[str, pa.Table]:
+def read_shard(shard: Shard) -> dict[str, pa.Table]:
     """The tables of a shard by name.
 
     Raises:
         OSError: it cannot be read.
-        DamagedShardError: it is not as it was written.
+        DamagedShardError: it is not as it was written, or holds other pairs than its name says.
     """
-    content = path.read_bytes()
+    content = shard.path.read_bytes()
     checksum, content = content[:_CHECKSUM], content[_CHECKSUM:]
     # Arrow itself notices neither an empty file nor a changed number.
     if checksum != zlib.crc32(content).to_bytes(_CHECKSUM):
-        raise DamagedShardError(path)
+        raise DamagedShardError(shard.path)
     tables = {}
     file = io.BytesIO(content)
-    for name in ("episodes", "pedestrians", "traces"):
-        if file.tell() < len(content):
-            tables[name] = pa.ipc.open_stream(file).read_all()
+    try:
+        for name in ("episodes", "pedestrians", "traces"):
+            if file.tell() < len(content):
+                tables[name] = pa.ipc.open_stream(file).read_all()
+                _check(shard, name, tables[name])
+    except (pa.ArrowException, InputError, OSError):
+        raise DamagedShardError(shard.path) from None
+    if not {"episodes", "pedestrians"} <= {*tables}:
+        raise DamagedShardError(shard.path)
     return tables
+
+
+def _check(shard: Shard, name: str, table: pa.Table) -> None:
+    """A name that promises more pairs than there are rows would be believed."""
+    if table.schema != TABLES[name]:
+        raise DamagedShardError(shard.path)
+    check_rows(table, name)
+    if name == "episodes" and table.num_rows != 2 * shard.pairs:
+        raise DamagedShardError(shard.path)
+    if table.num_rows == 0:
+        return
+    cell, pair = pc.min_max(table["cell"]).as_py(), pc.min_max(table["pair"]).as_py()
+    if {cell["min"], cell["max"]} != {shard.cell} or not (
+        shard.first <= pair["min"] and pair["max"] < shard.first + shard.pairs
+    ):
+        raise DamagedShardError(shard.path)
+
+
+def check_planned(run: Path, shards: Iterable[Shard], planned: Mapping[int, int]) -> None:
+    """Refuse finished work of pairs that a run does not plan.
+
+    Args:
+        run: the folder.
+        shards: those that can be read.
+        planned: pairs of each cell, by number.
+
+    Raises:
+        InputError: a shard of another run.
+    """
+    for shard in shards:
+        if shard.first + shard.pairs > planned.get(shard.cell, 0):
+            where = str(run / SHARDS / shard.path.name)
+            raise InputError(where, "holds pairs that this run does not plan", "its own shards")

@@ -252,7 +252,7 @@ class RunData:
 
     @cached_property
     def _tables(self) -> RunTables:
-        return RunTables(self.path, self.finished, self.shards)
+        return RunTables(self.path, self.finished, self.shards, len(self.study.cells))
 
     def _need_traces(self) -> None:
         if not self.kept_traces:
@@ -291,7 +291,7 @@ def load_run(path: str | Path) -> RunData:
         where = str(folder / MANIFEST)
         raise InputError(where, "is damaged", "a manifest as a run writes it") from None
     if not finished:
-        shards = readable_shards(folder)
+        shards = readable_shards(folder, study)
         if read_manifest(folder).get("counts") is not None:
             # It was finished while its shards were read, and they are gone.
             return load_run(folder)

@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 
 from harness.errors import InputError
 from harness.results.reading import read_table
-from harness.results.shards import DamagedShardError, Shard, read_shard, shards_of
+from harness.results.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
 from harness.results.tables import TABLES
 from harness.scenario import Study
 
@@ -25,8 +25,8 @@ class RunTables:
         shards: the finished work of an unfinished run.
     """
 
-    def __init__(self, path: Path, finished: bool, shards: Sequence[Shard]) -> None:
-        self._path, self._finished, self._shards = path, finished, shards
+    def __init__(self, path: Path, finished: bool, shards: Sequence[Shard], cells: int) -> None:
+        self._path, self._finished, self._shards, self._cells = path, finished, shards, cells
         self._kept: dict[str, pa.Table] = {}
 
     def read(self, name: str) -> pa.Table:
@@ -59,30 +59,42 @@ class RunTables:
 
     def _table(self, name: str, shards: Sequence[Shard]) -> pa.Table:
         if self._finished:
-            return read_table(self._path, name)
+            table = read_table(self._path, name)
+            if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= self._cells:
+                where = str(self._path / f"{name}.parquet")
+                raise InputError(
+                    f"{where}: cell", "a cell this run has not", f"0 to {self._cells - 1}"
+                )
+            return table
         parts = []
         for shard in shards:
             try:
-                parts.append(read_shard(shard.path)[name].cast(TABLES[name]))
+                parts.append(read_shard(shard)[name])
             except FileNotFoundError:
                 what = "has been finished or resumed meanwhile"
                 raise InputError(str(self._path), what, "load it again") from None
-            except (OSError, DamagedShardError, KeyError, ValueError, pa.ArrowException):
+            except (OSError, DamagedShardError, KeyError):
                 raise InputError(
                     str(shard.path), "is damaged", "go on with: harness run --resume"
                 ) from None
         return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
 
-def readable_shards(folder: Path) -> tuple[Shard, ...]:
-    """The shards that can be read; one that cannot does not count, as when a run is resumed."""
+def readable_shards(folder: Path, study: Study) -> tuple[Shard, ...]:
+    """The shards that can be read; one that cannot does not count, as when a run is resumed.
+
+    Raises:
+        InputError: a shard is of another study.
+    """
     readable = []
     for shard in shards_of(folder):
         try:
-            read_shard(shard.path)
+            read_shard(shard)
         except (OSError, DamagedShardError):
             continue
         readable.append(shard)
+    planned = {cell.number: cell.scenario.experiment.pairs for cell in study.cells}
+    check_planned(folder, readable, planned)
     return tuple(readable)
 
 
@@ -93,6 +105,8 @@ def read_summary(folder: Path, study: Study) -> dict[str, Sequence[Any]]:
         InputError: it is missing, or not that of this study.
     """
     path = folder / "summary.csv"
+    if path.exists() and not path.is_file():
+        raise InputError(str(path), "is no regular file", "a run's table")
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file, strict=True))

@@ -44,11 +44,12 @@ def score(run: Path, out: Path) -> Path:
             names = ("episodes", "pedestrians", "traces")
             # Measures are worked out anew: those added since the run need not be there.
             tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
-            for first in range(0, cell.scenario.experiment.pairs, _PART_PAIRS):
-                last = first + _PART_PAIRS - 1
+            pairs = _pairs(run, tables["episodes"])
+            for first in range(0, pairs, _PART_PAIRS):
+                last = min(first + _PART_PAIRS, pairs) - 1
                 part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
                 rows = _score(run, part, cell)
-                folder.write_shard(cell.number, first, _PART_PAIRS, rows)
+                folder.write_shard(cell.number, first, last - first + 1, rows)
         finish(folder, batch)
     except BaseException:
         # Nothing here can go on: what is half done would only be in the way.
@@ -57,6 +58,16 @@ def score(run: Path, out: Path) -> Path:
     finally:
         folder.close()
     return out
+
+
+def _pairs(run: Path, episodes: pa.Table) -> int:
+    """How many pairs a cell has: numbered from 0 on, the AV's arm of each before the human's."""
+    pairs, arms = episodes["pair"].to_numpy(), episodes["arm"].to_pylist()
+    count = len(pairs) // 2
+    whole = count > 0 and np.array_equal(pairs, np.repeat(np.arange(count), 2))
+    if not whole or arms != [Arm.AV.value, Arm.HUMAN.value] * count:
+        raise InputError(str(run), "its episodes are not two arms of each pair", "a whole run")
+    return count
 
 
 def _pairs_of(table: pa.Table, first: int, last: int) -> pa.Table:

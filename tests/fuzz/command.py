@@ -52,6 +52,8 @@ def _note_writing(event: str, arguments: tuple[Any, ...]) -> None:
         if isinstance(path, int) or not flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT):
             return
         paths: tuple[Any, ...] = (path,)
+    elif event in ("os.remove", "os.rmdir") and arguments[1] >= 0:
+        return  # relative to an open folder: a part of shutil.rmtree, of which the whole is noted
     elif event in ("os.rename", "os.link", "os.symlink"):
         paths = arguments[:2]
     elif event in ("os.mkdir", "os.remove", "os.rmdir", "os.truncate", "os.chmod", "shutil.rmtree"):

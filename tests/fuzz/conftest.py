@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 from tests.fuzz import hostile
 
@@ -20,7 +20,13 @@ def pytest_configure(config: pytest.Config) -> None:
     """The same cases each time: what fails here fails everywhere."""
     hostile.full = config.option.markexpr != "not slow"
     settings.register_profile(
-        "fuzz", deadline=None, derandomize=True, database=None, suppress_health_check=_QUIET
+        "fuzz",
+        deadline=None,
+        derandomize=True,
+        database=None,
+        suppress_health_check=_QUIET,
+        # A command is too slow for hundreds of attempts to fail with less.
+        phases=[Phase.explicit, Phase.generate],
     )
     settings.load_profile("fuzz")
 
