@@ -145,7 +145,7 @@ def in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     from harness.workers.pool import LocalPool
     from harness.workers.tasks import TaskFailedError
 
-    def made(pool: LocalPool, workers: int, folder: Path | None = None) -> None:  # noqa: ARG001
+    def made(pool: LocalPool, workers: int, *_: Any, **__: Any) -> None:  # noqa: ARG001
         pool.workers = 1
 
     def submit(pool: LocalPool, function: Any, argument: Any) -> "Future[Any]":  # noqa: ARG001
