@@ -3,7 +3,8 @@
 ``harness run`` is started as it stands, with a folder of its own for temporary files, and looked at
 from outside every few seconds: memory, open files and threads of the command and of its workers,
 processor time, pairs done, temporary files.  What is printed holds the second half of the pairs
-against the first; ratios, so that other load on the machine matters little.
+against the first.  How fast the machine is meanwhile, with all else that runs on it, is told by a
+few pairs in a SUMO started for them at each look, and taken out of the processor time.
 """
 
 import argparse
@@ -24,7 +25,11 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
+from harness.engine.process import close_engine, engine_for
+from harness.episode.pairing import PairRunner
+from harness.interaction import load_model
 from harness.results.shards import shards_of
+from harness.scenario import load_scenario
 
 COMMAND = "command"
 
@@ -33,6 +38,9 @@ STARTING = 0.05
 
 PARTS = 5
 """Into which each half is divided for rates."""
+
+FRESH_PAIRS = 10
+"""Pairs that tell the machine's pace at each look."""
 
 PASSING = {"shards", ".lock"}
 """What a run folder holds while the run goes on, and no longer."""
@@ -49,11 +57,15 @@ class State(NamedTuple):
 
 
 class Look(NamedTuple):
-    """One look at a run: wall time since its start, and every process by name."""
+    """One look at a run: wall time since its start, and every process by name.
+
+    ``fresh_s`` is the processor time of a few pairs in a fresh SUMO, here and now.
+    """
 
     time_s: float
     pairs: int
     temporary_files: int
+    fresh_s: float
     states: dict[str, State]
 
     @property
@@ -91,6 +103,15 @@ class Soak(NamedTuple):
         """
         first, second = (median(_rates(half, value)) for half in self.halves())
         return first, second
+
+    def slowing(self) -> float:
+        """Processor time per pair in the second half over the first, the machine's pace taken out.
+
+        The pace is the median of ``fresh_s`` in either half.
+        """
+        first, second = self.per_pair(lambda look: look.cpu_s)
+        before, after = (median(look.fresh_s for look in half) for half in self.halves())
+        return (second / after) / (first / before)
 
     def middle(self, name: str, value: Callable[[State], float]) -> tuple[float, float]:
         """Median of a value of one process in each half."""
@@ -138,6 +159,7 @@ def soak(
     options = [part for setting in settings for part in ("--set", setting)]
     command = [sys.executable, "-m", "harness", "run", scenario, "--quiet", *options]
     command += ["--pairs", str(pairs), "--workers", str(workers), "--out", str(out)]
+    fresh_s = _pace()
     with tempfile.TemporaryDirectory(prefix="soak-") as folder:
         temporary = Path(folder)
         begin = time.perf_counter()
@@ -152,7 +174,8 @@ def soak(
                     states = _states(process.pid)
                     done = _pairs_done(out, pairs)
                     passed = time.perf_counter() - begin
-                    looks.append(Look(passed, done, len(_files(temporary)), states))
+                    count = len(_files(temporary))
+                    looks.append(Look(passed, done, count, fresh_s(), states))
                 time.sleep(every_s)
         finally:
             process.kill()
@@ -160,6 +183,23 @@ def soak(
         left = [str(path.relative_to(temporary)) for path in _files(temporary)]
     left += [path.name for path in out.iterdir() if path.name in PASSING or _hidden(path)]
     return Soak(process.returncode, pairs, looks, left)
+
+
+def _pace() -> Callable[[], float]:
+    """Measures the processor time of a few pairs of ``cctc`` in a SUMO started for them, in s."""
+    scenario = load_scenario("cctc")
+    model = load_model(scenario.model.name)
+    runner = PairRunner(scenario, model, lambda: engine_for(scenario))
+
+    def fresh_s() -> float:
+        begin = time.process_time()
+        for _ in runner.run(range(FRESH_PAIRS)):
+            pass
+        close_engine()
+        return time.process_time() - begin
+
+    fresh_s()  # imports and caches
+    return fresh_s
 
 
 def _states(pid: int) -> dict[str, State]:
@@ -213,6 +253,8 @@ def table_of(title: str, found: Soak) -> Table:
     ):
         first, second = found.per_pair(value)
         table.add_row(what, f"{first:.3f}", f"{second:.3f}", f"{second / first:.3f}", "", "")
+    row = ("", "", f"{found.slowing():.3f}", "", "")
+    table.add_row("processor time, the machine's pace taken out", *row)
     for name in found.halves()[0][0].states:
         for what, value in VALUES.items():
             first, second = found.middle(name, value)
