@@ -203,10 +203,14 @@ def verdicts_of(run: Path) -> dict[tuple[int, str], Verdicts]:
     """Hold every episode of a run with a hit against the rule, by cell and arm.
 
     Raises:
-        SystemExit: an episode simulated once more is not the stored one.
+        SystemExit: people are shown to SUMO elsewhere than they walk, or an episode simulated once
+            more is not the stored one.
     """
     found = {}
     for cell in recall_study(read_finished_manifest(run)).cells:
+        arms, behaviour = cell.scenario.arms, cell.scenario.pedestrians.behaviour
+        if "sumo_driver" in (arms.av, arms.human) or behaviour == "sumo":
+            sys.exit(f"{run}: the rule is for people whom SUMO holds where they walk")
         episodes = read_table(run, "episodes", cell.number)
         crashed = pc.equal(episodes["ending"], Ending.CRASHED.value)
         hit = pc.or_(crashed, pc.fill_null(episodes["sumo_collision"], False))
