@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 from harness.encounter import Arrival, Ending, Observation, Side, Strategy, Trace
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import make_strategy
-from harness.episode.loop import Rules, run_episode
+from harness.episode.loop import run_episode
+from harness.episode.rules import rules_of
 from harness.errors import InputError, in_one_line
 from harness.interaction import InteractionModel
 from harness.scenario import Scenario, validate
@@ -134,21 +135,13 @@ class Subject:
 
 
 def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) -> Trace:
-    vehicle, step_s = scenario.vehicle(), scenario.experiment.step_s
-    rules = Rules(
-        vehicle,
-        scenario.crosswalk(),
-        scenario.pedestrians.kerb_wait_s,
-        step_s,
-        scenario.experiment.timeout_s,
-    )
     arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
     return run_episode(
-        PlainEngine(vehicle, step_s),
+        PlainEngine(scenario.vehicle(), scenario.experiment.step_s),
         strategy,
         arrivals,
         lambda who, *_: walkers[who.index][2],
-        rules,
+        rules_of(scenario),
     )
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
-from harness.episode.loop import Rules, run_episode
+from harness.episode.loop import run_episode
+from harness.episode.rules import rules_of
 from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 
@@ -21,18 +22,6 @@ def scenario(**sections: dict[str, object]) -> Scenario:
     for name, values in sections.items():
         tree.setdefault(name, {}).update(values)
     return validate(tree, "test")
-
-
-def rules_of(scene: Scenario) -> Rules:
-    """The episode's constants of a scenario."""
-    return Rules(
-        vehicle=scene.vehicle(),
-        crossing=scene.crosswalk(),
-        kerb_wait_s=scene.pedestrians.kerb_wait_s,
-        step_s=scene.experiment.step_s,
-        timeout_s=scene.experiment.timeout_s,
-        behaviour=scene.pedestrians.behaviour,
-    )
 
 
 def outcome_of(trace: Trace) -> Outcome:

@@ -6,25 +6,22 @@ the trace; the loop only keeps what cannot be worked out later.
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
 from numbers import Real
 
 import numpy as np
 
 from harness.encounter import (
     Arrival,
-    Behaviour,
-    Crossing,
     EgoView,
     Ending,
     Observation,
     PedestrianView,
     Strategy,
     Trace,
-    Vehicle,
     Walk,
 )
 from harness.engine.protocol import Engine
+from harness.episode.rules import Rules
 from harness.episode.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
 from harness.errors import EngineError, StrategyError, place_of
 
@@ -33,23 +30,6 @@ ROUNDING_M = 1e-9
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rules:
-    """What is the same in all episodes of a cell.
-
-    ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
-    edge within that time, or while its body overlaps the crosswalk.  Whoever has a critical gap
-    of his own goes by that instead of ``kerb_wait_s``.
-    """
-
-    vehicle: Vehicle
-    crossing: Crossing
-    kerb_wait_s: float
-    step_s: float
-    timeout_s: float
-    behaviour: Behaviour = "constant"
 
 
 def run_episode(

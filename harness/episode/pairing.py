@@ -7,7 +7,8 @@ from harness.encounter import Arm, Arrival, Ending, Trace
 from harness.engine.protocol import Engine
 from harness.episode.arms import check_arms, make_strategy
 from harness.episode.arrivals import planned_arrivals
-from harness.episode.loop import Episode, Rules, failed_episode, run_episode
+from harness.episode.loop import Episode, failed_episode, run_episode
+from harness.episode.rules import rules_of
 from harness.episode.walkers import ChooseSpeed
 from harness.episode.walking_speeds import SpeedsOfOtherArm, WalkingSpeeds
 from harness.errors import StrategyError, in_one_line
@@ -37,14 +38,7 @@ class PairRunner:
     ) -> None:
         self._scenario, self._model, self._get_engine = scenario, model, get_engine
         self._engine: Engine | None = None
-        self._rules = Rules(
-            vehicle=scenario.vehicle(),
-            crossing=scenario.crosswalk(),
-            kerb_wait_s=scenario.pedestrians.kerb_wait_s,
-            step_s=scenario.experiment.step_s,
-            timeout_s=scenario.experiment.timeout_s,
-            behaviour=scenario.pedestrians.behaviour,
-        )
+        self._rules = rules_of(scenario)
         self._speeds = WalkingSpeeds(model, self._rules, scenario.model.pedestrian_reading)
         check_arms(scenario, model)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import Arrival, Side, Walk
-from harness.episode.loop import Rules
+from harness.episode.rules import Rules
 from harness.interaction import InteractionModel
 
 

@@ -6,10 +6,10 @@ from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
+from harness.episode.rules import rules_of
 from harness.measures import measure
 from harness.scenario import Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import rules_of
 
 
 def scene(behaviour: str = "sumo", **pedestrians: object) -> Scenario:

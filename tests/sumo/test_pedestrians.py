@@ -8,12 +8,13 @@ from harness.encounter import Side
 from harness.engine.control import SumoEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.loop import run_episode
+from harness.episode.rules import rules_of
 from harness.measures import measure
 from harness.network import read_site
 from harness.resources import shipped_directory
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
-from tests.scenes import play, rules_of, scenario
+from tests.scenes import play, scenario
 
 
 class Watched:

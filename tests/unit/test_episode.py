@@ -9,10 +9,11 @@ import pytest
 from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.loop import run_episode
+from harness.episode.rules import rules_of
 from harness.errors import EngineError
 from harness.measures import measure
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import play, rules_of, scenario
+from tests.scenes import play, scenario
 
 
 class Recorder:

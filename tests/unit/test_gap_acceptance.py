@@ -11,9 +11,9 @@ from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import critical_gap_s, planned_arrivals
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
+from harness.episode.rules import rules_of
 from harness.scenario import GapAcceptanceSection, Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import rules_of
 
 
 def scene(**pedestrians: object) -> Scenario:

@@ -9,10 +9,11 @@ from harness.encounter import Arrival, Contact, Ending, Observation, Side, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
+from harness.episode.rules import rules_of
 from harness.measures import measure
 from harness.results.tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
-from tests.scenes import outcome_of, rules_of
+from tests.scenes import outcome_of
 
 
 def scene(**sections: dict[str, object]) -> Scenario:

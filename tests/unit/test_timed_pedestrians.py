@@ -9,12 +9,13 @@ from harness.encounter import Arrival, Contact, Ending, Leg, Observation, Side, 
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.loop import run_episode
+from harness.episode.rules import rules_of
 from harness.errors import InputError
 from harness.measures import measure
 from harness.results.tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import drive, outcome_of, rules_of
+from tests.scenes import drive, outcome_of
 
 WIDTH, LANE_CENTRE, RADIUS = 1.8, 2.25, 0.25
 
