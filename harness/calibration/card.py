@@ -1,7 +1,5 @@
 """A model's card: what it was fitted on, how, and what to beware of."""
 
-import importlib.metadata
-import platform
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,6 +12,7 @@ from harness.calibration.sample import RowFile, Sample, effective_number
 from harness.calibration.scores import HeldOut
 from harness.errors import InputError
 from harness.interaction import INVERSE_RANGE, VARIABLES, VEHICLE_SPEED
+from harness.versions import versions_of_fits
 
 NEAR_RANGE_M = 5.0
 NEAR_SPEED_MPS = 1.0
@@ -21,8 +20,6 @@ NEAR_SPEED_MPS = 1.0
 
 FEW = 10
 """Fewer vehicles, or effective rows, near the scenario's state earn a warning."""
-
-_PACKAGES = ("numpy", "scipy", "pandas", "pyarrow")
 
 
 def card(
@@ -74,7 +71,7 @@ def card(
         "tol": settings.tol,
         "extraction": file.extraction.get("counts"),
         "warnings": [*_near_warnings(near), *calibration.warnings],
-        "versions": _versions(),
+        "versions": versions_of_fits(),
         **({"folds_wanted": settings.folds} if calibration.folds < settings.folds else {}),
     }
 
@@ -172,11 +169,3 @@ def _rule(calibration: Calibration) -> dict[str, Any]:
 def _extraction_command(file: RowFile) -> Sequence[str]:
     command = file.extraction.get("command")
     return [command] if isinstance(command, str) else []
-
-
-def _versions() -> dict[str, str]:
-    return {
-        "harness": importlib.metadata.version("crosswalk-harness"),
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in _PACKAGES},
-    }

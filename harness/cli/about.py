@@ -83,10 +83,10 @@ def doctor(
 ) -> None:
     """Check this installation: versions, SUMO, a network build, one episode."""
     from harness.report.listings import installation_checks
-    from harness.results.tables import versions
+    from harness.versions import versions_of_runs
 
     try:
-        found = versions()
+        found = versions_of_runs()
     except ImportError:
         found = {}  # what is missing is the first check's to say
     if as_json:

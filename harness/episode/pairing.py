@@ -69,20 +69,21 @@ class PairRunner:
         self._speeds.foresee([arrivals])
         return Episode(self._engine, arrivals, self._speeds, self._rules)
 
-    def run_arm(self, pair: int, arm: Arm, other_engine: Engine) -> Outcome:
+    def run_arm(self, pair: int, arm: Arm, get_other: Callable[[], Engine]) -> Outcome:
         """One arm of a pair alone, exactly as in ``run``.
 
         Args:
             pair: index of the pair.
             arm: which arm.
-            other_engine: where the AV's arm runs first if the human's needs its walking speeds.
+            get_other: gives the engine on which the AV's arm runs first, where the human's needs
+                its walking speeds.
         """
         self._engine = None
         arrivals = planned_arrivals(self._scenario, pair)
         self._speeds.foresee([arrivals])
         choose: ChooseSpeed = self._speeds
         if arm is Arm.HUMAN and self._scenario.pedestrians.pairing == "speed":
-            self._engine = other_engine
+            self._engine = get_other()
             automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
             choose = SpeedsOfOtherArm(automated.walks, self._model)
             self._engine = None

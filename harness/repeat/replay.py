@@ -9,7 +9,6 @@ from pathlib import Path
 from harness.encounter import Arm
 from harness.engine.control import SumoEngine
 from harness.engine.installation import check_packages
-from harness.engine.plain import PlainEngine
 from harness.engine.process import close_engine
 from harness.engine.view import view_settings
 from harness.episode.pairing import PairRunner
@@ -184,11 +183,9 @@ def run_again(job: Repetition) -> tuple[str, ...]:
         alive()
         try:
             runner = PairRunner(scenario, job.model, lambda: start({**outputs, **_FURTHER_OPTIONS}))
-            # Pairing by speed takes the walking speeds from the AV's arm: in SUMO too, whose sums
-            # differ from another engine's in the last bits.
-            speeds_from_av = job.arm is Arm.HUMAN and scenario.pedestrians.pairing == "speed"
-            other = start({}) if speeds_from_av else PlainEngine(scenario.vehicle(), 0.1)
-            outcome = runner.run_arm(job.pair, job.arm, other)
+            # Walking speeds of the AV's arm come from SUMO too, whose sums differ from another
+            # engine's in the last bits.
+            outcome = runner.run_arm(job.pair, job.arm, lambda: start({}))
         finally:
             for engine in opened:
                 if not engine.closed:

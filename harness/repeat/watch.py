@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.encounter import Arm, Ending
 from harness.engine.installation import check_packages
-from harness.engine.plain import PlainEngine
+from harness.engine.process import close_engine, engine_for
 from harness.engine.protocol import Engine
 from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
@@ -76,7 +76,7 @@ def watch(
             outcome = _run_arm(stored, pair, arm, engine)
         finally:
             engine.close()
-            _close_other()
+            close_engine()
         if outcome.trace.ending is Ending.ENGINE_FAILED:
             raise EngineError(f"sumo-gui: {outcome.trace.reason}")
         shown.append(Watched(arm, tuple(stored.differences(outcome))))
@@ -84,24 +84,10 @@ def watch(
 
 
 def _run_arm(stored: StoredCell, pair: int, arm: Arm, engine: Engine) -> Outcome:
-    runner = PairRunner(stored.cell.scenario, stored.model, lambda: engine)
-    return runner.run_arm(pair, arm, _other(stored, arm))
-
-
-def _other(stored: StoredCell, arm: Arm) -> Engine:
-    """Where the AV's arm runs first if the human's takes its walking speeds: libsumo, unseen."""
+    """In the window; an AV's arm that only gives its walking speeds runs in libsumo, unseen."""
     scenario = stored.cell.scenario
-    if arm is Arm.HUMAN and scenario.pedestrians.pairing == "speed":
-        from harness.engine.process import engine_for
-
-        return engine_for(scenario)
-    return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-
-
-def _close_other() -> None:
-    from harness.engine.process import close_engine
-
-    close_engine()
+    runner = PairRunner(scenario, stored.model, lambda: engine)
+    return runner.run_arm(pair, arm, lambda: engine_for(scenario))
 
 
 def _require_display() -> None:

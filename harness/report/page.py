@@ -30,9 +30,9 @@ from harness.report.words import (
     sweep_lines,
     tau_lines,
 )
-from harness.results.tables import versions
 from harness.review.run_data import RunData
 from harness.review.strategy_groups import strategy_groups
+from harness.versions import versions_of_runs
 
 PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -148,7 +148,7 @@ def _context(run: RunData) -> dict[str, Any]:
         "scenario": list(_flat(scenario.model_dump())),
         "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
         "scripts": [_script(name) for name in ("page.js", "player.js")],
-        "version": versions()["harness"],
+        "version": versions_of_runs()["harness"],
     }
 
 

@@ -5,9 +5,10 @@ from typing import Any
 
 from harness.errors import InputError
 from harness.interaction import InteractionModel
-from harness.results.tables import SCHEMA, versions
+from harness.results.tables import SCHEMA
 from harness.scenario import Options, Precision, Study, study_from
 from harness.strategies.registry import source_digests
+from harness.versions import versions_of_runs
 
 
 def manifest_of(
@@ -29,7 +30,7 @@ def manifest_of(
         "sumo_outputs": options.sumo_outputs,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
-        "versions": {**versions(), **source_digests(driven)},
+        "versions": {**versions_of_runs(), **source_digests(driven)},
         "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
         "counts": counts,
     }

@@ -3,8 +3,6 @@
 Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 """
 
-import importlib.metadata
-import platform
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -239,15 +237,3 @@ def _extend(
         ("time_s", "x_m", "y_m", "speed_mps", "acceleration_mps2"), columns, strict=True
     ):
         rows[key] += column
-
-
-def versions() -> dict[str, str]:
-    """Versions that decide what a run computes."""
-    packages = ("crosswalk-harness", "libsumo", "numpy", "scipy", "pandas", "pyarrow")
-    found = {name: importlib.metadata.version(name) for name in packages}
-    return {
-        "harness": found.pop("crosswalk-harness"),
-        "sumo": found.pop("libsumo"),
-        "python": platform.python_version(),
-        **found,
-    }

@@ -16,7 +16,7 @@ LEVELS = {
     name: level
     for level, names in enumerate(
         (
-            ("encounter", "errors", "seeding", "resources", "files", "documents"),
+            ("encounter", "errors", "seeding", "resources", "files", "documents", "versions"),
             ("mixture", "comparison", "motion", "scenario", "network"),
             ("interaction", "trajectories", "strategies", "measures"),
             ("engine", "episode"),
