@@ -29,8 +29,11 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def parse_json(content: str | bytes) -> Any:
-    """The value of a JSON text; refused is what ``parse_toml`` refuses."""
-    return _parsed(json.loads, content)
+    """The value of a JSON text; refused is what ``parse_toml`` refuses, and NaN and infinity."""
+    document = _parsed(json.loads, content)
+    # Python reads both, and 1e999 too, but no JSON has them.
+    json.dumps(document, allow_nan=False)
+    return document
 
 
 def _parsed(parse: Callable[[Any], Any], content: str | bytes) -> Any:

@@ -77,14 +77,14 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
     for name, of in zip(_SYMBOLS, document["marginals"].values(), strict=True):
         quantiles = [of["quantiles"][str(q)] for q in _SHOWN]
         numbers = (*of["bounds"], of["mean"], of["standard_deviation"], *quantiles)
-        table.add_row(name, *(f"{number:.3g}" for number in numbers))
+        table.add_row(name, *("" if number is None else f"{number:.3g}" for number in numbers))
     console.print(table)
     correlations = Table(title="Correlations")
     correlations.add_column("")
     for name in _SYMBOLS:
         correlations.add_column(name, justify="right")
     for name, row in zip(_SYMBOLS, document["correlations"], strict=True):
-        correlations.add_row(name, *(f"{value:.2f}" for value in row))
+        correlations.add_row(name, *("" if value is None else f"{value:.2f}" for value in row))
     console.print(correlations)
     _print_files(console, "Figures", figures)
 
@@ -93,24 +93,32 @@ def model_document(model: InteractionModel) -> dict[str, Any]:
     """A model as plain data: card, moments, marginals."""
     mixture = model.mixture
     mean, covariance = mixture.mean(), mixture.covariance()
-    spread = np.sqrt(np.diag(covariance))
+    # A component of which nearly nothing is in the box has no moments to speak of.
+    with np.errstate(all="ignore"):
+        spread = np.sqrt(np.diag(covariance))
+        correlations = covariance / np.outer(spread, spread)
     marginals = {}
     for i, name in enumerate(VARIABLES):
         values = mixture.conditional(i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
         marginals[name] = {
             "bounds": [float(mixture.lower[i]), float(mixture.upper[i])],
-            "mean": float(mean[i]),
-            "standard_deviation": float(spread[i]),
-            "quantiles": {str(q): float(v) for q, v in zip(_QUANTILES, values, strict=True)},
+            "mean": _defined(mean[i]),
+            "standard_deviation": _defined(spread[i]),
+            "quantiles": {str(q): _defined(v) for q, v in zip(_QUANTILES, values, strict=True)},
         }
     return {
         "name": model.name,
         "sha256": model.sha256,
         "components": int(mixture.weights.size),
         "marginals": marginals,
-        "correlations": (covariance / np.outer(spread, spread)).tolist(),
+        "correlations": [[_defined(value) for value in row] for row in correlations],
         "card": model.provenance,
     }
+
+
+def _defined(value: float) -> float | None:
+    """None where it is not finite."""
+    return float(value) if np.isfinite(value) else None
 
 
 def fit_document(model: InteractionModel, out: Path) -> dict[str, Any]:

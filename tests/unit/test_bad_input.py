@@ -177,12 +177,15 @@ BROKEN_MODELS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "three variables": (lambda m: [row.pop() for row in m["locations"]], "shape"),
     "ragged": (lambda m: m["locations"][0].pop(), "locations"),
     "text for a number": (lambda m: m["locations"][0].__setitem__(0, "x"), "locations"),
-    "not a number": (lambda m: m["locations"][0].__setitem__(0, float("nan")), "locations"),
+    "not a number": (
+        lambda m: m["locations"][0].__setitem__(0, float("nan")),
+        "not JSON compliant",
+    ),
     "not positive definite": (matrix(-1.0), "scale"),
     "singular": (matrix(0.0), "scale"),
     "asymmetric": (asymmetric, "scale"),
     "an empty box": (lambda m: m["upper"].__setitem__(1, 0.1), "upper"),
-    "an infinite box": (lambda m: m["upper"].__setitem__(1, float("inf")), "bound"),
+    "an infinite box": (lambda m: m["upper"].__setitem__(1, float("inf")), "not JSON compliant"),
     "no positive floor": (lambda m: m["lower"].__setitem__(2, 0.0), "lower"),
 }
 
