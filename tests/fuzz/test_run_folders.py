@@ -4,6 +4,7 @@ import io
 import json
 import os
 import shutil
+import sys
 import zlib
 from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
@@ -390,3 +391,18 @@ def test_a_shard_that_promises_endless_pairs_is_none(folder: Path, copy: Copy) -
     assert (run / "episodes.parquet").read_bytes() == (
         folder / "one" / "episodes.parquet"
     ).read_bytes()
+
+
+def test_what_imports_a_strategy_that_a_manifest_names(folder: Path, copy: Copy) -> None:
+    """To look at a run imports nothing; to run it again does (docs/files.md, what is trusted)."""
+    module = "named_in_a_manifest"
+    (folder / f"{module}.py").write_text("class S:\n    def decide(self, _): return 0.0\n")
+    run = copy("single")
+    document = json.loads((run / "manifest.json").read_text(encoding="utf-8"))
+    document["scenario"]["arms"]["av"] = f"{module}:S"
+    (run / "manifest.json").write_text(json.dumps(document), encoding="utf-8")
+    for way in ("frames", "compare", "export", "report"):
+        read_one(folder, way)
+        assert module not in sys.modules, way
+    read_one(folder, "score")
+    assert sys.modules.pop(module)
