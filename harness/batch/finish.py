@@ -72,7 +72,7 @@ def read_finished(path: Path, batch: Batch) -> Run:
     return _run_of(path, batch, cells)
 
 
-class _CellResult(NamedTuple):
+class _CellPart(NamedTuple):
     """One cell's part of ``Run``."""
 
     summary: Summary
@@ -80,16 +80,16 @@ class _CellResult(NamedTuple):
     failures: list[Failure]
 
 
-def _result_of(batch: Batch, cell: Cell, episodes: pa.Table) -> _CellResult:
+def _result_of(batch: Batch, cell: Cell, episodes: pa.Table) -> _CellPart:
     confidence = confidence_of(batch.study, batch.options)
-    return _CellResult(
+    return _CellPart(
         summarise_cell(episodes, cell, confidence),
         conflict_rates(episodes, cell.scenario.conflicts, confidence),
         _failures(episodes, cell.number),
     )
 
 
-def _run_of(path: Path, batch: Batch, cells: Iterable[_CellResult]) -> Run:
+def _run_of(path: Path, batch: Batch, cells: Iterable[_CellPart]) -> Run:
     summaries, conflicts, failures = zip(*cells, strict=True)
     return Run(path, batch.study, summaries, conflicts, tuple(chain.from_iterable(failures)))
 

@@ -15,7 +15,7 @@ from harness.repeat.stored import StoredCell
 from harness.results.reading import read_table
 from harness.results.run_folder import SUMO_OUTPUTS, RunFolder
 from harness.scenario import Options, Study
-from harness.workers.execution import ATTEMPTS, finished, reason_of
+from harness.workers.execution import ATTEMPTS, call_each, reason_of
 from harness.workers.pool import LocalPool, default_workers
 from harness.workers.tasks import ExecutorLostError, Failure
 
@@ -52,7 +52,7 @@ def write_outputs(
 
     pool = LocalPool(min(options.workers or default_workers(), left))
     try:
-        for job, future in finished(pool, run_again, take):
+        for job, future in call_each(pool, run_again, take):
             try:
                 differences = future.result()
             except ExecutorLostError:

@@ -15,7 +15,7 @@ from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.files import cannot_write, write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
-from harness.report.style import INK, new_figure, plain, without_glyph_warnings
+from harness.report.style import INK, figure_text, new_figure, without_glyph_warnings
 from harness.report.trajectory_figures import draw_map, draw_passing_event
 from harness.trajectories import Clip
 
@@ -186,4 +186,4 @@ def _sample_event(rows: pd.DataFrame) -> tuple[str, str, str, str]:
 
 
 def _caption(figure: Figure, words: str) -> None:
-    figure.supxlabel(plain(words), fontsize=9.5, color=INK)
+    figure.supxlabel(figure_text(words), fontsize=9.5, color=INK)

@@ -123,7 +123,7 @@ def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     if count is not None:
-        axes.set_title(plain(count), loc="right", fontsize=9, color=MUTED)
+        axes.set_title(figure_text(count), loc="right", fontsize=9, color=MUTED)
 
 
 def legend_below(axes: Axes) -> None:
@@ -143,10 +143,10 @@ def legend_below(axes: Axes) -> None:
 def caption(figure: Figure, words: str) -> None:
     """A caption under a figure, broken to its width."""
     width = int(figure.get_figwidth() * _CAPTION_SIGNS_PER_INCH)
-    figure.supxlabel("\n".join(textwrap.wrap(plain(words), width)), fontsize=8.5, color=MUTED)
+    figure.supxlabel("\n".join(textwrap.wrap(figure_text(words), width)), fontsize=8.5, color=MUTED)
 
 
-def plain(text: object) -> str:
+def figure_text(text: object) -> str:
     """Text from a file as it may stand in a figure: no control characters, no mathematics."""
     kept = (
         c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text)

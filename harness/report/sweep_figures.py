@@ -11,7 +11,16 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from harness.encounter import FloatArray
-from harness.report.style import AV, GREEN, MUTED, SERIES, VERMILLION, finish, legend_below, plain
+from harness.report.style import (
+    AV,
+    GREEN,
+    MUTED,
+    SERIES,
+    VERMILLION,
+    figure_text,
+    finish,
+    legend_below,
+)
 
 _WIDE = 12.0
 """Values that differ by more than this factor get a logarithmic axis."""
@@ -55,7 +64,7 @@ def draw_over(
         reach = np.vstack((line.value - line.low, line.high - line.value)).clip(min=0)
         axes.errorbar(
             x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker, ms=5,
-            lw=1.6, elinewidth=1.1, capsize=2.5, label=plain(line.label),
+            lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
         )  # fmt: skip
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
@@ -65,7 +74,7 @@ def draw_over(
         axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in ticks]))
         axes.xaxis.set_minor_locator(NullLocator())
         axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    finish(axes, plain(across), up, count)
+    finish(axes, figure_text(across), up, count)
     legend_below(axes)
 
 
@@ -104,7 +113,7 @@ def draw_aggressiveness(
         x, line.low[order], line.high[order], color=AV.colour, alpha=0.18, lw=0,
         label=band,
     )  # fmt: skip
-    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=plain(line.label))
+    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=figure_text(line.label))
     if limit is not None:
         axes.axhline(
             limit[0], color=VERMILLION, ls="--", lw=1.3, label=f"{limit[1]} = {limit[0]:g}"
@@ -118,7 +127,7 @@ def draw_aggressiveness(
     if len(x) <= _MOST_TICKS:
         axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in x]))
         axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
-    finish(axes, plain(across), up, count)
+    finish(axes, figure_text(across), up, count)
     legend_below(axes)
 
 

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.transforms import ScaledTranslation
 
 from harness.errors import unknown_name
-from harness.report.style import BLUE, GRID, MUTED, VERMILLION, plain
+from harness.report.style import BLUE, GRID, MUTED, VERMILLION, figure_text
 from harness.trajectories import Clip, Rules, Track, conflict_point
 
 VEHICLE_COLOUR = VERMILLION
@@ -147,7 +147,7 @@ def _finish(axes: Axes, clips: Sequence[Clip], title: str, counted: str) -> None
     _set_limits(axes)
     axes.grid(color=GRID, lw=0.6)
     axes.set_axisbelow(True)
-    axes.set_title(plain(title), fontsize=11, loc="left", pad=20)
+    axes.set_title(figure_text(title), fontsize=11, loc="left", pad=20)
     axes.annotate(
         counted,
         xy=(0, 1),

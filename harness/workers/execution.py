@@ -51,7 +51,7 @@ def run_tasks(
     def take() -> Task | None:
         return again.pop() if again else next(waiting, None)
 
-    for task, future in finished(executor, run_task, take):
+    for task, future in call_each(executor, run_task, take):
         try:
             yield task, future.result()
         except ExecutorLostError:
@@ -70,7 +70,7 @@ def run_tasks(
                 yield task, _given_up(task, reason)
 
 
-def finished(
+def call_each(
     executor: Executor,
     function: Callable[[Argument], Result],
     take: Callable[[], Argument | None],
