@@ -15,6 +15,8 @@ from harness.encounter import Arm
 from harness.measures import MEASURES
 from harness.results.measure_tables import CONFLICTS, ConflictRate
 from harness.scenario import Scenario
+from harness.strategies.parameters import parameters_of
+from harness.strategies.registry import STRATEGIES
 
 Row = tuple[str, str, str, str, str]
 """Measure, value, interval, key of the paper's value, remark."""
@@ -30,14 +32,22 @@ PAPER_REMARK = (
 
 
 def is_the_papers(scenario: Scenario) -> bool:
-    """Whether the paper's Table II and arms are what runs here (any N, seed and model)."""
+    """Whether the paper's Table II, arms and pedestrian run here (any N, seed and model)."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
+    arms = (scenario.arms.av, scenario.arms.human)
     return (
         (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
-        and (scenario.arms.av, scenario.arms.human) == ("soft_yield", "human_gmm")
+        and arms == ("soft_yield", "human_gmm")
+        and all(_keeps_its_defaults(scenario, name) for name in arms)
+        and (pedestrians.behaviour, pedestrians.timed) == ("constant", ())
         and pedestrians.first_at_trigger
         and pedestrians.max_count == 1
     )
+
+
+def _keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
+    defaults = {of.name: of.default for of in parameters_of(STRATEGIES[strategy])}
+    return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
 def measure_rows(summary: Summary) -> list[Row]:

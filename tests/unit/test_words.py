@@ -7,7 +7,8 @@ import pytest
 
 from harness.comparison import Interval, PairColumns, proportion, summarise
 from harness.report.page_tables import tiles
-from harness.report.words import crash_lines, measure_rows, per_cent, tau_lines
+from harness.report.words import crash_lines, is_the_papers, measure_rows, per_cent, tau_lines
+from harness.scenario import load_scenario, parse_setting
 
 
 @pytest.mark.parametrize(
@@ -99,3 +100,23 @@ def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of
         of_mu,
         of_cv and not of_mu,
     )
+
+
+@pytest.mark.parametrize(
+    ("setting", "papers"),
+    [
+        ("experiment.pairs=2000", True),
+        ("model.name=dut-k10", True),
+        ("ego.initial_speed_mps=6", False),
+        ("arms.av=hard_yield", False),
+        ("strategies.soft_yield.time_margin_s=0", True),
+        ("strategies.soft_yield.time_margin_s=1", False),
+        ("strategies.human_gmm.reading=marginal", False),
+        ("pedestrians.behaviour=reactive", False),
+        ("pedestrians.max_count=2", False),
+    ],
+)
+def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
+    setting: str, papers: bool
+) -> None:
+    assert is_the_papers(load_scenario("cctc", [parse_setting(setting)])) is papers
