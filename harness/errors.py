@@ -5,6 +5,7 @@ nearest valid one.
 """
 
 import difflib
+import shlex
 import traceback
 from collections.abc import Iterable
 from pathlib import Path
@@ -68,7 +69,7 @@ class InterruptedRunError(HarnessError):
     """A run was stopped from outside; what is finished is kept in its folder."""
 
     def __init__(self, folder: object) -> None:
-        super().__init__(f"interrupted; go on with: harness run --resume {folder}")
+        super().__init__(f"interrupted; go on with: {resume_command(folder)}")
 
 
 def one_line(text: str) -> str:
@@ -77,6 +78,11 @@ def one_line(text: str) -> str:
         char if char.isprintable() else char.encode("unicode_escape").decode()
         for char in " ".join(text.split())
     )
+
+
+def resume_command(folder: object) -> str:
+    """What finishes a run, as it can be pasted into a shell."""
+    return f"harness run --resume {shlex.quote(str(folder))}"
 
 
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:

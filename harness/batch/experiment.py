@@ -10,7 +10,7 @@ from harness.batch.batch import Batch, batch_of, recall_batch
 from harness.batch.finish import Run, finish, read_finished
 from harness.batch.until import reach_precision
 from harness.engine.installation import check_packages
-from harness.errors import HarnessError, InputError, InterruptedRunError
+from harness.errors import HarnessError, InputError, InterruptedRunError, resume_command
 from harness.repeat.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
 from harness.results.reading import MANIFEST
@@ -95,7 +95,7 @@ def _held(folder: RunFolder) -> Iterator[None]:
             raise  # nothing has begun that could go on
         raise InterruptedRunError(folder.path) from None
     except ExecutorLostError as error:
-        kept = f"what is finished is kept: harness run --resume {folder.path}"
+        kept = f"what is finished is kept: {resume_command(folder.path)}"
         raise HarnessError(f"{error}; {kept}") from None
     finally:
         folder.close()

@@ -11,7 +11,7 @@ from typing import Any
 import jinja2
 from jinja2.utils import htmlsafe_json_dumps
 
-from harness.errors import HarnessError, InputError
+from harness.errors import HarnessError, InputError, resume_command
 from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import style
@@ -164,7 +164,7 @@ def _unfinished(run: RunData) -> str:
         return ""
     return (
         f"{len(run.pairs):,} of {run.planned_pairs:,} planned pairs are in this page. It was going "
-        f"on or broken off when the page was made; harness run --resume {run.path} goes on with it."
+        f"on or broken off when the page was made; {resume_command(run.path)} goes on with it."
     )
 
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.documents import parse_json
-from harness.errors import InputError
+from harness.errors import InputError, resume_command
 from harness.results.rows import check_rows
 from harness.results.tables import SCHEMA, TABLES
 
@@ -75,7 +75,7 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
     """
     document = read_manifest(folder)
     if document.get("schema") == SCHEMA and document.get("counts") is None:
-        finishes = f"`harness run --resume {folder}` finishes it"
+        finishes = f"`{resume_command(folder)}` finishes it"
         raise InputError(str(folder), "is not finished", finishes)
     return document
 

@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.errors import InputError
+from harness.errors import InputError, resume_command
 from harness.results.reading import read_table
 from harness.results.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
 from harness.results.tables import TABLES
@@ -75,7 +75,7 @@ class RunTables:
                 raise InputError(str(self._path), what, "load it again") from None
             except (OSError, DamagedShardError, KeyError):
                 raise InputError(
-                    str(shard.path), "is damaged", "go on with: harness run --resume"
+                    str(shard.path), "is damaged", f"go on with: {resume_command(self._path)}"
                 ) from None
         return pa.concat_tables([TABLES[name].empty_table(), *parts])
 

@@ -261,15 +261,19 @@ def test_a_run_that_was_broken_off(
     file = read_scenario_file("cctc", [Setting("experiment.pairs", 3)])
     study = study_of(file, [parse_variation("arms.av=constant_speed,hard_yield")])
     with pytest.raises(BrokenOffError):
-        run_study(study, Options(traces=True, workers=1), out=Path("broken"), progress=interrupt)
+        run_study(
+            study, Options(traces=True, workers=1), out=Path("broken off"), progress=interrupt
+        )
     before = sorted(tmp_path.rglob("*"))
     for command in (
-        ["score", "broken", "--out", "new"],
-        ["replay", "broken", "--pair", "0", "--out", "new"],
-        ["compare", "broken"],
-        ["export", "broken", "--csv"],
+        ["score", "broken off", "--out", "new"],
+        ["replay", "broken off", "--pair", "0", "--out", "new"],
+        ["compare", "broken off"],
+        ["export", "broken off", "--csv"],
     ):
-        says(refused(*command), "broken", "is not finished", "harness run --resume broken")
+        says(
+            refused(*command), "broken off", "is not finished", "harness run --resume 'broken off'"
+        )
         assert sorted(tmp_path.rglob("*")) == before
 
 
