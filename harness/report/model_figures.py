@@ -17,7 +17,7 @@ from harness.encounter import FloatArray
 from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
 from harness.mixture.boxes import box_probability
-from harness.report.style import BLUE, GRID, MUTED, SERIES, VERMILLION
+from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish
 
 AXIS_LABELS = (
     "1/R (1/m)",
@@ -279,13 +279,11 @@ def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
 
 
 def _over_components(axes: Axes, ks: Sequence[int], title: str, label: str) -> None:
-    axes.set_xlabel("number of components K")
-    axes.set_ylabel(label)
+    finish(axes, "number of components K", label)
     axes.set_title(title, fontsize=11, loc="left")
     if ks:
         axes.set_xticks(ks[:: 1 + len(ks) // 14])
         axes.set_xlim(min(ks) - 0.5, max(ks) + 0.5)
-    _quiet(axes)
 
 
 def _of_pair(axes: Axes, pair: tuple[int, int], title: str) -> None:
@@ -297,18 +295,9 @@ def _of_pair(axes: Axes, pair: tuple[int, int], title: str) -> None:
 def _of_density(
     axes: Axes, label: str, title: str, conditions: Sequence[Mapping[str, float]]
 ) -> None:
-    axes.set_xlabel(label)
-    axes.set_ylabel("probability density (s/m)")
+    finish(axes, label, "probability density (s/m)")
     common = _words(conditions[0], set(conditions[0]) - _varied(conditions))
     axes.set_title(f"{title} at {common}" if common else title, fontsize=11, loc="left")
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     axes.legend(frameon=False, fontsize=9, loc="upper right")
-    _quiet(axes)
-
-
-def _quiet(axes: Axes) -> None:
-    axes.grid(color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
