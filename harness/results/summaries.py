@@ -112,6 +112,15 @@ def summary_row(summary: Summary) -> dict[str, float | int | None]:
     return row
 
 
+def summary_columns() -> dict[str, type]:
+    """What stands in a summary's columns: ``int`` (a number in every row) or ``float``."""
+    columns: dict[str, type] = {}
+    for name, kind in get_type_hints(Summary).items():
+        ends = ("", "_ci_low", "_ci_high") if kind in (Interval, Proportion) else ("",)
+        columns |= {f"{name}{end}": int if kind is int else float for end in ends}
+    return columns
+
+
 def summary_from(row: Mapping[str, Any], trials: Mapping[Arm, int]) -> Summary:
     """A summary from the columns of ``summary.csv``: what ``summary_row`` makes of it, undone.
 

@@ -11,7 +11,9 @@ import pyarrow.compute as pc
 
 from harness.errors import InputError, resume_command
 from harness.results.reading import read_table
+from harness.results.rows import LARGEST_NUMBER
 from harness.results.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
+from harness.results.summaries import summary_columns
 from harness.results.tables import TABLES
 from harness.scenario import Study
 
@@ -115,13 +117,22 @@ def read_summary(folder: Path, study: Study) -> dict[str, Sequence[Any]]:
         raise InputError(str(path), "is missing", "a finished run's table") from None
     except (OSError, ValueError, TypeError, csv.Error):
         raise InputError(str(path), "cannot be read", "a run's table") from None
-    expected = {"pairs", "defined_pairs", "mu", "cv", "kappa", "delay_s", *study.varied_keys}
-    if len(rows) != len(study.cells) or not expected <= set(columns):
+    if len(rows) != len(study.cells) or not {*study.varied_keys} <= set(columns):
         raise InputError(str(path), "is damaged", f"a row for each of {len(study.cells)} cells")
+    for name, kind in summary_columns().items():
+        if not all(_is_value(value, kind) for value in columns.get(name, [None])):
+            raise InputError(f"{path}: {name}", "is damaged", "numbers as a run writes them")
     for key in study.varied_keys:
         # CSV knows no types: a strategy may be called "nan".
         columns[key] = [cell.varied[key] for cell in study.cells]
     return {"cell": range(len(rows)), **columns}
+
+
+def _is_value(value: Any, kind: type) -> bool:
+    if kind is int:
+        return isinstance(value, int) and 0 <= value <= LARGEST_NUMBER
+    # An empty cell was read as NaN.
+    return isinstance(value, int | float) and not abs(value) > LARGEST_NUMBER
 
 
 def _numbers(texts: Sequence[str]) -> list[Any]:

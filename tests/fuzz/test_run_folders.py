@@ -183,6 +183,7 @@ Copy = Callable[..., Path]
     st.lists(st.tuples(st.integers(0, 2**31), st.integers(0, 255)), max_size=5),
     st.sampled_from(WAYS),
 )
+@example("summary.csv", 200, [], "frames")
 def test_cut_off_or_changed_bytes(
     folder: Path, copy: Copy, name: str, end: int, flips: list[tuple[int, int]], way: str
 ) -> None:
