@@ -12,8 +12,9 @@ from decimal import Decimal
 
 from harness.errors import InputError
 from harness.network.site import offset_deg, projection
+from harness.scenario.sections import MAX_TRIGGER_RANGE_M
 
-APPROACH_M = 300.0
+APPROACH_M = MAX_TRIGGER_RANGE_M
 """Road before the crosswalk's centre line: the largest trigger range a site offers."""
 EXIT_M = 120.0
 """Road after the crosswalk's centre line."""

@@ -8,7 +8,7 @@ from harness.encounter import Behaviour, Crossing, Leg, Side, Vehicle
 from harness.motion.walking import timed_path
 
 MAX_TRIGGER_RANGE_M = 300.0
-"""Longest range at which the ego can be inserted: the networks' approach road ends beyond it."""
+"""Longest range at which the ego can be inserted: the approach road of every network is as long."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
