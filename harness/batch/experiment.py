@@ -140,7 +140,7 @@ class _Work:
         self.folder, self.batch, self.progress = folder, batch, progress
         self.make_executor = make_executor
         self.executor: Executor | None = None
-        self.done = folder.done_pairs(batch.planned)
+        self.done = folder.done_pairs(batch.planned, batch.options.traces)
 
     def reach(self, goals: dict[int, int]) -> None:
         """Run what is missing up to ``goals`` pairs of each cell."""

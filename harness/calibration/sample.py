@@ -107,6 +107,9 @@ def read_rows(path: Path) -> RowFile:
             raise InputError(f"{path}: {name}", "holds text", "numbers")
     # Any type may stand in another program's file; grouped, sorted and written down is text.
     rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
+    for source in rows["source"].dropna().unique() if "source" in rows else ():
+        if not source.isprintable():
+            raise InputError(f"{path}: source", f"{source[:40]!r}", "text that can be printed")
     return RowFile(
         path.name, rows, hashlib.sha256(path.read_bytes()).hexdigest(), _extraction(path)
     )

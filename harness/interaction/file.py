@@ -55,10 +55,15 @@ def write_document(path: Path, document: Mapping[str, Any]) -> None:
     """Write the file whole.
 
     Raises:
+        InputError: it could not be read again, as with a name that cannot be printed.
         HarnessError: the file system refuses.
     """
-    content = (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    write_file(path, content)
+    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    try:
+        parse_json(text)
+    except ValueError as error:
+        raise InputError(str(path), f"could not be read again ({error})") from None
+    write_file(path, text.encode())
 
 
 def as_mixture(

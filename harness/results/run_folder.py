@@ -100,11 +100,12 @@ class RunFolder:
         path = self._shard_folder() / shard_name(cell, first, count)
         write_file(path, encode_shard(tables))
 
-    def done_pairs(self, planned: Mapping[int, int]) -> dict[int, set[int]]:
+    def done_pairs(self, planned: Mapping[int, int], traces: bool) -> dict[int, set[int]]:
         """Which pairs of which cell are finished; a shard that cannot be read does not count.
 
         Args:
             planned: pairs of each cell, by number.
+            traces: whether the run keeps them.
 
         Raises:
             InputError: a shard holds others.
@@ -112,7 +113,9 @@ class RunFolder:
         done: dict[int, set[int]] = {}
         for shard in shards_of(self.path):
             try:
-                read_shard(shard)
+                tables = read_shard(shard)
+                if traces and "traces" not in tables:
+                    raise DamagedShardError(shard.path)
             except (OSError, DamagedShardError):
                 shard.path.unlink()
                 continue
