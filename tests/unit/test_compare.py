@@ -58,8 +58,11 @@ class MadeUp:
                     "stops": 0,
                     "stopped_s": 0.0,
                     "fallback": False,
+                    "steps": 100,
                     "pedestrians": 1,
                 }
+                if fate == "crashed":
+                    known |= {"contact": "front", "contact_time_s": 5.0, "contact_speed_mps": 5.0}
                 for name, column in rows.items():
                     column.append(known.get(name))
         future: Future[TaskResult] = Future()
