@@ -16,6 +16,7 @@ from harness.measures import Outcome, measure
 from harness.measures.table import COLUMNS
 from harness.results.reading import read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
+from harness.results.shards import DamagedShardError
 from harness.results.tables import episode_rows
 from harness.scenario import Cell, Scenario
 
@@ -51,9 +52,11 @@ def score(run: Path, out: Path) -> Path:
                 rows = _score(run, part, cell)
                 folder.write_shard(cell.number, first, last - first + 1, rows)
         finish(folder, batch)
-    except BaseException:
+    except BaseException as error:
         # Nothing here can go on: what is half done would only be in the way.
         folder.drop_shards()
+        if isinstance(error, DamagedShardError):
+            raise InputError(str(run), "its traces give no measures", "a run's traces") from None
         raise
     finally:
         folder.close()
