@@ -52,6 +52,7 @@ def check_rows(table: pa.Table, where: str) -> None:
         _check_numbers(column, f"{where}: {name}", at_least=0 if name in _COUNTS else None)
     for ending, names in _BY_ENDING.items():
         _check_ending(table, ending, names, where)
+    _check_walks(table, where)
     if "pass_time_s" in table.column_names and _any(pc.less_equal(table["pass_time_s"], 0)):
         raise InputError(f"{where}: pass_time_s", "a time of 0 or less", "above 0")
 
@@ -78,6 +79,16 @@ def _check_ending(table: pa.Table, ending: Ending, names: tuple[str, ...], where
     for name in names:
         if name in table.column_names and _any(pc.and_(ended, pc.is_null(table[name]))):
             raise InputError(f"{where}: {name}", f"missing where an episode {ending.value}")
+
+
+def _check_walks(table: pa.Table, where: str) -> None:
+    """Who has stepped off without legs of his own walks at a speed above 0."""
+    if not {"start_s", "legs", "speed_mps"} <= {*table.column_names}:
+        return
+    straight = pc.and_(pc.is_valid(table["start_s"]), pc.is_null(table["legs"]))
+    walking = pc.fill_null(pc.greater(table["speed_mps"], 0), False)
+    if _any(pc.and_(straight, pc.invert(walking))):
+        raise InputError(f"{where}: speed_mps", "missing or not above 0 where somebody walks")
 
 
 def _any(mask: pa.ChunkedArray) -> bool:
