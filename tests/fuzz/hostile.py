@@ -16,9 +16,9 @@ planned: Counter[str] = Counter()
 
 
 def cases(kind: str, number: int) -> settings:
-    """A test's part of the cases of its kind of file: so many in full, up to 40 in a sample."""
+    """A test's part of the cases of its kind of file: so many in full, up to 15 in a sample."""
     planned[kind] += number
-    return settings(max_examples=number if full else min(40, max(8, number // 50)))
+    return settings(max_examples=number if full else min(15, max(3, number // 200)))
 
 
 NAMES = st.one_of(
