@@ -2,8 +2,8 @@
 
 import resource
 from collections.abc import Iterator
-from pathlib import Path
 
+import psutil
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
@@ -34,7 +34,7 @@ def pytest_configure(config: pytest.Config) -> None:
 @pytest.fixture(scope="package", autouse=True)
 def _bounded_memory() -> Iterator[None]:
     """An allocation without bounds fails, and fails the test, instead of filling the machine."""
-    mapped = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    mapped = psutil.Process().memory_info().vms
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (mapped + _MEMORY, before[1]))
     yield

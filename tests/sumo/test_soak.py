@@ -27,14 +27,15 @@ def check(found: Soak, slower: float, larger: float) -> None:
     assert found.slowing() < slower
     for process in PROCESSES:
         assert growth(found, process, "memory_mb") < larger, process
-        # One thread more or less is the watchdog being wound up, or a library's pool.
-        assert growth(found, process, "open_files") < 1.2, process
-        assert growth(found, process, "threads") < 1.2, process
+        assert growth(found, process, "open_files") <= 1, process
+        first, second = found.middle(process, lambda state: state.threads)
+        # The watchdog's own thread comes and goes.
+        assert second - first <= 1, process
 
 
 @pytest.mark.usefixtures("no_simulation")
 def test_a_run_stays_as_it_began(tmp_path: Path) -> None:
-    check(soak("cctc", 2_000, 2, SETTINGS, tmp_path / "run", 0.2), slower=1.5, larger=1.1)
+    check(soak("cctc", 2_000, 2, SETTINGS, tmp_path / "run", 0.2), slower=1.3, larger=1.03)
 
 
 @pytest.mark.slow
@@ -55,7 +56,7 @@ class Leaky:
         self.kept.append(bytearray(100_000))
 
     def decide(self, observation):
-        sum(range(1_200 * len(self.kept)))
+        sum(range(6 * len(self.kept) ** 2))
         return 0.0
 """
 
@@ -69,8 +70,8 @@ def test_a_leak_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert found.exit_code == 0
     # One for each pair, and one of the command's, which makes the strategy to check it.
     assert len(found.left) >= 401
-    assert found.slowing() > 1.2
+    assert found.slowing() > 1.5
     for worker in PROCESSES[1:]:
         assert growth(found, worker, "memory_mb") > 1.03
-        assert growth(found, worker, "open_files") > 1.3
+        assert growth(found, worker, "open_files") > 1.5
     assert growth(found, COMMAND, "open_files") == 1

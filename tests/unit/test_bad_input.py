@@ -216,9 +216,10 @@ def test_model_file_that_is_none(refused: Refuse, tmp_path: Path) -> None:
 def test_out_that_is_no_folder(refused: Refuse, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     says(refused("run", "cctc", "--pairs", 1, "--out", "file"), "--out", "file", "is a file")
-    # Not even root can make a folder under a file, or in /proc.
+    (tmp_path / "loop").symlink_to("loop")
+    # Not even root can make a folder under a file, or under a link that leads to itself.
     says(refused("run", "cctc", "--pairs", 1, "--out", "file/run"), "--out", "cannot be written")
-    says(refused("run", "cctc", "--pairs", 1, "--out", "/proc/run"), "--out", "cannot be written")
+    says(refused("run", "cctc", "--pairs", 1, "--out", "loop/run"), "--out", "cannot be written")
     says(refused("run", "cctc", "--pairs", 1, "--out", "x" * 300), "--out")
 
 
@@ -280,7 +281,7 @@ def test_a_run_that_was_broken_off(
 def test_network_into_a_file(refused: Refuse, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     says(refused("network", "cctc", "--out", "file"), "file")
-    says(refused("network", "cctc", "--out", "/proc/net-of-mine"), "/proc/net-of-mine")
+    says(refused("network", "cctc", "--out", "file/net-of-mine"), "file/net-of-mine")
 
 
 # --- the command line itself ---------------------------------------------------------------------
@@ -313,15 +314,18 @@ def test_unknown_options_and_commands(refused: Refuse) -> None:
     "arguments",
     [
         ["run", "cctc", "--pairs", "2", "--set", "arms.av=nobody"],
-        ["run", "cctc", "--pairs", "2", "--out", "/proc/run", "--quiet"],
+        ["run", "cctc", "--pairs", "2", "--out", "../file/run", "--quiet"],
         ["run", "cctc", "--set", "ego.lenght_m=3", "--json"],
         ["rum"],
     ],
 )
 def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    here = tmp_path / "here"
+    here.mkdir()
     result = subprocess.run(
         [sys.executable, "-m", "harness", *arguments],
-        cwd=tmp_path,
+        cwd=here,
         capture_output=True,
         text=True,
         timeout=120,
@@ -330,4 +334,5 @@ def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:
     assert result.stdout == ""
     assert len(result.stderr.splitlines()) == 1, result.stderr
     assert result.stderr.startswith("harness: ")
-    assert list(tmp_path.iterdir()) == []
+    assert list(here.iterdir()) == []
+    assert (tmp_path / "file").read_text() == "kept"
