@@ -19,7 +19,7 @@ from benchmarks import known_truth, pairing_worth
 from benchmarks.coverage import LEVEL, Named, holds
 from benchmarks.known_truth import CELLS, COMPARED, SWEPT
 from benchmarks.tally import BAND, Tally
-from harness.batch.batch import Batch
+from harness.batch.plan import Plan
 from harness.batch.until import reach_precision
 from harness.comparison import (
     CONFIDENCE,
@@ -206,8 +206,8 @@ def until(cells: Cells, truth: Mapping[str, float], experiments: int) -> None:
             scenario = known_truth.scenario_of(changes, seed)
             study = Study("audit", scenario, (Cell(0, {}, scenario),))
             options, work = Options(until=precision), Work(draw(UNTIL_PAIRS, seed)[name])
-            batch = Batch(study, {}, options)
-            reach_precision(batch, precision, work.reach, work.episodes_of)
+            plan = Plan(study, {}, options)
+            reach_precision(plan, precision, work.reach, work.episodes_of)
             confidence = confidence_of(study, options)
             found = summarise_cell(work.episodes_of(0), study.cells[0], confidence)
             held += holds(getattr(found, precision.measure), truth[f"{name}: {precision.measure}"])

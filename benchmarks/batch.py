@@ -28,7 +28,6 @@ from harness.scenario import (
     Study,
     parse_variation,
     read_scenario_file,
-    single_cell,
     study_of,
 )
 
@@ -105,7 +104,7 @@ def timed(study: Study, workers: int) -> Cost:
 
 def one_cell(scenario: str, pairs: int) -> Study:
     """A run of one cell."""
-    return single_cell(read_scenario_file(scenario, [Setting("experiment.pairs", pairs)]))
+    return study_of(read_scenario_file(scenario, [Setting("experiment.pairs", pairs)]))
 
 
 def ten_cells(pairs: int) -> Study:

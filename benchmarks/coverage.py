@@ -62,21 +62,21 @@ def simulate(scenario_name: str, size: int, av: str | None, workers: int) -> Pai
         return pair_columns(pa.concat_tables(parts))
 
 
-def drawn(columns: PairColumns, chosen: np.ndarray) -> PairColumns:
-    """These pairs alone."""
-    picked = {}
-    for field in fields(PairColumns):
-        column = getattr(columns, field.name)
-        both = isinstance(column, tuple)
-        picked[field.name] = tuple(arm[chosen] for arm in column) if both else column[chosen]
-    return PairColumns(**picked)
+Times = tuple[float, float]
+"""Time-out and free pass time in s."""
+
+
+def times_of(scenario_name: str) -> Times:
+    """Those of a shipped scenario."""
+    scenario = load_scenario(scenario_name)
+    return scenario.experiment.timeout_s, scenario.vehicle().free_pass_time_s(scenario.crosswalk())
 
 
 def of_a_cell(
-    av: PairColumns, _other: PairColumns, timeout_s: float, rng: np.random.Generator
+    av: PairColumns, _other: PairColumns, times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """Everything that a summary gives an interval."""
-    summary = summarise(av, timeout_s, rng)
+    summary = summarise(av, *times, rng)
     for field in fields(summary):
         value = getattr(summary, field.name)
         if isinstance(value, Interval):
@@ -84,7 +84,7 @@ def of_a_cell(
 
 
 def of_differences(
-    av: PairColumns, other: PairColumns, _timeout_s: float, rng: np.random.Generator
+    av: PairColumns, other: PairColumns, _times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
     yield "mu_difference", paired_difference(_tau(av), _tau(other), rng)
@@ -92,7 +92,7 @@ def of_differences(
 
 
 def of_a_sweep(
-    av: PairColumns, _other: PairColumns, _timeout_s: float, rng: np.random.Generator
+    av: PairColumns, _other: PairColumns, _times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
     bound = swept_value(_tau(av), av.crashed[0], ~av.failed[0], rng, SWEPT, LEVEL).mu
@@ -127,7 +127,7 @@ def main() -> None:
     parser.add_argument("--what", nargs="+", choices=INTERVALS, default=list(INTERVALS))
     parser.add_argument("--workers", type=int, default=1)
     options = parser.parse_args()
-    timeout_s = load_scenario(options.scenario).experiment.timeout_s
+    times = times_of(options.scenario)
     av, other = (
         simulate(options.scenario, options.population, strategy, options.workers)
         for strategy in (None, options.other)
@@ -135,7 +135,7 @@ def main() -> None:
     rng = np.random.default_rng(20171)
 
     def intervals(*columns: PairColumns) -> list[Named]:
-        kinds = (INTERVALS[kind](*columns, timeout_s, rng) for kind in options.what)
+        kinds = (INTERVALS[kind](*columns, times, rng) for kind in options.what)
         return [named for kind in kinds for named in kind]
 
     truth = {name: found.value for name, found in intervals(av, other)}
@@ -147,7 +147,7 @@ def main() -> None:
         hits = dict.fromkeys(truth, 0)
         for _ in range(experiments):
             chosen = rng.integers(0, options.population, n)
-            for name, interval in intervals(drawn(av, chosen), drawn(other, chosen)):
+            for name, interval in intervals(av.where(chosen), other.where(chosen)):
                 hits[name] += holds(interval, truth[name])
         shares = ", ".join(f"{name} {hit / experiments:.1%}" for name, hit in hits.items())
         print(f"  N = {n}, {experiments} experiments: {shares}", flush=True)

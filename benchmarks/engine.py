@@ -23,7 +23,8 @@ from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
-from harness.network import network_of, read_site
+from harness.network import place_of
+from harness.roads import read_site
 from harness.scenario import Scenario, Setting, load_scenario
 
 
@@ -86,14 +87,13 @@ def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cos
     model = timed_model()
     engine = make()
     runner = PairRunner(scenario, model, lambda: engine)
-    runner._run_arm(Arm.AV, 0, planned_arrivals(scenario, 0), runner._speeds)
+    runner._run_arm(Arm.AV, 0, planned_arrivals(scenario, 0))
     model.spent_s = 0.0
     begin = time.perf_counter()
     traces: list[Trace] = []
     planned = {pair: planned_arrivals(scenario, pair) for pair in range(episodes)}
-    runner._speeds.foresee(planned.values())
     for pair, arrivals in planned.items():
-        traces.append(runner._run_arm(Arm.AV, pair, arrivals, runner._speeds))
+        traces.append(runner._run_arm(Arm.AV, pair, arrivals))
     simulated = time.perf_counter()
     measure(traces)
     end = time.perf_counter()
@@ -105,23 +105,22 @@ def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cos
 def bare(episodes: int, steps: int) -> Cost:
     """libsumo stepping one vehicle and one walking person, no call in between."""
     scenario = load_scenario("cctc")
-    net = network_of(scenario)
-    engine = libsumo_engine(net, scenario.vehicle(), scenario.crosswalk(), 0.1)
-    site = read_site(net)
+    place = place_of(scenario)
+    engine = libsumo_engine(place, scenario.vehicle(), scenario.crosswalk(), 0.1)
+    site = read_site(place)
     begin = time.perf_counter()
     for number in range(episodes):
         person, ego = f"person-{number}", f"vehicle-{number}"
-        libsumo.person.add(person, site.near_edge, site.near_position_m)
-        libsumo.person.appendWalkingStage(
-            person, [site.near_edge, site.far_edge], site.far_position_m
-        )
+        near, far = site.footpaths
+        libsumo.person.add(person, near.edge, near.inside_m)
+        libsumo.person.appendWalkingStage(person, [near.edge, far.edge], far.inside_m)
         libsumo.simulationStep()
         libsumo.vehicle.add(
             ego,
             "drive",
             typeID="ego",
             departLane="0",
-            departPos=repr(site.depart_position_m(30.0)),
+            departPos=repr(site.ego.departure(30.0).position_m),
             departSpeed="5.0",
         )
         libsumo.vehicle.setSpeedMode(ego, 32)
@@ -149,12 +148,11 @@ def restarted(episodes: int, start: Callable[[], Engine]) -> Cost:
         return engines[-1]
 
     runner = PairRunner(scenario, model, fresh)
-    runner._speeds.foresee(planned.values())
     steps = 0
     begin = time.perf_counter()
     for pair, arrivals in planned.items():
         runner._engine = None
-        trace = runner._run_arm(Arm.AV, pair, arrivals, runner._speeds)
+        trace = runner._run_arm(Arm.AV, pair, arrivals)
         engines.pop().close()
         steps += len(trace.x_m) - 1
     return Cost(time.perf_counter() - begin, episodes, steps)
@@ -167,13 +165,13 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=200)
     options = parser.parse_args()
     scenario = load_scenario("cctc")
-    net, vehicle, crossing = network_of(scenario), scenario.vehicle(), scenario.crosswalk()
+    place, vehicle, crossing = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
 
     def local() -> Engine:
-        return libsumo_engine(net, vehicle, crossing, 0.1)
+        return libsumo_engine(place, vehicle, crossing, 0.1)
 
     def remote() -> Engine:
-        return traci_engine(net, vehicle, crossing, 0.1)
+        return traci_engine(place, vehicle, crossing, 0.1)
 
     # Both ends of TraCI's socket on one core: 3 to 6 times faster than across cores.
     everything = os.sched_getaffinity(0)

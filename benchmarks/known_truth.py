@@ -15,9 +15,9 @@ from benchmarks.coverage import plain_engine
 from harness.encounter import Arm, Arrival, FloatArray, Side
 from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.episode.rules import rules_of
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome, measure
 from harness.results.tables import episode_rows, table_of
@@ -123,7 +123,7 @@ def simulated(
 def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side]) -> pa.Table:
     """One arm of every node."""
     model, engine = model_of(scenario), plain_engine(scenario)
-    vehicle, rules = scenario.vehicle(), rules_of(scenario)
+    vehicle, rules = scenario.vehicle(), constants_of(scenario)
     count = len(quantiles)
     seen = (np.full(count, vehicle.trigger_range_m), np.full(count, vehicle.initial_speed_mps))
     speeds = model.walking_speed(quantiles, *seen).tolist()

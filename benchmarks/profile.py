@@ -33,7 +33,7 @@ PARTS = {
     "rest of the engine": r"\(harness/engine/",
     "the human driver: modes of the model": r"\(harness/strategies/human_gmm",
     "the AV's strategy": r"\(harness/strategies/",
-    "walking speeds: inverses of the model": r"(foresee|__call__|_speeds) \(harness/pairing",
+    "walking speeds: inverses of the model": r"__call__ \(harness/episode/walking_speeds",
     "measures": r"\(harness/measures/",
     "pedestrians planned": r"\(harness/plan",
     "strategy objects": r"make_strategy \(",

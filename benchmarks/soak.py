@@ -25,7 +25,7 @@ import psutil
 from rich.console import Console
 from rich.table import Table
 
-from harness.engine.process import close_engine, engine_for
+from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
 from harness.results.shards import shards_of

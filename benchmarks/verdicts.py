@@ -21,12 +21,12 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.encounter import Arm, Crossing, Ending, Side, Trace, Vehicle, Walk
-from harness.engine.process import close_engine, engine_for
+from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
 from harness.measures import Outcome
 from harness.motion.walking import states_at
-from harness.repeat.stored import differences_of
+from harness.replay.stored import differences_of
 from harness.results.manifest import recall_study
 from harness.results.reading import read_finished_manifest, read_table
 from harness.results.tables import episode_rows

@@ -34,7 +34,7 @@ class MyStrategy:
     def decide(self, observation: Observation, /) -> float:
         """The wanted acceleration in m/s², asked for at every step."""
         ego, vehicle = observation.ego, observation.vehicle
-        half_lane = observation.crossing.length_m / 4
+        half_lane = observation.crossing.lane_width_m / 2
         in_the_way = any(
             pedestrian.on_crossing and pedestrian.lateral_m > -half_lane
             for pedestrian in observation.pedestrians

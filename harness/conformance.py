@@ -8,23 +8,29 @@ import copy
 import inspect
 import math
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from numbers import Real
+from threading import Thread
+from time import monotonic
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Ending, Observation, Side, Strategy, Trace
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import make_strategy
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.rules import rules_of
-from harness.errors import InputError, in_one_line
-from harness.interaction import InteractionModel
-from harness.scenario import Scenario, validate
+from harness.errors import in_one_line
+from harness.interaction import InteractionModel, load_model
+from harness.scenario import ExperimentSection, Scenario, validate
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import find_strategy
 
 STEPS_S = (0.1, 0.05)
+
+DECIDE_LIMIT_S = ExperimentSection().decide_limit_s
+"""How long one answer may take, as in a run."""
 
 Walker = tuple[float, Side, float]
 """Arrival time (s), side, walking speed (m/s)."""
@@ -68,15 +74,28 @@ class _BrokenRuleError(Exception):
     """A check's finding, in one line."""
 
 
+class _StoppedError(_BrokenRuleError):
+    """A scene could not be played to its end; ``rule`` is the check that this belongs to."""
+
+    def __init__(self, problem: str, rule: str) -> None:
+        super().__init__(problem)
+        self.rule = rule
+
+
 @dataclass(frozen=True)
-class Verdict:
-    """What one check found; ``problem`` is None where the strategy passed."""
+class RuleResult:
+    """What one check found; ``problem`` is None where the strategy passed.
+
+    ``checked`` is False where the check could not be made, for a reason that another one has
+    found; ``problem`` says which.
+    """
 
     check: str
     problem: str | None
+    checked: bool = True
 
 
-class _Watched:
+class _Observed:
     """Hands observations on to a strategy and keeps its answers.
 
     Where it answers None, which only SUMO could carry out, the speed is kept.
@@ -86,11 +105,15 @@ class _Watched:
         self.strategy = strategy
         self.answers: list[Any] = []
         self.changed: str | None = None
+        self.asked_at_s: float | None = None
+        """When it was asked what it has not answered: by then it is thinking, or has raised."""
 
     def decide(self, observation: Observation, /) -> float:
         """The strategy's answer; its observation is compared with itself before."""
         before = repr(observation)
+        self.asked_at_s = monotonic()
         answer = self.strategy.decide(observation)
+        self.asked_at_s = None
         if self.changed is None and repr(observation) != before:
             self.changed = f"the observation at t = {observation.time_s:.3f} s"
         self.answers.append(answer)
@@ -108,8 +131,10 @@ class Subject:
     def __init__(self, name: str, model: InteractionModel) -> None:
         self.name, self._model = name, model
         self.factory = find_strategy(name, "--check")
+        self.watched: _Observed | None = None
+        """The object of the scene that is being played."""
 
-    def play(self, scene: str, step_s: float) -> tuple[Trace, _Watched]:
+    def play(self, scene: str, step_s: float) -> tuple[Trace, _Observed]:
         """One episode with a fresh object.
 
         Raises:
@@ -125,13 +150,21 @@ class Subject:
             "conformance",
         )
         try:
-            watched = _Watched(make_strategy(scenario, self.name, 0, self._model))
+            watched = _Observed(make_strategy(scenario, self.name, 0, self._model))
         except Exception as error:
-            raise _BrokenRuleError(f"cannot be made: {in_one_line(error)}") from None
+            raise _StoppedError(f"cannot be made: {in_one_line(error)}", _SURVIVES) from None
+        self.watched = watched
         trace = _run(scenario, watched, chosen.walkers)
+        self.watched = None
         if trace.ending is Ending.ENGINE_FAILED:
-            raise _BrokenRuleError(f"{scene}, step {step_s:g} s: {trace.reason}")
+            rule = _IS_FINITE if watched.asked_at_s is None else _SURVIVES
+            raise _StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule)
         return trace, watched
+
+    def hangs(self) -> bool:
+        """Whether it has been thinking for too long; another thread asks."""
+        asked_at_s = None if self.watched is None else self.watched.asked_at_s
+        return asked_at_s is not None and monotonic() - asked_at_s > DECIDE_LIMIT_S
 
 
 def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) -> Trace:
@@ -141,7 +174,7 @@ def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) ->
         strategy,
         arrivals,
         lambda who, *_: walkers[who.index][2],
-        rules_of(scenario),
+        constants_of(scenario),
     )
 
 
@@ -222,38 +255,79 @@ def _difference(one: list[Any], other: list[Any]) -> str:
     return f"{len(one)} and {len(other)} steps"
 
 
+_HAS_DEFAULTS = "every parameter has a default"
+_SURVIVES = "survives nobody, many, people past its lane and behind it"
+_IS_FINITE = "answers with a finite number or None"
+
 CHECKS: dict[str, Callable[[Subject], None]] = {
     "remembers nothing of other episodes": _forgets,
     "keeps nothing in its class": _keeps_nothing_in_its_class,
     "the same episode twice gives the same answers": _is_deterministic,
-    "every parameter has a default": _has_defaults,
-    "survives nobody, many, people past its lane and behind it": _survives,
-    "answers with a finite number or None": _is_finite,
+    _HAS_DEFAULTS: _has_defaults,
+    _SURVIVES: _survives,
+    _IS_FINITE: _is_finite,
     "crosses an empty road": _crosses_an_empty_road,
     "leaves what it is given as it is": _leaves_alone,
 }
 """Every check by what it demands; those of memory first, as it has to be empty for them."""
 
 
-def check_strategy(name: str, model: InteractionModel) -> list[Verdict]:
+def check_strategy(name: str, model: InteractionModel | None = None) -> list[RuleResult]:
     """Hold a strategy with its default parameters against every check.
 
     Args:
         name: as in ``arms.av``: a built-in name, an entry point, or ``package.module:Class``.
-        model: the interaction model, for strategies that ask for it.
+        model: the interaction model, for strategies that ask for it; None: the shipped one.
 
     Raises:
         InputError: there is no such strategy.
     """
-    subject = Subject(name, model)
-    verdicts = []
+    subject = Subject(name, model or load_model(Scenario().model.name))
+    found: dict[str, _BrokenRuleError | None] = {}
+    done: Future[None] = Future()
+
+    def check_all() -> None:
+        try:
+            _check_all(subject, found)
+            done.set_result(None)
+        except BaseException as error:
+            done.set_exception(error)
+
+    # A thread that hangs can be left behind, whatever it hangs in.
+    Thread(target=check_all, daemon=True).start()
+    while not wait([done], timeout=min(0.1, DECIDE_LIMIT_S)).done:
+        if subject.hangs():
+            hung = _StoppedError(f"decide took more than {DECIDE_LIMIT_S:g} s", _SURVIVES)
+            return _verdicts(dict.fromkeys(CHECKS, hung) | found)
+    done.result()
+    return _verdicts(found)
+
+
+def _check_all(subject: Subject, found: dict[str, _BrokenRuleError | None]) -> None:
     for check in CHECKS:
         try:
             CHECKS[check](subject)
         except _BrokenRuleError as error:
-            verdicts.append(Verdict(check, " ".join(str(error).split())))
-        except InputError as error:
-            verdicts.append(Verdict(check, str(error)))
+            found[check] = error
         else:
-            verdicts.append(Verdict(check, None))
+            found[check] = None
+
+
+def _verdicts(found: Mapping[str, _BrokenRuleError | None]) -> list[RuleResult]:
+    """What stopped several checks is the fault of one: the others were not made."""
+    stopped = {check: error for check, error in found.items() if isinstance(error, _StoppedError)}
+    verdicts = []
+    for check in CHECKS:
+        error = found[check]
+        problem = None if error is None else " ".join(str(error).split())
+        checked = True
+        if isinstance(error, _StoppedError):
+            same = [other for other in stopped if stopped[other].rule == error.rule]
+            owner = error.rule if error.rule in same else same[0]
+            if found[_HAS_DEFAULTS] not in (None, error):
+                owner = _HAS_DEFAULTS
+            checked = check == owner
+        verdicts.append(
+            RuleResult(check, problem if checked else f"not checked: {problem}", checked)
+        )
     return verdicts

@@ -1,8 +1,8 @@
 """The vocabulary of one encounter: what is planned, what a strategy sees, what is kept.
 
 Frame (SI units): x along the road in the ego's direction, 0 at the crosswalk's centre line; y
-across it, 0 at the kerb on the ego's right, ``length_m`` at the other kerb.  The ego's lane
-centre is y = length_m / 4.  Nothing here knows an engine.
+across it, 0 at the kerb on the ego's right, ``length_m`` at the other kerb.  Nothing here knows
+an engine.
 """
 
 from collections.abc import Callable
@@ -17,6 +17,9 @@ FloatArray = NDArray[np.float64]
 
 Behaviour = Literal["constant", "gap_acceptance", "reactive", "sumo"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
+
+FailedIn = Literal["strategy", "engine"]
+"""Where an episode failed: in the strategy that drove, or in the engine or its process."""
 
 PEDESTRIAN_RADIUS_M = 0.25
 """Radius of the disc that stands for a pedestrian in every contact and distance."""
@@ -65,22 +68,35 @@ class Vehicle:
     max_deceleration_mps2: float
     resume_acceleration_mps2: float
 
+    def free_pass_time_s(self, crossing: "Crossing") -> float:
+        """Time from the trigger until the rear bumper leaves the far edge at v0, in s."""
+        road_m = self.trigger_range_m + self.length_m + crossing.width_m / 2
+        return road_m / self.initial_speed_mps
+
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """The crosswalk: ``length_m`` from kerb to kerb (L0), ``width_m`` along the road."""
+    """The crosswalk as the ego meets it in its lane.
+
+    ``length_m`` is from kerb to kerb (L0), over all lanes; ``width_m`` along the road.
+    ``lane_centre_m`` is y of the centre of the ego's lane, number ``lane`` from the near kerb (0).
+    ``speed_limit_mps`` is the road's, None where the network itself says it.
+    """
 
     length_m: float
     width_m: float
-
-    @property
-    def lane_centre_m(self) -> float:
-        """y of the centre of the ego's lane."""
-        return self.length_m / 4
+    lane_centre_m: float
+    lane_width_m: float
+    lane: int = 0
+    speed_limit_mps: float | None = None
 
     def to_lane_m(self, side: Side) -> float:
         """From that side's kerb to the centre of the ego's lane: L of someone who stands there."""
         return self.lane_centre_m if side is Side.NEAR else self.length_m - self.lane_centre_m
+
+    def place_of(self, side: Side, remaining_m: float) -> float:
+        """y of someone from that side who has ``remaining_m`` left to the other kerb."""
+        return self.length_m - remaining_m if side is Side.NEAR else remaining_m
 
     @property
     def stop_line_m(self) -> float:
@@ -164,6 +180,8 @@ class Arrival(NamedTuple):
 
     ``critical_gap_s`` is the shortest gap he accepts, None where the kerb rule alone decides.
     ``path`` is the whole walk of a timed pedestrian, who has no quantile; None for all others.
+    ``detection_quantile`` is that of the time to their first detection, the larger the later; None
+    where detection is certain.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -172,9 +190,10 @@ class Arrival(NamedTuple):
     quantile: float | None
     critical_gap_s: float | None = None
     path: tuple[Leg, ...] | None = None
+    detection_quantile: float | None = None
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Walk:
     """What became of one arrival in one arm.
 
@@ -191,14 +210,44 @@ class Walk:
     legs: tuple[Leg, ...] | None = None
 
 
+class Conditionings(NamedTuple):
+    """How often the interaction model was asked in an episode, for a walking speed or a driver's.
+
+    ``clamped``: with the ego faster or farther away than in any of its data, by at most
+    ``speed_excess_mps`` and ``range_excess_m``.  ``near_clamped``: with it slower or nearer.
+    """
+
+    asked: int = 0
+    clamped: int = 0
+    near_clamped: int = 0
+    speed_excess_mps: float = 0.0
+    range_excess_m: float = 0.0
+
+    def joined(self, other: "Conditionings") -> "Conditionings":
+        """These and others of the same episode."""
+        return Conditionings(
+            self.asked + other.asked,
+            self.clamped + other.clamped,
+            self.near_clamped + other.near_clamped,
+            max(self.speed_excess_mps, other.speed_excess_mps),
+            max(self.range_excess_m, other.range_excess_m),
+        )
+
+
+NOTHING_ASKED = Conditionings()
+
+
 @dataclass(frozen=True, slots=True)
 class Trace:
     """One simulated episode: the ego's states at every step and the pedestrians' walks.
 
     ``x_m`` and ``speed_mps`` have shape (steps + 1,), the state at times 0, step_s, 2 step_s …;
     in between the acceleration is constant.  ``ending`` is how the *engine* left off
-    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason`` and, where a strategy
-    raised, its ``traceback``); contacts are found afterwards, by ``measures``.
+    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason``, whose fault it was
+    (``failed_in``) and, where a strategy raised, its ``traceback``); contacts are found
+    afterwards, by ``measures``.  In traffic the trace begins ``late_s`` after the front bumper was
+    at the trigger, less than a step.  ``shown`` is what the strategy was shown of the pedestrians
+    at each step, None where that is what was so.
     """
 
     vehicle: Vehicle
@@ -212,6 +261,15 @@ class Trace:
     sumo_collision: bool | None
     fallback: bool
     traceback: str | None = None
+    failed_in: FailedIn | None = None
+    late_s: float = 0.0
+    shown: tuple[tuple[PedestrianView, ...], ...] | None = None
+    conditionings: Conditionings = NOTHING_ASKED
+
+    def __post_init__(self) -> None:
+        """The arrays are read-only from here on."""
+        self.x_m.setflags(write=False)
+        self.speed_mps.setflags(write=False)
 
 
 Parameters = dict[str, Any]

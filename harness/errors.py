@@ -7,7 +7,8 @@ nearest valid one.
 import difflib
 import shlex
 import traceback
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 _FRAMES = 20
@@ -72,6 +73,32 @@ class InterruptedRunError(HarnessError):
         super().__init__(f"interrupted; go on with: {resume_command(folder)}")
 
 
+_BROKEN = (
+    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
+    *(NotImplementedError, RecursionError, TypeError, ValueError),
+)
+"""What Python and its libraries raise on data they cannot use."""
+
+
+@contextmanager
+def reading(file: object) -> Iterator[None]:
+    """Around everything that a command does with a file or run folder somebody handed in.
+
+    A file's form is checked where it is read.  Whatever a form lets through and a later step
+    breaks on comes out here, as one line that names the file and the place in the program.
+
+    Args:
+        file: what was handed in, for the message.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    try:
+        yield
+    except _BROKEN as error:
+        raise InputError(str(file), f"is damaged ({in_one_line(error)})") from error
+
+
 def one_line(text: str) -> str:
     """Text on one line, what cannot be printed spelled out: a terminal obeys control characters."""
     return "".join(
@@ -82,7 +109,7 @@ def one_line(text: str) -> str:
 
 def resume_command(folder: object) -> str:
     """What finishes a run, as it can be pasted into a shell."""
-    return f"harness run --resume {shlex.quote(str(folder))}"
+    return f"harness resume {shlex.quote(str(folder))}"
 
 
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:

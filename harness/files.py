@@ -1,4 +1,4 @@
-"""Files that appear complete or not at all: written beside, synced, then renamed."""
+"""Files: read if they are regular ones; written beside, synced, then renamed, so never by half."""
 
 import csv
 import errno
@@ -10,6 +10,23 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import HarnessError, InputError
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a file.
+
+    Raises:
+        InputError: it is missing, cannot be read, or is a folder, a pipe or a device, which may
+            never end.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(str(path), "cannot be read (no regular file)")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        # ValueError: a name no file can have.
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(str(path), f"cannot be read ({why})") from None
 
 
 @contextmanager

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
 from harness.engine.plain import PlainEngine
-from harness.engine.process import close_engine, engine_for
 from harness.engine.protocol import Engine
+from harness.engine.shared import close_engine, engine_for
 from harness.episode.loop import Episode, Steps
 from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
-from harness.scenario import Scenario, Setting, load_scenario
+from harness.scenario import Scenario, load_scenario
 from harness.strategies.vector import observation_vector
 
 Vector = NDArray[np.float32]
@@ -99,8 +99,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if engine not in ("sumo", "plain"):
             raise InputError("engine", f"{engine!r}", "'sumo' or 'plain'")
         if not isinstance(scenario, Scenario):
-            changes = [Setting(key, value, "settings") for key, value in (settings or {}).items()]
-            scenario = load_scenario(scenario, changes)
+            scenario = load_scenario(scenario, settings or {})
         elif settings:
             raise InputError(
                 "settings", "stand beside a Scenario", "a name or file, or no settings"
@@ -251,12 +250,14 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     step_s, hardest = scenario.experiment.step_s, vehicle.max_acceleration_mps2
     fastest = math.sqrt(vehicle.initial_speed_mps**2 + 2 * hardest * road) + hardest * step_s
     beyond = vehicle.trigger_range_m - road - fastest * step_s
-    # Not even someone placed beyond the kerb is farther away than twice the crossing.
-    far = 2 * crossing.length_m
+    # Not even someone placed beyond the kerb is farther away than twice the crossing; errors of
+    # 8 standard deviations come once in 1e15 draws.
+    far = 2 * crossing.length_m + 8 * scenario.perception.position_sd_m
+    walking = _FASTEST_WALK_MPS + 8 * scenario.perception.speed_sd_mps
     low = [beyond, 0.0, -vehicle.max_deceleration_mps2 - 1e-3]
     high = [vehicle.trigger_range_m, fastest, hardest + 1e-3]
     low += [0.0, -far, 0.0, 0.0, 0.0] * nearest
-    high += [1.0, far, far, _FASTEST_WALK_MPS, 1.0] * nearest
+    high += [1.0, far, far, walking, 1.0] * nearest
     return np.array(low, dtype=np.float32), np.array(high, dtype=np.float32)
 
 

@@ -16,7 +16,6 @@ from harness.scenario import (
     Study,
     parse_variation,
     read_scenario_file,
-    single_cell,
     study_of,
 )
 from harness.workers.tasks import Argument, Result
@@ -32,6 +31,7 @@ QUICK = {
     "arms.av": "constant_speed",
     "arms.human": "constant_speed",
     "ego.initial_speed_mps": 10.0,
+    "model.extrapolate": True,
     "ego.trigger_range_m": 10.0,
 }
 """Changes that make an episode a matter of 17 steps: 17 m at 10 m/s."""
@@ -69,7 +69,7 @@ def sweep(name: str, changes: dict[str, object], *vary: str) -> Study:
 
 def one_cell(name: str, changes: dict[str, object]) -> Study:
     """A study as ``harness run`` makes it."""
-    return single_cell(scenario_file(name, changes))
+    return study_of(scenario_file(name, changes))
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -79,7 +79,8 @@ def content(folder: Path) -> dict[str, bytes]:
 
 def options_of(changes: dict[str, object]) -> list[str]:
     """Changes as ``--set`` options."""
-    return [part for key, value in changes.items() for part in ("--set", f"{key}={value}")]
+    texts = {key: str(of).lower() if isinstance(of, bool) else of for key, of in changes.items()}
+    return [part for key, text in texts.items() for part in ("--set", f"{key}={text}")]
 
 
 def shell(
@@ -127,7 +128,7 @@ def workers_of(pid: int) -> list[psutil.Process]:
         return []
     for child in children:
         try:
-            if any("serve(connection" in word for word in child.cmdline()):
+            if any("import serve" in word for word in child.cmdline()):
                 found.append(child)
         except (psutil.NoSuchProcess, psutil.ZombieProcess):
             continue

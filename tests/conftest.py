@@ -5,9 +5,8 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from harness.engine.protocol import Engine
-from harness.engine.sumo import libsumo_engine
 from harness.interaction import InteractionModel, load_model
-from harness.network import network_of
+from harness.network import place_of
 from harness.scenario import Scenario
 
 MakeEngine = Callable[[Scenario], Engine]
@@ -31,13 +30,14 @@ def _close_all() -> None:
 @pytest.fixture
 def sumo() -> MakeEngine:
     """Gives a SUMO engine for a scenario; this process's one simulation is kept open."""
+    from harness.engine.sumo import libsumo_engine  # tests/unit needs no SUMO
 
     def make(scenario: Scenario) -> Engine:
         key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
         if key not in _open:
             _close_all()
             _open[key] = libsumo_engine(
-                network_of(scenario),
+                place_of(scenario),
                 scenario.vehicle(),
                 scenario.crosswalk(),
                 scenario.experiment.step_s,

@@ -7,8 +7,8 @@ import numpy as np
 from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.rules import rules_of
 from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 
@@ -45,7 +45,7 @@ def play(
         strategy,
         arrivals,
         lambda who, _range, _speed, _lateral=None: speeds[who.index],
-        rules_of(scene),
+        constants_of(scene),
     )
 
 

@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from harness.network import CrossingGeometry, geometry_of, plain_sources
+from harness.network import plain_sources
 from harness.resources import shipped_directory
 from harness.scenario import Scenario, load_scenario
+from harness.scenario.sections import CrossingSection
 
 NETWORKS = shipped_directory("networks")
 
@@ -20,9 +21,9 @@ def shipped_scenarios() -> dict[str, Scenario]:
     return {name: load_scenario(name) for name in names}
 
 
-def geometries() -> dict[str, CrossingGeometry]:
+def geometries() -> dict[str, CrossingSection]:
     """The crosswalk of each shipped network at which a shipped scenario takes place."""
-    crosswalks = [geometry_of(scenario) for scenario in shipped_scenarios().values()]
+    crosswalks = [scenario.crossing for scenario in shipped_scenarios().values()]
     return {
         name: geometry
         for name, net in shipped_nets().items()

@@ -1,1 +1,1 @@
-"""A study from scenario to finished run folder: begun, interrupted, resumed, finished."""
+"""A study from scenario to run folder: begun, interrupted, resumed, finished, scored anew."""

@@ -6,15 +6,16 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from harness.batch.batch import Batch, batch_of, recall_batch
-from harness.batch.finish import Run, finish, read_finished
+from harness.batch.finish import finish
+from harness.batch.plan import Plan, plan_of, recall_plan
 from harness.batch.until import reach_precision
 from harness.engine.installation import check_packages
-from harness.errors import HarnessError, InputError, InterruptedRunError, resume_command
-from harness.repeat.sumo_outputs import write_outputs
+from harness.errors import HarnessError, InputError, InterruptedRunError, reading, resume_command
+from harness.replay.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
-from harness.results.reading import MANIFEST
+from harness.results.reading import MANIFEST, read_manifest
 from harness.results.run_folder import RunFolder, claim_folder
+from harness.runs.run_data import RunData, load_run
 from harness.scenario import Cell, Options, Study, hang_limit_s
 from harness.workers.execution import run_tasks
 from harness.workers.pool import LocalPool, workers_for
@@ -35,7 +36,7 @@ def run_study(
     out: Path | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor = LocalPool,
-) -> Run:
+) -> RunData:
     """Run every cell and write the run folder.
 
     Args:
@@ -50,12 +51,12 @@ def run_study(
         HarnessError: the folder cannot be written any more; the run can be resumed.
     """
     check_packages()
-    batch = batch_of(study, options)
+    plan = plan_of(study, options)
     folder = RunFolder(claim_folder(out, study.name))
     with _held(folder):
         folder.drop_shards()
-        folder.write_manifest(batch.manifest())
-        return _carry_out(folder, batch, progress, make_executor)
+        folder.write_manifest(plan.manifest())
+        return _carry_out(folder, plan, progress, make_executor)
 
 
 def resume(
@@ -64,26 +65,27 @@ def resume(
     workers: int | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor = LocalPool,
-) -> Run:
+) -> RunData:
     """Go on with an interrupted run; a finished one is only read.
 
     Raises:
         InputError: no run folder, another process works on it, or versions or model differ.
     """
     if not path.is_dir():
-        raise InputError(f"--resume {path}", "is no folder", "a run folder")
+        raise InputError(str(path), "is no folder", "a run folder")
     check_packages()
     folder = RunFolder(path)
     with _held(folder):
-        document = folder.read_manifest()
-        batch = recall_batch(document, workers)
-        refuse_other_versions(document, batch.manifest())
-        if document.get("counts") is not None:
+        with reading(path):
+            document = read_manifest(path)
+            plan = recall_plan(document, workers)
+            refuse_other_versions(document, plan.manifest())
+        if document["counts"] is not None:
             # Interrupted, if at all, while it cleared up.
             folder.drop_shards()
-            return _with_outputs(read_finished(path, batch), folder, batch, progress)
+            return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")
-        return _carry_out(folder, batch, progress, make_executor)
+        return _carry_out(folder, plan, progress, make_executor)
 
 
 @contextmanager
@@ -102,27 +104,27 @@ def _held(folder: RunFolder) -> Iterator[None]:
 
 
 def _carry_out(
-    folder: RunFolder, batch: Batch, progress: Progress, make_executor: MakeExecutor
-) -> Run:
-    work = _Work(folder, batch, progress, make_executor)
+    folder: RunFolder, plan: Plan, progress: Progress, make_executor: MakeExecutor
+) -> RunData:
+    work = _Work(folder, plan, progress, make_executor)
     try:
-        if batch.options.until is None:
-            work.reach(batch.planned)
+        if plan.options.until is None:
+            work.reach(plan.planned)
         else:
-            reach_precision(batch, batch.options.until, work.reach, folder.episodes_of)
+            reach_precision(plan, plan.options.until, work.reach, folder.episodes_of)
     finally:
         work.stop()
     folder.note("simulated")
-    return _with_outputs(finish(folder, batch), folder, batch, progress)
+    return _with_outputs(finish(folder, plan), folder, plan, progress)
 
 
-def _with_outputs(run: Run, folder: RunFolder, batch: Batch, progress: Progress) -> Run:
+def _with_outputs(run: RunData, folder: RunFolder, plan: Plan, progress: Progress) -> RunData:
     """Add what is missing of SUMO's own outputs, where they were asked for."""
-    if batch.options.sumo_outputs is None:
+    if plan.options.sumo_outputs is None:
         return run
     what = "SUMO outputs (slow: a SUMO for each episode)"
     failures = write_outputs(
-        folder, batch.study, batch.options, lambda done, planned: progress(done, planned, what)
+        folder, plan.study, plan.options, lambda done, planned: progress(done, planned, what)
     )
     return replace(run, output_failures=failures)
 
@@ -133,14 +135,14 @@ class _Work:
     def __init__(
         self,
         folder: RunFolder,
-        batch: Batch,
+        plan: Plan,
         progress: Progress,
         make_executor: MakeExecutor,
     ) -> None:
-        self.folder, self.batch, self.progress = folder, batch, progress
+        self.folder, self.plan, self.progress = folder, plan, progress
         self.make_executor = make_executor
         self.executor: Executor | None = None
-        self.done = folder.done_pairs(batch.planned, batch.options.traces)
+        self.done = folder.done_pairs(plan.planned, plan.options.traces)
 
     def reach(self, goals: dict[int, int]) -> None:
         """Run what is missing up to ``goals`` pairs of each cell."""
@@ -155,7 +157,11 @@ class _Work:
         executor = self._executor()
         self.folder.note("started", pairs=left, workers=executor.workers)
         tasks = self._tasks(missing, left, executor.workers)
-        for task, result in run_tasks(executor, tasks, self.folder.note):
+
+        def waits_for(what: str) -> None:
+            self.progress(done, total, f"pairs, waiting for {what}")
+
+        for task, result in run_tasks(executor, tasks, self.folder.note, waits_for):
             self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
@@ -173,14 +179,14 @@ class _Work:
     def _executor(self) -> Executor:
         """One for all looks of ``--until``."""
         if self.executor is None:
-            planned = sum(self.batch.planned.values())
-            self.executor = self.make_executor(workers_for(planned, self.batch.options))
+            planned = sum(self.plan.planned.values())
+            self.executor = self.make_executor(workers_for(planned, self.plan.options))
         return self.executor
 
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
         """Runs of consecutive pairs, smaller towards the end, so that no worker ends late."""
-        most = self.batch.options.task_pairs
-        for cell in self.batch.study.cells:
+        most = 1 if self.plan.study.in_traffic else self.plan.options.task_pairs
+        for cell in self.plan.study.cells:
             pairs = missing[cell.number]
             begin = 0
             while begin < len(pairs):
@@ -193,14 +199,14 @@ class _Work:
                 begin = end
 
     def _task(self, cell: Cell, first: int, count: int) -> Task:
-        options = self.batch.options
+        options = self.plan.options
         return Task(
             cell=cell.number,
             first_pair=first,
             count=count,
             scenario=cell.scenario,
-            model=self.batch.models[cell.number],
+            model=self.plan.models[cell.number],
             traces=options.traces,
-            hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario.experiment),
+            hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
         )

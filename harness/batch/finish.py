@@ -1,106 +1,72 @@
 """From shards to a finished run: tables, summary, and last of all the manifest with counts."""
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from itertools import chain
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import pyarrow as pa
 
-from harness.batch.batch import Batch
-from harness.comparison import Summary
+from harness.batch.plan import Plan
 from harness.encounter import Ending
 from harness.files import write_csv
-from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
-from harness.results.reading import read_table
+from harness.results.hour_summaries import hours_row, summarise_hours
+from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results.run_folder import RunFolder
 from harness.results.summaries import confidence_of, summarise_cell, summary_row
-from harness.results.tables import write_parquet
-from harness.scenario import Cell, Study
-from harness.workers.tasks import Failure
+from harness.results.tables import HOUR_TABLES, write_parquet
+from harness.runs.run_data import RunData, load_run
+from harness.scenario import Study
 
 
-@dataclass(frozen=True)
-class Run:
-    """A finished run: where it lies and what came out, by cell."""
-
-    folder: Path
-    study: Study
-    summaries: tuple[Summary, ...]
-    conflicts: tuple[tuple[ConflictRate, ...], ...]
-    failures: tuple[Failure, ...]
-    """Every episode the engine failed in."""
-    output_failures: tuple[Failure, ...] = ()
-    """Every episode without SUMO's outputs, of those that were asked for."""
-
-
-def finish(folder: RunFolder, batch: Batch) -> Run:
+def finish(folder: RunFolder, plan: Plan) -> RunData:
     """Turn a folder's shards into tables, summary and, last of all, the manifest with counts."""
-    folder.finish_tables(batch.options.traces)
-    write_parquet(folder.path / "cells.parquet", *_cells_table(batch.study))
-    tables: dict[str, list[dict[str, Any]]] = {"summary": [], "measures": [], "conflicts": []}
+    write_parquet(folder.path / "cells.parquet", *_cells_table(plan.study))
+    tables, counts = (_hours if plan.study.in_traffic else _encounters)(folder, plan)
+    for name, rows in tables.items():
+        write_csv(folder.path / f"{name}.csv", rows)
+    folder.write_manifest(plan.manifest(counts))
+    folder.drop_shards()
+    folder.note("finished")
+    return load_run(folder.path)
+
+
+CsvTables = dict[str, list[dict[str, Any]]]
+
+
+def _hours(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
+    """The tables of hours of traffic; returns their CSVs and counts."""
+    folder.finish_tables(HOUR_TABLES)
+    confidence = confidence_of(plan.study, plan.options)
+    summaries, counts = [], dict.fromkeys(("pairs", "hours", "engine_failed"), 0)
+    for cell, (_, hours) in zip(plan.study.cells, folder.rows_by_cell("hours"), strict=True):
+        summary = summarise_hours(hours, cell.scenario, confidence)
+        summaries.append({**cell.varied, **hours_row(summary)})
+        counts["pairs"] += summary.pairs
+        counts["hours"] += hours.num_rows
+        counts["engine_failed"] += hours.num_rows - hours["reason"].null_count
+    return {"summary": summaries}, counts
+
+
+def _encounters(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
+    """The tables of encounters; returns their CSVs and counts."""
+    folder.finish_tables(["episodes", "pedestrians", *(["traces"] if plan.options.traces else [])])
+    folder.finish_pairs()
+    confidence = confidence_of(plan.study, plan.options)
+    tables: CsvTables = {"summary": [], "measures": [], "conflicts": []}
     counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
-    cells = []
-    for cell, (_, episodes) in zip(batch.study.cells, folder.episodes_by_cell(), strict=True):
-        found = _result_of(batch, cell, episodes)
-        cells.append(found)
+    for cell, (_, episodes) in zip(plan.study.cells, folder.rows_by_cell("episodes"), strict=True):
+        summary = summarise_cell(episodes, cell, confidence)
+        rates = conflict_rates(episodes, cell.scenario.conflicts, confidence)
         which = {"cell": cell.number, **cell.varied}
-        tables["summary"].append({**cell.varied, **summary_row(found.summary)})
+        tables["summary"].append({**cell.varied, **summary_row(summary)})
         tables["measures"] += [which | row for row in measure_rows(episodes)]
-        tables["conflicts"] += [which | conflict_row(rate) for rate in found.conflicts]
-        counts["pairs"] += found.summary.pairs
+        tables["conflicts"] += [which | conflict_row(rate) for rate in rates]
+        counts["pairs"] += summary.pairs
         counts["episodes"] += episodes.num_rows
         endings = episodes["ending"].to_pylist()
         for ending in Ending:
             counts[ending.value] += endings.count(ending.value)
-    for name, rows in tables.items():
-        write_csv(folder.path / f"{name}.csv", rows)
-    folder.write_manifest(batch.manifest(counts))
-    folder.drop_shards()
-    folder.note("finished")
-    return _run_of(folder.path, batch, cells)
-
-
-def read_finished(path: Path, batch: Batch) -> Run:
-    """What a run folder with all its tables says."""
-    cells = (
-        _result_of(batch, cell, read_table(path, "episodes", cell.number))
-        for cell in batch.study.cells
-    )
-    return _run_of(path, batch, cells)
-
-
-class _CellPart(NamedTuple):
-    """One cell's part of ``Run``."""
-
-    summary: Summary
-    conflicts: tuple[ConflictRate, ...]
-    failures: list[Failure]
-
-
-def _result_of(batch: Batch, cell: Cell, episodes: pa.Table) -> _CellPart:
-    confidence = confidence_of(batch.study, batch.options)
-    return _CellPart(
-        summarise_cell(episodes, cell, confidence),
-        conflict_rates(episodes, cell.scenario.conflicts, confidence),
-        _failures(episodes, cell.number),
-    )
-
-
-def _run_of(path: Path, batch: Batch, cells: Iterable[_CellPart]) -> Run:
-    summaries, conflicts, failures = zip(*cells, strict=True)
-    return Run(path, batch.study, summaries, conflicts, tuple(chain.from_iterable(failures)))
-
-
-def _failures(episodes: pa.Table, cell: int) -> list[Failure]:
-    columns = (episodes[name].to_pylist() for name in ("ending", "pair", "arm", "reason"))
-    return [
-        (cell, pair, arm, reason or "")
-        for ending, pair, arm, reason in zip(*columns, strict=True)
-        if ending == Ending.ENGINE_FAILED
-    ]
+    return tables, counts
 
 
 def _cells_table(study: Study) -> tuple[pa.Schema, Iterator[pa.Table]]:

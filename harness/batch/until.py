@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import pyarrow as pa
 
-from harness.batch.batch import Batch
+from harness.batch.plan import Plan
 from harness.comparison import Interval
 from harness.results.summaries import confidence_of, looks, summarise_cell
 from harness.scenario import Cell, Precision
 
 
 def reach_precision(
-    batch: Batch,
+    plan: Plan,
     until: Precision,
     reach: Callable[[dict[int, int]], None],
     episodes_of: Callable[[int], pa.Table],
@@ -19,15 +19,15 @@ def reach_precision(
     """Go on until every cell's interval is narrow enough, or all its pairs are done.
 
     Args:
-        batch: what is run.
+        plan: what is run.
         until: what is narrow enough.
         reach: brings cells to a number of pairs, both by the cell's number.
         episodes_of: the ``episodes`` of a cell so far.
     """
-    planned = batch.planned
-    confidence = confidence_of(batch.study, batch.options)
+    planned = plan.planned
+    confidence = confidence_of(plan.study, plan.options)
     goals = dict.fromkeys(planned, 0)
-    open_cells = list(batch.study.cells)
+    open_cells = list(plan.study.cells)
     for look in looks(max(planned.values())):
         for cell in open_cells:
             goals[cell.number] = min(look, planned[cell.number])

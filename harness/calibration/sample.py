@@ -23,8 +23,8 @@ from harness.trajectories.csv_input import (
     read_table,
     require_columns,
 )
-from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
-from harness.trajectories.rules import TEXT_COLUMNS
+from harness.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
+from harness.trajectories.extraction_rules import TEXT_COLUMNS
 from harness.trajectories.weights import Weigh
 
 # R up to 60 m and 1/T_adv up to 2 per s: what a sensor resolves; the floors of the speeds are the
@@ -36,8 +36,6 @@ COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advanta
 # How messages call the model's variables: by the column a user knows.
 LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
 FACTOR_COLUMN = "weight"
-EXTRACTION_KEY = b"harness.extraction"
-"""Where ``harness extract`` leaves its command and counts in the Parquet file's metadata."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,6 @@
 """Commands about the installation and its parts: ``network``, ``strategies``, ``doctor``."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,6 +9,15 @@ import typer
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption, ScenarioArgument, SetOption, settings_of
 from harness.cli.output import print_json, print_line
+
+
+def print_version(wanted: bool) -> None:
+    """``harness --version``: the package's own, and nothing else."""
+    if wanted:
+        from importlib.metadata import version
+
+        print_line(version("crosswalk-harness"))
+        raise typer.Exit
 
 
 def network(
@@ -23,10 +32,10 @@ def network(
 
     file = read_scenario_file(scenario, settings_of(settings))
     loaded = file.scenario()
-    from harness.network import build_network, geometry_of
+    from harness.network import build_network
 
     with unwinding():
-        files = build_network(geometry_of(loaded), out, file.name)
+        files = build_network(loaded.crossing, out, file.name)
     if as_json:
         print_json({"net": str(files.net)})
     else:
@@ -51,11 +60,11 @@ def strategies(
         _list_strategies(quiet, as_json)
         return
     from harness.conformance import check_strategy
-    from harness.interaction import load_model
-    from harness.scenario import Scenario
 
-    verdicts = check_strategy(check, load_model(Scenario().model.name))
-    _print_checks([(verdict.check, verdict.problem) for verdict in verdicts], quiet, as_json)
+    verdicts = check_strategy(check)
+    unchecked = {verdict.check for verdict in verdicts if not verdict.checked}
+    checks = [(verdict.check, verdict.problem) for verdict in verdicts]
+    _print_checks(checks, quiet, as_json, unchecked)
 
 
 def _list_strategies(quiet: bool, as_json: bool) -> None:
@@ -70,6 +79,8 @@ def _list_strategies(quiet: bool, as_json: bool) -> None:
             print_line(f"FAILED   {document['problem']}")
             continue
         print_line(document["name"] if quiet else f"{document['name']}: {document['summary']}")
+        if document["knows"] and not quiet:
+            print_line(f"    {document['knows']}: it is given the model that they are drawn from")
         for parameter in [] if quiet else document["parameters"]:
             default = "no default" if parameter["required"] else parameter["default"]
             print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
@@ -100,17 +111,26 @@ def doctor(
 
 
 def _print_checks(
-    checks: Iterable[tuple[str, str | None]], quiet: bool, as_json: bool, **more: Any
+    checks: Iterable[tuple[str, str | None]],
+    quiet: bool,
+    as_json: bool,
+    unchecked: Collection[str] = (),
+    **more: Any,
 ) -> None:
-    """Say of each check, as it is made, whether it went well; exit code 1 if one did not."""
+    """Say of each check, as it is made, whether it went well; exit code 1 if one did not.
+
+    Those of ``unchecked`` could not be made; their problem says why.
+    """
     problems = []
     made = []
     for title, problem in checks:
         made.append({"check": title, "problem": problem})
         if problem is not None:
             problems.append(problem)
-        if not as_json and (problem is not None or not quiet):
-            print_line(f"ok       {title}" if problem is None else f"FAILED   {title}: {problem}")
+        failed = problem is not None and title not in unchecked
+        if not as_json and (failed or not quiet):
+            word = "FAILED" if failed else "ok" if problem is None else "-"
+            print_line(f"{word:8s} {title}" + (f": {problem}" if problem else ""))
     if as_json:
         print_json({**more, "checks": made})
     if problems:

@@ -3,28 +3,32 @@
 import errno
 import io
 import sys
+from typing import Annotated
 
 import typer
 from typer.exceptions import Abort, Exit, TyperException
 
-from harness.cli import about, batch, model, reporting, review
+from harness.cli import about, batch, crossings, model, reporting, review, risk, validation
 from harness.cli.interruption import LINE, exit_code
 from harness.cli.output import say
 from harness.errors import HarnessError, InputError, InterruptedRunError, one_line
 
 COMMANDS = (
     batch.run,
-    batch.sweep,
+    batch.resume,
+    risk.risk,
     reporting.report,
     review.replay,
     review.score,
     review.compare,
     review.export,
     about.network,
+    crossings.crossings,
     about.strategies,
     about.doctor,
     model.extract,
     model.fit,
+    validation.validate,
 )
 """In the order in which ``harness --help`` lists them; ``model show`` is a group of its own."""
 
@@ -37,10 +41,28 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+@app.callback()
+def _harness(
+    _version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=about.print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    """Options of no command."""
+
+
 for command in COMMANDS:
     app.command()(command)
+app.command("sweep", help="The other name of `harness run`.")(batch.run)
 app.add_typer(model.group, name="model")
 
+
+GONE = {"--resume": "harness resume RUN"}
+"""Options that are no more, by what replaces them."""
 
 _INTERRUPTED = 130
 """What typer returns where a command did not catch the interruption."""
@@ -61,6 +83,9 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
+        option = getattr(error, "option_name", None)
+        if option in GONE:
+            text = f"{option}: is gone; use: {GONE[option]}"
         # `harness` or `harness model` alone: typer's answer is the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2

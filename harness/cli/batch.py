@@ -1,9 +1,9 @@
-"""``run`` and ``sweep``: experiments of one cell or of many, begun or resumed."""
+"""``run`` (``sweep`` is its other name) and ``resume``: experiments begun, and gone on with."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any
 
 import typer
 
@@ -11,11 +11,10 @@ from harness.cli.interruption import unwinding
 from harness.cli.options import (
     DaskOption,
     JsonOption,
-    OptionalScenarioArgument,
     OutOption,
     PairsOption,
     QuietOption,
-    ResumeOption,
+    ScenarioArgument,
     SeedOption,
     SetOption,
     SumoOutputsOption,
@@ -30,34 +29,7 @@ from harness.errors import InputError, one_line
 
 
 def run(
-    scenario: OptionalScenarioArgument = None,
-    out: OutOption = None,
-    pairs: PairsOption = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    until: UntilOption = None,
-    workers: WorkersOption = None,
-    resume: ResumeOption = None,
-    traces: TracesOption = False,
-    sumo_outputs: SumoOutputsOption = None,
-    dask: DaskOption = None,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
-) -> None:
-    """Run one experiment: every pair once with the AV, once with the human driver."""
-    from harness.scenario import read_scenario_file, single_cell
-
-    if resume is not None:
-        _refuse_beside_resume(scenario, out, pairs, seed, settings, until, traces, sumo_outputs)
-        _resume(resume, workers, dask, quiet, as_json)
-        return
-    file = read_scenario_file(_required(scenario), settings_of(settings, pairs, seed))
-    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
-    _start(single_cell(file), out, how)
-
-
-def sweep(
-    scenario: OptionalScenarioArgument = None,
+    scenario: ScenarioArgument,
     vary: VaryOption = None,
     out: OutOption = None,
     pairs: PairsOption = None,
@@ -65,88 +37,55 @@ def sweep(
     settings: SetOption = None,
     until: UntilOption = None,
     workers: WorkersOption = None,
-    resume: ResumeOption = None,
     traces: TracesOption = False,
     sumo_outputs: SumoOutputsOption = None,
     dask: DaskOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run a grid of cells: over the pedestrian flow, several strategies, any key."""
-    from harness.scenario import parse_variation, read_scenario_file, study_of
+    """Run every pair once with the AV, once with the human driver; with --vary in many cells."""
+    from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
 
-    if resume is not None:
-        _refuse_beside_resume(
-            scenario, out, pairs, seed, settings, until, traces, sumo_outputs, vary
-        )
-        _resume(resume, workers, dask, quiet, as_json)
-        return
-    file = read_scenario_file(_required(scenario), settings_of(settings, pairs, seed))
+    file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
     study = study_of(file, [parse_variation(text) for text in vary or []])
-    how = _How(until, workers, traces, sumo_outputs, dask, quiet, as_json)
-    _start(study, out, how)
-
-
-def _required(scenario: str | None) -> str:
-    if scenario is None:
-        raise InputError("SCENARIO", "is missing", "a scenario file (TOML), or a name such as cctc")
-    return scenario
-
-
-def _refuse_beside_resume(*others: object) -> None:
-    if any(other not in (None, False) for other in others):
-        raise InputError(
-            "--resume", "stands beside other options", "--workers, --dask, --quiet and --json alone"
-        )
-
-
-class _How(NamedTuple):
-    """How a run is carried out and reported: the options `run` and `sweep` share."""
-
-    until: str | None
-    workers: int | None
-    traces: bool
-    sumo_outputs: str | None
-    dask: str | None
-    quiet: bool
-    as_json: bool
-
-
-def _start(study: Any, out: Path | None, how: _How) -> None:
-    from harness.scenario import Options
-
-    if how.sumo_outputs not in (None, "all", "crashed"):
-        raise InputError(f"--sumo-outputs {how.sumo_outputs}", "no such choice", "all or crashed")
-    _refuse_workers_beside_dask(how.workers, how.dask)
-    options = Options(
-        traces=how.traces,
-        until=_precision(how.until),
-        workers=how.workers,
-        sumo_outputs=how.sumo_outputs,  # type: ignore[arg-type]
-    )
-    hidden = how.quiet or how.as_json
-    with _executor(study, options, how.dask) as make_executor:
+    for remark in dict.fromkeys(line for cell in study.cells for line in remarks(cell.scenario)):
+        say(f"harness: {remark}")
+    if sumo_outputs not in (None, "all", "crashed"):
+        raise InputError(f"--sumo-outputs {sumo_outputs}", "no such choice", "all or crashed")
+    _refuse_workers_beside_dask(workers, dask)
+    options = Options(traces, _precision(until), workers, sumo_outputs=sumo_outputs)  # type: ignore[arg-type]
+    with _executor(study, options, dask) as make_executor:
         from harness.batch.experiment import run_study
 
-        with progress_bar("pairs", hidden) as advance, unwinding():
+        with progress_bar("pairs", quiet or as_json) as advance, unwinding():
             finished = run_study(
                 study, options, out=out, progress=advance, make_executor=make_executor
             )
-    _report(finished, how.quiet, how.as_json)
+    _report(finished, quiet, as_json)
 
 
-def _resume(
-    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
+def resume(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="The run folder.")],
+    workers: WorkersOption = None,
+    dask: DaskOption = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
 ) -> None:
-    from harness.batch.experiment import resume
+    """Go on with a run, or a risk, that was interrupted."""
+    from harness.batch.experiment import resume as go_on
+    from harness.cli.risk import go_on_with_risk, is_risk
+
+    if is_risk(run_folder):
+        go_on_with_risk(run_folder, workers, dask, quiet, as_json)
+        return
 
     _refuse_workers_beside_dask(workers, dask)
     with (
         _cluster(dask) as make_executor,
-        progress_bar("pairs", hidden=quiet or as_json) as advance,
+        progress_bar("pairs", quiet or as_json) as advance,
         unwinding(),
     ):
-        finished = resume(folder, workers=workers, progress=advance, make_executor=make_executor)
+        finished = go_on(run_folder, workers=workers, progress=advance, make_executor=make_executor)
     _report(finished, quiet, as_json)
 
 
@@ -211,7 +150,7 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
     if as_json:
         print_json(run_document(finished))
     elif quiet:
-        print_line(str(finished.folder))
+        print_line(str(finished.path))
     else:
         print_run(finished)
     for failures, what in (

@@ -3,7 +3,6 @@
 What a command needs is imported when it is called.
 """
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from harness.cli import model_options
+from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar
@@ -24,6 +24,7 @@ PlotsOption = Annotated[
 ]
 
 
+@reads("paths")
 def extract(
     paths: Annotated[
         list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="PATH…")
@@ -66,7 +67,7 @@ def extract(
     for text in settings or []:
         command += ["--set", text]
     with unwinding():
-        _write_rows(out, extraction, _command([*command, "--out", str(out)]))
+        trajectories.write_rows(out, extraction, _command([*command, "--out", str(out)]))
     figures = []
     if plots is not None:
         from harness.report.plots import plot_trajectories
@@ -83,6 +84,7 @@ def extract(
         print_extraction(summary, out, figures)
 
 
+@reads("rows")
 def fit(
     rows: Annotated[
         Path, typer.Argument(help="Rows as `harness extract` writes them.", metavar="ROWS")
@@ -166,6 +168,7 @@ def fit(
         print_fit(model, out)
 
 
+@reads("model")
 def show(
     model: Annotated[
         str, typer.Argument(help="A model file, or the name of a shipped model.", metavar="MODEL")
@@ -234,24 +237,6 @@ def _most_frequent(extraction: Any) -> str:
         return ""
     reason = max(dropped, key=lambda key: dropped[key])
     return f" (most left out by {reason}: {dropped[reason]})"
-
-
-def _write_rows(path: Path, extraction: Any, command: str) -> None:
-    """Parquet with the command and the counts in its metadata."""
-    import io
-
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from harness.calibration.sample import EXTRACTION_KEY
-    from harness.files import write_file
-
-    table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
-    about = {"command": command, "counts": extraction.counts.as_dict()}
-    metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
-    buffer = io.BytesIO()
-    pq.write_table(table.replace_schema_metadata(metadata), buffer)
-    write_file(path, buffer.getvalue())
 
 
 def _command(words: Sequence[str]) -> str:

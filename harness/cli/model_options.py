@@ -108,11 +108,11 @@ def check_target(path: Path, option: str, suffix: str) -> None:
         raise InputError(where, "its folder cannot be written", "a writable folder")
 
 
-def check_folder(folder: Path | None) -> None:
+def check_folder(folder: Path | None, option: str = "--plots") -> None:
     """Refuse, before any work, a folder for figures that could not be made or written."""
     if folder is None:
         return
-    where = f"--plots {folder}"
+    where = f"{option} {folder}"
     if folder.exists() and not folder.is_dir():
         raise InputError(where, "is a file", "a folder")
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())

@@ -5,10 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
-_SCENARIO_HELP = "A scenario file (TOML), or the name of a shipped one: cctc, cctc_flow."
-ScenarioArgument = Annotated[str, typer.Argument(help=_SCENARIO_HELP)]
-OptionalScenarioArgument = Annotated[
-    str | None, typer.Argument(help=_SCENARIO_HELP, show_default=False)
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(help="A scenario file (TOML), or the name of a shipped one: cctc, cctc_flow."),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -45,10 +44,6 @@ UntilOption = Annotated[
 ]
 WorkersOption = Annotated[
     int | None, typer.Option(min=1, max=1024, help="Worker processes; default: all cores.")
-]
-ResumeOption = Annotated[
-    Path | None,
-    typer.Option(help="Go on with an interrupted run; stands alone.", metavar="DIR"),
 ]
 DaskOption = Annotated[
     str | None,

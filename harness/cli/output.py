@@ -22,6 +22,12 @@ def say(text: str) -> None:
     sys.stderr.write(text + "\n")
 
 
+def say_traceback(traceback: str | None) -> None:
+    """That of a strategy that raised, if one did, on stderr."""
+    if traceback is not None:
+        say(traceback.rstrip())
+
+
 @contextmanager
 def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
     """A bar on stderr that takes (done, planned) and, where it changes, of what."""
@@ -49,11 +55,16 @@ def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
         # Shown once there is something to show: a refusal is one line and no bar.
         if not hidden:
             bar.start()
-        if of != bar.tasks[0].description:
+        before = bar.tasks[0].description
+        if of.partition(",")[0] != before.partition(",")[0]:
             bar.reset(task, description=of, rate="")
         speed = bar.tasks[0].speed
         bar.update(
-            task, completed=done, total=planned, rate=f"{speed:.0f}/s" if speed is not None else ""
+            task,
+            description=of,
+            completed=done,
+            total=planned,
+            rate=f"{speed:.0f}/s" if speed is not None else "",
         )
 
     try:

@@ -5,12 +5,14 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, say
 from harness.errors import InputError, one_line
 
 
+@reads("run_folder")
 def report(
     run_folder: Annotated[
         Path, typer.Argument(metavar="RUN", help="A run folder; a run still going on, too.")
@@ -34,7 +36,8 @@ def report(
     if figures is not None and figures.exists() and not figures.is_dir():
         raise InputError(f"--figures {figures}", "is a file", "a folder")
     from harness.report.page import write_report
-    from harness.review.run_data import load_run
+    from harness.report.tables import counted
+    from harness.runs.run_data import load_run
 
     run = load_run(run_folder)
     with unwinding():
@@ -53,7 +56,8 @@ def report(
         print_line(str(written.page) if quiet else f"Report: {written.page}")
     if not quiet and not as_json:
         if not run.finished:
-            print_line(f"The run is not finished: {len(run.pairs)} of {run.planned_pairs} pairs.")
+            planned = counted(run.planned_pairs, "pair")
+            print_line(f"The run is not finished: {len(run.pairs)} of {planned}.")
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
     for difference in written.differing:

@@ -5,12 +5,14 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
-from harness.cli.options import JsonOption, QuietOption
-from harness.cli.output import print_json, print_line, progress_bar, say
+from harness.cli.options import JsonOption, QuietOption, settings_of
+from harness.cli.output import print_json, print_line, progress_bar, say, say_traceback
 from harness.errors import InputError, one_line
 
 
+@reads("run_folder")
 def replay(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     pair: Annotated[int, typer.Option(help="Which pair.")],
@@ -34,6 +36,12 @@ def replay(
         float | None,
         typer.Option(help="With --screenshots: seconds between two of them; default 0.5."),
     ] = None,
+    in_this_process: Annotated[
+        bool,
+        typer.Option(
+            "--debug", help="In this process, without limits: breakpoint() stops in decide."
+        ),
+    ] = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -46,7 +54,7 @@ def replay(
     if gui:
         if out is not None:
             raise InputError("--out", "stands beside --gui", "--screenshots DIR")
-        from harness.repeat.watch import watch
+        from harness.replay.watch import watch
 
         with unwinding():
             watched = watch(
@@ -64,12 +72,26 @@ def replay(
     for option, value in (("--pace", pace), ("--screenshots", screenshots), ("--every", every)):
         if value is not None:
             raise InputError(option, "goes with --gui", "--gui")
+    if in_this_process:
+        if out is not None:
+            raise InputError("--out", "stands beside --debug", "one of the two")
+        from harness.replay.rerun import debug
+
+        repeated = debug(run_folder, pair, arms, cell)
+        for one in repeated.values():
+            say_traceback(one.traceback)
+        names = [(f"pair {pair}, arm {arm}", one.differences) for arm, one in repeated.items()]
+        _compare(names, [], quiet, as_json)
+        return
     if out is None:
-        raise InputError("--out", "is missing", "a new folder for SUMO's files, or --gui")
-    from harness.repeat.replay import replay as run_again
+        allowed = "a new folder for SUMO's files, --gui or --debug"
+        raise InputError("--out", "is missing", allowed)
+    from harness.replay.rerun import replay as run_again
 
     with unwinding():
         replayed = run_again(run_folder, pair, arms, cell, out)
+    for again in replayed:
+        say_traceback(again.traceback)
     problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
     if problems:
         say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
@@ -96,23 +118,33 @@ def _compare(
         raise typer.Exit(1)
 
 
+@reads("run_folder")
 def score(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run with --traces.")],
     out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Another threshold, e.g. --set conflicts.ttc_s=2; needs no traces. Repeatable.",
+            metavar="KEY=VALUE",
+        ),
+    ] = None,
     quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
     as_json: JsonOption = False,
 ) -> None:
     """Recompute measures and summary from kept traces, without simulating."""
-    from harness.review.scoring import score as recompute
+    from harness.batch.scoring import score as recompute
 
     with unwinding():
-        folder = str(recompute(run_folder, out))
+        folder = str(recompute(run_folder, out, settings_of(settings)))
     if as_json:
         print_json({"folder": folder})
     else:
         print_line(folder)
 
 
+@reads("run_folder")
 def compare(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished sweep.")],
     mu0: Annotated[
@@ -129,7 +161,7 @@ def compare(
     as_json: JsonOption = False,
 ) -> None:
     """Compare the strategies of a sweep pair by pair; with limits, find the allowed values."""
-    from harness.review.compare import compare as compare_run
+    from harness.runs.compare import compare as compare_run
 
     if out is not None:
         if out.exists():
@@ -151,11 +183,12 @@ def compare(
         if out is not None:
             print_line(str(out))
     else:
-        from harness.report.comparison_terminal import print_comparison
+        from harness.report.terminal import print_comparison
 
         print_comparison(result)
 
 
+@reads("run_folder")
 def export(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
@@ -163,7 +196,7 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Write the tables of a run folder in another format, beside the originals."""
-    from harness.review.export import export_csv
+    from harness.runs.export import export_csv
 
     if not csv:
         raise InputError("export", "no format given", "--csv")

@@ -18,7 +18,9 @@ from harness.comparison.intervals import (
     Proportion,
     bootstrap_mean,
     bootstrap_mean_and_cv,
+    bootstrap_ratio,
     proportion,
+    student_mean,
     zero_bound,
 )
 from harness.comparison.paired import CrashTest, holm, mcnemar, paired_difference
@@ -53,6 +55,7 @@ __all__ = [
     "allowed_interval",
     "bootstrap_mean",
     "bootstrap_mean_and_cv",
+    "bootstrap_ratio",
     "holm",
     "mcnemar",
     "paired_difference",
@@ -60,6 +63,7 @@ __all__ = [
     "proportion",
     "relation_of_crashes",
     "relation_of_means",
+    "student_mean",
     "summarise",
     "swept_value",
     "zero_bound",

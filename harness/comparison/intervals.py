@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import special, stats
 
 from harness.encounter import FloatArray
@@ -16,7 +17,19 @@ CONFIDENCE = 0.95
 RESAMPLES = 4_999
 """Bootstrap resamples; fewer above 4,000 values, see ``_resamples``."""
 
-INDICATIVE_BELOW = {"mu": 1_000, "cv": 4_000, "delay_s": 200, "delay_human_s": 50}
+INDICATIVE_BELOW = {
+    "mu": 1_000,
+    "cv": 4_000,
+    "delay_s": 200,
+    "delay_human_s": 50,
+    "mu_all": 1_000,
+    "delay_difference_human_s": 1_000,
+    "pedestrian_delay_s": 200,
+    "pedestrian_delay_human_s": 200,
+    "mu_met_someone": 1_000,
+    "delay_met_someone_s": 200,
+    "delay_human_met_someone_s": 200,
+}
 """Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
 
 INDICATIVE_COMPARED_BELOW = {"mu_difference": 2_000, "delay_difference_s": 1_000, "mu_bound": 2_000}
@@ -52,6 +65,23 @@ def coefficient_of_variation(values: FloatArray) -> FloatArray:
     """Population standard deviation over the mean, along the last axis."""
     result: FloatArray = np.std(values, axis=-1) / np.mean(values, axis=-1)
     return result
+
+
+def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval:
+    """Mean with Student's t interval; no interval of fewer than two values.
+
+    >>> student_mean(np.array([1.0, 2.0, 3.0]))
+    Interval(value=2.0, low=-0.484137711..., high=4.484137711...)
+    """
+    count = len(values)
+    if count == 0:
+        return UNDEFINED
+    mean = float(np.mean(values))
+    if count == 1:
+        return Interval(mean, None, None)
+    error = float(np.std(values, ddof=1)) / np.sqrt(count)
+    reach = float(special.stdtrit(count - 1, (1 + confidence) / 2) * error)
+    return Interval(mean, mean - reach, mean + reach)
 
 
 def bootstrap_mean(
@@ -109,6 +139,43 @@ def bootstrap_mean_and_cv(
     )
 
 
+def bootstrap_ratio(
+    numerators: FloatArray,
+    denominators: FloatArray,
+    rng: np.random.Generator,
+    confidence: float = CONFIDENCE,
+) -> Interval:
+    """Ratio of two sums, Σ numerators / Σ denominators, with its BCa interval.
+
+    Args:
+        numerators: one for each unit that is resampled, shape (n,), finite.
+        denominators: likewise, ≥ 0.
+        rng: draws the resamples, in batches of bounded memory.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        None for all where the denominators are all 0.  No interval where a sum without one unit,
+        or the sum of a resample, has a denominator of 0: too few units count then.
+    """
+    n, total = len(numerators), float(np.sum(denominators))
+    if total == 0:
+        return UNDEFINED
+    value = float(np.sum(numerators)) / total
+    rest = total - denominators
+    if n < 2 or (rest == 0).any():
+        return Interval(value, None, None)
+    left_out = (np.sum(numerators) - numerators) / rest
+    if np.ptp(left_out) < 1e-12 * max(1.0, abs(value)):
+        return Interval(value, value, value)
+    ratios = []
+    for drawn in _draws(n, rng, _resamples(n, confidence)):
+        below = denominators.take(drawn).sum(axis=-1)
+        if (below == 0).any():
+            return Interval(value, None, None)
+        ratios.append(numerators.take(drawn).sum(axis=-1) / below)
+    return _bca(value, np.concatenate(ratios), left_out, confidence)
+
+
 def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
     """A proportion with its Clopper–Pearson interval; undefined for no trials."""
     if trials == 0:
@@ -135,10 +202,15 @@ def _resamples(n: int, confidence: float) -> int:
 
 def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterator[FloatArray]:
     """``total`` resamples, in batches of shape (some, n)."""
-    n = len(values)
+    for drawn in _draws(len(values), rng, total):
+        yield values.take(drawn)
+
+
+def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
+    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n)."""
     batch = max(1, _DRAWS_IN_MEMORY // n)
     for begin in range(0, total, batch):
-        yield values.take(rng.integers(0, n, size=(min(batch, total - begin), n)))
+        yield rng.integers(0, n, size=(min(batch, total - begin), n))
 
 
 def _bca(

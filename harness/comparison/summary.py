@@ -1,6 +1,7 @@
 """μ, c_v and κ of a cell, each with its interval.  Columns in, numbers out."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from harness.comparison.intervals import (
     Proportion,
     bootstrap_mean,
     bootstrap_mean_and_cv,
+    bootstrap_ratio,
     proportion,
 )
 from harness.encounter import FloatArray
@@ -22,13 +24,20 @@ BothArms = tuple[np.ndarray, np.ndarray]
 class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
-    ``time_s`` and ``delay_s`` are NaN where the arm did not cross, ``stops`` and ``stopped_s``
-    where it failed; ``front`` marks contacts with the front, ``avoidable`` crashes that full
-    braking would have prevented; ``met`` is the number of pedestrians on the crossing over both
-    arms.
+    ``time_s`` and ``delay_s`` are NaN where the arm did not cross.  ``untouched_time_s`` is the
+    pass time had nobody been touched; it is NaN where the ego never passed, and everywhere in a
+    run from before it was kept.  ``stops`` and ``stopped_s`` are NaN where the arm failed.
+    ``front`` marks contacts with the front, ``avoidable`` crashes that full braking would have
+    prevented, ``failed_strategy`` failures of the strategy.  ``met`` is the number of pedestrians
+    who stepped off.  ``arrivals`` is the number of those who arrived, ``waited_s`` the sum of
+    their waits at the kerb.  ``conditionings`` counts how often the interaction model was asked,
+    ``clamped`` how often about an ego that is faster or farther away than its box, by at most the
+    two excesses, which are NaN where that never was.  All of these are NaN in a run from before
+    they were kept.
     """
 
     time_s: BothArms
+    untouched_time_s: BothArms
     delay_s: BothArms
     stops: BothArms
     stopped_s: BothArms
@@ -37,8 +46,25 @@ class PairColumns:
     avoidable: BothArms
     timed_out: BothArms
     failed: BothArms
+    failed_strategy: BothArms
+    met: BothArms
+    arrivals: BothArms
+    waited_s: BothArms
+    conditionings: BothArms
+    clamped: BothArms
+    speed_excess_mps: BothArms
+    range_excess_m: BothArms
     av_fallback: np.ndarray
-    met: np.ndarray
+
+    def where(self, keep: "np.ndarray | slice") -> "PairColumns":
+        """The columns of some pairs alone: those of a mask, or of a slice."""
+
+        def kept(column: np.ndarray | BothArms) -> Any:
+            if isinstance(column, tuple):
+                return column[0][keep], column[1][keep]
+            return column[keep]
+
+        return PairColumns(**{of.name: kept(getattr(self, of.name)) for of in fields(self)})
 
     @property
     def tau(self) -> FloatArray:
@@ -47,13 +73,33 @@ class PairColumns:
         ratio: FloatArray = av / human
         return ratio
 
-    def tau_with_timeouts(self, timeout_s: float) -> FloatArray:
-        """τ with timed-out arms counted at ``timeout_s``; NaN after a crash or a failure."""
-        av, human = (
-            np.where(out, timeout_s, time)
-            for out, time in zip(self.timed_out, self.time_s, strict=True)
+    @property
+    def tau_all(self) -> FloatArray:
+        """τ with the human's crashes counted by the time he had passed had nobody been touched.
+
+        NaN where the AV did not cross, where the human never passed, and where that time is not
+        kept.
+        """
+        ratio: FloatArray = self.time_s[0] / self.untouched_time_s[1]
+        return ratio
+
+    @property
+    def delay_difference_s(self) -> FloatArray:
+        """AV's delay less the human's over the pairs of ``tau_all``; NaN elsewhere."""
+        difference: FloatArray = self.time_s[0] - self.untouched_time_s[1]
+        return difference
+
+    def tau_worst(self, timeout_s: float, free_pass_s: float) -> FloatArray:
+        """τ of every pair, with whatever is missing counted against the AV.
+
+        An AV that crashed, failed or timed out counts at ``timeout_s``, a human without a passage
+        at ``free_pass_s``.
+        """
+        av, human = self.time_s[0], self.untouched_time_s[1]
+        human = np.where(np.isnan(human), self.time_s[1], human)
+        ratio: FloatArray = np.where(np.isnan(av), timeout_s, av) / np.where(
+            np.isnan(human), free_pass_s, human
         )
-        ratio: FloatArray = av / human
         return ratio
 
     @property
@@ -61,13 +107,23 @@ class PairColumns:
         """Whether either arm of the pair timed out."""
         return self.timed_out[0] | self.timed_out[1]
 
+    @property
+    def any_failed(self) -> np.ndarray:
+        """Whether either arm of the pair failed."""
+        return self.failed[0] | self.failed[1]
+
+    @property
+    def met_someone(self) -> np.ndarray:
+        """Whether somebody stepped off in either arm of the pair."""
+        return (self.met[0] > 0) | (self.met[1] > 0)
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What is reported of a cell; the columns of ``summary.csv``.
+    """What is reported of a cell; the columns of ``summary.csv`` (docs/files.md).
 
     Delays are means over the episodes that crossed, stops and stopped times over those that did
-    not fail.
+    not fail.  ``confidence`` is that of every interval.
     """
 
     pairs: int
@@ -77,7 +133,6 @@ class Summary:
     fallbacks: int
     met_nobody: int
     mu: Interval
-    mu_timeout: float | None
     cv: Interval
     kappa: Proportion
     kappa_front: float | None
@@ -91,59 +146,162 @@ class Summary:
     stopped_human_s: float | None
     kappa_avoidable: Proportion
     kappa_avoidable_human: Proportion
+    mu_all: Interval
+    delay_difference_human_s: Interval
+    pairs_all: int
+    kappa_worst: float | None
+    mu_worst: float | None
+    timed_out_av: int
+    timed_out_human: int
+    failed_av: int
+    failed_human: int
+    failed_strategy: int
+    failed_engine: int
+    met_someone: int
+    fallback_share: float | None
+    defined_pairs_met_someone: int
+    mu_met_someone: Interval
+    kappa_met_someone: Proportion
+    kappa_human_met_someone: Proportion
+    delay_met_someone_s: Interval
+    delay_human_met_someone_s: Interval
+    pedestrian_delay_s: Interval
+    pedestrian_delay_human_s: Interval
+    confidence: float
+    clamped_share: float | None
+    clamped_share_human: float | None
+    clamped_speed_excess_mps: float | None
+    clamped_range_excess_m: float | None
 
 
 def summarise(
     pairs: PairColumns,
     timeout_s: float,
+    free_pass_s: float,
     rng: np.random.Generator,
     confidence: float = CONFIDENCE,
 ) -> Summary:
     """μ, c_v, κ, delays, and the counts that say how far to trust them.
 
     τ = AV time / human time of each pair in which both crossed; μ its mean, c_v its population
-    standard deviation over μ (paper, section III-E).  ``mu_timeout`` counts timed-out arms at
-    ``timeout_s``, because dropping them would flatter a timid strategy.
+    standard deviation over μ (paper, section III-E).  What this leaves out stands beside it:
+    ``mu_all``, ``mu_worst`` and ``kappa_worst`` (docs/method.md, What is left out).
 
     Args:
-        pairs: the columns.
+        pairs: the columns, of at least one pair.
         timeout_s: the experiment's time-out.
+        free_pass_s: the pass time at the initial speed.
         rng: for the bootstrap.
         confidence: of the intervals, two-sided.
     """
-    av_ran, human_ran = ~pairs.failed[0], ~pairs.failed[1]
-    tau = pairs.tau
-    defined = ~np.isnan(tau)
-    mu, cv = bootstrap_mean_and_cv(tau[defined], rng, confidence)
-    delays = [bootstrap_mean(delay[~np.isnan(delay)], rng, confidence) for delay in pairs.delay_s]
-    with_timeouts = pairs.tau_with_timeouts(timeout_s)
-    kappa = proportion(int(pairs.crashed[0].sum()), int(av_ran.sum()), confidence)
+    # In this order: an interval's resamples do not depend on what was added after it.
+    mu, cv = bootstrap_mean_and_cv(_defined(pairs.tau), rng, confidence)
+    delays = [_mean_of(delay, rng, confidence) for delay in pairs.delay_s]
+    mu_all = _mean_of(pairs.tau_all, rng, confidence)
+    delay_difference = _mean_of(pairs.delay_difference_s, rng, confidence)
+    walking = [_pedestrian_delay(pairs, arm, rng, confidence) for arm in (0, 1)]
+    met = pairs.where(pairs.met_someone)
+    mu_met = _mean_of(met.tau, rng, confidence)
+    delays_met = [_mean_of(delay, rng, confidence) for delay in met.delay_s]
+    kappa = _rate(pairs.crashed, pairs, 0, confidence)
+    av_missing = pairs.crashed[0] | pairs.failed[0] | pairs.timed_out[0]
+    ran = [~failed for failed in pairs.failed]
     return Summary(
-        pairs=len(tau),
-        defined_pairs=int(defined.sum()),
-        timed_out=int(pairs.any_timed_out.sum()),
-        failed=int((~av_ran | ~human_ran).sum()),
-        fallbacks=int(pairs.av_fallback.sum()),
-        met_nobody=int((pairs.met == 0).sum()),
+        pairs=len(pairs.tau),
+        defined_pairs=_count(~np.isnan(pairs.tau)),
+        timed_out=_count(pairs.any_timed_out),
+        failed=_count(pairs.any_failed),
+        fallbacks=_count(pairs.av_fallback),
+        met_nobody=_count(~pairs.met_someone & ~pairs.any_failed),
         mu=mu,
-        mu_timeout=_mean(with_timeouts[~np.isnan(with_timeouts)]),
         cv=cv,
         kappa=kappa,
-        kappa_front=int(pairs.front[0].sum()) / kappa.trials if kappa.trials else None,
-        kappa_human=proportion(int(pairs.crashed[1].sum()), int(human_ran.sum()), confidence),
-        mu_without_fallback=_mean(tau[defined & ~pairs.av_fallback]),
+        kappa_front=_count(pairs.front[0]) / kappa.trials if kappa.trials else None,
+        kappa_human=_rate(pairs.crashed, pairs, 1, confidence),
+        mu_without_fallback=_mean(pairs.tau[~pairs.av_fallback]),
         delay_s=delays[0],
         delay_human_s=delays[1],
-        stops=_mean(pairs.stops[0][av_ran]),
-        stops_human=_mean(pairs.stops[1][human_ran]),
-        stopped_s=_mean(pairs.stopped_s[0][av_ran]),
-        stopped_human_s=_mean(pairs.stopped_s[1][human_ran]),
-        kappa_avoidable=proportion(int(pairs.avoidable[0].sum()), int(av_ran.sum()), confidence),
-        kappa_avoidable_human=proportion(
-            int(pairs.avoidable[1].sum()), int(human_ran.sum()), confidence
-        ),
+        stops=_mean(pairs.stops[0][ran[0]]),
+        stops_human=_mean(pairs.stops[1][ran[1]]),
+        stopped_s=_mean(pairs.stopped_s[0][ran[0]]),
+        stopped_human_s=_mean(pairs.stopped_s[1][ran[1]]),
+        kappa_avoidable=_rate(pairs.avoidable, pairs, 0, confidence),
+        kappa_avoidable_human=_rate(pairs.avoidable, pairs, 1, confidence),
+        mu_all=mu_all,
+        delay_difference_human_s=delay_difference,
+        pairs_all=_count(~np.isnan(pairs.tau_all)),
+        kappa_worst=_mean(av_missing.astype(float)),
+        mu_worst=_mean(pairs.tau_worst(timeout_s, free_pass_s)),
+        timed_out_av=_count(pairs.timed_out[0]),
+        timed_out_human=_count(pairs.timed_out[1]),
+        failed_av=_count(pairs.failed[0]),
+        failed_human=_count(pairs.failed[1]),
+        failed_strategy=_count(pairs.failed_strategy[0] | pairs.failed_strategy[1]),
+        failed_engine=_count(_failed_engine(pairs)),
+        met_someone=_count(pairs.met_someone),
+        fallback_share=_mean(pairs.av_fallback[pairs.met[0] > 0].astype(float)),
+        defined_pairs_met_someone=_count(~np.isnan(met.tau)),
+        mu_met_someone=mu_met,
+        kappa_met_someone=_rate(met.crashed, met, 0, confidence),
+        kappa_human_met_someone=_rate(met.crashed, met, 1, confidence),
+        delay_met_someone_s=delays_met[0],
+        delay_human_met_someone_s=delays_met[1],
+        pedestrian_delay_s=walking[0],
+        pedestrian_delay_human_s=walking[1],
+        confidence=confidence,
+        clamped_share=_clamped_share(pairs, 0),
+        clamped_share_human=_clamped_share(pairs, 1),
+        clamped_speed_excess_mps=_largest(pairs.speed_excess_mps),
+        clamped_range_excess_m=_largest(pairs.range_excess_m),
     )
 
 
+def _clamped_share(pairs: PairColumns, arm: int) -> float | None:
+    """Clamped conditionings / conditionings of an arm; None where the model was never asked."""
+    asked = np.nansum(pairs.conditionings[arm])
+    return float(np.nansum(pairs.clamped[arm]) / asked) if asked else None
+
+
+def _largest(columns: BothArms) -> float | None:
+    defined = _defined(np.concatenate(columns))
+    return float(defined.max()) if len(defined) else None
+
+
+def _pedestrian_delay(
+    pairs: PairColumns, arm: int, rng: np.random.Generator, confidence: float
+) -> Interval:
+    """Sum of waits / persons over the episodes that ran."""
+    ran = ~pairs.failed[arm] & ~np.isnan(pairs.arrivals[arm])
+    return bootstrap_ratio(pairs.waited_s[arm][ran], pairs.arrivals[arm][ran], rng, confidence)
+
+
+def _failed_engine(pairs: PairColumns) -> np.ndarray:
+    """Whether the engine failed in either arm."""
+    av, human = (
+        failed & ~of_strategy
+        for failed, of_strategy in zip(pairs.failed, pairs.failed_strategy, strict=True)
+    )
+    engine: np.ndarray = av | human
+    return engine
+
+
+def _rate(marked: BothArms, pairs: PairColumns, arm: int, confidence: float) -> Proportion:
+    """Share of marked episodes among those of an arm that did not fail."""
+    return proportion(_count(marked[arm]), _count(~pairs.failed[arm]), confidence)
+
+
+def _mean_of(values: FloatArray, rng: np.random.Generator, confidence: float) -> Interval:
+    return bootstrap_mean(_defined(values), rng, confidence)
+
+
+def _count(marked: np.ndarray) -> int:
+    return int(np.count_nonzero(marked))
+
+
+def _defined(values: FloatArray) -> FloatArray:
+    return values[~np.isnan(values)]
+
+
 def _mean(values: FloatArray) -> float | None:
-    return float(np.mean(values)) if len(values) else None
+    defined = _defined(values)
+    return float(np.mean(defined)) if len(defined) else None

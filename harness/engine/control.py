@@ -8,7 +8,8 @@ from typing import Any
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
 from harness.errors import EngineError
-from harness.network import Site
+from harness.roads import Site
+from harness.roads.site import Signal
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
@@ -18,6 +19,9 @@ SPEED_MODE_OWN = 31
 
 WAITING_M = 0.3
 """Where SUMO's driver is shown someone who waits: this far behind the kerb, off the crossing."""
+
+ON_CROSSING_M = 0.1
+"""Who is shown on the crossing is at least so far from its far kerb."""
 
 COMING_M = 5.0
 """Where someone is held who has not arrived yet: on his footpath, which SUMO's driver ignores."""
@@ -29,6 +33,24 @@ _KEEP_ROUTE_FREE = 2
 _MATCH_THRESHOLD_M = 1.0
 _NO_ANGLE = -1073741824.0
 """SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
+
+
+def set_green(api: Any, signal: Signal) -> None:
+    """Let a traffic light show green for pedestrians, and to vehicles green that yields."""
+    links = range(len(api.trafficlight.getRedYellowGreenState(signal.id)))
+    state = "".join("G" if link in signal.crossing_links else "g" for link in links)
+    api.trafficlight.setRedYellowGreenState(signal.id, state)
+
+
+def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
+    """Set the speed limit of a road's edges, which follow each other, and of what joins them."""
+    for edge in road:
+        for index in range(api.edge.getLaneNumber(edge)):
+            lane = f"{edge}_{index}"
+            api.lane.setMaxSpeed(lane, limit_mps)
+            for _onto, _prior, _open, _foe, inside, *_ in api.lane.getLinks(lane):
+                if inside:
+                    api.lane.setMaxSpeed(inside, limit_mps)
 
 
 class SumoEngine:
@@ -60,31 +82,38 @@ class SumoEngine:
     ) -> None:
         self._api, self._close = api, close
         self.closed = False
+        self.centre = site.frame.to_network(0.0, crossing.length_m / 2)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         self._advance = api.simulationStep
         self._set_speed, self._get_speed = api.vehicle.setSpeed, api.vehicle.getSpeed
         self._get_distance, self._move = api.vehicle.getDistance, api.person.moveToXY
         self._vehicle, self._step_s = vehicle, step_s
-        self._depart_position = repr(site.depart_position_m(vehicle.trigger_range_m))
+        departure = site.ego.departure(vehicle.trigger_range_m)
+        self._depart_position = repr(departure.position_m)
+        self._lane_index = str(departure.lane)
         self._start_x_m = -vehicle.trigger_range_m
         self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
         self._ego = ""
         self._ids: dict[int, str] = {}
         self._kerbs = {
-            Side.NEAR: site.to_network(0.0, 0.0),
-            Side.FAR: site.to_network(0.0, crossing.length_m),
+            Side.NEAR: site.frame.to_network(0.0, 0.0),
+            Side.FAR: site.frame.to_network(0.0, crossing.length_m),
         }
-        self._to_network, self._to_road = site.to_network, site.to_road
+        self._to_network, self._to_road = site.frame.to_network, site.frame.to_road
         self._length_m, self._lane_centre_m = crossing.length_m, crossing.lane_centre_m
         # Network coordinates of (0, y) are origin + y · across.
-        self._origin, self._across = self._kerbs[Side.NEAR], (-site.along_y, site.along_x)
-        self._footpaths = {
-            Side.NEAR: (site.near_edge, site.near_position_m),
-            Side.FAR: (site.far_edge, site.far_position_m),
-        }
-        self._path_ends = {Side.NEAR: site.near_length_m, Side.FAR: 0.0}
-        api.route.add("drive", [site.approach_edge, site.exit_edge])
+        self._origin, self._across = (
+            self._kerbs[Side.NEAR],
+            (site.frame.across_x, site.frame.across_y),
+        )
+        self._footpaths = {side: site.footpath(side) for side in Side}
+        self._walks_on = site.crossing_from
+        api.route.add("drive", departure.edges)
+        if crossing.speed_limit_mps is not None:
+            limit_speed(api, departure.edges, crossing.speed_limit_mps)
+        if site.signal is not None:
+            set_green(api, site.signal)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
@@ -146,7 +175,7 @@ class SumoEngine:
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
         """See ``Engine.let_walk``; he enters at the footpath's end, 1.5 m before the kerb."""
         try:
-            name = self._add_person(index, side, self._path_ends[side])
+            name = self._add_person(index, side, self._footpaths[side].end_m)
             self._api.person.setSpeed(name, speed_mps)
         except self._lost as error:
             raise EngineError(f"SUMO could not add pedestrian {index}: {error}") from None
@@ -192,7 +221,7 @@ class SumoEngine:
             "drive",
             typeID="ego",
             depart="now",
-            departLane="0",
+            departLane=self._lane_index,
             departPos=self._depart_position,
             departSpeed=repr(self._vehicle.initial_speed_mps),
         )
@@ -226,13 +255,23 @@ class SumoEngine:
         """
         shown = []
         for index, y in pedestrians:
-            if self._sides[index] is Side.FAR:
-                shown.append((index, y if y < self._length_m else y + WAITING_M))
-            elif y <= 0:
-                shown.append((index, -WAITING_M))
-            else:
-                shown.append((index, max(0.0, 2 * self._lane_centre_m - y)))
+            if self._waits(index, y):
+                y = -WAITING_M if self._sides[index] is Side.NEAR else y + WAITING_M
+            elif self._sides[index] is not self._walks_on:
+                y = self._mirrored(y)
+            shown.append((index, y))
         return shown
+
+    def _waits(self, index: int, y: float) -> bool:
+        """Whether somebody at a kerb has not walked yet."""
+        return y <= 0 if self._sides[index] is Side.NEAR else y >= self._length_m
+
+    def _mirrored(self, y: float) -> float:
+        """As far on the other side of the ego's lane, on the crossing."""
+        y = 2 * self._lane_centre_m - y
+        if self._walks_on is Side.FAR:
+            return min(max(0.0, y), self._length_m - ON_CROSSING_M)
+        return min(max(ON_CROSSING_M, y), self._length_m)
 
     def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
         """Add everyone who arrives by then; returns where they will have to be held."""
@@ -241,7 +280,7 @@ class SumoEngine:
             arrival = self._arrivals[self._announced]
             if arrival.arrival_s > time_s:
                 break
-            self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side][1])
+            self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side].inside_m)
             place = self._kerbs[arrival.side]
             if self._own_driver:
                 near = arrival.side is Side.NEAR
@@ -255,10 +294,10 @@ class SumoEngine:
     def _add_person(self, index: int, side: Side, start_m: float) -> str:
         """Put someone on the footpath of his side, on his way to the other one."""
         name = f"pedestrian-{self._episode}-{index}"
-        origin, _ = self._footpaths[side]
-        goal, goal_m = self._footpaths[Side.FAR if side is Side.NEAR else Side.NEAR]
-        self._api.person.add(name, origin, start_m, typeID="walker")
-        self._api.person.appendWalkingStage(name, [origin, goal], goal_m)
+        origin = self._footpaths[side]
+        goal = self._footpaths[Side.FAR if side is Side.NEAR else Side.NEAR]
+        self._api.person.add(name, origin.edge, start_m, typeID="walker")
+        self._api.person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
         self._ids[index] = name
         return name
 

@@ -4,11 +4,23 @@ The choices are explained, with the measurements behind them, in docs/sumo.md.
 """
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from harness.encounter import Vehicle
+
+_WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
+
+
+@dataclass(frozen=True, slots=True)
+class Following:
+    """How vehicles keep their distance: SUMO's model, its headway and its gap at a stop."""
+
+    model: str
+    tau_s: float
+    min_gap_m: float
 
 
 def scratch_prefix(process: int) -> str:
@@ -41,10 +53,11 @@ def start_command(
     return ["sumo", *(str(part) for option in options.items() for part in option)]
 
 
-def types_file(vehicle: Vehicle) -> str:
+def types_file(vehicle: Vehicle, speed_limit_mps: float | None) -> str:
     """The types of ego and pedestrians as a SUMO additional file; nothing in them is random.
 
-    The ego is ``driven`` while SUMO's own driver drives it.
+    The ego is ``driven`` while SUMO's own driver drives it.  SUMO refuses an ego that is to be
+    faster than the road's limit, unless its speed factor says so.
     """
     ego = {
         "vClass": "passenger",
@@ -54,6 +67,7 @@ def types_file(vehicle: Vehicle) -> str:
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,
         # No random number may decide anything: no speed factor, no dawdling.
+        "speedFactor": _speed_factor(vehicle, speed_limit_mps),
         "speedDev": 0,
         "sigma": 0,
         "minGap": 0,
@@ -63,8 +77,38 @@ def types_file(vehicle: Vehicle) -> str:
         "accel": vehicle.resume_acceleration_mps2,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    walker = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
-    types = {"ego": ego, "driven": driven, "walker": walker}
+    return _written({"ego": ego, "driven": driven, "walker": _WALKER})
+
+
+def traffic_types_file(
+    vehicle: Vehicle, speed_limit_mps: float | None, following: Following
+) -> str:
+    """The types of an hour of traffic: vehicles that follow each other, and pedestrians."""
+    car = {
+        "vClass": "passenger",
+        "length": vehicle.length_m,
+        "width": vehicle.width_m,
+        "carFollowModel": following.model,
+        "tau": following.tau_s,
+        "minGap": following.min_gap_m,
+        "accel": vehicle.resume_acceleration_mps2,
+        "decel": vehicle.max_deceleration_mps2,
+        "emergencyDecel": vehicle.max_deceleration_mps2,
+        "speedFactor": _speed_factor(vehicle, speed_limit_mps),
+        "speedDev": 0,
+        "sigma": 0,
+        "maxSpeed": vehicle.initial_speed_mps,
+    }
+    return _written({"vehicle": car, "walker": _WALKER})
+
+
+def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
+    if speed_limit_mps is None or vehicle.initial_speed_mps <= speed_limit_mps:
+        return 1.0
+    return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
+
+
+def _written(types: Mapping[str, Mapping[str, Any]]) -> str:
     written = "".join(
         f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
         for type_ in ({"id": name, **attributes} for name, attributes in types.items())

@@ -13,11 +13,18 @@ import libsumo
 
 from harness.encounter import Crossing, Vehicle
 from harness.engine.control import SumoEngine
-from harness.engine.starting import scratch_prefix, start_command, types_file
+from harness.engine.road import SumoRoad, road_lanes
+from harness.engine.starting import (
+    Following,
+    scratch_prefix,
+    start_command,
+    traffic_types_file,
+    types_file,
+)
 from harness.errors import EngineError
-from harness.network import read_site
+from harness.roads import Place, read_site
 
-_running: list[SumoEngine] = []
+_running: list[SumoEngine | SumoRoad] = []
 
 
 def _refuse_another_sumo() -> None:
@@ -32,7 +39,7 @@ _refuse_another_sumo()
 
 
 def libsumo_engine(
-    net: Path,
+    place: Place,
     vehicle: Vehicle,
     crossing: Crossing,
     step_s: float,
@@ -42,7 +49,7 @@ def libsumo_engine(
     """Start SUMO in this process.
 
     Args:
-        net: the crosswalk's network, as ``network.build_network`` writes it.
+        place: the crosswalk, in its network.
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
@@ -53,18 +60,47 @@ def libsumo_engine(
         EngineError: SUMO does not start, or one is already running in this process (libsumo
             itself gives no error then).
     """
+    site = read_site(place)
+    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    _start(place.net, types_file(vehicle, limit_mps), step_s, sumo_seed, outputs)
+    engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s)
+    _running.append(engine)
+    return engine
+
+
+def libsumo_road(
+    place: Place,
+    vehicle: Vehicle,
+    crossing: Crossing,
+    step_s: float,
+    following: Following,
+    outputs: Mapping[str, str] | None = None,
+) -> SumoRoad:
+    """Start SUMO in this process for hours of traffic; see ``libsumo_engine``.
+
+    Args:
+        following: how its vehicles keep their distance.
+    """
+    types = traffic_types_file(vehicle, crossing.speed_limit_mps, following)
+    _start(place.net, types, step_s, 1, outputs)
+    site = read_site(place)
+    road = SumoRoad(libsumo, _close, site, crossing, road_lanes(site), step_s)
+    _running.append(road)
+    return road
+
+
+def _start(
+    net: Path, types: str, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None
+) -> None:
     if _running:
         raise EngineError("only one SUMO simulation can run in a process; close the first")
     with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
-        types = Path(folder) / "types.add.xml"
-        types.write_text(types_file(vehicle), encoding="utf-8")
+        path = Path(folder) / "types.add.xml"
+        path.write_text(types, encoding="utf-8")
         try:
-            libsumo.start(start_command(net, types, step_s, sumo_seed, outputs))
+            libsumo.start(start_command(net, path, step_s, sumo_seed, outputs))
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
             raise EngineError(f"SUMO did not start: {error}") from None
-    engine = SumoEngine(libsumo, _close, read_site(net), vehicle, crossing, step_s)
-    _running.append(engine)
-    return engine
 
 
 def _close() -> None:

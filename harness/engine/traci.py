@@ -20,7 +20,7 @@ from harness.engine.protocol import Engine
 from harness.engine.starting import start_command, types_file
 from harness.engine.view import view_settings
 from harness.errors import EngineError
-from harness.network import read_site
+from harness.roads import Place, read_site
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)
@@ -43,23 +43,25 @@ class Gui:
     every_s: float = 0.5
 
 
-def traci_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float) -> SumoEngine:
+def traci_engine(place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float) -> SumoEngine:
     """Start a SUMO process and connect to it; arguments as ``sumo.libsumo_engine``.
 
     Raises:
         EngineError: SUMO does not start or does not answer.
     """
-    return _start("sumo", net, vehicle, crossing, step_s, "")
+    return _start("sumo", place, vehicle, crossing, step_s, "")
 
 
-def gui_engine(net: Path, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui) -> Engine:
+def gui_engine(
+    place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui
+) -> Engine:
     """Start sumo-gui, its view on the crosswalk, and connect to it.
 
     Raises:
         EngineError: it does not start (it needs a display) or does not answer.
     """
     settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
-    engine = _start("sumo-gui", net, vehicle, crossing, step_s, settings)
+    engine = _start("sumo-gui", place, vehicle, crossing, step_s, settings)
     return _Shown(engine, vehicle, step_s, gui)
 
 
@@ -71,7 +73,8 @@ class _Shown:
         self._step_s, self._steps = step_s, 0
         self._every = max(1, round(gui.every_s / step_s))
         reach = 0.7 * vehicle.trigger_range_m + _AROUND_M
-        traci.gui.setBoundary(_VIEW, -reach, -reach, reach, reach)
+        x, y = engine.centre
+        traci.gui.setBoundary(_VIEW, x - reach, y - reach, x + reach, y + reach)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
@@ -113,7 +116,7 @@ class _Shown:
 
 def _start(
     program: str,
-    net: Path,
+    place: Place,
     vehicle: Vehicle,
     crossing: Crossing,
     step_s: float,
@@ -121,8 +124,10 @@ def _start(
 ) -> SumoEngine:
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = Path(folder.name) / "types.add.xml"
-    types.write_text(types_file(vehicle), encoding="utf-8")
-    _, *options = start_command(net, types, step_s, sumo_seed=1)
+    site = read_site(place)
+    limit = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    types.write_text(types_file(vehicle, limit), encoding="utf-8")
+    _, *options = start_command(place.net, types, step_s, sumo_seed=1)
     if settings:
         view = Path(folder.name) / "view.xml"
         view.write_text(settings, encoding="utf-8")
@@ -143,4 +148,4 @@ def _start(
             traci.close()
         folder.cleanup()
 
-    return SumoEngine(traci, close, read_site(net), vehicle, crossing, step_s)
+    return SumoEngine(traci, close, site, vehicle, crossing, step_s)

@@ -4,31 +4,52 @@ from typing import Any
 
 from harness.encounter import Strategy
 from harness.errors import InputError, in_one_line
-from harness.interaction import InteractionModel
+from harness.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
 from harness.seeding import stream
+from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key
 
 
-def make_strategy(scenario: Scenario, name: str, pair: int, model: InteractionModel) -> Strategy:
-    """A fresh strategy object for one episode; whatever its class has to prepare is prepared."""
+def make_strategy(
+    scenario: Scenario, name: str, pair: int, model: InteractionModel, *vehicle: int
+) -> Strategy:
+    """A fresh strategy object for one episode, or for one ``vehicle`` of a pair with several.
+
+    Whatever its class has to prepare is prepared.
+    """
     factory = find_strategy(name, "arms")
     parameters = scenario.strategies.get(name, {})
     prepare(factory, parameters)
     given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
     wanted = needs(factory)
     if "rng" in wanted:
-        given["rng"] = stream(scenario.experiment.seed, "strategy", pair)
+        given["rng"] = stream(scenario.experiment.seed, "strategy", pair, *vehicle)
     return factory(**{key: given[key] for key in wanted}, **parameters)
+
+
+def asks_model(scenario: Scenario) -> bool:
+    """Whether anybody's speed comes from the model, given the ego's: a walker's or a driver's."""
+    arms = scenario.arms.model_dump().items()
+    if HumanDriver in [find_strategy(name, f"arms.{key}") for key, name in arms]:
+        return True
+    people, reading = scenario.pedestrians, scenario.model.pedestrian_reading
+    flows = people.flow_per_hour > 0 or people.first_at_trigger or bool(people.drawn)
+    comes = flows and people.max_count != 0
+    return comes and people.walking_speed is None and reading != "unconditional"
 
 
 def check_arms(scenario: Scenario, model: InteractionModel) -> None:
     """Refuse unknown strategies and parameters before anything runs.
 
+    So is a state at the trigger that a model knows nothing about which the scenario asks.
+
     Raises:
         InputError: naming the key of the scenario.
     """
+    if asks_model(scenario) and not scenario.model.extrapolate:
+        check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)
     for name in scenario.strategies:
         where = table_key(name)
         check_parameters(find_strategy(name, where), scenario.strategies[name], where)

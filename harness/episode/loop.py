@@ -6,7 +6,6 @@ the trace; the loop only keeps what cannot be worked out later.
 
 import math
 from collections.abc import Generator, Sequence
-from numbers import Real
 
 import numpy as np
 
@@ -14,19 +13,18 @@ from harness.encounter import (
     Arrival,
     EgoView,
     Ending,
+    FailedIn,
     Observation,
     PedestrianView,
     Strategy,
     Trace,
-    Walk,
 )
 from harness.engine.protocol import Engine
-from harness.episode.rules import Rules
+from harness.episode.cell_constants import CellConstants
+from harness.episode.deciding import ROUNDING_M, keeps_waiting, limited, strategy_raised
 from harness.episode.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
-from harness.errors import EngineError, StrategyError, place_of
-
-ROUNDING_M = 1e-9
-"""An ego this near a threshold is on it: engines differ in the last bits of their sums."""
+from harness.errors import EngineError, StrategyError
+from harness.perception.perception import Perception
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""
@@ -37,7 +35,8 @@ def run_episode(
     strategy: Strategy,
     arrivals: Sequence[Arrival],
     choose_speed: ChooseSpeed,
-    rules: Rules,
+    rules: CellConstants,
+    perception: Perception | None = None,
 ) -> Trace:
     """Simulate one episode from the trigger until the ego has passed or the time is up.
 
@@ -47,18 +46,25 @@ def run_episode(
         arrivals: everyone who may come, by arrival time (s from the trigger, ≥ 0).
         choose_speed: the walking speed of someone who steps off, given what he sees.
         rules: the cell's constants.
+        perception: the driver's, a fresh object; None: perfect within the detection range.
 
     Returns:
         The trace.  It goes on past a contact, until the body has passed; ``measures`` ends the
         record there.  An error of engine or strategy ends it as ``engine_failed``.
     """
-    episode = Episode(engine, arrivals, choose_speed, rules)
+    return drive(Episode(engine, arrivals, choose_speed, rules, perception), strategy)
+
+
+def drive(episode: "Episode", strategy: Strategy) -> Trace:
+    """Simulate an episode from its beginning; see ``run_episode``."""
     reason, traceback, collided = None, None, None
+    failed_in: FailedIn | None = None
     try:
         ending = _drive(episode.steps(), strategy)
-        collided = engine.end()
+        collided = episode.engine.end()
     except EngineError as error:
         ending, reason = Ending.ENGINE_FAILED, str(error)
+        failed_in = "strategy" if isinstance(error, StrategyError) else "engine"
         traceback = error.traceback if isinstance(error, StrategyError) else None
     return episode.trace(
         ending,
@@ -66,10 +72,11 @@ def run_episode(
         sumo_collision=collided,
         fallback=bool(getattr(strategy, "fallback", False)),
         traceback=traceback,
+        failed_in=failed_in,
     )
 
 
-def failed_episode(error: StrategyError, rules: Rules) -> Trace:
+def failed_episode(error: StrategyError, rules: CellConstants) -> Trace:
     """The trace of an episode whose strategy could not even be made."""
     return Trace(
         vehicle=rules.vehicle,
@@ -83,6 +90,7 @@ def failed_episode(error: StrategyError, rules: Rules) -> Trace:
         sumo_collision=None,
         fallback=False,
         traceback=error.traceback,
+        failed_in="strategy",
     )
 
 
@@ -95,9 +103,7 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
             try:
                 wanted = decide(observation)
             except Exception as error:
-                what = f"raised {type(error).__name__}: {error}"
-                when = f"at t = {observation.time_s:.3f} s ({place_of(error)})"
-                raise StrategyError(f"the strategy {what} {when}", error) from error
+                raise strategy_raised(error, observation.time_s) from error
             observation = steps.send(wanted)
     except StopIteration as finished:
         ending: Ending = finished.value
@@ -108,7 +114,7 @@ class Episode:
     """One running episode: who drives it answers the observations of ``steps``.
 
     Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
-    ``walks`` everyone who has arrived, ``places`` (index, y in m) of everyone who was at the
+    ``came`` everyone who has arrived, ``places`` (index, y in m) of everyone who was at the
     crosswalk at the end of the last step.
     """
 
@@ -117,17 +123,19 @@ class Episode:
         engine: Engine,
         arrivals: Sequence[Arrival],
         choose_speed: ChooseSpeed,
-        rules: Rules,
+        rules: CellConstants,
+        perception: Perception | None = None,
     ) -> None:
-        self.engine, self.rules = engine, rules
+        self.engine, self.rules, self.perception = engine, rules, perception
         self.arrivals, self.choose_speed = arrivals, choose_speed
         self.next_arrival = 0
         self.next_event_s = 0.0
         self.walkers: list[Walker] = []
-        self.walks: list[Walk] = []
+        self.came: list[Walker] = []
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []
+        self.shown: list[tuple[PedestrianView, ...]] = []
 
     def trace(
         self,
@@ -137,20 +145,23 @@ class Episode:
         sumo_collision: bool | None = None,
         fallback: bool = False,
         traceback: str | None = None,
+        failed_in: FailedIn | None = None,
     ) -> Trace:
-        """What has been simulated so far, as of an engine that left off like this."""
+        """The trace of what has been simulated so far; the arguments are fields of ``Trace``."""
         return Trace(
             vehicle=self.rules.vehicle,
             crossing=self.rules.crossing,
             step_s=self.rules.step_s,
             x_m=np.array(self.x_m),
             speed_mps=np.array(self.speed_mps),
-            walks=tuple(self.walks),
+            walks=tuple(walker.walk for walker in self.came),
             ending=ending,
             reason=reason,
             sumo_collision=sumo_collision,
             fallback=fallback,
             traceback=traceback,
+            failed_in=failed_in,
+            shown=None if self.perception is None else tuple(self.shown),
         )
 
     def steps(self) -> Steps:
@@ -169,6 +180,7 @@ class Episode:
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         walkers, natives = self.walkers, rules.behaviour == "sumo"
+        perception = self.perception
         acceleration = 0.0
         x, speed = engine.begin(self._held())
         note_x(x)
@@ -181,7 +193,10 @@ class Episode:
                     self._update_walkers(now, -x, speed)
                     break
             seen: tuple[PedestrianView, ...] = ()
-            if walkers and abs(x) <= detection:
+            if perception is not None:
+                seen = perception.shown(n, x, [(walker.view(), walker.x_m) for walker in walkers])
+                self.shown.append(seen)
+            elif walkers and abs(x) <= detection:
                 seen = tuple([walker.view() for walker in walkers])
             view = EgoView(-x, speed, acceleration)
             wanted = yield Observation(now, step, view, vehicle, crossing, seen)
@@ -191,7 +206,7 @@ class Episode:
                 # now, but not backwards.
                 acceleration = max(acceleration, -speed / step)
             else:
-                wanted = self._limited(wanted, now)
+                wanted = limited(wanted, vehicle, now)
                 target = speed + wanted * step
                 if target < 0:
                     target = 0.0
@@ -213,24 +228,12 @@ class Episode:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
 
-    def _limited(self, answer: float, now: float) -> float:
-        """A command within the vehicle's limits."""
-        vehicle = self.rules.vehicle
-        wanted = answer if type(answer) is float else _as_float(answer)
-        if wanted > vehicle.max_acceleration_mps2:
-            return vehicle.max_acceleration_mps2
-        if wanted < -vehicle.max_deceleration_mps2:
-            return -vehicle.max_deceleration_mps2
-        if wanted == wanted:
-            return wanted
-        raise StrategyError(f"the strategy returned {answer!r} at t = {now:.3f} s")
-
     def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
         for walker in tuple(self.walkers):
             if walker.due_s > now:
                 continue
-            if walker.walk.start_s is None:
+            if walker.start_s is None:
                 self._look(walker, now, range_m, speed)
                 self.next_event_s = min(self.next_event_s, walker.look_s)
             else:
@@ -262,30 +265,32 @@ class Episode:
 
     def _admit(self, arrival: Arrival, range_m: float, speed: float) -> None:
         """Someone arrives: he waits for his time, looks for his gap, or is left to the engine."""
-        walk, crossing = Walk(arrival), self.rules.crossing
-        self.walks.append(walk)
-        if arrival.path is not None:
-            self.walkers.append(TimedWalker(walk, crossing))
-            return
-        if self.rules.behaviour == "sumo":
-            walking_speed = self.choose_speed(arrival, range_m, speed)
-            walk.speed_mps, walk.range_m, walk.vehicle_speed_mps = walking_speed, range_m, speed
-            self.walkers.append(NativeWalker(walk, crossing))
-            self.engine.let_walk(arrival.index, arrival.side, walking_speed)
-            return
-        walker = Walker(walk, crossing)
-        if self.rules.behaviour == "reactive":
-            walker = ReactiveWalker(walk, crossing, self.rules.vehicle, self.choose_speed)
+        walker = self._walker(arrival)
+        self.came.append(walker)
         self.walkers.append(walker)
-        self._look(walker, arrival.arrival_s, range_m, speed)
+        if isinstance(walker, NativeWalker):
+            walking_speed = self.choose_speed(arrival, range_m, speed)
+            walker.wanted_mps, walker.seen = walking_speed, (range_m, speed)
+            self.engine.let_walk(arrival.index, arrival.side, walking_speed)
+        elif not isinstance(walker, TimedWalker):
+            self._look(walker, arrival.arrival_s, range_m, speed)
+
+    def _walker(self, arrival: Arrival) -> Walker:
+        crossing, behaviour = self.rules.crossing, self.rules.behaviour
+        if arrival.path is not None:
+            return TimedWalker(arrival, crossing)
+        if behaviour == "sumo":
+            return NativeWalker(arrival, crossing)
+        if behaviour == "reactive":
+            return ReactiveWalker(arrival, crossing, self.rules.vehicle, self.choose_speed)
+        return Walker(arrival, crossing)
 
     def _look(self, walker: Walker, time_s: float, range_m: float, speed: float) -> None:
         """Kerb rule: step off now, or wait for the next step."""
-        rules, arrival = self.rules, walker.walk.arrival
+        rules, arrival = self.rules, walker.arrival
         gap_s = arrival.critical_gap_s
         wait_s = rules.kerb_wait_s if gap_s is None else gap_s
-        to_edge = range_m - rules.crossing.width_m / 2
-        if to_edge <= speed * wait_s + ROUNDING_M:
+        if keeps_waiting(range_m - rules.crossing.width_m / 2, speed, wait_s):
             return
         walking_speed = self.choose_speed(arrival, range_m, speed)
         walker.step_off(time_s, walking_speed, (range_m, speed))
@@ -310,8 +315,3 @@ class Episode:
             places.append((walker.index, y))
         self.places = places
         return state
-
-
-def _as_float(answer: object) -> float:
-    """A command that is another kind of number, as numpy's; NaN for what is none."""
-    return float(answer) if isinstance(answer, Real) else math.nan

@@ -1,23 +1,29 @@
 """Runs pairs of one cell: lets both arms meet the same pedestrians."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 
 from harness.encounter import Arm, Arrival, Ending, Trace
 from harness.engine.protocol import Engine
 from harness.episode.arms import check_arms, make_strategy
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.loop import Episode, failed_episode, run_episode
-from harness.episode.rules import rules_of
-from harness.episode.walkers import ChooseSpeed
-from harness.episode.walking_speeds import SpeedsOfOtherArm, WalkingSpeeds
+from harness.episode.arrivals import Given, already_walking, planned_arrivals
+from harness.episode.cell_constants import constants_of
+from harness.episode.loop import Episode, drive, failed_episode
+from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import StrategyError, in_one_line
 from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
+from harness.perception.perception import Perception
+from harness.perception.sensor import sensor_of
 from harness.scenario import Scenario
+from harness.strategies.human_gmm import HumanDriver
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
+
+Begins = Callable[[int, Arm, Episode], None]
+"""Takes pair, arm and the episode that begins."""
 
 
 class PairRunner:
@@ -38,68 +44,83 @@ class PairRunner:
     ) -> None:
         self._scenario, self._model, self._get_engine = scenario, model, get_engine
         self._engine: Engine | None = None
-        self._rules = rules_of(scenario)
-        self._speeds = WalkingSpeeds(model, self._rules, scenario.model.pedestrian_reading)
+        self._rules = constants_of(scenario)
+        self._sensors = {arm: sensor_of(scenario, arm) for arm in Arm}
+        self._speeds = WalkingSpeeds(scenario, model)
         check_arms(scenario, model)
 
     def run(
-        self, pairs: Iterable[int], on_pair: Callable[[], None] = lambda: None
+        self,
+        pairs: Iterable[int],
+        begins: Begins = lambda _pair, _arm, _episode: None,
+        on_pair: Callable[[], None] = lambda: None,
     ) -> Iterator[Outcome]:
         """Both arms of every pair, AV first, in the order asked for.
 
-        ``on_pair`` is called whenever a pair has been simulated: outcomes come a chunk at a time.
+        Args:
+            pairs: their indices.
+            begins: told of every episode before its strategy is asked.
+            on_pair: called whenever a pair has been simulated: outcomes come a chunk at a time.
         """
         remaining = iter(pairs)
         self._engine = None
         while chunk := list(islice(remaining, CHUNK_PAIRS)):
-            planned = {pair: planned_arrivals(self._scenario, pair) for pair in chunk}
-            self._speeds.foresee(planned.values())
             episodes = []
-            for pair, arrivals in planned.items():
-                episodes += [(pair, arm, trace) for arm, trace in self._run_pair(pair, arrivals)]
+            for pair in chunk:
+                arrivals = self._arrivals(pair)
+                episodes += [(pair, arm, self._run_arm(arm, pair, arrivals, begins)) for arm in Arm]
                 on_pair()
             records = measure([trace for _, _, trace in episodes])
             for (pair, arm, trace), record in zip(episodes, records, strict=True):
                 yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
 
+    def run_arm_given(
+        self, arm: Arm, pairs: Mapping[int, Given], on_episode: Callable[[], None]
+    ) -> Iterator[Outcome]:
+        """One arm of every pair, with people of whom some uniforms are given.
+
+        Args:
+            arm: which arm.
+            pairs: by the pair's index, which keys the streams of everything not given.
+            on_episode: called whenever an episode has been simulated.
+        """
+        self._engine = None
+        traces = []
+        for pair, given in pairs.items():
+            arrivals = self._arrivals(pair, given)
+            traces.append(self._run_arm(arm, pair, arrivals))
+            on_episode()
+        for pair, trace, record in zip(pairs, traces, measure(traces), strict=True):
+            yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+
     def begin(self, pair: int) -> Episode:
         """The AV's episode of a pair, for somebody else to drive; the caller ends the engine's."""
         self._engine = self._get_engine()
-        arrivals = planned_arrivals(self._scenario, pair)
-        self._speeds.foresee([arrivals])
-        return Episode(self._engine, arrivals, self._speeds, self._rules)
+        arrivals = self._arrivals(pair)
+        perception = self._perception(Arm.AV, pair, arrivals)
+        return Episode(self._engine, arrivals, self._speeds, self._rules, perception)
 
-    def run_arm(self, pair: int, arm: Arm, get_other: Callable[[], Engine]) -> Outcome:
-        """One arm of a pair alone, exactly as in ``run``.
-
-        Args:
-            pair: index of the pair.
-            arm: which arm.
-            get_other: gives the engine on which the AV's arm runs first, where the human's needs
-                its walking speeds.
-        """
+    def run_arm(
+        self, pair: int, arm: Arm, begins: Begins = lambda _pair, _arm, _episode: None
+    ) -> Outcome:
+        """One arm of a pair alone, exactly as in ``run``."""
         self._engine = None
-        arrivals = planned_arrivals(self._scenario, pair)
-        self._speeds.foresee([arrivals])
-        choose: ChooseSpeed = self._speeds
-        if arm is Arm.HUMAN and self._scenario.pedestrians.pairing == "speed":
-            self._engine = get_other()
-            automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
-            choose = SpeedsOfOtherArm(automated.walks, self._model)
-            self._engine = None
-        trace = self._run_arm(arm, pair, arrivals, choose)
+        arrivals = self._arrivals(pair)
+        trace = self._run_arm(arm, pair, arrivals, begins)
         return Outcome(pair, arm, self._strategy_name(arm), measure([trace])[0], trace)
 
-    def _run_pair(self, pair: int, arrivals: tuple[Arrival, ...]) -> list[tuple[Arm, Trace]]:
-        automated = self._run_arm(Arm.AV, pair, arrivals, self._speeds)
-        choose: ChooseSpeed = self._speeds
-        if self._scenario.pedestrians.pairing == "speed":
-            choose = SpeedsOfOtherArm(automated.walks, self._model)
-        human = self._run_arm(Arm.HUMAN, pair, arrivals, choose)
-        return [(Arm.AV, automated), (Arm.HUMAN, human)]
+    def _arrivals(self, pair: int, given: Given | None = None) -> tuple[Arrival, ...]:
+        """Everyone of a pair: those who are on the crosswalk at the trigger, and who comes then."""
+        coming = planned_arrivals(self._scenario, pair, given)
+        walking = self._speeds.unconditional
+        return (*already_walking(self._scenario, pair, walking, len(coming)), *coming)
 
     def _run_arm(
-        self, arm: Arm, pair: int, arrivals: tuple[Arrival, ...], choose: ChooseSpeed
+        self,
+        arm: Arm,
+        pair: int,
+        arrivals: tuple[Arrival, ...],
+        begins: Begins = lambda _pair, _arm, _episode: None,
     ) -> Trace:
         if self._engine is None:
             self._engine = self._get_engine()
@@ -109,12 +130,27 @@ class PairRunner:
         except Exception as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
-        trace = run_episode(self._engine, strategy, arrivals, choose, self._rules)
+        perception = self._perception(arm, pair, arrivals)
+        self._speeds.asked.begin()
+        episode = Episode(self._engine, arrivals, self._speeds, self._rules, perception)
+        begins(pair, arm, episode)
+        trace = drive(episode, strategy)
+        asked = self._speeds.asked.counts
+        if isinstance(strategy, HumanDriver):
+            asked = asked.joined(strategy.asked.counts)
+        trace = replace(trace, conditionings=asked)
         if trace.ending is Ending.ENGINE_FAILED:
             # Nothing of a broken simulation may reach the next episode.
             self._engine.close()
             self._engine = None
         return trace
+
+    def _perception(self, arm: Arm, pair: int, arrivals: tuple[Arrival, ...]) -> Perception | None:
+        sensor = self._sensors[arm]
+        if sensor is None:
+            return None
+        drawn = self._scenario.pedestrians.drawn
+        return Perception(sensor, arrivals, drawn[pair].episode if drawn else pair)
 
     def _strategy_name(self, arm: Arm) -> str:
         arms = self._scenario.arms

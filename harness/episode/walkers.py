@@ -22,6 +22,10 @@ LOOK_EVERY_S = 1.0
 """How often a reactive pedestrian looks again after he has stepped off."""
 
 
+SeenState = tuple[float, float] | tuple[None, None]
+"""(range_m, vehicle_speed_mps) of the vehicle seen; None where there was none."""
+
+
 class ChooseSpeed(Protocol):
     """The walking speed of someone who looks, given what he sees."""
 
@@ -53,16 +57,24 @@ class Walker:
         "_speed",
         "_start",
         "_to_lane",
+        "arrival",
         "due_s",
         "index",
+        "legs",
         "look_s",
+        "seen",
         "side",
-        "walk",
+        "start_s",
+        "wanted_mps",
     )
 
-    def __init__(self, walk: Walk, crossing: Crossing) -> None:
-        self.walk = walk
-        self.index, self.side = walk.arrival.index, walk.arrival.side
+    def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
+        self.arrival = arrival
+        self.index, self.side = arrival.index, arrival.side
+        self.start_s: float | None = None
+        self.wanted_mps: float | None = None
+        self.seen: SeenState = (None, None)
+        self.legs: list[Leg] | None = None
         self.due_s, self.look_s = -math.inf, math.inf
         self._start, self._speed, self._progress = 0.0, 0.0, 0.0
         self._length = crossing.length_m
@@ -70,15 +82,19 @@ class Walker:
         self._kerb, self._direction = (0.0, 1.0) if near else (crossing.length_m, -1.0)
         self._to_lane = crossing.to_lane_m(self.side)
 
-    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
-        """He leaves his kerb at that speed, having seen (range_m, vehicle_speed_mps)."""
+    def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
+        """They leave their kerb at that speed, having seen (range_m, vehicle_speed_mps)."""
         self._start, self._speed = time_s, speed_mps
-        self.walk.start_s, self.walk.speed_mps = time_s, speed_mps
-        self.walk.range_m, self.walk.vehicle_speed_mps = state
+        self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, state
         self.due_s = time_s + self._length / speed_mps
 
-    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
-        """What he does at ``look_s``, when the ego is there; a steady walker never looks again."""
+    def look(
+        self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
+    ) -> None:
+        """What they do at ``look_s``, when the ego is there; a steady walker never looks again.
+
+        ``to_lane_m``: from their kerb to the centre of the vehicle's lane; None: the ego's.
+        """
         raise NotImplementedError
 
     def walk_until(self, time_s: float) -> float:
@@ -86,6 +102,11 @@ class Walker:
         progress = self._speed * (time_s - self._start)
         self._progress = progress if progress < self._length else self._length
         return self._kerb + self._direction * self._progress
+
+    @property
+    def x_m(self) -> float:
+        """Where they are along the road: on the crosswalk's centre line."""
+        return 0.0
 
     def view(self) -> PedestrianView:
         """What a strategy sees of him now."""
@@ -98,47 +119,59 @@ class Walker:
             self._speed > 0,
         )
 
+    @property
+    def walk(self) -> Walk:
+        """What has become of them so far."""
+        legs = None if self.legs is None else tuple(self.legs)
+        range_m, vehicle_speed_mps = self.seen
+        return Walk(self.arrival, self.start_s, self.wanted_mps, range_m, vehicle_speed_mps, legs)
+
 
 class TimedWalker(Walker):
     """Stands at the beginning of his path until its time has come, then follows it."""
 
-    __slots__ = ("_crossing", "_path")
+    __slots__ = ("_crossing", "_leg", "_path")
 
-    def __init__(self, walk: Walk, crossing: Crossing) -> None:
-        super().__init__(walk, crossing)
-        assert walk.arrival.path is not None
-        self._crossing, self._path = crossing, walk.arrival.path
+    def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
+        super().__init__(arrival, crossing)
+        assert arrival.path is not None
+        self._crossing, self._path = crossing, arrival.path
+        self._leg = 0
         self.look_s, self.due_s = self._path[0].time_s, math.inf
         self._progress = self._along(self._path[0].y_m)
 
-    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
+    def look(
+        self,
+        range_m: float,
+        vehicle_speed_mps: float,
+        to_lane_m: float | None = None,  # noqa: ARG002
+    ) -> None:
         """He starts; what he sees changes nothing, but is kept."""
-        walk = self.walk
-        walk.start_s, walk.legs = self.look_s, self._path
-        walk.speed_mps = abs(self._path[-1].y_mps)
-        walk.range_m, walk.vehicle_speed_mps = range_m, vehicle_speed_mps
-        cleared = cleared_s(walk, self._crossing)
-        assert cleared is not None
-        self.due_s = cleared
+        self.start_s, self.legs = self.look_s, list(self._path)
+        self.wanted_mps = abs(self._path[-1].y_mps)
+        self.seen = range_m, vehicle_speed_mps
+        cleared = cleared_s(self.walk, self._crossing)
+        self.due_s = math.inf if cleared is None else cleared
         self.walk_until(self.look_s)
         self.look_s = math.inf
 
     def walk_until(self, time_s: float) -> float:
         """See ``Walker.walk_until``."""
-        if self.walk.start_s is not None:
-            leg = self._path[0]
-            for later in self._path[1:]:
-                if later.time_s <= time_s:
-                    leg = later
+        if self.start_s is not None:
+            path, number = self._path, self._leg
+            while number + 1 < len(path) and path[number + 1].time_s <= time_s:
+                number += 1
+            self._leg, leg = number, path[number]
             walked_s = time_s - leg.time_s
             y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
             self._progress = min(self._along(y), self._length)
-            self._speed = self._direction * (leg.y_mps + leg.y_mps2 * walked_s)
+            # Who steps back is seen standing, as those who walk by the engine's own model.
+            self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
         return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:
         """See ``Walker.view``; before the kerb he is not on the crossing yet."""
-        started = self.walk.start_s is not None
+        started = self.start_s is not None
         return super().view()._replace(on_crossing=started and self._progress >= 0)
 
     def _along(self, y_m: float) -> float:
@@ -152,23 +185,24 @@ class ReactiveWalker(Walker):
     keeps its own, as long as his disc has not reached the ego's way.
     """
 
-    __slots__ = ("_base", "_choose", "_legs", "_vehicle")
+    __slots__ = ("_base", "_choose", "_vehicle")
 
     def __init__(
-        self, walk: Walk, crossing: Crossing, vehicle: Vehicle, choose: ChooseSpeed
+        self, arrival: Arrival, crossing: Crossing, vehicle: Vehicle, choose: ChooseSpeed
     ) -> None:
-        super().__init__(walk, crossing)
+        super().__init__(arrival, crossing)
         self._choose, self._vehicle = choose, vehicle
         self._base = 0.0
-        self._legs: list[Leg] = []
 
-    def step_off(self, time_s: float, speed_mps: float, state: tuple[float, float]) -> None:
+    def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
         """See ``Walker.step_off``."""
         super().step_off(time_s, speed_mps, state)
         self.look_s = time_s + LOOK_EVERY_S
         self._note_leg()
 
-    def look(self, range_m: float, vehicle_speed_mps: float) -> None:
+    def look(
+        self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
+    ) -> None:
         """See the class."""
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
@@ -176,9 +210,10 @@ class ReactiveWalker(Walker):
         if self._progress >= self._length:
             self.look_s = math.inf
             return
-        lateral = self._to_lane - self._progress
-        speed = self._choose(self.walk.arrival, range_m, vehicle_speed_mps, lateral)
-        if self._must_stop(speed, range_m, vehicle_speed_mps):
+        to_lane = self._to_lane if to_lane_m is None else to_lane_m
+        lateral = to_lane - self._progress
+        speed = self._choose(self.arrival, range_m, vehicle_speed_mps, lateral)
+        if self._must_stop(speed, range_m, vehicle_speed_mps, to_lane):
             speed = 0.0
         if speed == self._speed:
             return
@@ -194,19 +229,21 @@ class ReactiveWalker(Walker):
 
     def view(self) -> PedestrianView:
         """See ``Walker.view``; who stands on the crossing is on it."""
-        return super().view()._replace(on_crossing=self.walk.start_s is not None)
+        return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self) -> None:
         y = self._kerb + self._direction * self._base
-        self._legs.append(Leg(self._start, 0.0, y, 0.0, self._direction * self._speed, 0.0))
-        self.walk.legs = tuple(self._legs)
+        leg = Leg(self._start, 0.0, y, 0.0, self._direction * self._speed, 0.0)
+        self.legs = [*(self.legs or ()), leg]
 
-    def _must_stop(self, speed_mps: float, range_m: float, vehicle_speed_mps: float) -> bool:
+    def _must_stop(
+        self, speed_mps: float, range_m: float, vehicle_speed_mps: float, to_lane_m: float
+    ) -> bool:
         half = self._vehicle.width_m / 2
-        if self._to_lane - self._progress <= half + PEDESTRIAN_RADIUS_M:
+        if to_lane_m - self._progress <= half + PEDESTRIAN_RADIUS_M:
             return False
         y = self._kerb + self._direction * self._progress
-        lane = self._kerb + self._direction * self._to_lane
+        lane = self._kerb + self._direction * to_lane_m
         course = time_to_collision(
             np.array([range_m]),
             np.array([y]),
@@ -225,10 +262,15 @@ class NativeWalker(Walker):
 
     __slots__ = ("_place",)
 
-    def __init__(self, walk: Walk, crossing: Crossing) -> None:
-        super().__init__(walk, crossing)
+    def __init__(self, arrival: Arrival, crossing: Crossing) -> None:
+        super().__init__(arrival, crossing)
         self.due_s = math.inf
         self._place: tuple[float, float] | None = None
+
+    @property
+    def x_m(self) -> float:
+        """See ``Walker.x_m``; these keep to the right of the centre line."""
+        return 0.0 if self._place is None else self._place[0]
 
     def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
         """Where he is at ``then``, the end of the step that began at ``now``."""
@@ -244,16 +286,15 @@ class NativeWalker(Walker):
 
     def view(self) -> PedestrianView:
         """See ``Walker.view``; before the kerb he is not on the crossing yet."""
-        return super().view()._replace(on_crossing=self.walk.start_s is not None)
+        return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self, leg: Leg, progress_m: float) -> None:
-        walk = self.walk
-        if walk.legs is not None:
-            walk.legs = (*walk.legs, leg)
+        if self.legs is not None:
+            self.legs.append(leg)
         elif progress_m >= 0:
             ahead_s = (self._kerb - leg.y_m) / leg.y_mps if leg.y_mps else 0.0
-            walk.start_s = leg.time_s + ahead_s
+            self.start_s = leg.time_s + ahead_s
             first = leg._replace(
-                time_s=walk.start_s, x_m=leg.x_m + leg.x_mps * ahead_s, y_m=self._kerb
+                time_s=self.start_s, x_m=leg.x_m + leg.x_mps * ahead_s, y_m=self._kerb
             )
-            walk.legs = (first,)
+            self.legs = [first]

@@ -1,97 +1,64 @@
-"""How fast a pedestrian walks who steps off: drawn from the interaction model at his quantile."""
+"""How fast a pedestrian walks who steps off, at their quantile."""
 
-from collections.abc import Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from harness.encounter import Arrival, Side, Walk
-from harness.episode.rules import Rules
-from harness.interaction import InteractionModel
+from harness.encounter import Arrival, Side
+from harness.interaction import Asked, InteractionModel
+from harness.scenario import Scenario
+
+_REMEMBERED = 64
+"""Answers kept: both arms of a pair ask the same of those who step off at the trigger."""
 
 
 class WalkingSpeeds:
-    """f(v_p | 1/R, v), or f(v_p | R, v, L), at each pedestrian's quantile.
+    """Walking speed of each pedestrian who looks, by the scenario's reading of the model.
 
-    Whoever steps off at the trigger sees (R0, v0) in every episode: those speeds are worked out
-    together, which is many times faster and gives the same bits.
+    f(v_p | 1/R, v), or f(v_p | R, v, L), or f(v_p), or the scenario's own normal distribution;
+    each at the pedestrian's quantile.  ``asked`` counts the states the model was asked about.
     """
 
-    def __init__(self, model: InteractionModel, rules: Rules, reading: str) -> None:
-        self._model = model
-        self._on_curve = reading == "curve"
-        self._lateral_m = {side: rules.crossing.to_lane_m(side) for side in Side}
-        self._at_trigger = (rules.vehicle.trigger_range_m, rules.vehicle.initial_speed_mps)
-        self._foreseen: dict[tuple[float, Side], float] = {}
-
-    def foresee(self, planned: Iterable[tuple[Arrival, ...]]) -> None:
-        first = [
-            arrival
-            for arrivals in planned
-            for arrival in arrivals
-            if arrival.arrival_s == 0 and arrival.quantile is not None
-        ]
-        self._foreseen = {}
-        if first:
-            keys = [(_quantile_of(arrival), arrival.side) for arrival in first]
-            lateral = [self._lateral_m[arrival.side] for arrival in first]
-            speeds = self._speeds([key for key, _ in keys], lateral, *self._at_trigger)
-            self._foreseen = dict(zip(keys, speeds.tolist(), strict=True))
+    def __init__(self, scenario: Scenario, model: InteractionModel) -> None:
+        self.asked = Asked(model)
+        self._model, self._reading = model, scenario.model.pedestrian_reading
+        self._normal = scenario.pedestrians.walking_speed
+        self._lateral_m = {side: scenario.crosswalk().to_lane_m(side) for side in Side}
+        self._answer = lru_cache(_REMEMBERED)(self._from_model)
 
     def __call__(
         self, arrival: Arrival, range_m: float, speed_mps: float, lateral_m: float | None = None
     ) -> float:
-        quantile = _quantile_of(arrival)
-        key = (quantile, arrival.side)
-        if (range_m, speed_mps) == self._at_trigger and lateral_m is None and key in self._foreseen:
-            return self._foreseen[key]
-        if range_m <= 0:
-            return self._model.walking_speed_unconditional(quantile)
+        """Walking speed in m/s of someone who sees the ego at (range_m, speed_mps).
+
+        ``lateral_m`` is their L; None stands for that at their kerb.
+        """
+        quantile = arrival.quantile
+        assert quantile is not None  # timed pedestrians never choose a speed
+        if range_m <= 0 or self._normal is not None or self._reading == "unconditional":
+            return self.unconditional(quantile)
+        self.asked.note(range_m, speed_mps)
         if lateral_m is None:
             lateral_m = self._lateral_m[arrival.side]
-        return float(self._speeds([quantile], [lateral_m], range_m, speed_mps)[0])
+        return self._answer(quantile, range_m, speed_mps, lateral_m)
 
-    def _speeds(
-        self,
-        quantile: Sequence[float],
-        lateral_m: Sequence[float],
-        range_m: float,
-        speed_mps: float,
-    ) -> NDArray[np.float64]:
-        quantiles, laterals = np.array(quantile), np.array(lateral_m)
-        range_of, speed_of = np.full(len(quantiles), range_m), np.full(len(quantiles), speed_mps)
-        # Past the ego's lane there is no L: the curve says nothing there.
-        if self._on_curve and (laterals > 0).all():
-            speeds = self._model.walking_speed_on_curve(quantiles, range_of, laterals, speed_of)
-            if not np.isnan(speeds).any():
-                return speeds
-            # Where no walking speed fits the box, L says nothing and is left out.
-            marginal = self._model.walking_speed(quantiles, range_of, speed_of)
-            return np.where(np.isnan(speeds), marginal, speeds)
-        return self._model.walking_speed(quantiles, range_of, speed_of)
-
-
-def _quantile_of(arrival: Arrival) -> float:
-    """His quantile; timed pedestrians, who have none, never choose a speed."""
-    assert arrival.quantile is not None
-    return arrival.quantile
-
-
-class SpeedsOfOtherArm:
-    """Pairing by speed: what the pedestrian did in the AV's arm, whoever comes now."""
-
-    def __init__(self, walks: tuple[Walk, ...], model: InteractionModel) -> None:
-        self._speeds = {walk.arrival.index: walk.speed_mps for walk in walks}
-        self._model = model
-
-    def __call__(
-        self,
-        arrival: Arrival,
-        range_m: float,  # noqa: ARG002
-        speed_mps: float,  # noqa: ARG002
-        lateral_m: float | None = None,  # noqa: ARG002
+    def _from_model(
+        self, quantile: float, range_m: float, speed_mps: float, lateral_m: float
     ) -> float:
-        speed = self._speeds.get(arrival.index)
-        if speed is None:
-            return self._model.walking_speed_unconditional(_quantile_of(arrival))
-        return speed
+        state = np.array([quantile]), np.array([range_m]), np.array([speed_mps])
+        # Past the ego's lane there is no L: the curve says nothing there.
+        if self._reading == "curve" and lateral_m > 0:
+            quantiles, ranges, speeds = state
+            walking = self._model.walking_speed_on_curve(
+                quantiles, ranges, np.array([lateral_m]), speeds
+            )
+            # Where no walking speed fits the box, L says nothing and is left out.
+            if not np.isnan(walking[0]):
+                return float(walking[0])
+        return float(self._model.walking_speed(*state)[0])
+
+    def unconditional(self, quantile: float) -> float:
+        """Walking speed in m/s at a quantile of someone who sees no ego."""
+        if self._normal is None:
+            return self._model.walking_speed_unconditional(quantile)
+        return self._normal.at(quantile)

@@ -9,6 +9,7 @@ from harness.interaction.model import (
     VEHICLE_SPEED,
     InteractionModel,
 )
+from harness.interaction.support import Asked, check_support
 
 __all__ = [
     "INVERSE_RANGE",
@@ -16,7 +17,9 @@ __all__ = [
     "PEDESTRIAN_SPEED",
     "VARIABLES",
     "VEHICLE_SPEED",
+    "Asked",
     "InteractionModel",
+    "check_support",
     "load_model",
     "read_model",
     "write_model",

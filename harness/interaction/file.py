@@ -2,113 +2,37 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
-from harness.documents import parse_json
+from harness.documents import check_form, parse_json
 from harness.errors import InputError, unknown_name
-from harness.files import write_file
+from harness.files import read_file, write_file
 from harness.interaction.model import INVERSE_RANGE, PEDESTRIAN_SPEED, VARIABLES, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
 from harness.resources import shipped_directory
 
-SCHEMA = 1
-"""Version of the model file's format."""
-
-LARGEST_NUMBER = 1e9
+_Number = Annotated[float, Field(ge=-1e9, le=1e9)]
 """No speed in m/s, and no inverse of a distance or a time, is larger; products would overflow."""
 
-_ARRAYS = ("weights", "locations", "scale_matrices", "lower", "upper")
-_KEYS = {"schema", "name", "variables", "provenance", *_ARRAYS}
-_WANTED = "a model file as `harness fit` writes"
 
+class _ModelFile(BaseModel):
+    """The form of a model file; whether its arrays make a mixture is the mixture's business."""
 
-def read_document(path: Path) -> tuple[dict[str, Any], str]:
-    """The JSON object of a file and the file's sha256.
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
-    Raises:
-        InputError: missing, or no JSON object.
-    """
-    where = str(path)
-    try:
-        if path.exists() and not path.is_file():
-            # A pipe or a device may never end.
-            raise InputError(where, "model file cannot be read (no regular file)", _WANTED)
-        content = path.read_bytes()
-    except (OSError, ValueError) as error:
-        # ValueError: a name no file can have.
-        why = error.strerror if isinstance(error, OSError) else str(error)
-        raise InputError(where, f"model file cannot be read ({why})") from None
-    try:
-        document = parse_json(content)
-    except ValueError as error:
-        raise InputError(where, f"not a JSON file ({error})", _WANTED) from None
-    if not isinstance(document, dict):
-        raise InputError(where, "not a JSON object", _WANTED)
-    return document, hashlib.sha256(content).hexdigest()
-
-
-def write_document(path: Path, document: Mapping[str, Any]) -> None:
-    """Write the file whole.
-
-    Raises:
-        InputError: it could not be read again, as with a name that cannot be printed.
-        HarnessError: the file system refuses.
-    """
-    text = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    try:
-        parse_json(text)
-    except ValueError as error:
-        raise InputError(str(path), f"could not be read again ({error})") from None
-    write_file(path, text.encode())
-
-
-def as_mixture(
-    document: Mapping[str, Any], variables: Sequence[str], where: str
-) -> TruncatedGaussianMixture:
-    """The mixture a document describes.
-
-    Args:
-        document: as ``read_document`` gives it.
-        variables: the names it must have, in their order.
-        where: what to call it in messages.
-
-    Raises:
-        InputError: a key is unknown or missing, another version, other variables, or no valid
-            mixture of that dimension.
-    """
-    for key in document:
-        if key not in _KEYS:
-            raise unknown_name(where, "key", key, _KEYS)
-    for key in sorted(_KEYS - {"provenance"}):
-        if key not in document:
-            raise InputError(where, f"key {key!r} is missing")
-    if document["schema"] != SCHEMA:
-        raise InputError(where, f"format version {document['schema']!r}", str(SCHEMA))
-    if document["variables"] != list(variables):
-        raise InputError(where, f"variables {document['variables']!r}", ", ".join(variables))
-    if not isinstance(document["name"], str):
-        raise InputError(where, f"name {document['name']!r}", "text")
-    if not isinstance(document.get("provenance", {}), dict):
-        raise InputError(where, "provenance is not an object")
-    arrays = {}
-    for key in _ARRAYS:
-        try:
-            arrays[key] = np.array(document[key], dtype=float)
-        except (ValueError, TypeError, OverflowError):
-            raise InputError(where, f"{key} is no rectangular array of numbers") from None
-        finite = arrays[key][np.isfinite(arrays[key])]
-        if (np.abs(finite) > LARGEST_NUMBER).any():
-            raise InputError(where, f"{key} holds a number beyond {LARGEST_NUMBER:g}")
-    if arrays["lower"].shape != (len(variables),):
-        raise InputError(where, f"lower has shape {arrays['lower'].shape}", f"({len(variables)},)")
-    try:
-        return TruncatedGaussianMixture(**arrays)
-    except InputError as error:
-        raise InputError(where, str(error)) from None
+    format_version: Literal[1] = Field(alias="schema")
+    name: str
+    variables: list[str]
+    lower: list[_Number]
+    upper: list[_Number]
+    weights: list[_Number]
+    locations: list[list[_Number]]
+    scale_matrices: list[list[list[_Number]]]
+    provenance: dict[str, Any] = {}
 
 
 def load_model(name: str, path: str | None = None) -> InteractionModel:
@@ -134,19 +58,19 @@ def read_model(path: Path) -> InteractionModel:
             weights that do not sum to 1, scale matrices that are not positive definite, empty or
             infinite bounds.
     """
-    document, sha256 = read_document(path)
-    return InteractionModel(
-        _checked(document, str(path)),
-        str(document["name"]),
-        document.get("provenance") or {},
-        sha256,
-    )
+    content = read_file(path)
+    try:
+        document = parse_json(content)
+    except ValueError as error:
+        wanted = "a model file as `harness fit` writes"
+        raise InputError(str(path), f"not a JSON file ({error})", wanted) from None
+    return _model(document, str(path), hashlib.sha256(content).hexdigest())
 
 
 def write_model(
     path: Path, mixture: TruncatedGaussianMixture, name: str, provenance: Mapping[str, Any]
 ) -> InteractionModel:
-    """Write a model file, complete or not at all, and read it back.
+    """Write a model file, complete or not at all.
 
     Args:
         path: written beside and renamed; an earlier file of that name is replaced.
@@ -154,12 +78,15 @@ def write_model(
         name: what to call it.
         provenance: its card, plain data.
 
+    Returns:
+        The model, as it is read from the file.
+
     Raises:
         InputError: the place cannot be written, or a model file must not say this (see
             ``read_model``).
     """
     document = {
-        "schema": SCHEMA,
+        "schema": 1,
         "name": name,
         "variables": list(VARIABLES),
         "lower": mixture.lower.tolist(),
@@ -169,16 +96,28 @@ def write_model(
         "scale_matrices": mixture.scale_matrices.tolist(),
         "provenance": dict(provenance),
     }
-    _checked(document, str(path))
-    write_document(path, document)
-    return read_model(path)
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    try:
+        parse_json(text)
+    except ValueError as error:
+        raise InputError(str(path), f"could not be read again ({error})") from None
+    model = _model(document, str(path), hashlib.sha256(text.encode()).hexdigest())
+    write_file(path, text.encode())
+    return model
 
 
-def _checked(document: Mapping[str, Any], where: str) -> TruncatedGaussianMixture:
-    """The mixture of a document whose variables and bounds mean what they must."""
-    mixture = as_mixture(document, VARIABLES, where)
-    if not (np.isfinite(mixture.lower).all() and np.isfinite(mixture.upper).all()):
-        raise InputError(where, "a bound is not finite", "a bounded box")
+def _model(document: Any, where: str, sha256: str) -> InteractionModel:
+    """The model of a document whose variables and bounds mean what they must."""
+    file = check_form(_ModelFile, document, where)
+    if file.variables != list(VARIABLES):
+        raise InputError(where, f"variables {file.variables!r}", ", ".join(VARIABLES))
+    if len(file.lower) != len(VARIABLES):
+        raise InputError(where, f"lower has {len(file.lower)} entries", str(len(VARIABLES)))
+    arrays = {"weights", "locations", "scale_matrices", "lower", "upper"}
+    try:
+        mixture = TruncatedGaussianMixture(**file.model_dump(include=arrays))
+    except InputError as error:
+        raise InputError(where, str(error)) from None
     if mixture.lower[INVERSE_RANGE] <= 0 or mixture.lower[PEDESTRIAN_SPEED] <= 0:
         raise InputError(where, "lower bounds of 1/R and v_p must be positive")
-    return mixture
+    return InteractionModel(mixture, file.name, file.provenance, sha256)

@@ -2,12 +2,12 @@
 
 All traces of a chunk are worked through together, because numpy's cost is per call.  Every value
 of an episode depends on that episode alone, to the last bit: which others are in the chunk makes
-no difference.  The measures: ``table.MEASURES`` and docs/measures.md.
+no difference.  The measures: ``catalogue.MEASURES`` and docs/measures.md.
 """
 
+from harness.measures.catalogue import MEASURES, Measure
 from harness.measures.ego import crossing_time
 from harness.measures.record import EpisodeRecord, Outcome, has_contact, measure
-from harness.measures.table import MEASURES, Measure
 
 __all__ = [
     "MEASURES",

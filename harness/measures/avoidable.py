@@ -10,10 +10,10 @@ from harness.motion.contact import Motion, first_contact_in_step
 
 
 def avoidable(chunk: Chunk) -> FloatArray:
-    """1 where full braking from the moment he stepped off would have prevented the contact.
+    """1 where full braking from the moment they stepped off would have prevented the contact.
 
     The ego brakes at ``max_deceleration_mps2`` from its state at that very moment until it
-    stands, and stays there; the pedestrian it struck walks as he did, all the way across.  0
+    stands, and stays there; the pedestrian it struck walks as in the run, all the way across.  0
     where they would have touched all the same, the standing ego included; NaN without a contact.
     """
     values = np.full(len(chunk.traces), np.nan)
@@ -26,13 +26,16 @@ def avoidable(chunk: Chunk) -> FloatArray:
 def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
     legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
     own = np.flatnonzero(legs.walk == strike.walk)
-    begin = float(legs.begin_s[own[0]])
+    # Who stepped off before the trace began: from its beginning on.
+    begin = max(0.0, float(legs.begin_s[own[0]]))
     x, speed = ego_state(chunk.traces[number], begin)
     stands = begin + speed / braking
     for leg in own.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
-        middle = min(max(stands, leg_begin), leg_end)
-        for since, until, deceleration in ((leg_begin, middle, braking), (middle, leg_end, 0.0)):
+        seen, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
+        for since, until, deceleration in ((seen, middle, braking), (middle, leg_end, 0.0)):
+            if until < since:
+                continue  # a leg that was over before
             braked = min(since, stands) - begin
             ego = Motion(
                 x + speed * braked - braking * braked**2 / 2,

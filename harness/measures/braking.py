@@ -1,8 +1,8 @@
 """How hard the ego braked, and how hard it would have had to.
 
 The latter at states on a collision course with the front: ego and pedestrian would touch, with
-him ahead of the bumper, if both kept their velocities.  Where he would walk into the flank it is
-not the ego that avoids the contact by braking.
+the pedestrian ahead of the bumper, if both kept their velocities.  Where they would walk into the
+flank it is not the ego that avoids the contact by braking.
 """
 
 import numpy as np
@@ -66,7 +66,7 @@ def max_drac_mps2(chunk: Chunk) -> FloatArray:
 def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
     """Constant deceleration to stop before the pedestrian from first sight, v²/2d, in m/s².
 
-    First sight: the first state in which he has stepped off and the ego is within its detection
+    First sight: the first state in which they have stepped off and the ego is within its detection
     range.  Only those count who are on a collision course with the front at that state; of
     several the largest.
     """
@@ -80,7 +80,7 @@ def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
 
 
 def _on_course_with_front(chunk: Chunk) -> np.ndarray:
-    """Of every row of ``met``: a collision course with the front, and room before his disc."""
+    """Of every row of ``met``: a collision course with the front, and room before their disc."""
     met, ttc = chunk.met, chunk.ttc_s
     with np.errstate(invalid="ignore"):
         ahead_then = met.ahead_m - met.closing_mps * ttc

@@ -9,7 +9,7 @@ import numpy as np
 from harness.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
-from harness.measures.rows import Legs, Rows, legs_of, rows_of
+from harness.measures.steps import Legs, Rows, legs_of, rows_of
 from harness.motion.contact import time_to_collision
 
 
@@ -31,6 +31,8 @@ class Chunk:
     crashed: np.ndarray
     pass_time_s: FloatArray
     """NaN where the ego did not cross, contacts included."""
+    untouched_pass_time_s: FloatArray
+    """The same had nobody been touched: the simulation goes on past a contact."""
     end_s: FloatArray
     """Where the record ends: at the contact, the pass, the time-out or the failure."""
     steps: IntArray
@@ -90,7 +92,12 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
             for trace, strike, passed in zip(traces, strikes, passes, strict=True)
         ]
     )
-    in_time = np.array([math.nan if time is None else time for time in passes])
+    in_time = np.array(
+        [
+            math.nan if time is None else time + trace.late_s
+            for trace, time in zip(traces, passes, strict=True)
+        ]
+    )
     crashed = np.array([strike is not None for strike in strikes])
     met = rows.where(rows.start_s < ends[rows.trace])
     return Chunk(
@@ -108,6 +115,7 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
         strikes=tuple(strikes),
         crashed=crashed,
         pass_time_s=np.where(crashed, np.nan, in_time),
+        untouched_pass_time_s=in_time,
         end_s=ends,
         steps=np.minimum(np.ceil(ends / step_s - 1e-9).astype(np.int64), ego.steps),
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, Trace
 from harness.measures.ego import body_of, ego_state
-from harness.measures.rows import Rows
+from harness.measures.steps import Rows
 from harness.motion.contact import Motion, first_contact_in_step
 
 

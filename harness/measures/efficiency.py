@@ -1,12 +1,16 @@
 """Time: how long the ego took, waited and stood."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
-from harness.encounter import FloatArray
+from harness.encounter import FloatArray, Walk
 from harness.measures.chunk import Chunk
 
 STANDING_MPS = 0.1
 """Slower than this counts as stopped (SUMO's own threshold for waiting time)."""
+
+_ROUNDING_S = 1e-9
 
 
 def pass_time_s(chunk: Chunk) -> FloatArray:
@@ -14,11 +18,16 @@ def pass_time_s(chunk: Chunk) -> FloatArray:
     return chunk.pass_time_s
 
 
+def untouched_pass_time_s(chunk: Chunk) -> FloatArray:
+    """The pass time had nobody been touched, in s; NaN if the body never left the crosswalk."""
+    return chunk.untouched_pass_time_s
+
+
 def delay_s(chunk: Chunk) -> FloatArray:
     """Pass time less the free pass time at v0, in s; NaN if not crossed."""
-    vehicle = chunk.vehicle
-    road = vehicle.trigger_range_m + vehicle.length_m + chunk.crossing.width_m / 2
-    return chunk.pass_time_s - road / vehicle.initial_speed_mps
+    delay = chunk.pass_time_s - chunk.vehicle.free_pass_time_s(chunk.crossing)
+    # Sums of step times end in other last bits than a quotient.
+    return np.where(np.abs(delay) < _ROUNDING_S, 0.0, delay)
 
 
 def stops(chunk: Chunk) -> FloatArray:
@@ -37,20 +46,32 @@ def stopped_s(chunk: Chunk) -> FloatArray:
 def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
     """Mean wait at the kerb of those who came within the record, in s; NaN if nobody did.
 
-    From arrival until stepping off, or until the record's end for whoever still waits then.
+    From arrival until stepping off, or until the record's end for those who still wait then.
     Timed pedestrians, who have no quantile, wait for their time and for nobody else.
     """
-    count, total = np.zeros(len(chunk.traces)), np.zeros(len(chunk.traces))
+    total = np.zeros(len(chunk.traces))
+    for number, walk, end_s in _arrivals(chunk):
+        until_s = end_s if walk.start_s is None else min(walk.start_s, end_s)
+        total[number] += until_s - walk.arrival.arrival_s
+    with np.errstate(invalid="ignore"):
+        mean: FloatArray = total / arrivals(chunk)
+    return mean
+
+
+def arrivals(chunk: Chunk) -> FloatArray:
+    """Number of people who arrived within the record, timed pedestrians apart."""
+    count = np.zeros(len(chunk.traces))
+    for number, _, _ in _arrivals(chunk):
+        count[number] += 1
+    return count
+
+
+def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
+    """Number of the episode, walk and end of the record of everyone who arrived within it."""
     for number, (trace, end_s) in enumerate(zip(chunk.traces, chunk.end_s.tolist(), strict=True)):
         for walk in trace.walks:
-            arrival_s = walk.arrival.arrival_s
-            if arrival_s <= end_s and walk.arrival.quantile is not None:
-                count[number] += 1
-                until_s = end_s if walk.start_s is None else min(walk.start_s, end_s)
-                total[number] += until_s - arrival_s
-    with np.errstate(invalid="ignore"):
-        mean: FloatArray = total / count
-    return mean
+            if 0 <= walk.arrival.arrival_s <= end_s and walk.arrival.quantile is not None:
+                yield number, walk, end_s
 
 
 def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -5,16 +5,16 @@ import numpy as np
 from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time
-from harness.measures.rows import time_at, x_range
+from harness.measures.steps import time_at, x_range
 
 
 def pet_s(chunk: Chunk) -> FloatArray:
     """Smallest PET over the pedestrians of the record in s; NaN after a crash.
 
-    The zone is where the ego's width and the walker's disc cross, along the road wherever he is
-    while he is in the ego's path.  0 if both were in it at once without touching (a corner);
+    The zone is where the ego's width and the walker's disc cross, along the road wherever they are
+    while they are in the ego's path.  0 if both were in it at once without touching (a corner);
     undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, with the pedestrian
-    going on at his speed after the trace's end.
+    going on at their speed after the trace's end.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
@@ -27,7 +27,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
     nearest, farthest = x_range(legs, enters, leaves)
     ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
     ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
-    # NaN passes on: whoever never gets there has no PET.
+    # NaN passes on: someone who never gets there has no PET.
     pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
     counts = ~np.isnan(pet) & (began < chunk.end_s[trace]) & ~chunk.crashed[trace]
@@ -35,7 +35,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
 
 
 def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
-    """When the ego that each walker meets has its bumper at his ``x_m``; NaN where it never has."""
+    """When the ego that each walker meets has its bumper at their ``x_m``; NaN if it never has."""
     known: dict[tuple[int, float], float] = {}  # most walk on one line
     times = []
     for key in zip(chunk.legs.of_walk.tolist(), x_m.tolist(), strict=True):

@@ -1,17 +1,21 @@
 """The record of an episode, and the one function that makes records of traces."""
 
+from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.encounter import Arm, Contact, Ending, Trace
+from harness.encounter import Arm, Contact, Ending, FailedIn, Trace
+from harness.measures.catalogue import COLUMNS, MEASURES, Measure
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import strikes_of
 from harness.measures.ego import ego_states
-from harness.measures.rows import legs_of, rows_of
-from harness.measures.table import COLUMNS, MEASURES, Measure
+from harness.measures.steps import legs_of, rows_of
 
 Value = float | int | bool | None
+
+Values = namedtuple("Values", COLUMNS)  # type: ignore[misc]  # the names come from the catalogue
+"""The measures of an episode, by their columns' names; ``_asdict()`` makes a dictionary."""
 
 _PLACE = {column: number for number, column in enumerate(COLUMNS)}
 
@@ -21,12 +25,13 @@ class EpisodeRecord:
     """What is kept of an episode: a row of ``episodes.parquet`` (docs/files.md).
 
     ``end_s`` is where the record ends: at the contact, the pass, the time-out or the failure.
-    ``values`` are those of ``MEASURES``, in its order; each is also an attribute by its column's
-    name (``record.pet_s``).  Undefined values are None.
+    ``values`` are those of ``MEASURES``, in its order and by their columns' names; each is also
+    an attribute (``record.pet_s``).  Undefined values are None.
     """
 
     ending: Ending
     reason: str | None
+    failed_in: FailedIn | None
     end_s: float
     contact: Contact | None
     contact_index: int | None
@@ -35,6 +40,11 @@ class EpisodeRecord:
     fallback: bool
     steps: int
     pedestrians: int
+    conditionings: int
+    clamped: int
+    near_clamped: int
+    clamped_speed_excess_mps: float | None
+    clamped_range_excess_m: float | None
     values: tuple[Value, ...]
 
     def __getattr__(self, name: str) -> Any:
@@ -72,7 +82,8 @@ def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
     chunk = chunk_of(traces)
     columns = [_values(entry, chunk) for entry in MEASURES]
     return [
-        _record(chunk, number, values) for number, values in enumerate(zip(*columns, strict=True))
+        _record(chunk, number, Values._make(values))
+        for number, values in enumerate(zip(*columns, strict=True))
     ]
 
 
@@ -84,9 +95,11 @@ def _values(entry: Measure, chunk: Chunk) -> list[Value]:
 def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeRecord:
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
+    asked = trace.conditionings
     return EpisodeRecord(
         ending=trace.ending if strike is None else Ending.CRASHED,
         reason=trace.reason,
+        failed_in=trace.failed_in,
         end_s=end_s,
         contact=None if strike is None else strike.contact,
         contact_index=None if strike is None else chunk.legs.walks[strike.walk].arrival.index,
@@ -95,5 +108,10 @@ def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeReco
         fallback=trace.fallback,
         steps=int(chunk.steps[number]),
         pedestrians=sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks),
+        conditionings=asked.asked,
+        clamped=asked.clamped,
+        near_clamped=asked.near_clamped,
+        clamped_speed_excess_mps=asked.speed_excess_mps if asked.clamped else None,
+        clamped_range_excess_m=asked.range_excess_m if asked.clamped else None,
         values=values,
     )

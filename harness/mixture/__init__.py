@@ -3,8 +3,5 @@
 from harness.mixture.conditional import Conditional
 from harness.mixture.distribution import TruncatedGaussianMixture
 from harness.mixture.fitting import FitResult, fit_mixture
-from harness.mixture.memory import keep_freed_memory
 
 __all__ = ["Conditional", "FitResult", "TruncatedGaussianMixture", "fit_mixture"]
-
-keep_freed_memory()

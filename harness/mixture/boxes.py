@@ -12,8 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, owens_t
 
-from harness.mixture.sums import ordered_sum
-
 Array = NDArray[np.float64]
 
 # A standardised bound further out than this cuts nothing that double precision can see.
@@ -43,7 +41,7 @@ _TINY = 1e-30
 def interval(a: Array, b: Array) -> Array:
     """Φ(b) − Φ(a) for standardised bounds a ≤ b of any shape, accurate in both tails."""
     # In the upper tail both values are near 1 and their difference loses its digits.
-    flip = a + b > 0.0
+    flip = a > -b
     probability: Array = ndtr(np.where(flip, -a, b)) - ndtr(np.where(flip, -b, a))
     return probability
 
@@ -80,7 +78,7 @@ def _weak(
         exponent *= inverse
         np.exp(exponent, out=exponent)
         total = total + exponent if sign > 0 else total - exponent
-    change = ordered_sum(total * weights[:, None]) * angle / (4.0 * np.pi)
+    change = (total * weights[:, None]).sum(axis=0) * angle / (4.0 * np.pi)
     result: Array = interval(a1, b1) * interval(a2, b2) + change
     return result
 
@@ -165,7 +163,7 @@ def _largest_canonical(correlations: Array) -> Array:
     second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2)).astype(np.float64)
     size = cross.shape[2]
     products = [first[:, i, j] * second[:, j, i] for i in range(2) for j in range(size)]
-    half_trace = 0.5 * ordered_sum(np.array(products))
+    half_trace = 0.5 * np.sum(products, axis=0)
     determinant = np.zeros(half_trace.shape)
     if size == 2:
         determinant = _determinant(first) * _determinant(second)

@@ -9,8 +9,8 @@ from scipy.linalg import solve_triangular
 
 from harness.errors import InputError
 from harness.mixture import truncation
+from harness.mixture.components import Components
 from harness.mixture.conditional import Conditional
-from harness.mixture.sums import ordered_sum
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ _MOST_VARIABLES = 4
 _WHERE = "mixture"
 
 
-class TruncatedGaussianMixture:
+class TruncatedGaussianMixture(Components):
     """Density Σ π_k N(x; m_k, S_k) / α_k inside a box, 0 outside.
 
     α_k is the mass of the untruncated component k inside the box, so the weights π_k are those of
@@ -40,12 +40,6 @@ class TruncatedGaussianMixture:
         InputError: any of the above is violated, or a component has no mass inside the box.
     """
 
-    weights: Array
-    locations: Array
-    scale_matrices: Array
-    lower: Array
-    upper: Array
-    masses: Array
     _factors: Array
 
     def __init__(
@@ -68,7 +62,7 @@ class TruncatedGaussianMixture:
         parts["weights"] /= parts["weights"].sum()
         scales = parts["scale_matrices"]
         parts["scale_matrices"] = 0.5 * (scales + np.swapaxes(scales, 1, 2))
-        parts["_factors"] = _factors(parts["scale_matrices"])
+        factors = _factors(parts["scale_matrices"])
         parts["masses"] = truncation.masses(
             parts["locations"], parts["scale_matrices"], parts["lower"], parts["upper"]
         )
@@ -76,12 +70,10 @@ class TruncatedGaussianMixture:
             raise InputError(
                 _WHERE, f"component {k} has no mass inside the box", "locations nearer to the box"
             )
-        for name, array in parts.items():
+        for array in (*parts.values(), factors):
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"{type(self).__name__} is immutable: {name} cannot be set")
+        super().__init__(**parts)
+        object.__setattr__(self, "_factors", factors)
 
     def logpdf(self, x: ArrayLike) -> Array:
         """Log density at x (n, d), (n,); −inf outside the box."""
@@ -95,7 +87,7 @@ class TruncatedGaussianMixture:
             z = solve_triangular(factor, (points - self.locations[k]).T, lower=True)
             terms[k] = constant[k] - np.log(np.diag(factor)).sum() - 0.5 * (z * z).sum(axis=0)
         largest = terms.max(axis=0)
-        logs = largest + np.log(ordered_sum(np.exp(terms - largest)))
+        logs = largest + np.log(np.exp(terms - largest).sum(axis=0))
         inside = ((points >= self.lower) & (points <= self.upper)).all(axis=1)
         result: Array = np.where(inside, logs, -np.inf)
         return result

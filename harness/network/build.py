@@ -1,6 +1,6 @@
 """From a crosswalk's geometry to its SUMO network, shipped or built by netconvert.
 
-`harness.network.site` reads the network back.
+`harness.roads.site` reads the network back.
 """
 
 import hashlib
@@ -8,18 +8,23 @@ import os
 import re
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
 from harness.errors import EngineError, InputError
-from harness.network.site import TOLERANCE_M, read_site
-from harness.network.sources import APPROACH_M, CrossingGeometry, plain_sources
+from harness.network.sources import APPROACH_M, plain_sources
+from harness.roads import Place, read_site
+from harness.roads.site import TOLERANCE_M
+from harness.scenario.sections import CrossingSection
 
 CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
 
 _TOLERANCE_DEG = 1e-5
-_NETCONVERT_LIMIT_S = 120.0
+_NETCONVERT_LIMIT_S = 600.0
+_LAST_WORDS = 3
+"""So many lines of what netconvert said are repeated."""
 
 
 @dataclass(frozen=True)
@@ -30,14 +35,14 @@ class NetworkFiles:
     sources: tuple[Path, ...]
 
 
-def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> NetworkFiles:
+def build_network(crossing: CrossingSection, directory: Path, name: str) -> NetworkFiles:
     """Write a site's sources into a folder and let netconvert make its network there.
 
     The same arguments give the same bytes: netconvert's header, which holds the date and the
     machine's paths, is taken out. Every file appears complete or not at all, the network last.
 
     Args:
-        geometry: the crosswalk.
+        crossing: the crosswalk.
         directory: the folder; made if missing.
         name: stem of the files' names.
 
@@ -45,7 +50,7 @@ def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> Net
         InputError: a bad name, or a folder that cannot be written.
         EngineError: netconvert is missing, failed, or built another geometry than asked for.
     """
-    sources = plain_sources(geometry, name)
+    sources = plain_sources(crossing, name)
     net_name = f"{name}.net.xml"
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -55,8 +60,9 @@ def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> Net
             workshop = Path(folder)
             for file_name, text in sources.items():
                 (workshop / file_name).write_bytes(text.encode())
-            _netconvert(workshop, f"{name}.netccfg", net_name)
-            _check(workshop / net_name, geometry)
+            run_netconvert(["-c", f"{name}.netccfg"], workshop)
+            _strip_comments(workshop / net_name)
+            _check(workshop / net_name, crossing)
             for file_name in (*sources, net_name):
                 (workshop / file_name).replace(directory / file_name)
     except OSError as error:
@@ -64,7 +70,7 @@ def build_network(geometry: CrossingGeometry, directory: Path, name: str) -> Net
     return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
 
 
-def network_for(geometry: CrossingGeometry, shipped: Path) -> Path:
+def network_for(crossing: CrossingSection, shipped: Path) -> Path:
     """The network of a geometry: a shipped one, one built earlier, or one built now.
 
     A shipped network is taken if its sources are, character for character, those this geometry
@@ -73,7 +79,7 @@ def network_for(geometry: CrossingGeometry, shipped: Path) -> Path:
     under a hash of its sources and of netconvert's version. Processes may build at the same time.
 
     Args:
-        geometry: the crosswalk.
+        crossing: the crosswalk.
         shipped: folder of the shipped sites, each a folder as `build_network` writes it.
 
     Returns:
@@ -84,34 +90,41 @@ def network_for(geometry: CrossingGeometry, shipped: Path) -> Path:
         EngineError: see `build_network`.
     """
     for net in sorted(shipped.glob("*/*.net.xml")):
-        sources = plain_sources(geometry, net.name.removesuffix(".net.xml"))
+        sources = plain_sources(crossing, net.name.removesuffix(".net.xml"))
         if all(_text(net.with_name(file)) == text for file, text in sources.items()):
             return net
     digest = hashlib.sha256(_netconvert_version().encode())
-    for file_name, text in sorted(plain_sources(geometry, "site").items()):
+    for file_name, text in sorted(plain_sources(crossing, "site").items()):
         digest.update(f"\0{file_name}\0{text}".encode())
     directory = _cache_dir() / digest.hexdigest()[:24]
     net = directory / "site.net.xml"
     if net.is_file():  # it is put in place last, hence everything is there
         return net
-    return build_network(geometry, directory, "site").net
+    return build_network(crossing, directory, "site").net
 
 
-def _netconvert(directory: Path, configuration: str, net_name: str) -> None:
-    """Run netconvert on a configuration and take the comments out of its network."""
+def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
+    """Run netconvert in a process of its own, in a folder.
+
+    Raises:
+        EngineError: it is missing, failed or crashed; with its last words.
+    """
     try:
         import sumo
     except ImportError as error:
         raise EngineError("netconvert: not found; install eclipse-sumo") from error
-    suffix = ".exe" if os.name == "nt" else ""
-    program = Path(sumo.SUMO_HOME) / "bin" / f"netconvert{suffix}"
+    home = Path(sumo.SUMO_HOME)
+    program = home / "bin" / f"netconvert{'.exe' if os.name == 'nt' else ''}"
+    # PROJ_DATA: the bare binary looks for proj.db where it was built.
+    places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}
     try:
         done = subprocess.run(
-            [str(program), "-c", configuration],
+            [str(program), *arguments],
             cwd=directory,
-            env={**os.environ, "SUMO_HOME": str(sumo.SUMO_HOME)},
+            env={**os.environ, **places},
             capture_output=True,
             text=True,
+            errors="replace",
             timeout=_NETCONVERT_LIMIT_S,
             check=False,
         )
@@ -120,11 +133,14 @@ def _netconvert(directory: Path, configuration: str, net_name: str) -> None:
         raise EngineError(f"netconvert: there is no {program}; {again}") from None
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
-    net = directory / net_name
-    if done.returncode != 0 or not net.is_file():
-        words = [line for line in done.stderr.splitlines() if line.strip()]
-        reason = "; ".join(words) or f"exit code {done.returncode}"
-        raise EngineError(f"netconvert: {' '.join(reason.split())}")
+    if done.returncode != 0:
+        words = [line for line in done.stderr.splitlines() if line.strip()][-_LAST_WORDS:]
+        how = f"exit code {done.returncode}" if done.returncode > 0 else "it crashed"
+        raise EngineError(f"netconvert: {' '.join('; '.join(words).split()) or how}")
+
+
+def _strip_comments(net: Path) -> None:
+    """Take netconvert's header out of its network."""
     text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
     net.write_bytes(text.encode())
 
@@ -136,23 +152,29 @@ def _netconvert_version() -> str:
         raise EngineError("netconvert: not found; install eclipse-sumo") from error
 
 
-def _check(net: Path, geometry: CrossingGeometry) -> None:
+def _check(net: Path, crossing: CrossingSection) -> None:
     """Raise unless netconvert built the geometry asked for."""
     try:
-        site = read_site(net)
+        sites = [read_site(Place(net, lane=lane)) for lane in range(crossing.lanes)]
     except InputError as error:  # no fault of the user, who has not seen this file
-        raise EngineError(f"netconvert: {error.problem} for {geometry}") from error
-    turn = (site.bearing_deg - geometry.bearing_deg + 180.0) % 360.0 - 180.0
+        raise EngineError(f"netconvert: {error.problem} for {crossing!r}") from error
+    site = sites[0]
+    turn = (site.bearing_deg - crossing.bearing_deg + 180.0) % 360.0 - 180.0
     errors = {
-        "length_m": abs(site.length_m - geometry.length_m) / TOLERANCE_M,
-        "width_m": abs(site.width_m - geometry.width_m) / TOLERANCE_M,
-        "lane centre": abs(site.lane_centre_m - geometry.length_m / 4) / TOLERANCE_M,
+        "length_m": abs(site.length_m - crossing.length_m) / TOLERANCE_M,
+        "width_m": abs(site.width_m - crossing.width_m) / TOLERANCE_M,
+        "lane centre": max(
+            abs(each.ego.centre_m - crossing.lane_centre_m(lane)) / TOLERANCE_M
+            for lane, each in enumerate(sites)
+        ),
         "bearing_deg": abs(turn) / _TOLERANCE_DEG,
-        "max_range_m": abs(site.max_range_m - APPROACH_M) / TOLERANCE_M,
+        "max_range_m": abs(site.ego.straight_before_m - APPROACH_M) / TOLERANCE_M,
     }
     wrong = [what for what, error in errors.items() if not error <= 1.0]
     if wrong:
-        raise EngineError(f"netconvert: the network differs in {', '.join(wrong)} from {geometry}")
+        raise EngineError(
+            f"netconvert: the network differs in {', '.join(wrong)} from {crossing!r}"
+        )
 
 
 def _cache_dir() -> Path:

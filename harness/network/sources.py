@@ -1,81 +1,35 @@
-"""A crosswalk's geometry, and the plain-XML sources of its SUMO network.
+"""The plain-XML sources of a crosswalk's SUMO network.
 
-A site is one straight two-lane road with one unsignalized crosswalk across it. Its sources place
-the nodes in longitude and latitude; netconvert lays them out in the projection of
-`harness.network.site`, whose origin is the crosswalk's centre.
+A site is one straight road, of one direction or two, with one unsignalized crosswalk across it.
+What the lanes leave of its width is a median in the middle, or on a one-way road a strip at each
+kerb: a lane of SUMO for a class of vehicles that is never there. Its nodes are metres
+east and north of the crosswalk's centre, and their file names the projection whose origin lies
+there. In it one metre of the network is one metre on the ground and the network's north is true
+north: neither a UTM zone's scale (up to 0.1 %) nor its grid convergence (1.8° in Ann Arbor) enters.
 """
 
 import math
 import re
-from dataclasses import dataclass
-from decimal import Decimal
 
 from harness.errors import InputError
-from harness.network.site import offset_deg, projection
-from harness.scenario.sections import MAX_TRIGGER_RANGE_M
+from harness.scenario.sections import MAX_TRIGGER_RANGE_M, CrossingSection
 
 APPROACH_M = MAX_TRIGGER_RANGE_M
 """Road before the crosswalk's centre line: the largest trigger range a site offers."""
-EXIT_M = 120.0
-"""Road after the crosswalk's centre line."""
+EXIT_M = APPROACH_M
+"""Road after the crosswalk's centre line: what oncoming vehicles come from."""
 FOOTPATH_M = 10.0
 """From a kerb to the outer end of its footpath."""
 
-_BOUNDS = {
-    # Nearer to a pole the bearing of a straight road would change along it.
-    "latitude_deg": (-85.0, 85.0),
-    "longitude_deg": (-180.0, 180.0),
-    "bearing_deg": (0.0, 360.0),
-    # Two lanes; narrower than 2 m each they would not hold a car.
-    "length_m": (4.0, 40.0),
-    "width_m": (1.0, 20.0),
-}
 
-
-@dataclass(frozen=True)
-class CrossingGeometry:
-    """Place and size of one crosswalk.
-
-    Args:
-        latitude_deg: WGS84 latitude of the crosswalk's centre, −85 to 85.
-        longitude_deg: WGS84 longitude of the crosswalk's centre, −180 to 180.
-        bearing_deg: the ego's driving direction, clockwise from true north, 0 to 360.
-        length_m: kerb to kerb, two lanes of half of it each, 4 to 40.
-        width_m: extent of the crosswalk along the road, 1 to 20.
-        pedestrian_priority: whether vehicles have to yield, as at a marked crosswalk; what SUMO's
-            own driver and pedestrians go by, nobody else.
-
-    The defaults are the crosswalk at the Central Campus Transit Center (CCTC), Ann Arbor.
-
-    Raises:
-        InputError: a value is not a finite number within its range.
-    """
-
-    latitude_deg: float = 42.278415
-    longitude_deg: float = -83.735580
-    bearing_deg: float = 316.5
-    length_m: float = 9.0
-    width_m: float = 4.0
-    pedestrian_priority: bool = True
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in _BOUNDS.items():
-            value = getattr(self, name)
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not (number and low <= value <= high):
-                raise InputError(f"crossing.{name}", f"{value!r}", f"{low:g} to {high:g}")
-            # 9 and 9.0 are one geometry and must give one text of the sources.
-            object.__setattr__(self, name, float(value) + 0.0)
-
-
-def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
+def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
     """The plain-XML sources of a site, netconvert's configuration among them.
 
     The text is a function of the arguments alone; it names its files by relative paths, so
     ``netconvert -c <name>.netccfg`` rebuilds the network in any folder.
 
     Args:
-        geometry: the crosswalk.
+        crossing: the crosswalk.
         name: stem of every file's name: letters, digits, ``-`` and ``_``.
 
     Returns:
@@ -86,35 +40,46 @@ def plain_sources(geometry: CrossingGeometry, name: str) -> dict[str, str]:
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise InputError("network name", repr(name), "letters, digits, - and _")
+    latitude, longitude = (
+        f"{value:.9f}" for value in (crossing.latitude_deg or 0.0, crossing.longitude_deg or 0.0)
+    )
     values = {
         "name": name,
-        "bearing": repr(geometry.bearing_deg),
-        "nodes": "\n".join(_nodes(geometry)),
-        "lane": repr(geometry.length_m / 2),
-        "width": repr(geometry.width_m),
+        "bearing": repr(crossing.bearing_deg),
+        "latitude": latitude,
+        "longitude": longitude,
+        "projection": (
+            f"+proj=tmerc +lat_0={latitude} +lon_0={longitude}"
+            " +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+        ),
+        "nodes": "\n".join(_nodes(crossing)),
+        "edges": "\n".join(_edges(crossing)),
+        "connections": "\n".join(_connections(crossing)),
+        "crossed": "approach oncoming_exit" if crossing.oncoming_lanes else "approach",
+        "lane": repr(crossing.width_of_lane_m),
+        "width": repr(crossing.width_m),
         "right_of_way": (
             "A marked crosswalk: vehicles yield."
-            if geometry.pedestrian_priority
+            if crossing.pedestrian_priority
             else "An unmarked one: pedestrians yield."
         ),
-        "priority": f'priority="{str(geometry.pedestrian_priority).lower()}"',
-        "projection": projection(geometry.latitude_deg, geometry.longitude_deg),
+        "priority": f'priority="{str(crossing.pedestrian_priority).lower()}"',
     }
     return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
 
 
 _TEMPLATES = {
     "nod.xml": """<nodes>
-    <!-- The ego drives along bearing {bearing}. x: longitude, y: latitude, WGS84. -->
+    <!-- The ego drives along bearing {bearing}. x: metres east, y: metres north of the centre. -->
+    <location netOffset="0,0" convBoundary="0,0,0,0"
+              origBoundary="{longitude},{latitude},{longitude},{latitude}"
+              projParameter="{projection}"/>
 {nodes}
 </nodes>
 """,
     "edg.xml": """<edges>
     <!-- Right-hand traffic: both directions lie right of the axis between the nodes. -->
-    <edge id="approach" from="start" to="crosswalk" type="road" spreadType="right"/>
-    <edge id="exit" from="crosswalk" to="end" type="road" spreadType="right"/>
-    <edge id="oncoming_approach" from="end" to="crosswalk" type="road" spreadType="right"/>
-    <edge id="oncoming_exit" from="crosswalk" to="start" type="road" spreadType="right"/>
+{edges}
     <!-- Centred on their axis, they put the crosswalk onto the node. -->
     <edge id="near" from="near" to="crosswalk" type="footpath" spreadType="center"/>
     <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
@@ -127,11 +92,10 @@ _TEMPLATES = {
 </types>
 """,
     "con.xml": """<connections>
-    <connection from="approach" to="exit" fromLane="0" toLane="0"/>
-    <connection from="oncoming_approach" to="oncoming_exit" fromLane="0" toLane="0"/>
+{connections}
     <!-- {right_of_way} It binds SUMO's own driver only; the pedestrians and
          strategies of the harness follow their own rules. -->
-    <crossing node="crosswalk" edges="approach oncoming_exit" {priority} width="{width}"/>
+    <crossing node="crosswalk" edges="{crossed}" {priority} width="{width}"/>
 </connections>
 """,
     # Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9.
@@ -147,9 +111,6 @@ _TEMPLATES = {
         <precision value="9"/>
         <precision.geo value="8"/>
     </output>
-    <projection>
-        <proj value="{projection}"/>
-    </projection>
     <processing>
         <no-turnarounds value="true"/>
         <offset.disable-normalization value="true"/>
@@ -159,29 +120,84 @@ _TEMPLATES = {
 }
 
 
-def _nodes(geometry: CrossingGeometry) -> list[str]:
-    """Nodes in longitude and latitude; a unit of the last decimal is at most 1.1e-8 m."""
-    bearing = math.radians(geometry.bearing_deg)
-    east, north = math.sin(bearing), math.cos(bearing)
-    reach = FOOTPATH_M + geometry.length_m / 2
+def _nodes(crossing: CrossingSection) -> list[str]:
+    """Nodes to a micrometre, which is what netconvert keeps of them."""
+    reach = FOOTPATH_M + crossing.length_m / 2
+    axis = 0.0 if _median_m(crossing) else _left_border_m(crossing)
     places = {
-        "start": (-APPROACH_M, 0.0),
-        "crosswalk": (0.0, 0.0),
-        "end": (EXIT_M, 0.0),
+        "start": (-APPROACH_M, axis),
+        "crosswalk": (0.0, axis),
+        "end": (EXIT_M, axis),
         "near": (0.0, -reach),
         "far": (0.0, reach),
     }
-    # Decimal sums: in floating point the last digits would depend on the machine's sine, and then
-    # the shipped sources would not be those of their own geometry.
-    longitude, latitude = (
-        Decimal(f"{degrees:.9f}") for degrees in (geometry.longitude_deg, geometry.latitude_deg)
-    )
     lines = []
-    for node, (along, left) in places.items():
-        offset = offset_deg(
-            float(latitude), along * east - left * north, along * north + left * east
-        )
-        x, y = longitude + Decimal(f"{offset[0]:.13f}"), latitude + Decimal(f"{offset[1]:.13f}")
-        x -= 360 * round(x / 360)  # beyond the date line
-        lines.append(f'    <node id="{node}" x="{x:.13f}" y="{y:.13f}" type="priority"/>')
+    for node, place in places.items():
+        x, y = _placed(crossing, *place)
+        lines.append(f'    <node id="{node}" x="{x}" y="{y}" type="priority"/>')
     return lines
+
+
+def _edges(crossing: CrossingSection) -> list[str]:
+    """The road's edges; beside a median each is drawn along its own left border."""
+    forward, oncoming = _left_border_m(crossing), _left_border_m(crossing) + _median_m(crossing)
+    directions = [("", crossing.lanes, "start", "end", -APPROACH_M, EXIT_M, forward)]
+    if crossing.oncoming_lanes:
+        lanes = crossing.oncoming_lanes
+        directions.append(("oncoming_", lanes, "end", "start", EXIT_M, -APPROACH_M, oncoming))
+    lines = []
+    for prefix, lanes, first, last, begin, end, border in directions:
+        more = "" if lanes == 1 else f' numLanes="{lanes}"'
+        inside = "/>"
+        if crossing.kerb_strip_m:
+            more = f' numLanes="{lanes + 2}"'
+            strips = [
+                f'        <lane index="{index}" width="{crossing.kerb_strip_m!r}" allow="custom1"/>'
+                for index in (0, lanes + 1)
+            ]
+            inside = "\n".join([">", *strips, "    </edge>"])
+        stretches = (
+            ("approach", first, "crosswalk", begin, 0.0),
+            ("exit", "crosswalk", last, 0.0, end),
+        )
+        for name, source, target, since, until in stretches:
+            shape = ""
+            if _median_m(crossing):
+                points = (_placed(crossing, along, border) for along in (since, until))
+                shape = f' shape="{" ".join(",".join(point) for point in points)}"'
+            lines.append(
+                f'    <edge id="{prefix}{name}" from="{source}" to="{target}" type="road"'
+                f' spreadType="right"{more}{shape}{inside}'
+            )
+    return lines
+
+
+def _connections(crossing: CrossingSection) -> list[str]:
+    """Straight on, from lane to lane."""
+    strip = int(crossing.kerb_strip_m > 0)
+    lines = []
+    for prefix, lanes in (("", crossing.lanes), ("oncoming_", crossing.oncoming_lanes)):
+        for lane in range(strip, strip + lanes):
+            lines.append(
+                f'    <connection from="{prefix}approach" to="{prefix}exit"'
+                f' fromLane="{lane}" toLane="{lane}"/>'
+            )
+    return lines
+
+
+def _median_m(crossing: CrossingSection) -> float:
+    return crossing.beside_lanes_m if crossing.oncoming_lanes else 0.0
+
+
+def _left_border_m(crossing: CrossingSection) -> float:
+    """Where the ego's direction ends to its left, in m left of the crosswalk's centre."""
+    width = crossing.lanes * crossing.width_of_lane_m + 2 * crossing.kerb_strip_m
+    return width - crossing.length_m / 2
+
+
+def _placed(crossing: CrossingSection, along_m: float, left_m: float) -> tuple[str, str]:
+    """A point of the road, in m from the crosswalk's centre, as metres east and north."""
+    bearing = math.radians(crossing.bearing_deg)
+    east, north = math.sin(bearing), math.cos(bearing)
+    x, y = along_m * east - left_m * north, along_m * north + left_m * east
+    return f"{x:.6f}", f"{y:.6f}"

@@ -1,1 +1,5 @@
 """What people read: words and tables on the terminal, figures, the page of a run."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["figures"])

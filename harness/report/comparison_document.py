@@ -2,14 +2,11 @@
 
 from typing import Any
 
-from harness.comparison import Interval, Standing
-from harness.review.comparisons import (
-    ComparedCell,
-    Comparison,
-    GroupResult,
-    RunComparison,
-    SweepResult,
-)
+from harness.comparison import Interval, Standing, Summary
+from harness.report.words import av_label, caveats
+from harness.results.summaries import summary_row
+from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.runs.strategy_groups import StrategyCell
 
 
 def comparison_document(result: RunComparison) -> dict[str, Any]:
@@ -21,8 +18,10 @@ def comparison_document(result: RunComparison) -> dict[str, Any]:
             {
                 "shared": group.group.shared,
                 "cells": [
-                    _cell_document(cell, standing, group)
-                    for cell, standing in zip(group.cells, group.standings(), strict=True)
+                    _cell_document(*of, group)
+                    for of in zip(
+                        group.group.cells, group.summaries, group.standings(), strict=True
+                    )
                 ],
                 "comparisons": [_row(item, group) for item in group.comparisons],
                 "allowed": [_sweep_document(sweep, group) for sweep in group.sweeps],
@@ -35,14 +34,19 @@ def comparison_document(result: RunComparison) -> dict[str, Any]:
 def comparison_rows(result: RunComparison) -> list[dict[str, Any]]:
     """The rows of ``--out``: every comparison, with what its group shares."""
     return [
-        {**group.group.shared, **_row(item, group), "indicative": " ".join(item.indicative)}
+        {
+            **group.group.shared,
+            **_row(item, group),
+            "indicative": " ".join(item.indicative),
+            "confidence": result.confidence,
+        }
         for group in result.groups
         for item in group.comparisons
     ]
 
 
 def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
-    a, b = (group.cells[position].strategy for position in (item.a, item.b))
+    a, b = (group.group.cells[position] for position in (item.a, item.b))
     crashes = item.crashes
     return {
         "cell_a": a.cell.number,
@@ -51,7 +55,7 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
         "b": b.label,
         "defined_in_both": item.defined_in_both,
         **_columns("mu_difference", item.mu_difference),
-        "mu_timeout_difference": item.mu_timeout_difference,
+        "mu_worst_difference": item.mu_worst_difference,
         "crossed_in_both": item.crossed_in_both,
         **_columns("delay_difference_s", item.delay_difference_s),
         "ran_in_both": crashes.pairs,
@@ -64,22 +68,19 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
     }
 
 
-def _cell_document(cell: ComparedCell, standing: Standing, group: GroupResult) -> dict[str, Any]:
+def _cell_document(
+    cell: StrategyCell, summary: Summary, standing: Standing, group: GroupResult
+) -> dict[str, Any]:
     def numbers(positions: tuple[int, ...]) -> list[int]:
-        return [group.cells[position].strategy.cell.number for position in positions]
+        return [group.group.cells[position].cell.number for position in positions]
 
     return {
-        "cell": cell.strategy.cell.number,
-        "label": cell.strategy.label,
-        "strategy": cell.strategy.strategy,
-        "parameters": cell.strategy.parameters,
-        "pairs": cell.pairs,
-        "defined_pairs": cell.defined_pairs,
-        "timed_out": cell.timed_out,
-        "mu": cell.mu,
-        "mu_timeout": cell.mu_timeout,
-        "delay_s": cell.delay_s,
-        **_columns("kappa", cell.kappa),
+        "cell": cell.cell.number,
+        "label": av_label(cell.label, summary),
+        "strategy": cell.strategy,
+        "parameters": cell.parameters,
+        "caveats": caveats(cell.strategy, summary),
+        **summary_row(summary),
         "place": standing.place.value,
         "dominated_by": numbers(standing.dominated_by),
         "undecided_against": numbers(standing.open_against),
@@ -101,12 +102,13 @@ def _sweep_document(result: SweepResult, group: GroupResult) -> dict[str, Any]:
             {
                 "value": sweep.values[position],
                 "aggressiveness": bold[position] if bold else None,
-                "cell": group.cells[sweep.cells[position]].strategy.cell.number,
+                "cell": group.group.cells[sweep.cells[position]].cell.number,
                 "verdict": judgement.verdict.value,
                 "pairs": judgement.swept.pairs,
                 "pairs_needed": judgement.pairs_needed,
                 **_columns("mu", judgement.swept.mu, "bound"),
                 **_columns("kappa", judgement.swept.kappa, "bound"),
+                "confidence": 1 - group.level / (2 * len(sweep.values)),
                 "indicative": ["mu_bound"] if result.indicative[position] else [],
             }
             for position, judgement in enumerate(found.judgements)

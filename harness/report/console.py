@@ -1,13 +1,12 @@
-"""What all tables on the terminal share: the console, and how numbers are written."""
+"""What everything on the terminal shares: the console, and how it shows a table."""
 
 import sys
-from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Table as RichTable
 
-from harness.comparison import Interval
+from harness.report.tables import Table, TableCell
 
 PIPE_COLUMNS = 120
 
@@ -24,27 +23,18 @@ def make_console() -> Console:
     )
 
 
-def table_of_columns(title: str, *headings: str) -> Table:
-    """An empty table; long words are folded, never cut."""
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in headings:
-        table.add_column(heading, overflow="fold")
-    return table
+def print_table(console: Console, table: Table) -> None:
+    """Print a table; long words are folded, never cut."""
+    shown = range(len(table.headings)) if table.terminal is None else table.terminal
+    printed = RichTable(title=table.caption, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for position in shown:
+        # The first column says what a row is about: its names stay whole on a narrow terminal.
+        printed.add_column(table.headings[position], overflow="fold", no_wrap=position == 0)
+    for row in table.rows:
+        printed.add_row(*(_text(row[position], table.brief) for position in shown))
+    console.print(printed)
 
 
-def number(value: float | None, digits: int) -> str:
-    """With so many decimals."""
-    return "undefined" if value is None else f"{value:z.{digits}f}"
-
-
-def with_range(interval: Interval, digits: int) -> str:
-    """Value and limits, ``0.7044 [0.6912, 0.7177]``."""
-    text = number(interval.value, digits)
-    if interval.low is None or interval.high is None:
-        return text
-    return f"{text} [{interval.low:z.{digits}f}, {interval.high:z.{digits}f}]"
-
-
-def plain(value: Any) -> str:
-    """A scenario's value as a user would write it."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
+def _text(cell: TableCell, brief: bool) -> str:
+    """A cell's text, and its small text on a line of its own."""
+    return cell.text if brief or not cell.small else f"{cell.text}\n{cell.small}"

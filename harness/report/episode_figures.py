@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from harness.encounter import Arm, Arrival, FloatArray, Side
+from harness.encounter import Arm, Arrival, Crossing, FloatArray, Side
 from harness.report.style import (
     AV,
     BLUE,
@@ -131,27 +131,29 @@ def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
     return f"n = {episodes} episodes of {len(traces)} pair{'s'[: len(traces) != 1]}"
 
 
-def time_advantage(rows: pd.DataFrame, lane_centre_m: float) -> FloatArray:
+def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
     """T_adv = |R/v − L/v_p| of one episode over time: the smallest over the pedestrians.
 
     Args:
         rows: the ``traces`` rows of one arm of one pair.
-        lane_centre_m: y of the centre of the ego's lane.
+        crossing: the crosswalk from the ego's lane.
 
     Returns:
         Seconds, one for each of the ego's rows; NaN where nobody on the crossing has L > 0, or
-        where R ≤ 0, v = 0 or he stands still.
+        where R ≤ 0, v = 0 or they stand still.
     """
     parts = dict(iter(rows.groupby("object", sort=False)))
     ego = parts.pop("ego", rows.iloc[:0])
     times = ego["time_s"].to_numpy()
     distance, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
     smallest = np.full(len(times), np.nan)
-    for walker in parts.values():
+    for name, walker in parts.items():
+        if not str(name).startswith("pedestrian-"):
+            continue  # as the strategy was shown them, which is not where they were
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
-        # Which way he goes; who was seen once, or stands, is taken to be near the kerb he left.
-        direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < 2 * lane_centre_m else -1.0)
-        lateral = (lane_centre_m - y) * direction
+        # Which way they go; someone seen once, or standing, is taken to be near the kerb they left.
+        direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
+        lateral = (crossing.lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy())
         ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)
         at = at[ahead]

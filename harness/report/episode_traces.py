@@ -8,9 +8,9 @@ import pandas as pd
 
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
-from harness.repeat.stored import differences_of
+from harness.replay.stored import differences_of
 from harness.results.tables import table_of
-from harness.review.run_data import RunData
+from harness.runs.run_data import RunData
 from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.workers.execution import run_tasks
@@ -28,6 +28,15 @@ _WORKERS = 2
 
 _MOST_MEDIANS = 12
 """Cells whose median is shown."""
+
+TIME_ADVANTAGE = "smallest time advantage (passes 0 in calm yields too)"
+
+_DANGEROUS = {
+    "smallest PET": "pet_s",
+    "smallest TTC": "min_ttc_s",
+    "largest DRAC": "-max_drac_mps2",
+}
+"""Reasons by danger, with the AV's column; a minus: the largest value."""
 
 Key = tuple[int, int]
 """(cell, pair)."""
@@ -50,40 +59,44 @@ class ShownPair:
 
 
 def choose_pairs(run: RunData) -> dict[str, list[Key]]:
-    """The pairs worth watching, by reason: (cell, pair), the most striking first.
+    """The pairs worth watching, by reason: (cell, pair), the most dangerous first.
 
-    Cells share their pedestrians: by time advantage and pass time each pair counts once, in the
-    cell where it is most striking.
-
-    A reason without a pair is left out; the last one, ``other pairs``, completes a run of few.
+    Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share their
+    pedestrians: by a measure each pair counts once, in the cell where it is most striking.  A
+    reason without a pair is left out; the last one, ``other pairs``, completes a run of few.
     """
     episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
     av, human = (episodes[episodes["arm"] == arm.value] for arm in (Arm.AV, Arm.HUMAN))
     tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
     found = {
-        "worst time advantage": _keys(
-            av.dropna(subset="min_time_advantage_s")
-            .sort_values("min_time_advantage_s", kind="stable")
-            .drop_duplicates("pair")
-        ),
         "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
         "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
-        "slowest AV": _keys(
-            av.dropna(subset="pass_time_s")
-            .sort_values("pass_time_s", ascending=False, kind="stable")
-            .drop_duplicates("pair")
-        ),
+        **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
+        "slowest AV": _most_striking(av, "-pass_time_s"),
         "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
         "fallback": _keys(av[av["fallback"]]),
         "lowest τ": _keys(tau)[:1],
         "median τ": _medians(tau),
         "highest τ": _keys(tau.iloc[::-1])[:1],
+        TIME_ADVANTAGE: _most_striking(av, "min_time_advantage_s"),
     }
     everyone = _keys(run.pairs, most=None)
     if len(everyone) <= ALL_BELOW:
         shown = {key for keys in found.values() for key in keys}
         found["other pairs"] = [key for key in everyone if key not in shown]
     return {reason: keys for reason, keys in found.items() if keys}
+
+
+def _most_striking(rows: pd.DataFrame, column: str) -> list[Key]:
+    """The pairs with the smallest values of a column, or with a minus before it the largest.
+
+    Each pair counts once; there are none where a run is older than the column.
+    """
+    name = column.removeprefix("-")
+    if name not in rows:
+        return []
+    known = rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
+    return _keys(known.drop_duplicates("pair"))
 
 
 def _keys(rows: pd.DataFrame, most: int | None = _EACH) -> list[Key]:
@@ -142,7 +155,7 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
         scenario=scenario,
         model=run.model_of(cell),
         traces=True,
-        hang_after_s=hang_limit_s(HANG_AFTER_S, scenario.experiment),
+        hang_after_s=hang_limit_s(HANG_AFTER_S, scenario),
         stack_file=None,
     )
 

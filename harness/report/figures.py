@@ -7,7 +7,6 @@ from harness.report.episode_figures import (
 )
 from harness.report.model_figures import (
     draw_bic,
-    draw_bic_change,
     draw_bic_gain,
     draw_driving_speed,
     draw_held_out,
@@ -25,7 +24,6 @@ __all__ = [
     "draw_aggressiveness",
     "draw_arrivals",
     "draw_bic",
-    "draw_bic_change",
     "draw_bic_gain",
     "draw_driving_speed",
     "draw_held_out",

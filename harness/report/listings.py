@@ -7,8 +7,10 @@ from typing import Any
 
 from harness.engine.installation import check_packages
 from harness.errors import HarnessError, InputError, InterruptedRunError
-from harness.strategies.parameters import describe, parameters_of
+from harness.strategies.parameters import describe, knows_the_model, parameters_of
 from harness.strategies.registry import available
+
+KNOWS_THE_MODEL = "knows the pedestrians' distribution"
 
 CHECKS = (
     "SUMO is installed in the version needed",
@@ -19,7 +21,10 @@ CHECKS = (
 
 
 def strategy_documents() -> list[dict[str, Any]]:
-    """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable."""
+    """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable.
+
+    ``knows`` says of one that is given the interaction model what that means; None for others.
+    """
     documents: list[dict[str, Any]] = []
     for name, factory in available().items():
         if isinstance(factory, InputError):
@@ -35,7 +40,10 @@ def strategy_documents() -> list[dict[str, Any]]:
             for parameter in parameters_of(factory)
         ]
         summary = (factory.__doc__ or "no description").strip().splitlines()[0]
-        documents.append({"name": name, "summary": summary, "parameters": parameters})
+        known = KNOWS_THE_MODEL if knows_the_model(factory) else None
+        documents.append(
+            {"name": name, "summary": summary, "parameters": parameters, "knows": known}
+        )
     return documents
 
 
@@ -65,18 +73,19 @@ def _check_library() -> None:
 
 
 def _check_network() -> None:
-    from harness.network import CrossingGeometry, build_network
+    from harness.network import build_network
+    from harness.scenario.sections import CrossingSection
 
     with tempfile.TemporaryDirectory() as folder:
-        build_network(CrossingGeometry(length_m=10.0), Path(folder), "doctor")
+        build_network(CrossingSection(length_m=10.0), Path(folder), "doctor")
 
 
 def _check_episode() -> None:
     from harness.batch.experiment import run_study
-    from harness.scenario import Options, Setting, read_scenario_file, single_cell
+    from harness.scenario import Options, Setting, read_scenario_file, study_of
 
-    study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
+    study = study_of(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
     with tempfile.TemporaryDirectory() as folder:
-        run = run_study(study, Options(), out=Path(folder) / "run")
-    if run.failures:
-        raise HarnessError(run.failures[0][-1])
+        failures = run_study(study, Options(), out=Path(folder) / "run").failures
+    if failures:
+        raise HarnessError(failures[0][-1])

@@ -33,8 +33,6 @@ _CELLS = 48
 # Density is drawn by its square root: ridges and the thin surroundings show side by side.
 _GAMMA = 0.5
 
-RAW_REMARK = "depends on the units"
-
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
     """BIC over K with the chosen K marked.
@@ -79,21 +77,6 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
         color=_MARK,
     )
     _over_components(axes, ks, "Gain of the K-th component", "share of the second's gain (%)")
-
-
-def draw_bic_change(axes: Axes, bic: Mapping[int, float]) -> None:
-    """The paper's raw curve |BIC_K − BIC_{K−1}| / |BIC_{K−1}|, with the remark on its units.
-
-    Args:
-        axes: drawn into; logarithmic where the changes differ by more than 100.
-        bic: by K.
-    """
-    ks = [k for k in sorted(bic) if k - 1 in bic and bic[k - 1] != 0]
-    change = [100 * abs(bic[k] - bic[k - 1]) / abs(bic[k - 1]) for k in ks]
-    axes.plot(ks, change, "o-", color=MUTED, ms=4, lw=1.4)
-    if change and min(change) > 0 and max(change) > 100 * min(change):
-        axes.set_yscale("log")
-    _over_components(axes, ks, f"Change rate as in the paper ({RAW_REMARK})", "|ΔBIC / BIC| (%)")
 
 
 def draw_held_out(

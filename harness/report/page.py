@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import math
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,28 +16,39 @@ from harness.errors import HarnessError, InputError, resume_command
 from harness.files import write_file
 from harness.interaction import InteractionModel
 from harness.report import style
-from harness.report.catalogue import pictures_of
-from harness.report.console import plain
+from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
-from harness.report.page_tables import result_tables, tiles
+from harness.report.hour_pictures import hour_pictures
+from harness.report.hour_words import hour_lines, hour_tables
+from harness.report.pictures import pictures_of
 from harness.report.player_data import player_document
 from harness.report.plots import save
+from harness.report.reference_words import reference_lines, references_compared
+from harness.report.result_tables import result_tables, statistics_table, tiles
 from harness.report.svg import inline_svg
+from harness.report.tables import Table, counted, plain
 from harness.report.words import (
     PAPER_REMARK,
+    av_label,
     count_lines,
     crash_lines,
+    first_lines,
     is_the_papers,
+    knowledge_lines,
     sweep_lines,
     tau_lines,
+    walker_lines,
 )
-from harness.review.run_data import RunData
-from harness.review.strategy_groups import strategy_groups
+from harness.runs.compare import compare
+from harness.runs.run_data import RunData
+from harness.runs.strategy_groups import strategy_groups
 from harness.versions import versions_of_runs
 
 PAGE = "report.html"
 _TEMPLATES = Path(__file__).parent / "templates"
 _MOST_FAILURES = 20
+_MOST_COMPARISONS = 60
+"""Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
 
 
 @dataclass(frozen=True)
@@ -62,27 +74,28 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
     page = out or run.path / PAGE
     if page.is_dir():
         raise InputError(f"--out {page}", "is a folder", "a file to write")
-    if run.pairs.empty:
+    if (run.hours if run.in_traffic else run.pairs).empty:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Whatever is damaged is found before anything is written.
     context = _context(run)
     shown, chosen, no_player = _shown(run)
-    model, no_model = _model(run)
+    model, no_model = (None, "") if run.in_traffic else _model(run)
     written: list[Path] = []
-    drawn = []
+    drawn_pictures = []
     with style.styled():
-        for picture in pictures_of(run, model, shown):
-            drawn.append(_drawn(picture))
+        pictures = hour_pictures(run) if run.in_traffic else pictures_of(run, model, shown)
+        for picture in pictures:
+            drawn_pictures.append(drawn(picture))
             if figures is not None:
                 style.caption(picture.figure, picture.caption)
                 written += save(picture.figure, figures, picture.name)
     context |= {
         "player": _player(run, chosen, shown) if shown else None,
         "no_player": no_player,
-        "pictures": drawn,
+        "pictures": drawn_pictures,
         "figure_remarks": [no_model] if no_model else [],
     }
-    text = _environment().get_template(PAGE).render(context)
+    text = filled(context)
     # A file may hold what is no text; a page must be.
     write_file(page, text.encode("utf-8", errors="replace"))
     differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
@@ -90,6 +103,8 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
 
 
 def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int]]], str]:
+    if run.in_traffic:
+        return [], {}, "Hours of traffic have no player: passages.parquet has every vehicle."
     chosen = choose_pairs(run)
     if run.kept_traces:
         return shown_pairs(run, chosen), chosen, ""
@@ -107,7 +122,8 @@ def _model(run: RunData) -> tuple[InteractionModel | None, str]:
         return None, f"Figures of the interaction model are left out: {error}."
 
 
-def _drawn(picture: style.Picture) -> dict[str, str]:
+def drawn(picture: style.Picture) -> dict[str, str]:
+    """A picture as the template takes it."""
     return {
         "name": picture.name,
         "title": picture.title,
@@ -116,23 +132,34 @@ def _drawn(picture: style.Picture) -> dict[str, str]:
     }
 
 
-def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+def filled(context: dict[str, Any]) -> str:
+    """The page with everything in it that is the same on every one: styles and scripts."""
+    environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    shared = {
+        "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
+        "scripts": [_script(name) for name in ("page.js", "player.js")],
+        "version": versions_of_runs()["harness"],
+    }
+    return environment.get_template(PAGE).render(context | shared)
 
 
 def _context(run: RunData) -> dict[str, Any]:
     """All of the page but episodes and figures."""
     scenario = run.scenario
-    arms = f"{scenario.arms.av} against {scenario.arms.human}"
+    one = None if run.varied_keys or run.in_traffic else run.results[0].summary
+    av = scenario.arms.av if one is None else av_label(scenario.arms.av, one)
+    arms = f"{av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
-    one = None if run.varied_keys else run.results[0].summary
     paper = one is not None and is_the_papers(scenario)
+    compared_tables, compared_lines = ([], []) if run.in_traffic else _compared(run)
+    statistics = [] if run.varied_keys or run.in_traffic else [statistics_table(run)]
+    results = hour_tables(run) if run.in_traffic else result_tables(run)
     return {
         "title": f"{heading}, run report",
         "heading": heading,
@@ -140,15 +167,23 @@ def _context(run: RunData) -> dict[str, Any]:
         "unfinished": _unfinished(run),
         "opening": list(_opening(run)),
         "tiles": [] if one is None else tiles(one),
+        "caveats": hour_lines(run) if run.in_traffic else first_lines(run),
         "verdicts": _verdicts(run),
-        "tables": result_tables(run),
-        "remarks": [*([PAPER_REMARK] if paper else []), *_comparable(run)],
+        "tables": [*results, *compared_tables, *statistics],
+        "remarks": [
+            *([PAPER_REMARK] if paper else []),
+            *reference_lines(cell.scenario for cell in run.study.cells),
+            *knowledge_lines(cell.scenario for cell in run.study.cells),
+            *walker_lines(cell.scenario for cell in run.study.cells),
+            *compared_lines,
+        ],
         "failures": _failures(run),
         "facts": list(_facts(run)),
         "scenario": list(_flat(scenario.model_dump())),
-        "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "scripts": [_script(name) for name in ("page.js", "player.js")],
-        "version": versions_of_runs()["harness"],
+        "kind": "run report",
+        "where": "Run folder",
+        "maker": "harness report",
+        "made_from": "the run folder alone",
     }
 
 
@@ -163,58 +198,79 @@ def _unfinished(run: RunData) -> str:
     if run.finished:
         return ""
     return (
-        f"{len(run.pairs):,} of {run.planned_pairs:,} planned pairs are in this page. It was going "
-        f"on or broken off when the page was made; {resume_command(run.path)} goes on with it."
+        f"{_finished_pairs(run):,} of {run.planned_pairs:,} planned pairs are in this page. It was "
+        f"going on or broken off when the page was made; {resume_command(run.path)} goes on with "
+        "it."
     )
 
 
+def _finished_pairs(run: RunData) -> int:
+    return len(run.hours) // 2 if run.in_traffic else len(run.pairs)
+
+
 def _opening(run: RunData) -> Iterator[str]:
-    scenario, counted = run.scenario, f"{len(run.pairs):,} pairs"
+    scenario = run.scenario
+    if run.in_traffic:
+        yield (
+            f"Hours of traffic, each twice: with {scenario.arms.av} in the AV's share of the "
+            f"vehicles, and with {scenario.arms.human} in all of them. Both arms have the same "
+            f"pedestrians and the same vehicles; seed {run.manifest['seed']}."
+        )
+        return
+    pairs = counted(len(run.pairs), "pair")
     model = run.manifest["models"]
     names = ", ".join(str(entry.get("name")) for entry in model)
     said = f"seed {run.manifest['seed']}, interaction model {names}"
     if run.varied_keys:
         keys = ", ".join(run.varied_keys)
+        humans = ", ".join(dict.fromkeys(of.scenario.arms.human for of in run.study.cells))
+        yield from references_compared(run)
         yield (
-            f"A sweep over {keys}: {len(run.study.cells):,} cells, {counted} in all. In every pair "
-            f"the AV's strategy and the human driver ({scenario.arms.human}) meet the same "
+            f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
+            f"the AV's strategy and the human driver ({humans}) meet the same "
             f"pedestrians at the crosswalk; {said}."
         )
-        yield from sweep_lines([result.summary for result in run.results])
+        yield from sweep_lines(run.results)
         return
     yield (
-        f"Compared: the AV's strategy {scenario.arms.av} and the human driver "
-        f"{scenario.arms.human}, each meeting the same pedestrians at the same crosswalk in "
-        f"{counted}; {said}."
+        f"Compared: the AV's strategy {scenario.arms.av} and {scenario.arms.human}, the reference "
+        "for a human driver, each meeting the same pedestrians at the same crosswalk in "
+        f"{pairs}; {said}."
     )
 
 
 def _verdicts(run: RunData) -> list[str]:
-    if run.varied_keys:
+    if run.varied_keys or run.in_traffic:
         return []
-    summary = run.results[0].summary
-    return [*tau_lines(summary), *crash_lines(summary), *count_lines(summary)]
+    (result,) = run.results
+    arms = result.cell.scenario.arms
+    times = tau_lines(result.summary, arms.av, arms.human)
+    return [*times, *crash_lines(result.summary), *count_lines(result)]
 
 
-def _comparable(run: RunData) -> list[str]:
-    """Where the differences between strategies are to be found."""
-    if not run.finished or all(len(group.cells) == 1 for group in strategy_groups(run.study)):
-        return []
-    command = f"harness compare {shlex.quote(str(run.path))}"
-    return [f"Differences between strategies, pair by pair and with tests: {command}"]
+def _compared(run: RunData) -> tuple[list[Table], list[str]]:
+    """The comparison of a sweep's strategies; where it would take too long, how to get it."""
+    groups = strategy_groups(run.study) if run.finished else []
+    comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
+    if comparisons == 0:
+        return [], []
+    if comparisons > _MOST_COMPARISONS:
+        command = f"harness compare {shlex.quote(str(run.path))}"
+        return [], [f"Differences between strategies, pair by pair and with tests: {command}"]
+    comparison = compare(run)
+    return comparison_tables(comparison), comparison_lines(comparison)
 
 
 def _failures(run: RunData) -> dict[str, Any] | None:
-    failed = run.failures()
-    if failed.empty:
+    failed = run.failures
+    if not failed:
         return None
     lines = [
-        f"cell {row['cell']} pair {row['pair']} {row['arm']}: {row['reason']}"
-        for _, row in failed.head(_MOST_FAILURES).iterrows()
+        f"cell {cell} pair {pair} {arm}: {reason}"
+        for cell, pair, arm, reason in failed[:_MOST_FAILURES]
     ]
     more = f", the first {_MOST_FAILURES} here" if len(failed) > _MOST_FAILURES else ""
-    episodes = "1 episode" if len(failed) == 1 else f"{len(failed):,} episodes"
-    words = f"{episodes} failed in the engine or in a strategy{more}:"
+    words = f"{counted(len(failed), 'episode')} failed in the engine or in a strategy{more}:"
     return {"words": words, "lines": lines}
 
 
@@ -225,7 +281,6 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     for entry in manifest["models"]:
         yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
     yield "reading of walking speeds", scenario.model.pedestrian_reading
-    yield "pairing of pedestrians", scenario.pedestrians.pairing
     yield "seed", str(manifest["seed"])
     step = f"{scenario.experiment.step_s:g} s, time-out {scenario.experiment.timeout_s:g} s"
     yield "step", step
@@ -263,7 +318,7 @@ def _player(
         groups.append({"title": group["title"], "entries": entries})
     left_out = document.pop("left_out")
     total = len(run.pairs)
-    words = f"{len(episodes):,} of {total:,} pairs, both arms of a pair side by side."
+    words = f"{len(episodes):,} of {counted(total, 'pair')}, both arms of a pair side by side."
     if not run.kept_traces:
         words += " The run kept no traces, so these were simulated again for this page."
         different = sum(bool(pair.differences) for pair in shown)
@@ -283,8 +338,9 @@ def _small(episode: dict[str, Any]) -> str:
     for arm in episode["arms"]:
         if arm["ending"] != "crossed":
             said.append(f"{arm['name']} {arm['ending'].replace('_', ' ')}")
-    smallest = episode["arms"][0]["advantage"] if episode["arms"] else None
-    if smallest is not None:
-        said.append(f"T_adv {smallest:.2f} s")
+    for name, unit in (("PET", "s"), ("TTC", "s"), ("DRAC", "m/s²")):
+        value = episode["arms"][0][name.lower()] if episode["arms"] else None
+        if value is not None:
+            said.append(f"{name} {value:.2f} {unit}")
     # Broken between the parts alone.
     return ", ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in said)

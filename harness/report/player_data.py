@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Ending, FloatArray
-from harness.report.console import plain
 from harness.report.episode_figures import time_advantage
 from harness.report.episode_traces import Key, ShownPair
-from harness.review.run_data import RunData
+from harness.report.tables import plain
+from harness.runs.run_data import RunData
 
 MOST_STATES = 1_500
 """States of one arm; longer episodes are thinned evenly, first and last kept."""
@@ -59,16 +59,23 @@ def player_document(
     }
 
 
-def _scene(run: RunData, cell: int) -> dict[str, float]:
+def _scene(run: RunData, cell: int) -> dict[str, Any]:
     scenario = run.scenario_of(cell)
     return {
         "length": scenario.crossing.length_m,
         "width": scenario.crossing.width_m,
+        "borders": _rounded(scenario.crossing.lane_borders_m()),
+        "laneWidth": scenario.crossing.width_of_lane_m,
+        "lane": scenario.crosswalk().lane_centre_m,
         "carLength": scenario.ego.length_m,
         "carWidth": scenario.ego.width_m,
         "range": scenario.ego.trigger_range_m,
         "speed": scenario.ego.initial_speed_mps,
         "radius": PEDESTRIAN_RADIUS_M,
+        "obstacles": [
+            _rounded((*obstacle.x_bounds_m, *obstacle.y_bounds_m))
+            for obstacle in scenario.obstacles()
+        ],
     }
 
 
@@ -104,7 +111,7 @@ def _arm(
     run: RunData, pair: ShownPair, arm: Arm, record: dict[str, Any], walkers: list[dict[str, Any]]
 ) -> dict[str, Any]:
     rows = pair.rows[pair.rows["arm"] == arm.value]
-    lane = run.scenario_of(pair.cell).crosswalk().lane_centre_m
+    crossing = run.scenario_of(pair.cell).crosswalk()
     objects = {str(name): own for name, own in rows.groupby("object", sort=False)}
     ego = objects.get("ego", rows)
     kept = _kept(len(ego))
@@ -115,16 +122,23 @@ def _arm(
         "strategy": record["strategy"],
         "ending": record["ending"],
         "words": _words(record),
-        "advantage": _short(record["min_time_advantage_s"]),
-        "lane": lane,
+        "pet": _short(record.get("pet_s")),
+        "ttc": _short(record.get("min_ttc_s")),
+        "drac": _short(record.get("max_drac_mps2")),
+        "lane": crossing.lane_centre_m,
         "t": _rounded(times),
         "x": _rounded(ego["x_m"].to_numpy()[kept]),
         "v": _rounded(ego["speed_mps"].to_numpy()[kept]),
-        "gap": _rounded(time_advantage(rows, lane)[kept]),
+        "gap": _rounded(time_advantage(rows, crossing)[kept]),
         "contact": _contact(record),
         "walkers": [
             _walker(walker, objects.get(f"pedestrian-{walker['index']}", rows.iloc[:0]), times)
             for walker in walkers
+        ],
+        "shown": [
+            _shown(int(name.removeprefix("shown-")), own, times)
+            for name, own in objects.items()
+            if name.startswith("shown-")
         ],
     }
 
@@ -135,9 +149,9 @@ def _kept(states: int) -> np.ndarray:
 
 
 def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
-    """Where he is at the states kept, from ``from`` on; when he came and when he stepped off.
+    """Where they are at the states kept, from ``from`` on; when they came and stepped off.
 
-    ``x`` is left out where he keeps to the crosswalk's centre line.
+    ``x`` is left out where they keep to the crosswalk's centre line.
     """
     seen, y = rows["time_s"].to_numpy(), rows["y_m"].to_numpy()
     on = np.flatnonzero(np.isin(times, seen))
@@ -152,6 +166,13 @@ def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> di
         "y": _rounded(y[np.searchsorted(seen, times[on])]),
         **({"x": x} if any(x) else {}),
     }
+
+
+def _shown(index: int, rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
+    """Where the strategy was shown a pedestrian: y at the states kept, ``at`` their numbers."""
+    on = np.flatnonzero(np.isin(times, rows["time_s"].to_numpy()))
+    y = rows["y_m"].to_numpy()[np.searchsorted(rows["time_s"].to_numpy(), times[on])]
+    return {"index": index, "at": on.tolist(), "y": _rounded(y)}
 
 
 def _words(record: dict[str, Any]) -> str:

@@ -10,7 +10,6 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from harness.calibration import Sample
-from harness.calibration.card_form import is_card
 from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.files import cannot_write, write_file
 from harness.interaction import InteractionModel
@@ -83,14 +82,14 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
         folder: made if missing; earlier files of the same names are replaced.
     """
     written = []
-    if is_card(model.provenance) and len(model.provenance["candidates"]) > 1:
+    if len(model.provenance.get("candidates", ())) > 1:
         written += save(_components_page(model), folder, "components")
     written += save(_pairs_page(model, sample), folder, "pairs")
     return [*written, *save(_speeds_page(model), folder, "speeds")]
 
 
 def _components_page(model: InteractionModel) -> Figure:
-    """BIC, its two rates of change, held-out scores."""
+    """BIC, each component's gain, held-out scores."""
     card = model.provenance
     bic = {of["components"]: of["bic"] for of in card["candidates"]}
     scores = {
@@ -98,14 +97,11 @@ def _components_page(model: InteractionModel) -> Figure:
         for of in card["candidates"]
         if of["held_out"]
     }
-    figure, axes = new_figure(2, 2, height=7.5, width=11)
+    figure, axes = new_figure(1, 3 if scores else 2, height=4, width=15 if scores else 10)
     draw.draw_bic(axes[0], bic, card["components"])
     draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
-    draw.draw_bic_change(axes[2], bic)
     if scores:
-        draw.draw_held_out(axes[3], scores, card["components"])
-    else:
-        axes[3].set_axis_off()
+        draw.draw_held_out(axes[2], scores, card["components"])
     _caption(
         figure,
         f"{model.name}: n = {card['rows']:,} rows, {card['encounters']} encounters, "

@@ -4,33 +4,36 @@ North is up.  The function draws into an axes that it is given and neither saves
 """
 
 import math
-from pathlib import Path
+from collections.abc import Sequence
+from itertools import pairwise
 
-import sumolib
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from harness.encounter import Crossing, Vehicle
-from harness.network import Site
 from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend_below
+from harness.roads import RoadNetwork, Site
+from harness.roads.road_network import Edge
 
 _MARGIN_M = 3.0
 _STRIPE_M = 0.5
 """Width of the zebra's stripes and of the gaps between them."""
 
 
-def draw_site(axes: Axes, network: Path, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
+def draw_site(
+    axes: Axes, network: RoadNetwork, site: Site, vehicle: Vehicle, crossing: Crossing
+) -> None:
     """Lanes, walking areas and the crosswalk of a network, with the ego at its trigger.
 
     Args:
         axes: drawn into; x and y are metres east and north of the crosswalk's centre.
-        network: the SUMO network's file.
-        site: the same network in numbers.
+        network: the SUMO network; what lies outside the picture is left out.
+        site: the crosswalk in it.
         vehicle: its size and trigger range.
         crossing: its size.
     """
-    net = sumolib.net.readNet(str(network), withInternal=True)
-    for edge in net.getEdges(withInternal=True):
+    _view(axes, site, vehicle, crossing)
+    for edge in network.edges.values():
         _draw_edge(axes, edge)
     for label, colour in (("road", ROAD), ("footpath and waiting area", PATH)):
         axes.add_patch(Polygon([(0, 0)], fc=colour, ec=MUTED, lw=0.4, label=label))
@@ -41,34 +44,41 @@ def draw_site(axes: Axes, network: Path, site: Site, vehicle: Vehicle, crossing:
         _area(axes, site, (-half, y - _STRIPE_M / 2), (half, y + _STRIPE_M / 2), INK, 3)
     _draw_ego(axes, site, vehicle, crossing)
     _arrow(axes, site, vehicle)
-    stop = [site.to_network(-crossing.stop_line_m, y) for y in (0.0, length / 2)]
+    half_lane = crossing.lane_width_m / 2
+    edges = (crossing.lane_centre_m - half_lane, crossing.lane_centre_m + half_lane)
+    stop = [site.frame.to_network(-crossing.stop_line_m, y) for y in edges]
     axes.plot(*zip(*stop, strict=True), color=VERMILLION, lw=2, label="Hard-Yield's stop line")
-    _view(axes, site, vehicle, crossing)
     finish(axes, "east (m)", "north (m)")
     axes.set_aspect("equal", adjustable="box")
     legend_below(axes)
 
 
-def _draw_edge(axes: Axes, edge: "sumolib.net.edge.Edge") -> None:
-    function = edge.getFunction()
-    for lane in edge.getLanes():
-        shape = lane.getShape()
-        if function == "walkingarea":
+def _draw_edge(axes: Axes, edge: Edge) -> None:
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    for lane in edge.lanes:
+        shape = [(point.real, point.imag) for point in lane.line.points]
+        xs, ys = zip(*shape, strict=True)
+        if max(xs) < west or min(xs) > east or max(ys) < south or min(ys) > north:
+            continue
+        if edge.function == "walkingarea":
             axes.add_patch(Polygon(shape, closed=True, fc=PATH, ec=MUTED, lw=0.6, zorder=1))
-        elif function != "crossing":
+        elif edge.function != "crossing":
             walked = lane.allows("pedestrian") and not lane.allows("passenger")
-            outline = _ribbon(shape, lane.getWidth())
+            outline = _ribbon(shape, lane.width_m)
             axes.add_patch(
                 Polygon(outline, closed=True, fc=PATH if walked else ROAD, ec=MUTED, lw=0.4)
             )
 
 
-def _ribbon(line: list[tuple[float, float]], width: float) -> list[tuple[float, float]]:
-    """A straight line's outline at a width."""
-    (x0, y0), (x1, y1) = line[0], line[-1]
-    long = math.hypot(x1 - x0, y1 - y0)
-    dx, dy = -(y1 - y0) / long * width / 2, (x1 - x0) / long * width / 2
-    return [(x0 + dx, y0 + dy), (x1 + dx, y1 + dy), (x1 - dx, y1 - dy), (x0 - dx, y0 - dy)]
+def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
+    """A line's outline at a width."""
+    left, right = [], []
+    for (x0, y0), (x1, y1) in pairwise(line):
+        long = math.hypot(x1 - x0, y1 - y0) or 1.0
+        dx, dy = -(y1 - y0) / long * width / 2, (x1 - x0) / long * width / 2
+        left += [(x0 + dx, y0 + dy), (x1 + dx, y1 + dy)]
+        right += [(x0 - dx, y0 - dy), (x1 - dx, y1 - dy)]
+    return [*left, *reversed(right)]
 
 
 def _area(
@@ -82,7 +92,7 @@ def _area(
 ) -> None:
     """A rectangle of the road frame."""
     corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
-    shape = [site.to_network(*corner) for corner in corners]
+    shape = [site.frame.to_network(*corner) for corner in corners]
     axes.add_patch(Polygon(shape, closed=True, fc=colour, lw=0, zorder=order, label=label))
 
 
@@ -96,8 +106,8 @@ def _draw_ego(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> N
 
 def _arrow(axes: Axes, site: Site, vehicle: Vehicle) -> None:
     """The ego's direction, in front of it."""
-    begin = site.to_network(1.5 - vehicle.trigger_range_m, site.lane_centre_m)
-    end = site.to_network(7.5 - vehicle.trigger_range_m, site.lane_centre_m)
+    begin = site.frame.to_network(1.5 - vehicle.trigger_range_m, site.ego.centre_m)
+    end = site.frame.to_network(7.5 - vehicle.trigger_range_m, site.ego.centre_m)
     style = {"arrowstyle": "-|>", "color": BLUE, "lw": 1.6, "mutation_scale": 12}
     axes.annotate("", xy=end, xytext=begin, arrowprops=style, zorder=5)
 
@@ -106,7 +116,7 @@ def _view(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
     """From behind the ego at its trigger to beyond the crosswalk."""
     behind = -vehicle.trigger_range_m - vehicle.length_m
     corners = [
-        site.to_network(x, y)
+        site.frame.to_network(x, y)
         for x in (behind, crossing.width_m / 2 + 8.0)
         for y in (-4.0, crossing.length_m + 4.0)
     ]

@@ -1,19 +1,22 @@
 """The figures of a sweep: measures over its main key, and over a strategy's aggressiveness."""
 
 from collections.abc import Iterator
+from itertools import compress
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from harness.comparison import Limits, Verdict
 from harness.report import style, sweep_figures as draw
-from harness.report.comparison_terminal import allowed_lines
-from harness.report.console import plain
+from harness.report.comparison_tables import allowed_lines
 from harness.report.style import Picture
-from harness.review.compare import allowed_values
-from harness.review.comparisons import SweepResult
-from harness.review.run_data import RunData
-from harness.review.strategy_groups import (
+from harness.report.tables import plain
+from harness.report.words import level as words_of_level
+from harness.runs.compare import allowed_values
+from harness.runs.comparisons import SweepResult
+from harness.runs.run_data import RunData
+from harness.runs.strategy_groups import (
     ParameterSweep,
     StrategyGroup,
     parameter_sweeps,
@@ -22,9 +25,10 @@ from harness.review.strategy_groups import (
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (
-    ("mu", "μ", "μ, mean of τ"),
+    ("mu", "μ: AV time / human time", "μ, AV time / human time (below 1: AV faster)"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
     ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
+    ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
 )
 _MOST_SWEEPS = 4
 """Parameters swept that get a figure each."""
@@ -88,15 +92,29 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         figure, (axes,) = style.new_figure()
         level = (1.0, "as fast as the human") if measure == "mu" else None
         lines = draw.lines_of(columns, x, labels, measure)
+        # Cells that differ in the AV alone have the same human arm.
+        if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
+            lines.append(_human_line(run, columns, x, [label == labels[0] for label in labels]))
         draw.draw_over(axes, lines, axis_label(key), up, counted, level)
         yield Picture(
-            f"sweep-{measure.removesuffix('_s')}",
+            f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
             f"{words} over {axis_label(key)}",
-            f"Over {key}: {words} with its 95 % interval, one line for each "
-            f"{' and '.join(others) if others else 'strategy'}; {counted}. Points stand a little "
-            "apart so that bars do not cover each other.",
+            f"Over {key}: {words} with its {words_of_level(run.confidence)} interval, one line for "
+            f"each {' and '.join(others) if others else 'strategy'}; {counted}. Points stand a "
+            "little apart so that bars do not cover each other.",
             figure,
         )
+
+
+def _human_line(
+    run: RunData, columns: dict[str, list[Any]], x: list[float], of_one_av: list[bool]
+) -> draw.Line:
+    """The delay of pedestrians in the human's arm."""
+    of_cells = {name: list(compress(column, of_one_av)) for name, column in columns.items()}
+    label = f"{run.scenario.arms.human} (human's arm)"
+    places = list(compress(x, of_one_av))
+    (line,) = draw.lines_of(of_cells, places, [label] * len(places), "pedestrian_delay_human_s")
+    return line
 
 
 def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
@@ -105,7 +123,8 @@ def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
         (group, parameter)
         for group in strategy_groups(run.study)
         for parameter in parameter_sweeps(group)
-        if len(parameter.values) >= _FEWEST_VALUES
+        # How late it sees is drawn for all strategies together.
+        if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_perception
     ]
     return found if len(found) <= _MOST_SWEEPS else []
 
@@ -130,7 +149,7 @@ def _aggressiveness(
         if judged is None:
             columns = {name: rows[name].tolist() for name in rows.columns}
             (line,) = draw.lines_of(columns, x.tolist(), [parameter.strategy] * len(x), measure)
-            limit, band = None, "95 % interval"
+            limit, band = None, f"{words_of_level(run.confidence)} interval"
         else:
             swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
             values = [np.array([getattr(of, part) for of in swept], dtype=float) for part in _PARTS]
@@ -161,7 +180,7 @@ def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> Sw
     if not run.finished or given.mu0 is None or given.kappa0 is None:
         return None
     limits = Limits(given.mu0, given.kappa0)
-    results = allowed_values(run.path, group, limits, run.confidence)
+    results = allowed_values(run, group, limits)
     return next(result for result in results if result.sweep == parameter)
 
 

@@ -111,6 +111,7 @@ def draw_tau_distribution(
     tau: FloatArray,
     fallback: "np.ndarray | None" = None,
     mu: tuple[float, float, float] | None = None,
+    confidence: float = CONFIDENCE,
 ) -> None:
     """A histogram of τ, pairs in which the AV fell back hatched on top.
 
@@ -119,6 +120,7 @@ def draw_tau_distribution(
         tau: (n,); NaN where undefined, which are left out.
         fallback: (n,) whether the AV fell back; None draws one kind of bar.
         mu: mean with its interval, drawn as a line and a band; None leaves them out.
+        confidence: of that interval.
     """
     defined = ~np.isnan(tau)
     fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
@@ -143,7 +145,9 @@ def draw_tau_distribution(
     if mu is not None:
         value, low, high = mu
         axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
-        axes.axvspan(low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {PERCENT} interval")
+        axes.axvspan(
+            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {100 * confidence:.4g} % interval"
+        )
     axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")

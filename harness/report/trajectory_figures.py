@@ -15,7 +15,7 @@ from matplotlib.transforms import ScaledTranslation
 
 from harness.errors import unknown_name
 from harness.report.style import BLUE, GRID, MUTED, VERMILLION, figure_text
-from harness.trajectories import Clip, Rules, Track, conflict_point
+from harness.trajectories import Clip, ExtractionRules, Track, conflict_point
 
 VEHICLE_COLOUR = VERMILLION
 PEDESTRIAN_COLOUR = BLUE
@@ -80,7 +80,7 @@ def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) ->
     handle.set_label(f"vehicle ({'centre' if centred else 'front'}), {handle.get_label()}")
     other.set_label(f"pedestrian, {other.get_label()}")
     handles = [handle, other]
-    point = conflict_point(car, walker, Rules())
+    point = conflict_point(car, walker, ExtractionRules())
     if point is not None:
         axes.plot(*point, "x", color=VEHICLE_COLOUR, ms=10, mew=2.2, zorder=4)
         cross = Line2D([], [], ls="", marker="x", color=VEHICLE_COLOUR, ms=8, mew=2.2)

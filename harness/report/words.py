@@ -1,25 +1,21 @@
-"""What is said about a result, on the page and on the terminal alike: rows and sentences."""
+"""What is said about a result, on the page and on the terminal alike: sentences, names, levels.
 
-import math
-from collections.abc import Sequence
+``caveats`` come before any number; the other lines come after the table.
+"""
 
-from harness.comparison import (
-    CONFIDENCE,
-    INDICATIVE_BELOW,
-    Interval,
-    Proportion,
-    Summary,
-    zero_bound,
-)
+from collections.abc import Iterable, Mapping, Sequence
+
+from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
 from harness.encounter import Arm
 from harness.measures import MEASURES
+from harness.report.reference_words import known_disagreement
+from harness.report.tables import counted, limits, number, per_cent, share_limits
 from harness.results.measure_tables import CONFLICTS, ConflictRate
+from harness.runs.run_data import CellResult, RunData
+from harness.runs.targets import missed_targets
 from harness.scenario import Scenario
-from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import STRATEGIES
-
-Row = tuple[str, str, str, str, str]
-"""Measure, value, interval, key of the paper's value, remark."""
+from harness.strategies.parameters import knows_the_model, parameters_of
+from harness.strategies.registry import STRATEGIES, fallback_of
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
 """Chen, Zhao, Peng 2017, section III-E; N = 50."""
@@ -30,6 +26,11 @@ PAPER_REMARK = (
     "answer for walkers under 0.976 m/s at (30 m, 5 m/s), where Hard-Yield takes over here."
 )
 
+NOTHING_TESTED = "no pedestrian was met: nothing was tested"
+
+_MOST = 0.5
+"""From this share on something is said before any number."""
+
 
 def is_the_papers(scenario: Scenario) -> bool:
     """Whether the paper's Table II, arms and pedestrian run here (any N, seed and model)."""
@@ -37,6 +38,7 @@ def is_the_papers(scenario: Scenario) -> bool:
     arms = (scenario.arms.av, scenario.arms.human)
     return (
         (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
         and arms == ("soft_yield", "human_gmm")
         and all(_keeps_its_defaults(scenario, name) for name in arms)
         and (pedestrians.behaviour, pedestrians.timed) == ("constant", ())
@@ -45,48 +47,271 @@ def is_the_papers(scenario: Scenario) -> bool:
     )
 
 
+def knowledge_lines(scenarios: Iterable[Scenario]) -> list[str]:
+    """Which built-in strategies of a run were given what their pedestrians are drawn from.
+
+    Of a user's own strategy only its module would tell; looking at a run imports none.
+    """
+    arms = (name for each in scenarios for name in (each.arms.av, each.arms.human))
+    return [
+        f"{name} knows the pedestrians' distribution: it is given the very interaction model that "
+        "they are drawn from."
+        for name in dict.fromkeys(arms)
+        if name in STRATEGIES and knows_the_model(STRATEGIES[name])
+    ]
+
+
+def walker_lines(scenarios: Iterable[Scenario]) -> list[str]:
+    """What the card of the model ``dut`` says of walking speeds, where a run draws them from it."""
+    drawn = any(
+        (of.model.name, of.model.path) == ("dut", None)
+        and of.model.pedestrian_reading != "unconditional"
+        and of.pedestrians.walking_speed is None
+        and not of.pedestrians.timed
+        for of in scenarios
+    )
+    said = (
+        "The model dut draws walking speeds given the car, but in its data they hardly depend on "
+        "it: on held-out vehicles one normal distribution is not told apart (docs/model.md). "
+        'pedestrian_reading = "unconditional" draws them without the car.'
+    )
+    return [said] if drawn else []
+
+
 def _keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
     defaults = {of.name: of.default for of in parameters_of(STRATEGIES[strategy])}
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
-def measure_rows(summary: Summary) -> list[Row]:
-    """The measures of a cell, the paper's three and what they have to be read with."""
-    n = summary.defined_pairs
-    kappa, kappa_human = summary.kappa, summary.kappa_human
-    avoidable = both_shares(summary.kappa_avoidable, summary.kappa_avoidable_human)
-    mu, cv = _number(summary.mu.value), _percent(summary.cv.value)
-    delay, delay_human = summary.delay_s, summary.delay_human_s
-    stops = f"{_seconds(summary.stops)} / {_seconds(summary.stops_human)}"
-    stopped = f"{_seconds(summary.stopped_s)} / {_seconds(summary.stopped_human_s)}"
+def av_label(strategy: str, summary: Summary) -> str:
+    """The AV's strategy; with what drove in its place, where it mostly fell back on that.
+
+    Args:
+        strategy: its name, or what tells it apart from others.
+        summary: of its cell.
+
+    >>> from types import SimpleNamespace
+    >>> av_label("soft_yield", SimpleNamespace(fallback_share=1.0))
+    'soft_yield (hard_yield in 100 %)'
+    """
+    share = summary.fallback_share
+    if share is None or share < _MOST:
+        return strategy
+    return f"{strategy} ({fallback_of(strategy.split()[0])} in {100 * share:.0f} %)"
+
+
+def first_lines(run: RunData) -> list[str]:
+    """What is said before any number: caveats of the cells, and targets that were missed."""
+    of_cells = {of.cell.number: caveats(of.cell.scenario.arms.av, of.summary) for of in run.results}
+    lines = joined_caveats(of_cells) if run.varied_keys else of_cells[0]
+    return [*(sentence(words) for words in lines), *_missed_lines(run)]
+
+
+def joined_caveats(of_cells: Mapping[int, Sequence[str]]) -> list[str]:
+    """The caveats of several cells by number; those that say the same stand together."""
+    cells: dict[str, list[int]] = {}
+    for cell, lines in of_cells.items():
+        for words in lines:
+            cells.setdefault(words, []).append(cell)
+    return [f"cell{'s' * (len(of) > 1)} {_listed(of)}: {words}" for words, of in cells.items()]
+
+
+def sentence(words: str) -> str:
+    """Words with a capital and a full stop."""
+    return f"{words[0].upper()}{words[1:]}."
+
+
+def caveats(av: str, summary: Summary) -> list[str]:
+    """What has to be known before any number of a cell is read; often nothing.
+
+    Args:
+        av: the AV's strategy.
+        summary: of the cell.
+    """
+    said = []
+    if summary.failed_av == summary.pairs:
+        said.append("no episode of the AV ran to its end: nothing was tested")
+    elif summary.met_nobody == summary.pairs:
+        said.append(NOTHING_TESTED)
+    if summary.timed_out >= _MOST * summary.pairs:
+        said.append(
+            f"{summary.timed_out:,} of {counted(summary.pairs, 'pair')} timed out "
+            f"(AV {summary.timed_out_av:,}, human {summary.timed_out_human:,}): μ, c_v and the "
+            "delays are those of the others alone"
+        )
+    if summary.failed:
+        said.append(
+            f"{summary.failed:,} of {counted(summary.pairs, 'pair')} failed (strategy failed: "
+            f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): μ and κ "
+            f"leave them out; in the worst case κ is {_percent(summary.kappa_worst)} and μ "
+            f"{number(summary.mu_worst, 4)}"
+        )
+    if av_label(av, summary) != av:
+        said.append(
+            f"the AV's strategy {av} fell back on {fallback_of(av)} in "
+            f"{_whole_percent(summary.fallback_share)} of the episodes that met someone: what is "
+            f"measured is mostly {fallback_of(av)}"
+        )
+    return [*said, *_outside_the_model(summary), *_direction(summary)]
+
+
+def _outside_the_model(summary: Summary) -> list[str]:
+    """How often the interaction model answered for another ego than the one at hand."""
+    of_arms = {"AV": summary.clamped_share, "human": summary.clamped_share_human}
+    shares = [f"{_percent(share)} ({arm})" for arm, share in of_arms.items() if share]
+    if not shares:
+        return []
+    beyond = [
+        f"{value:.3g} {unit}"
+        for value, unit in (
+            (summary.clamped_speed_excess_mps, "m/s too fast"),
+            (summary.clamped_range_excess_m, "m too far"),
+        )
+        if value is not None and value > 0
+    ]
     return [
-        ("μ   mean of τ", mu, _range(summary.mu), "mu", indicative(n, "mu")),
-        ("μ   without fallbacks", _number(summary.mu_without_fallback), "", "", ""),
-        ("μ   time-outs counted", _number(summary.mu_timeout), "", "", ""),
-        ("c_v spread of τ", cv, _range(summary.cv, True), "cv", indicative(n, "cv")),
-        ("κ   crash rate, AV", _percent(kappa.value), _range(kappa, True), "kappa", ""),
-        ("κ   with the front", _percent(summary.kappa_front), "", "", ""),
-        ("κ   avoidable, AV / human", *avoidable, "", "by full braking at once"),
-        ("κ   crash rate, human", _percent(kappa_human.value), _range(kappa_human, True), "", ""),
-        ("delay AV, s", _seconds(delay.value), _range(delay), "", indicative(n, "delay_s")),
-        (
-            "delay human, s",
-            _seconds(delay_human.value),
-            _range(delay_human),
-            "",
-            indicative(n, "delay_human_s"),
-        ),
-        ("stops, AV / human", stops, "", "", "per episode"),
-        ("stopped s, AV / human", stopped, "", "", "per episode"),
+        f"the interaction model was asked outside its data in {' and '.join(shares)} of the "
+        f"cases, by up to {' and '.join(beyond)}: it answers for the fastest or farthest car it "
+        "knows"
     ]
 
 
-def conflict_rows(rates: Sequence[ConflictRate]) -> list[Row]:
-    """A row for each kind of conflict."""
+def _direction(summary: Summary) -> list[str]:
+    """Which way μ errs where it lies outside the interval of ``mu_all``."""
+    mu, of_all = summary.mu.value, summary.mu_all
+    if mu is None or of_all.low is None or of_all.high is None or of_all.low <= mu <= of_all.high:
+        return []
+    way = ("above", "slower") if mu > of_all.high else ("below", "faster")
     return [
-        (f"{_condition(av)}, AV / human", *both_shares(av.rate, human.rate), "", "conflict rate")
-        for av, human in both_arms(rates)
+        f"μ lies {way[0]} the interval of μ over all pairs ({number(mu, 4)}; "
+        f"{limits(of_all, 4)}): without the pairs in which the human driver crashed the AV looks "
+        f"{way[1]} than it is"
     ]
+
+
+def _missed_lines(run: RunData) -> list[str]:
+    """What ``--until`` did not reach."""
+    return [
+        f"The target {of.measure} ± {of.target:g} was missed"
+        + (f" in cell {of.cell}" if run.varied_keys else "")
+        + f": ± {number(of.half_width, 4)} after all {of.pairs:,} pairs."
+        for of in missed_targets(run)
+    ]
+
+
+def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
+    """What μ and c_v say, with their intervals, of the AV against the reference.
+
+    Args:
+        summary: of a cell.
+        av: the strategy of its AV.
+        human: that of its reference.
+    """
+    mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
+    if mu.value is None:
+        return ["τ is defined in no pair: neither μ nor c_v can be told."]
+    if summary.met_nobody == summary.pairs:
+        return [sentence(NOTHING_TESTED)]
+    much = f"{per_cent(abs(1 - mu.value), 1)} % {'less' if mu.value < 1 else 'more'}"
+    said = f"In the mean over the {counted(n, 'pair')} in which both crossed the AV took {much} "
+    said += f"time than {human}, the reference: μ = {mu.value:.4f} "
+    said += f"({level(summary.confidence)} interval {limits(mu, 4) or 'undefined'}), "
+    said += f"c_v = {_percent(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
+    words = [indicative(n, "mu")]
+    if not words[0] and indicative(n, "cv"):
+        words = [f"c_v: {indicative(n, 'cv')}"]
+    if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
+        words.append("the interval of μ holds 1: which is faster is not told")
+    words.append(known_disagreement(av, human, mu.value))
+    return ["; ".join([said, *(word for word in words if word)]) + "."]
+
+
+def sweep_lines(results: Sequence[CellResult]) -> list[str]:
+    """What all cells of a sweep together leave out."""
+    summaries = [result.summary for result in results]
+    pairs = sum(of.pairs for of in summaries)
+    out, nobody, strategy, engine = (
+        sum(getattr(of, name) for of in summaries)
+        for name in ("timed_out", "met_nobody", "failed_strategy", "failed_engine")
+    )
+    return [
+        f"Of {counted(pairs, 'pair')} {out:,} ({out / pairs:.1%}) timed out, {nobody:,} "
+        f"({nobody / pairs:.1%}) met nobody; strategy failed: {strategy:,}, engine failed: "
+        f"{engine:,}. Everything else: summary.csv, measures.csv, conflicts.csv."
+    ]
+
+
+def _listed(cells: Sequence[int]) -> str:
+    shown = ", ".join(str(cell) for cell in cells[:_NAMED])
+    return shown + (f" and {len(cells) - _NAMED:,} more" if len(cells) > _NAMED else "")
+
+
+_NAMED = 8
+"""Cells named in a line."""
+
+
+def crash_lines(summary: Summary) -> list[str]:
+    """What each arm's crashes say; of none, what its N can show."""
+    lines = []
+    for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human)):
+        if kappa.trials and kappa.successes == 0:
+            bound = zero_bound(kappa.trials)
+            lines.append(
+                f"No crash of the {who} in {counted(kappa.trials, 'episode')}: κ below "
+                f"{per_cent(bound, 1)} % with {level(CONFIDENCE)} confidence, one-sided "
+                f"({per_cent(kappa.high or 0.0, 1)} % two-sided, {level(summary.confidence)})."
+            )
+        elif kappa.trials:
+            lines.append(
+                f"The {who} crashed in {kappa.successes:,} of {counted(kappa.trials, 'episode')}: "
+                f"κ = {_percent(kappa.value)} ({share_limits(kappa, 2)}, "
+                f"{level(summary.confidence)} interval)."
+            )
+    return lines
+
+
+def count_lines(result: CellResult) -> list[str]:
+    """How many pairs and episodes say nothing, or something else."""
+    summary, av = result.summary, result.cell.scenario.arms.av
+    nobody = f"{summary.met_nobody:,} ({summary.met_nobody / summary.pairs:.1%})"
+    lines = [
+        f"τ = AV time / human time is defined in {summary.defined_pairs:,} of "
+        f"{counted(summary.pairs, 'pair')}. Crashed: AV {summary.kappa.successes:,}, human "
+        f"{summary.kappa_human.successes:,}; timed out: AV {summary.timed_out_av:,}, human "
+        f"{summary.timed_out_human:,}; strategy failed: {summary.failed_strategy:,}, engine "
+        f"failed: {summary.failed_engine:,} (AV {summary.failed_av:,}, human "
+        f"{summary.failed_human:,}). Met nobody: {nobody}."
+    ]
+    if summary.fallbacks:
+        lines.append(
+            f"{av} fell back on {fallback_of(av)} in {counted(summary.fallbacks, 'episode')}: "
+            f"{_whole_percent(summary.fallback_share)} of those that met someone."
+        )
+    return lines
+
+
+def indicative(n: int, key: str) -> str:
+    """The words of an interval that covers less than it says; empty where N is enough."""
+    least = INDICATIVE_BELOW[key]
+    return f"interval too narrow: about {least:,} pairs needed" if n < least else ""
+
+
+def pairs_behind(summary: Summary, key: str) -> int:
+    """How many pairs an interval of a summary rests on."""
+    if key in ("mu_all", "delay_difference_human_s"):
+        return summary.pairs_all
+    if key.startswith("pedestrian"):
+        return summary.met_someone
+    return summary.defined_pairs_met_someone if "met_someone" in key else summary.defined_pairs
+
+
+def level(confidence: float) -> str:
+    """The confidence of an interval in words.
+
+    >>> level(0.95), level(1 - 0.05 / 3)
+    ('95 %', '98.33 %')
+    """
+    return f"{100 * confidence:.4g} %"
 
 
 def both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, ConflictRate]]:
@@ -95,8 +320,8 @@ def both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, Conflic
     return list(zip(av, human, strict=True))
 
 
-def _condition(rate: ConflictRate) -> str:
-    """Which values of which measure are a conflict."""
+def conflict_condition(rate: ConflictRate) -> str:
+    """Which values of which measure are a conflict, ``TTC < 1.5 s``."""
     conflict = next(entry for entry in CONFLICTS if entry.name == rate.conflict)
     unit = next(measure.unit for measure in MEASURES if measure.column == conflict.column)
     return f"{conflict_name(rate)} {'>' if conflict.above else '<'} {rate.threshold:g} {unit}"
@@ -108,113 +333,17 @@ def conflict_name(rate: ConflictRate) -> str:
     return name if " " in name else name.upper()
 
 
-def both_shares(av: Proportion, human: Proportion) -> tuple[str, str]:
+def both_shares(av: Interval, human: Interval) -> tuple[str, str]:
     """Two shares, and their intervals, in per cent."""
     both = (av, human)
     values = ["undefined" if of.value is None else per_cent(of.value, 1) for of in both]
-    ranges = [
-        "undefined"
-        if of.low is None or of.high is None
-        else f"{per_cent(of.low, 1)} … {per_cent(of.high, 1)}"
-        for of in both
-    ]
+    ranges = [share_limits(of).removesuffix(" %") or "undefined" for of in both]
     return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
-
-
-def per_cent(share: float, decimals: int) -> str:
-    """A share times 100 with so many decimals, or as many as show two digits of a small one.
-
-    A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
-    """
-    value = 100 * share
-    if value != 0 and abs(value) < 10.0 ** (1 - decimals):
-        decimals = max(decimals, 1 - math.floor(math.log10(abs(value))))
-    return f"{value:.{decimals}f}"
-
-
-def tau_lines(summary: Summary) -> list[str]:
-    """What μ and c_v say, with their intervals."""
-    mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
-    if mu.value is None:
-        return ["τ is defined in no pair: neither μ nor c_v can be told."]
-    much = f"{per_cent(abs(1 - mu.value), 1)} % {'less' if mu.value < 1 else 'more'}"
-    said = f"In the mean over the pairs the AV took {much} time than the human driver: "
-    said += f"μ = {mu.value:.4f} (95 % interval {_range(mu)}), "
-    said += f"c_v = {_percent(cv.value)} ({_range(cv, True)})"
-    words = [indicative(n, "mu")]
-    if not words[0] and indicative(n, "cv"):
-        words = [f"c_v {indicative(n, 'cv')}"]
-    if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
-        words.append("the interval of μ holds 1: which is faster is not told")
-    return ["; ".join([said, *(word for word in words if word)]) + "."]
-
-
-def sweep_lines(summaries: Sequence[Summary]) -> list[str]:
-    """What all cells of a sweep together leave out."""
-    pairs = sum(summary.pairs for summary in summaries)
-    parts = {
-        "timed out": sum(summary.timed_out for summary in summaries),
-        "met nobody": sum(summary.met_nobody for summary in summaries),
-    }
-    shares = ", ".join(f"{n:,} ({n / pairs:.1%}) {what}" for what, n in parts.items())
-    failed = sum(summary.failed for summary in summaries)
-    return [
-        f"Of {pairs:,} pairs {shares}, {failed:,} failed in the engine. Everything else: "
-        "summary.csv, measures.csv, conflicts.csv."
-    ]
-
-
-def crash_lines(summary: Summary) -> list[str]:
-    """What each arm's crashes say; of none, what its N can show."""
-    lines = []
-    for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human)):
-        if kappa.trials and kappa.successes == 0:
-            bound = zero_bound(kappa.trials)
-            lines.append(
-                f"No crash of the {who} in {kappa.trials:,} episodes: κ below "
-                f"{per_cent(bound, 1)} % with {100 * CONFIDENCE:g} % confidence, one-sided "
-                f"({per_cent(kappa.high or 0.0, 1)} % two-sided)."
-            )
-        elif kappa.trials:
-            lines.append(
-                f"The {who} crashed in {kappa.successes:,} of {kappa.trials:,} episodes: "
-                f"κ = {_percent(kappa.value)} ({_range(kappa, True)})."
-            )
-    return lines
-
-
-def count_lines(summary: Summary) -> list[str]:
-    """How many pairs and episodes say nothing, or something else."""
-    out, nobody = summary.timed_out / summary.pairs, summary.met_nobody / summary.pairs
-    return [
-        f"τ = AV time / human time is defined in {summary.defined_pairs:,} of {summary.pairs:,} "
-        f"pairs; timed out: {summary.timed_out:,} ({out:.1%}); failed in the engine: "
-        f"{summary.failed:,}; met nobody: {summary.met_nobody:,} ({nobody:.1%}).",
-        f"The AV's strategy fell back on another (Soft-Yield: on Hard-Yield) in "
-        f"{summary.fallbacks:,} of {summary.pairs:,} episodes.",
-    ]
-
-
-def indicative(n: int, key: str) -> str:
-    """The words of an interval that covers less than it says; empty where N is enough."""
-    return "indicative: N too small" if n < INDICATIVE_BELOW[key] else ""
-
-
-def _number(value: float | None) -> str:
-    return "undefined" if value is None else f"{value:.4f}"
-
-
-def _seconds(value: float | None) -> str:
-    return "undefined" if value is None else f"{value:.2f}"
 
 
 def _percent(value: float | None) -> str:
     return "undefined" if value is None else f"{per_cent(value, 2)} %"
 
 
-def _range(interval: Interval, percent: bool = False) -> str:
-    if interval.low is None or interval.high is None:
-        return "undefined"
-    if percent:
-        return f"{per_cent(interval.low, 2)} … {per_cent(interval.high, 2)} %"
-    return f"{interval.low:.4f} … {interval.high:.4f}"
+def _whole_percent(share: float | None) -> str:
+    return "undefined" if share is None else f"{100 * share:.0f} %"

@@ -25,7 +25,7 @@ def manifest_of(
         "schema": SCHEMA,
         "name": study.name,
         "scenario": study.base.model_dump(),
-        "cells": [cell.varied for cell in study.cells],
+        "cells": [dict(cell.varied) for cell in study.cells],
         "traces": options.traces,
         "sumo_outputs": options.sumo_outputs,
         "until": None if until is None else {until.measure: until.half_width},
@@ -36,48 +36,39 @@ def manifest_of(
     }
 
 
-def recall_study(document: dict[str, Any]) -> Study:
-    """The study of a manifest.
+def recall_study(document: dict[str, Any], where: str = "manifest.json") -> Study:
+    """The study of a manifest as ``read_manifest`` gives it.
+
+    Args:
+        document: the manifest.
+        where: the file, for messages.
 
     Raises:
-        InputError: the manifest is of another format, or damaged.
+        InputError: its scenario or a varied value is not accepted.
     """
-    try:
-        if document["schema"] != SCHEMA:
-            raise InputError("manifest.json", f"format version {document['schema']!r}", str(SCHEMA))
-        return study_from(document)
-    except (KeyError, TypeError, AttributeError, ValueError):
-        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+    return study_from(document, where)
 
 
 def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
-    """The options of a manifest that decide what a run holds.
-
-    Raises:
-        InputError: the manifest is damaged.
-    """
-    try:
-        until = document["until"]
-        return Options(
-            traces=bool(document["traces"]),
-            until=None if until is None else Precision(*next(iter(until.items()))),
-            workers=workers,
-            sumo_outputs=document["sumo_outputs"],
-        )
-    except (KeyError, TypeError, AttributeError, StopIteration):
-        raise InputError("manifest.json", "is damaged", "a manifest as a run writes it") from None
+    """The options of a manifest that decide what a run holds."""
+    until = document["until"]
+    return Options(
+        traces=document["traces"],
+        until=None if until is None else Precision(*next(iter(until.items()))),
+        workers=workers,
+        sumo_outputs=document["sumo_outputs"],
+    )
 
 
 def refuse_other_versions(then: dict[str, Any], now: dict[str, Any]) -> None:
     """Half a run under one version and half under another would be neither."""
-    versions_then = then.get("versions")
     for name, version in now["versions"].items():
-        before = versions_then.get(name) if isinstance(versions_then, dict) else None
+        before = then["versions"].get(name)
         if before != version:
             raise InputError(
-                "--resume",
+                "resume",
                 f"the run was begun with {name} {before}, this is {version}",
                 "the same versions",
             )
-    if then.get("models") != now["models"]:
-        raise InputError("--resume", "the interaction model has changed", "the same model")
+    if then["models"] != now["models"]:
+        raise InputError("resume", "the interaction model has changed", "the same model")

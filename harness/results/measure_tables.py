@@ -41,12 +41,13 @@ CONFLICTS = (
 
 @dataclass(frozen=True, slots=True)
 class ConflictRate:
-    """Share of an arm's episodes with a conflict, with its interval."""
+    """Share of an arm's episodes with a conflict, with its interval and that one's confidence."""
 
     arm: Arm
     conflict: str
     threshold: float
     rate: Proportion
+    confidence: float
 
 
 def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
@@ -57,12 +58,15 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
 
     Returns:
         ``arm, measure, defined, mean, p05, p50, p95``; failed episodes do not count, quantiles are
-        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.
+        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  No
+        row for a measure that the episodes have no column for (a run of an earlier version).
     """
     rows = []
     for arm in Arm:
         own = _that_ran(episodes, arm)
         for measure in MEASURES:
+            if measure.column not in episodes.column_names:
+                continue
             values = _numbers(own, measure.column)
             values = values[~np.isnan(values)]
             row: dict[str, Any] = {"arm": arm.value, "measure": measure.column}
@@ -83,7 +87,8 @@ def conflict_rates(
     """How often each conflict arose in each arm, Clopper–Pearson.
 
     An episode has a conflict if its measure lies beyond the threshold, or if it crashed; where
-    the measure is undefined without a crash there was none.  Of all that did not fail.
+    the measure is undefined without a crash there was none.  Of all that did not fail.  A conflict
+    whose measure the episodes have no column for is left out (a run of an earlier version).
 
     Args:
         episodes: of one cell.
@@ -95,13 +100,15 @@ def conflict_rates(
         own = _that_ran(episodes, arm)
         crashed = pc.equal(own["ending"], Ending.CRASHED.value).to_numpy()
         for conflict in CONFLICTS:
+            if conflict.column not in episodes.column_names:
+                continue
             values = _numbers(own, conflict.column)
             threshold: float = getattr(thresholds, conflict.threshold)
             # An undefined measure is NaN, which is on neither side.
             beyond = values > threshold if conflict.above else values < threshold
             count = int(np.count_nonzero(beyond | crashed))
             rate = proportion(count, len(values), confidence)
-            rates.append(ConflictRate(arm, conflict.name, threshold, rate))
+            rates.append(ConflictRate(arm, conflict.name, threshold, rate, confidence))
     return tuple(rates)
 
 
@@ -116,6 +123,7 @@ def conflict_row(rate: ConflictRate) -> dict[str, Any]:
         "rate": rate.rate.value,
         "ci_low": rate.rate.low,
         "ci_high": rate.rate.high,
+        "confidence": rate.confidence,
     }
 
 

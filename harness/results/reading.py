@@ -7,17 +7,15 @@ from typing import Annotated, Any, Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from harness.documents import parse_json
-from harness.errors import InputError, resume_command
-from harness.results.rows import check_rows
-from harness.results.tables import SCHEMA, TABLES
+from harness.documents import check_form, parse_json
+from harness.errors import InputError, reading, resume_command
+from harness.files import read_file
+from harness.results.tables import SCHEMA, TABLES, with_schema
+from harness.scenario import of_today
 
 MANIFEST = "manifest.json"
-
-_HAS_ALL = "a run of this version, or `harness score` of one that kept its traces"
-
 
 _Width = Annotated[float, Field(gt=0, lt=1)]
 
@@ -35,7 +33,7 @@ class _Manifest(BaseModel):
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     versions: dict[str, str]
-    models: list[dict[str, str]]
+    models: list[dict[Literal["name", "sha256"], str]]
     counts: dict[str, int] | None
 
 
@@ -43,28 +41,21 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run folder.
 
     Raises:
-        InputError: the folder holds no run, or its manifest is damaged.
+        InputError: the folder holds no run, its format has another version, or its manifest is
+            damaged.
     """
     path = folder / MANIFEST
+    if not path.is_file():
+        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
     try:
-        if not path.is_file():
-            raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
-        document = parse_json(path.read_bytes())
-    except OSError:
-        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}") from None
-    except ValueError:
-        raise InputError(str(path), "is damaged", "a manifest as a run writes it") from None
-    if not isinstance(document, dict):
-        raise InputError(str(path), "is damaged", "a manifest as a run writes it")
-    if document.get("schema") == SCHEMA:
-        # Of another format version nothing is known but that.
-        try:
-            _Manifest.model_validate(document)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            key = ".".join(str(part) for part in first["loc"])
-            raise InputError(f"{path}: {key}", "is damaged", first["msg"]) from None
-    return document
+        document = parse_json(read_file(path))
+    except ValueError as error:
+        raise InputError(str(path), f"is damaged ({error})") from None
+    version = document.get("schema") if isinstance(document, dict) else None
+    if version != SCHEMA:
+        raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
+    check_form(_Manifest, document, str(path))
+    return {**document, "scenario": of_today(document["scenario"])}
 
 
 def read_finished_manifest(folder: Path) -> dict[str, Any]:
@@ -74,7 +65,7 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
         InputError: as ``read_manifest``, or the run was broken off or is still going on.
     """
     document = read_manifest(folder)
-    if document.get("schema") == SCHEMA and document.get("counts") is None:
+    if document["counts"] is None:
         finishes = f"`{resume_command(folder)}` finishes it"
         raise InputError(str(folder), "is not finished", finishes)
     return document
@@ -94,25 +85,19 @@ def read_table(
         name: of the table.
         cell: whose rows; None: all cells'.
         pair: likewise.
-        optional: columns that a run of an earlier version may lack; such a column is left out.
+        optional: columns of ``NEEDED`` that this reader can do without.
+
+    Returns:
+        The columns that are in the file, with the types of ``TABLES``.
 
     Raises:
-        InputError: the table is missing, damaged, or of another format.
+        InputError: the table is missing, damaged, or lacks a column that is needed.
     """
     wanted = [(key, "=", value) for key, value in (("cell", cell), ("pair", pair))]
     filters = [condition for condition in wanted if condition[2] is not None]
     with _reading(folder, name) as path:
-        table = pq.read_table(path, filters=filters or None)
-        if name not in TABLES:
-            return table
-        held = pa.schema([field for field in TABLES[name] if field.name in table.column_names])
-        needed = [column for column in TABLES[name].names if column not in optional]
-        missing = [column for column in needed if column not in held.names]
-        if missing:
-            raise InputError(str(path), f"lacks {missing[0]}", _HAS_ALL)
-        table = table.select(held.names).cast(held)
-        check_rows(table, str(path))
-        return table
+        table = pq.read_table(path, filters=filters or None, page_checksum_verification=True)
+        return with_schema(table, name, str(path), optional) if name in TABLES else table
 
 
 def count_rows(folder: Path, name: str) -> int:
@@ -129,12 +114,15 @@ def count_rows(folder: Path, name: str) -> int:
 def _reading(folder: Path, name: str) -> Iterator[Path]:
     """The path of a table; what goes wrong with it becomes one line."""
     path = folder / f"{name}.parquet"
-    try:
-        if path.exists() and not path.is_file():
-            raise InputError(str(path), "is no regular file", "a run's table")
-        yield path
-    except FileNotFoundError:
-        raise InputError(str(path), "is missing", "a finished run's table") from None
-    except (OSError, pa.ArrowException, ValueError) as error:
-        why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(str(path), f"cannot be read ({why})", "a run's table") from None
+    if not path.exists() and (folder / "hours.parquet").exists():
+        what = f"is a run of hours of traffic, which has no {name}"
+        raise InputError(str(folder), what, "a run without [traffic]")
+    if not path.exists():
+        raise InputError(str(path), "is missing", "a finished run's table")
+    if not path.is_file():
+        raise InputError(str(path), "is no regular file", "a run's table")
+    with reading(path):
+        try:
+            yield path
+        except (OSError, pa.ArrowException) as error:
+            raise ValueError(str(error)) from None

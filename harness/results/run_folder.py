@@ -17,9 +17,9 @@ from typing import Any
 import filelock
 import pyarrow as pa
 
-from harness.errors import InputError
+from harness.errors import InputError, resume_command
 from harness.files import cannot_write, write_file
-from harness.results.reading import MANIFEST, read_manifest
+from harness.results.reading import MANIFEST
 from harness.results.shards import (
     SHARDS,
     DamagedShardError,
@@ -46,13 +46,11 @@ class RunFolder:
         path: an existing folder.
 
     Raises:
-        InputError: another process works on it, or it holds a symbolic link, through which work
-            would be written somewhere else.
+        InputError: another process works on it, or it cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        _refuse_links(path)
         self._lock = filelock.FileLock(path / _LOCK, timeout=0)
         try:
             # The operating system lets go of it when the process dies, however it dies.
@@ -77,10 +75,6 @@ class RunFolder:
                 file.write(line + "\n")
         except OSError as error:
             raise cannot_write(self.path, error) from None
-
-    def read_manifest(self) -> dict[str, Any]:
-        """See ``read_manifest``."""
-        return read_manifest(self.path)
 
     def write_manifest(self, document: Mapping[str, Any]) -> None:
         """Write ``manifest.json``, keys in the order given."""
@@ -125,21 +119,24 @@ class RunFolder:
 
     def episodes_of(self, cell: int) -> pa.Table:
         """The ``episodes`` rows of a cell so far, by pair."""
-        return _episodes(shard for shard in shards_of(self.path) if shard.cell == cell)
+        own = (shard for shard in shards_of(self.path) if shard.cell == cell)
+        return _rows("episodes", own)
 
-    def episodes_by_cell(self) -> Iterator[tuple[int, pa.Table]]:
-        """Number and ``episodes`` rows of every cell, in order; the folder is searched once."""
+    def rows_by_cell(self, name: str) -> Iterator[tuple[int, pa.Table]]:
+        """Number and rows of a table of every cell, in order; the folder is searched once."""
         for cell, own in groupby(shards_of(self.path), key=lambda shard: shard.cell):
-            yield cell, _episodes(own)
+            yield cell, _rows(name, own)
 
-    def finish_tables(self, traces: bool) -> None:
-        """Turn the shards into the run's tables."""
-        names = ["episodes", "pedestrians", *(["traces"] if traces else [])]
+    def finish_tables(self, names: Iterable[str]) -> None:
+        """Turn the shards into the run's tables of these names."""
         shards = shards_of(self.path)
         for name in names:
             parts = (read_shard(shard)[name] for shard in shards)
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
-        by_cell = self.episodes_by_cell()
+
+    def finish_pairs(self) -> None:
+        """Write ``pairs.parquet`` from the episodes."""
+        by_cell = self.rows_by_cell("episodes")
         pairs = (table_of("pairs", pair_rows(cell, episodes)) for cell, episodes in by_cell)
         write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
 
@@ -162,22 +159,9 @@ class RunFolder:
         return folder
 
 
-def _refuse_links(run: Path) -> None:
-    """Nothing that is written in place, or below, may be a way out of the folder."""
-    log = run / _LOG
-    if log.exists() and not log.is_file():
-        raise InputError(str(log), "is no regular file", "a run's log")
-    inside = [run / _LOCK, run / _LOG]
-    for folder in (run / SHARDS, run / SUMO_OUTPUTS):
-        inside += [folder, *folder.rglob("*")]
-    for path in inside:
-        if path.is_symlink():
-            raise InputError(str(path), "is a symbolic link", "files and folders of a run")
-
-
-def _episodes(shards: Iterable[Shard]) -> pa.Table:
-    parts = [read_shard(shard)["episodes"] for shard in shards]
-    return pa.concat_tables([TABLES["episodes"].empty_table(), *parts])
+def _rows(name: str, shards: Iterable[Shard]) -> pa.Table:
+    parts = [read_shard(shard)[name] for shard in shards]
+    return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
 
 def claim_folder(out: Path | None, name: str) -> Path:
@@ -210,7 +194,9 @@ def _make(folder: Path, exist_ok: bool) -> None:
         if exist_ok and folder.exists() and not folder.is_dir():
             raise InputError(where, "is a file", "a new or empty folder")
         if exist_ok and (folder / MANIFEST).exists():
-            raise InputError(where, "holds a run already", "a new or empty folder, or --resume")
+            raise InputError(
+                where, "holds a run already", f"a new or empty folder, or {resume_command(folder)}"
+            )
         folder.mkdir(parents=True, exist_ok=exist_ok)
         probe = folder / f".{os.getpid()}.probe"
         probe.touch()

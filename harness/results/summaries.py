@@ -46,7 +46,8 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
     """
     experiment = cell.scenario.experiment
     rng = resampling(experiment.seed, "summary")
-    return summarise(pair_columns(episodes), experiment.timeout_s, rng, confidence)
+    free_pass_s = cell.scenario.vehicle().free_pass_time_s(cell.scenario.crosswalk())
+    return summarise(pair_columns(episodes), experiment.timeout_s, free_pass_s, rng, confidence)
 
 
 def pair_columns(episodes: pa.Table) -> PairColumns:
@@ -66,14 +67,17 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
 
     def numbers(name: str) -> Any:
+        if name not in episodes.column_names:  # of a run from before it was kept
+            return np.full(len(arm), np.nan)
         return episodes[name].to_numpy().astype(float)
 
     def both(values: Any) -> tuple[Any, Any]:
         return values[arm == Arm.AV], values[arm == Arm.HUMAN]
 
-    met = both(numbers("pedestrians"))
+    arrivals = numbers("arrivals")
     return PairColumns(
         time_s=both(numbers("pass_time_s")),
+        untouched_time_s=both(numbers("untouched_pass_time_s")),
         delay_s=both(numbers("delay_s")),
         stops=both(numbers("stops")),
         stopped_s=both(numbers("stopped_s")),
@@ -82,9 +86,25 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         avoidable=both(crashed & avoidable),
         timed_out=both(ending == Ending.TIMED_OUT),
         failed=both(ending == Ending.ENGINE_FAILED),
+        failed_strategy=both(_failed_strategy(episodes)),
+        met=both(numbers("pedestrians")),
+        arrivals=both(arrivals),
+        waited_s=both(np.where(arrivals > 0, numbers("pedestrian_delay_s") * arrivals, 0.0)),
+        conditionings=both(numbers("conditionings")),
+        clamped=both(numbers("clamped")),
+        speed_excess_mps=both(numbers("clamped_speed_excess_mps")),
+        range_excess_m=both(numbers("clamped_range_excess_m")),
         av_fallback=both(numbers("fallback") > 0)[0],
-        met=met[0] + met[1],
     )
+
+
+def _failed_strategy(episodes: pa.Table) -> np.ndarray:
+    """Whether the strategy made the episode fail."""
+    if "failed_in" in episodes.column_names:
+        return np.array([where == "strategy" for where in episodes["failed_in"].to_pylist()])
+    # A run from before that was kept says it in the reason alone.
+    reasons = episodes["reason"].to_pylist()
+    return np.array([(reason or "").startswith("the strategy ") for reason in reasons])
 
 
 def _check_pairs(episodes: pa.Table) -> None:
@@ -113,7 +133,7 @@ def summary_row(summary: Summary) -> dict[str, float | int | None]:
 
 
 def summary_columns() -> dict[str, type]:
-    """What stands in a summary's columns: ``int`` (a number in every row) or ``float``."""
+    """The type of each column of a summary; only an ``int`` has a number in every row."""
     columns: dict[str, type] = {}
     for name, kind in get_type_hints(Summary).items():
         ends = ("", "_ci_low", "_ci_high") if kind in (Interval, Proportion) else ("",)
@@ -121,12 +141,12 @@ def summary_columns() -> dict[str, type]:
     return columns
 
 
-def summary_from(row: Mapping[str, Any], trials: Mapping[Arm, int]) -> Summary:
-    """A summary from the columns of ``summary.csv``: what ``summary_row`` makes of it, undone.
+def summary_from(row: Mapping[str, Any], pairs: PairColumns) -> Summary:
+    """A summary from the columns of ``summary.csv``; the inverse of ``summary_row``.
 
     Args:
         row: the columns; NaN or None where undefined.
-        trials: episodes of each arm that did not fail, of which shares are shares.
+        pairs: the cell's columns, which give the numbers of episodes behind the shares.
     """
     values: dict[str, Any] = {}
     kinds = get_type_hints(Summary)
@@ -139,7 +159,8 @@ def summary_from(row: Mapping[str, Any], trials: Mapping[Arm, int]) -> Summary:
         if kind is Interval:
             values[name] = Interval(value, low, high)
         else:
-            of = trials[Arm.HUMAN if name.endswith("_human") else Arm.AV]
+            ran = ~pairs.failed["_human" in name]
+            of = int(np.count_nonzero(ran & pairs.met_someone if "_met" in name else ran))
             values[name] = Proportion(value, low, high, round((value or 0.0) * of), of)
     return Summary(**values)
 

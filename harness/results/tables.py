@@ -3,7 +3,7 @@
 Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.encounter import Arm, Leg, Side
+from harness.encounter import Arm, FloatArray, Leg, Side, Trace, Walk
+from harness.errors import InputError
 from harness.files import cannot_write, whole_file
 from harness.measures import MEASURES, Outcome
 from harness.motion.walking import cleared_s, states_at
@@ -38,7 +39,21 @@ _FACTS = {
     "pedestrians": pa.int32(),
 }
 
-EPISODES = pa.schema([*_KEYS, *(_FACTS | _MEASURES).items()])
+_OWN_COLUMNS = ("strategy", "delay_s")
+"""Columns of a passage that are not those of its record: its delay counts from its schedule."""
+
+ASKED = {
+    "conditionings": pa.int32(),
+    "clamped": pa.int32(),
+    "near_clamped": pa.int32(),
+    "clamped_speed_excess_mps": pa.float64(),
+    "clamped_range_excess_m": pa.float64(),
+}
+"""What of an episode its traces do not tell: how the interaction model was asked."""
+
+EPISODES = pa.schema(
+    [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *ASKED.items()]
+)
 
 _LEG = pa.struct([(name, pa.float64()) for name in Leg._fields])
 
@@ -56,6 +71,8 @@ PEDESTRIANS = pa.schema(
         ("vehicle_speed_mps", pa.float64()),
         ("cleared_s", pa.float64()),
         ("legs", pa.list_(_LEG)),
+        ("delay_s", pa.float64()),
+        ("let_go", pa.bool_()),
     ]
 )
 
@@ -81,13 +98,82 @@ TRACES = pa.schema(
     ]
 )
 
+_WHERE = [("direction", pa.string()), ("lane", pa.int32())]
+
+PASSAGES = pa.schema(
+    [
+        *_KEYS,
+        ("vehicle", pa.int64()),
+        *_WHERE,
+        ("strategy", pa.string()),
+        *((name, pa.float64()) for name in ("scheduled_s", "inserted_s", "trigger_s", "passed_s")),
+        ("delay_s", pa.float64()),
+        ("control_delay_s", pa.float64()),
+        *((name, kind) for name, kind in (_FACTS | _MEASURES).items() if name not in _OWN_COLUMNS),
+    ]
+)
+
+QUEUES = pa.schema(
+    [
+        *_KEYS,
+        ("minute", pa.int32()),
+        *_WHERE,
+        ("mean", pa.float64()),
+        ("longest", pa.int32()),
+        ("let_through", pa.int32()),
+    ]
+)
+
+_HOUR_COUNTS = [
+    *("vehicles", "automated", "not_through", "crossed", "in_system_half", "in_system_end"),
+    *("queue_longest", "pedestrians", "never_went", "had_to_wait", "let_go", "crashes"),
+    *("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac"),
+]
+_HOUR_NUMBERS = [
+    *("vehicle_delay_s", "control_delay_s", "travel_time_s", "throughput_per_hour"),
+    *("stops_per_vehicle", "queue_mean", "queue_p95"),
+    *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
+]
+HOURS = pa.schema(
+    [
+        *_KEYS,
+        ("reason", pa.string()),
+        *((name, pa.int64()) for name in _HOUR_COUNTS),
+        *((name, pa.float64()) for name in _HOUR_NUMBERS),
+    ]
+)
+
 TABLES = {
+    "hours": HOURS,
+    "passages": PASSAGES,
+    "queues": QUEUES,
     "episodes": EPISODES,
     "pedestrians": PEDESTRIANS,
     "pairs": PAIRS,
     "traces": TRACES,
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
+
+HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
+"""What a run of traffic holds."""
+
+_KEY = ("cell", "pair", "arm")
+NEEDED = {
+    "hours": {*HOURS.names},
+    "passages": {*PASSAGES.names} - {*_MEASURES} | {"delay_s"},
+    "queues": {*QUEUES.names},
+    "episodes": {*_KEY, *_FACTS, "delay_s", "stops", "stopped_s", "avoidable"}
+    | {"min_ttc_s", "pet_s", "min_time_advantage_s"},
+    "pedestrians": {*_KEY, "index", "arrival_s", "start_s", "side", "quantile", "speed_mps"}
+    | {"range_m", "vehicle_speed_mps", "cleared_s", "legs"},
+    "pairs": {"cell", "pair", "av_time_s", "human_time_s", "tau"},
+    "traces": {*_KEY, "time_s", "object", "x_m", "y_m", "speed_mps", "acceleration_mps2"},
+}
+"""Columns without which a run cannot be read.
+
+A run from before another column was added can still be read: what rests on that column is left
+out, and ``harness score`` adds it.
+"""
 
 _ROW_GROUP = 100_000
 
@@ -101,6 +187,30 @@ def table_of(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
     return pa.table(columns, schema=schema)
 
 
+def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str] = ()) -> pa.Table:
+    """A table that somebody else may have written, with the columns and types of its schema.
+
+    Args:
+        table: as read.
+        name: of the table, in ``TABLES``.
+        where: the file, for messages.
+        optional: columns of ``NEEDED`` that may be missing.
+
+    Returns:
+        The schema's columns that the table has; others are left out.
+
+    Raises:
+        InputError: a column is missing.
+        ValueError: values do not fit their column's type.
+    """
+    for column in TABLES[name].names:
+        if column in NEEDED[name] and column not in optional and column not in table.column_names:
+            wanted = "a run of this version, or `harness score` of one that kept its traces"
+            raise InputError(where, f"lacks {column}", wanted)
+    held = pa.schema([field for field in TABLES[name] if field.name in table.column_names])
+    return table.select(held.names).cast(held)
+
+
 def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> None:
     """Write one Parquet table whole, from parts of any size, in row groups of a fixed size.
 
@@ -108,7 +218,11 @@ def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> N
         HarnessError: the file system refuses.
     """
     try:
-        with whole_file(path) as beside, pq.ParquetWriter(beside, schema) as writer:
+        with (
+            whole_file(path) as beside,
+            # With checksums a flipped bit is found when the table is read.
+            pq.ParquetWriter(beside, schema, write_page_checksum=True) as writer,
+        ):
             rest = schema.empty_table()
             for part in parts:
                 rest = pa.concat_tables([rest, part.cast(schema)])
@@ -143,28 +257,33 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
             arrival = walk.arrival
             if arrival.arrival_s > end_s:
                 continue
-            went = walk.start_s is not None and walk.start_s < end_s
-            cleared = cleared_s(walk, outcome.trace.crossing) if went else None
-            legs = walk.legs if went else None
-            values = {
-                "cell": cell,
-                "pair": outcome.pair,
-                "arm": outcome.arm.value,
-                "index": arrival.index,
-                "arrival_s": arrival.arrival_s,
-                "start_s": walk.start_s if went else None,
-                "side": arrival.side.value,
-                "quantile": arrival.quantile,
-                "critical_gap_s": arrival.critical_gap_s,
-                "speed_mps": walk.speed_mps if went else None,
-                "range_m": walk.range_m if went else None,
-                "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,
-                "cleared_s": cleared if cleared is not None and cleared <= end_s else None,
-                "legs": legs and [leg._asdict() for leg in legs],
-            }
-            for name, value in values.items():
+            keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+            row = pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), end_s)
+            for name, value in (keys | row).items():
                 rows[name].append(value)
     return rows
+
+
+def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
+    """What is kept of one pedestrian of a record that ends at ``end_s``, but for the keys."""
+    arrival, start_s = walk.arrival, walk.start_s
+    went = start_s is not None and start_s < end_s
+    legs = walk.legs if went else None
+    return {
+        "index": arrival.index,
+        "arrival_s": arrival.arrival_s,
+        "start_s": start_s if went else None,
+        "side": arrival.side.value,
+        "quantile": arrival.quantile,
+        "critical_gap_s": arrival.critical_gap_s,
+        "speed_mps": walk.speed_mps if went else None,
+        "range_m": walk.range_m if went else None,
+        "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,
+        "cleared_s": cleared if went and cleared is not None and cleared <= end_s else None,
+        "legs": legs and [leg._asdict() for leg in legs],
+        "delay_s": start_s - arrival.arrival_s if went and start_s is not None else None,
+        "let_go": None,
+    }
 
 
 def pair_rows(cell: int, episodes: pa.Table) -> dict[str, list[Any]]:
@@ -188,7 +307,8 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
     """Columns of ``traces.parquet``: the ego's bumper and every pedestrian's centre.
 
     At each step of the record, with the acceleration of the step that begins there (null at the
-    last); a pedestrian has rows from when he stepped off to the other kerb.
+    last); a pedestrian has rows from when they stepped off until they reach the other kerb.  Where
+    a strategy is not shown what is so, ``shown-<index>`` are the pedestrians as it was shown them.
     """
     rows: dict[str, list[Any]] = {name: [] for name in TRACES.names}
     for outcome in outcomes:
@@ -222,7 +342,23 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
             on = y <= trace.crossing.length_m if near else y >= 0
             columns = [values[on].tolist() for values in (since, x, y, speed, gain)]
             _extend(rows, cell, outcome, f"pedestrian-{walk.arrival.index}", columns)
+        for index, columns in _shown(trace, times).items():
+            _extend(rows, cell, outcome, f"shown-{index}", columns)
     return rows
+
+
+def _shown(trace: Trace, times: FloatArray) -> dict[int, list[list[Any]]]:
+    """Columns of everyone a strategy was shown, by index, at the times when they were."""
+    columns: dict[int, list[list[Any]]] = {}
+    for time, views in zip(times.tolist(), trace.shown or (), strict=False):
+        for view in views:
+            y_m = trace.crossing.place_of(view.side, view.remaining_m)
+            values = (time, 0.0, y_m, view.speed_mps, None)
+            for column, value in zip(
+                columns.setdefault(view.index, [[] for _ in values]), values, strict=True
+            ):
+                column.append(value)
+    return columns
 
 
 def _extend(

@@ -1,5 +1,6 @@
 """What is to be run: scenario files, the cells of a study, and how a run is carried out."""
 
+from harness.scenario.consistency import remarks
 from harness.scenario.file import (
     ScenarioFile,
     Setting,
@@ -10,32 +11,48 @@ from harness.scenario.file import (
 )
 from harness.scenario.options import Options, Precision, hang_limit_s
 from harness.scenario.sections import (
+    QUARTER_S,
     ConflictsSection,
     ExperimentSection,
     GapAcceptanceSection,
     PedestriansSection,
+    PerceptionSection,
     Scenario,
+    TrafficSection,
+    WalkingSpeedSection,
 )
-from harness.scenario.study import Cell, Study, parse_variation, single_cell, study_from, study_of
+from harness.scenario.study import (
+    Cell,
+    Study,
+    of_today,
+    parse_variation,
+    study_from,
+    study_of,
+)
 
 __all__ = [
+    "QUARTER_S",
     "Cell",
     "ConflictsSection",
     "ExperimentSection",
     "GapAcceptanceSection",
     "Options",
     "PedestriansSection",
+    "PerceptionSection",
     "Precision",
     "Scenario",
     "ScenarioFile",
     "Setting",
     "Study",
+    "TrafficSection",
+    "WalkingSpeedSection",
     "hang_limit_s",
     "load_scenario",
+    "of_today",
     "parse_setting",
     "parse_variation",
     "read_scenario_file",
-    "single_cell",
+    "remarks",
     "study_from",
     "study_of",
     "validate",

@@ -1,11 +1,25 @@
 """What no key of a scenario can tell alone: whether all of them fit together."""
 
+import math
+
 from harness.encounter import PEDESTRIAN_RADIUS_M, Side
 from harness.errors import InputError, unknown_name
-from harness.scenario.sections import Scenario, TimedSection, path_of
+from harness.scenario.sections import (
+    QUARTER_S,
+    ROUNDING_M,
+    PerceptionSection,
+    Scenario,
+    TimedSection,
+    TrafficSection,
+    path_of,
+)
+from harness.scenario.sight import check_sight, remarks_on_sight
 
 MAX_BEFORE_KERB_M = 8.0
 """How far before his kerb a timed pedestrian may start: a footpath is 10 m long."""
+
+WIDEST_USUAL_LANE_M = 6.0
+"""A lane that is wider is remarked upon: two lanes' width is easily taken for one's."""
 
 
 def check_consistency(scenario: Scenario, source: str) -> None:
@@ -19,12 +33,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
         InputError: naming the key to change.
     """
     ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
-    if ego.width_m > crossing.length_m / 2:
-        raise InputError(
-            f"{source}: ego.width_m",
-            f"{ego.width_m:g} m does not fit the lane",
-            f"at most crossing.length_m / 2 = {crossing.length_m / 2:g} m",
-        )
+    _check_lanes(scenario, source)
     # SUMO's approach lane ends 1.5 m before the crosswalk: the ego cannot be inserted beyond it.
     nearest = crossing.width_m / 2 + 1.5
     if ego.trigger_range_m < nearest:
@@ -48,15 +57,84 @@ def check_consistency(scenario: Scenario, source: str) -> None:
             f"{experiment.timeout_s:g} s",
             f"whole steps of experiment.step_s = {experiment.step_s:g} s",
         )
+    if scenario.traffic is not None:
+        _check_traffic(scenario, scenario.traffic, f"{source}: pedestrians")
+    check_sight(scenario, source)
+
+
+def remarks(scenario: Scenario) -> list[str]:
+    """What is allowed, but may not be meant; one line each."""
+    crossing, found = scenario.crossing, remarks_on_sight(scenario)
+    if crossing.ignore_signal:
+        found.append(
+            f"the traffic light at {crossing.edge} stays green for vehicles and pedestrians"
+        )
+    elif crossing.width_of_lane_m > WIDEST_USUAL_LANE_M and crossing.net is None:
+        lanes = f"crossing.lanes = {crossing.lanes} and oncoming_lanes = {crossing.oncoming_lanes}"
+        found.append(
+            f"lanes of {crossing.width_of_lane_m:g} m: {lanes} share crossing.length_m = "
+            f"{crossing.length_m:g} m; more lanes or crossing.lane_width_m say otherwise"
+        )
+    return found
+
+
+def _check_lanes(scenario: Scenario, source: str) -> None:
+    ego, crossing = scenario.ego, scenario.crossing
+    count, width = crossing.lanes + crossing.oncoming_lanes, crossing.width_of_lane_m
+    if crossing.read is None and count * width > crossing.length_m + ROUNDING_M:
+        raise InputError(
+            f"{source}: crossing.lane_width_m",
+            f"{count} lanes of {width:g} m are wider than the road",
+            f"at most crossing.length_m / {count} = {crossing.length_m / count:g} m",
+        )
+    if crossing.read is None and ego.lane >= crossing.lanes:
+        raise InputError(
+            f"{source}: ego.lane",
+            f"{ego.lane}, counted from 0 at the near kerb",
+            f"below crossing.lanes = {crossing.lanes}",
+        )
+    if ego.width_m > width:
+        raise InputError(
+            f"{source}: ego.width_m",
+            f"{ego.width_m:g} m does not fit the lane",
+            f"at most {width:g} m: crossing.lane_width_m, or length_m shared by {count} lanes",
+        )
+    room = min(map(scenario.crosswalk().to_lane_m, Side)) - ego.width_m / 2
+    if room < PEDESTRIAN_RADIUS_M - ROUNDING_M:
+        raise InputError(
+            f"{source}: ego.width_m",
+            f"{ego.width_m:g} m leaves {room:.2f} m to a kerb, where people wait",
+            f"at least {PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian",
+        )
+
+
+def check_time_out(scenario: Scenario, source: str) -> None:
+    """Refuse a time-out that ends every episode before an ego that meets nobody has passed.
+
+    Args:
+        scenario: that is to run; a run of an earlier version still opens.
+        source: the option or the file that set the time-out.
+
+    Raises:
+        InputError: the time-out is shorter than a free pass.
+    """
+    free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
+    timeout_s = scenario.experiment.timeout_s
+    if timeout_s < free_pass_s - 1e-9:
+        raise InputError(
+            f"{source} experiment.timeout_s",
+            f"{timeout_s:g} s is shorter than a free pass",
+            f"at least {free_pass_s:.4g} s, the time to pass at ego.initial_speed_mps",
+        )
 
 
 def _check_pedestrians(scenario: Scenario, where: str) -> None:
     pedestrians = scenario.pedestrians
-    if pedestrians.pairing == "speed" and pedestrians.behaviour in ("reactive", "sumo"):
+    if pedestrians.drawn and scenario.experiment.pairs > len(pedestrians.drawn):
         raise InputError(
-            f"{where}.pairing",
-            f"'speed' with behaviour {pedestrians.behaviour!r}, who has no one speed",
-            "quantile",
+            f"{where}.drawn",
+            f"lists the people of {len(pedestrians.drawn)} pairs",
+            f"at least experiment.pairs = {scenario.experiment.pairs} of them",
         )
     names = [timed.name for timed in pedestrians.timed]
     case = pedestrians.timed_case
@@ -86,3 +164,56 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
             f"he would have to start {-start_s:.3g} s before the trigger",
             f"ego.trigger_range_m of at least {needed:.4g} m, or a faster walk",
         )
+
+
+def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> None:
+    """Streams that fit their lanes, times of whole steps, people who know no trigger."""
+    pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
+    if pedestrians.behaviour == "sumo":
+        allowed = "constant, gap_acceptance or reactive"
+        raise InputError(f"{where}.behaviour", "'sumo' beside [traffic]", allowed)
+    if scenario.perception != PerceptionSection():
+        place = where.replace("pedestrians", "perception")
+        why = "beside [traffic], whose drivers see what is so"
+        raise InputError(place, why, "no [perception] table")
+    keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
+    for key in (key for key in keys if getattr(pedestrians, key)):
+        raise InputError(f"{where}.{key}", "beside [traffic], which has no one trigger", "none")
+    for arm in ("av", "human"):
+        if getattr(scenario.arms, arm) == "sumo_driver":
+            # It is shown people where its own direction understands them (docs/sumo.md).
+            why = "'sumo_driver' beside [traffic]: it would misread people from one of the kerbs"
+            raise InputError(where.replace("pedestrians", f"arms.{arm}"), why, "another strategy")
+    where = where.replace("pedestrians", "traffic")
+    if traffic.tau_s < step_s:
+        why = f"{traffic.tau_s:g} s: vehicles would run into each other"
+        raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
+    for key in ("duration_s", "warm_up_s"):
+        steps = getattr(traffic, key) / step_s
+        if abs(steps - round(steps)) > 1e-6:
+            allowed = f"whole steps of experiment.step_s = {step_s:g} s"
+            raise InputError(f"{where}.{key}", f"{getattr(traffic, key):g} s", allowed)
+    if traffic.saturated:
+        return  # flows do not matter: there is always another vehicle
+    crossing = scenario.crossing
+    for key, lanes in (
+        ("flow_per_hour", crossing.lanes),
+        ("oncoming_per_hour", crossing.oncoming_lanes),
+    ):
+        _check_flow(getattr(traffic, key), lanes, scenario, f"{where}.{key}")
+
+
+def _check_flow(
+    flow: float | tuple[float, ...], lanes: int, scenario: Scenario, where: str
+) -> None:
+    traffic = scenario.traffic
+    assert traffic is not None
+    values = flow if isinstance(flow, tuple) else (flow,)
+    quarters = math.ceil(traffic.duration_s / QUARTER_S - 1e-9)
+    if isinstance(flow, tuple) and len(flow) != quarters:
+        allowed = f"{quarters}, one for each quarter of an hour of traffic.duration_s"
+        raise InputError(where, f"{len(flow)} values", allowed)
+    most = lanes * 3600.0 / scenario.least_headway_s()
+    if max(values) >= most and max(values) > 0:
+        allowed = f"below {most:.4g}: lanes × 3600 s / a headway of tau_s + (length + min_gap_m)/v0"
+        raise InputError(where, f"{max(values):g} vehicles on {lanes} lanes", allowed)

@@ -9,15 +9,17 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from harness.documents import parse_toml
+from harness.documents import parse_toml, shortened
 from harness.errors import InputError, nearest_name, unknown_name
 from harness.resources import shipped_directory
-from harness.scenario.consistency import check_consistency
-from harness.scenario.sections import Scenario, TimedSection
+from harness.scenario.consistency import check_consistency, check_time_out
+from harness.scenario.own_network import with_own_network
+from harness.scenario.sections import Scenario
+from harness.scenario.units import in_si
 
 
 class Setting(NamedTuple):
@@ -53,20 +55,26 @@ class ScenarioFile:
         sources = {}
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
-            if setting.key == "model.path":
+            if setting.key in ("model.path", "crossing.net"):
                 # An option's path is the shell's, a path in the file is the file's.
-                on_shell = setting.source.startswith("--")
-                _anchor_model_path(tree, Path.cwd() if on_shell else self.folder)
+                in_file = setting.source.startswith(f"{self.source}:")
+                _anchor_paths(tree, self.folder if in_file else Path.cwd())
             sources[setting.key] = setting.source
-        return validate(tree, self.source, sources)
+        scenario = validate(tree, self.source, sources)
+        check_time_out(scenario, sources.get("experiment.timeout_s", f"{self.source}:"))
+        return scenario
 
 
-def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> ScenarioFile:
+Settings = Sequence[Setting] | Mapping[str, Any]
+"""Settings as the command line makes them, or as a dictionary: values by dotted key."""
+
+
+def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> ScenarioFile:
     """Read a scenario file, or a shipped scenario by its name (``cctc``).
 
     Args:
         name_or_path: a TOML file, or the name of a shipped scenario.
-        settings: to be applied over the file's values.
+        settings: to be applied over the file's values, e.g. ``{"experiment.pairs": 20}``.
 
     Raises:
         InputError: the file is missing or no TOML.
@@ -80,14 +88,16 @@ def read_scenario_file(name_or_path: str | Path, settings: Sequence[Setting] = (
         raise InputError(str(path), f"cannot be read ({error.strerror})") from None
     if not path.stem.isprintable():
         raise InputError(str(path), "is no name for a run", "a file name that can be printed")
-    _anchor_model_path(tree, path.parent)
+    _anchor_paths(tree, path.parent)
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
-        raise InputError(f"{path.name}: sweep", f"{_shorten(sweep)} is not accepted", "a table")
+        raise InputError(f"{path.name}: sweep", f"{shortened(sweep)} is not accepted", "a table")
+    if isinstance(settings, Mapping):
+        settings = [Setting(key, value, "settings") for key, value in settings.items()]
     return ScenarioFile(path.stem, path.name, tree, sweep, tuple(settings), path.parent)
 
 
-def load_scenario(name_or_path: str | Path, settings: Sequence[Setting] = ()) -> Scenario:
+def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario:
     """The scenario of a file without its sweep, checked; see ``read_scenario_file``."""
     return read_scenario_file(name_or_path, settings).scenario()
 
@@ -115,10 +125,20 @@ def validate(
         key_sources: for keys that came from elsewhere (``--set``), where from.
     """
     try:
-        scenario = Scenario.model_validate(tree)
+        whole = in_si(dict(tree), source, key_sources or {})
+        scenario = Scenario.model_validate(whole)
+        read = with_own_network(whole, scenario, source)
+        if read is not whole:
+            scenario = Scenario.model_validate(read)
+        check_consistency(scenario, source)
     except ValidationError as error:
         raise _explain(error, source, key_sources or {}) from None
-    check_consistency(scenario, source)
+    except InputError as error:
+        key = error.where.removeprefix(f"{source}: ")
+        if key not in (key_sources or {}):
+            raise
+        where = f"{(key_sources or {})[key]} {key}"
+        raise InputError(where, error.problem, error.allowed, error.nearest) from None
     return scenario
 
 
@@ -144,10 +164,11 @@ def _find(name_or_path: str | Path) -> Path:
     )
 
 
-def _anchor_model_path(tree: dict[str, Any], folder: Path) -> None:
-    model = tree.get("model")
-    if isinstance(model, dict) and isinstance(model.get("path"), str):
-        model["path"] = os.path.normpath(folder.absolute() / model["path"])
+def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
+    for name, key in (("model", "path"), ("crossing", "net")):
+        section = tree.get(name)
+        if isinstance(section, dict) and isinstance(section.get(key), str):
+            section[key] = os.path.normpath(folder.absolute() / section[key])
 
 
 def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
@@ -175,10 +196,15 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
             node[name] = setting.value
             return
         branch = branch[name]
-        if not isinstance(node.setdefault(name, {}), dict):
+        if node.get(name) is None:  # a table that may be absent is null in a manifest
+            node[name] = {}
+        if not isinstance(node[name], dict):
             raise InputError(f"{setting.source} {key}", f"{name!r} is not a table")
         node = node[name]
 
+
+_GONE = {"pedestrians.pairing": "pairs share quantiles; remove the key"}
+"""Keys of earlier versions, and what stands in their place."""
 
 _TOML_WORDS = {
     "model_type": "a table",
@@ -196,25 +222,20 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     # A misspelt table is wrong in whatever option named a key of it.
     named = [full for full in key_sources if full == key or full.startswith(f"{key}.")]
     where = f"{key_sources[named[-1]]} {named[-1]}" if named else f"{source}: {key}"
+    if key in _GONE:
+        return InputError(where, "is gone", _GONE[key])
     if first["type"] == "extra_forbidden":
         return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
     message = first["msg"].removeprefix("Input should be ")
     allowed = _TOML_WORDS.get(first["type"], message[0].lower() + message[1:])
-    return InputError(where, f"{_shorten(first['input'])} is not accepted", allowed)
+    return InputError(where, f"{shortened(first['input'])} is not accepted", allowed)
 
 
 def _keys_of(path: list[str]) -> list[str]:
-    section: type[BaseModel] = Scenario
+    section: Any = Scenario
     for name in path:
-        if name.isdecimal():  # an entry of [[pedestrians.timed]], the only array of tables
-            section = TimedSection
-        elif name != "timed":
-            annotation = section.model_fields[name].annotation
-            assert isinstance(annotation, type)
-            section = annotation
+        if not name.isdecimal():  # a number is an entry of an array of tables
+            annotation: Any = section.model_fields[name].annotation
+            # A table that may be absent is a union with None.
+            section = next(iter(get_args(annotation)), annotation)
     return list(section.model_fields)
-
-
-def _shorten(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from harness.scenario.sections import ExperimentSection
+from harness.scenario.sections import Scenario
 
 TASK_PAIRS = 50
 """Pairs in a task."""
@@ -39,6 +39,11 @@ class Options:
     sumo_outputs: Literal["all", "crashed"] | None = None
 
 
-def hang_limit_s(hang_after_s: float, experiment: ExperimentSection) -> float:
-    """How long a worker may take for one pair of a scenario."""
-    return hang_after_s + 2 * experiment.timeout_s / experiment.step_s * HANG_AFTER_S_PER_STEP
+def hang_limit_s(hang_after_s: float, scenario: Scenario) -> float:
+    """How long a worker may take for one pair of a scenario, or for one arm of an hour."""
+    traffic, experiment = scenario.traffic, scenario.experiment
+    simulated_s = 2 * experiment.timeout_s
+    if traffic is not None:
+        # A road full of vehicles: some ten times an ego's work.
+        simulated_s = 10 * (traffic.warm_up_s + 2 * traffic.duration_s + 900)
+    return hang_after_s + simulated_s / experiment.step_s * HANG_AFTER_S_PER_STEP

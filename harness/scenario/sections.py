@@ -1,14 +1,22 @@
 """The scenario: every key of a scenario file with its default, frozen and checked by itself."""
 
-from typing import Annotated, Literal
+import math
+import sys
+from statistics import NormalDist
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
+from pydantic_core import PydanticCustomError
 
 from harness.encounter import Behaviour, Crossing, Leg, Side, Vehicle
 from harness.motion.walking import timed_path
+from harness.seeding import Purpose
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the approach road of every network is as long."""
+
+ROUNDING_M = 1e-9
+"""Lanes that fill the road to within this leave nothing beside them."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -19,20 +27,100 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class CrossingSection(_Section):
-    """``[crossing]``: the place and shape of the crosswalk."""
+class ObstacleSection(_Section):
+    """``[[crossing.obstacles]]``: a rectangle in the road frame that hides what is behind it.
 
-    latitude_deg: Annotated[float, Field(ge=-80, le=84)] = 42.278415
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)] = -83.735580
+    (``x_m``, ``y_m``) is its centre, ``length_m`` along the road.  ``case``: it stands there in the
+    timed case of that name alone.
+    """
+
+    x_m: Annotated[float, Field(ge=-1000, le=1000)]
+    y_m: Annotated[float, Field(ge=-1000, le=1000)]
+    length_m: Annotated[float, Field(gt=0, le=1000)]
+    width_m: Annotated[float, Field(gt=0, le=1000)]
+    case: str | None = None
+
+    @property
+    def x_bounds_m(self) -> tuple[float, float]:
+        """x of its two ends."""
+        return self.x_m - self.length_m / 2, self.x_m + self.length_m / 2
+
+    @property
+    def y_bounds_m(self) -> tuple[float, float]:
+        """y of its two sides."""
+        return self.y_m - self.width_m / 2, self.y_m + self.width_m / 2
+
+
+class ReadSection(_Section):
+    """``[crossing.read]``: what a network of the user's own says; the harness fills it in.
+
+    It belongs to the network of that ``sha256`` and to that ``edge`` and ``approach``.
+    """
+
+    net: str
+    sha256: str
+    edge: str
+    approach: str | None
+    lane: int
+    lane_centre_m: float
+    angle_deg: float
+
+
+class CrossingSection(_Section):
+    """``[crossing]``: the place and shape of the crosswalk, or where its network says them."""
+
+    net: str | None = None
+    edge: str | None = None
+    approach: str | None = None
+    ignore_signal: bool = False
+    read: ReadSection | None = None
+    latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = 42.278415
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = -83.735580
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
-    length_m: Annotated[float, Field(ge=4, le=40)] = 9.0
+    length_m: Annotated[float, Field(ge=2.5, le=40)] = 9.0
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
     pedestrian_priority: bool = True
+    lanes: Annotated[int, Field(ge=1, le=6)] = 1
+    oncoming_lanes: Annotated[int, Field(ge=0, le=6)] = 1
+    lane_width_m: Annotated[float, Field(ge=1, le=20)] | None = None
+    road_speed_limit_mps: Annotated[float, Field(gt=0, le=100)] | None = None
+    obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
+
+    @property
+    def width_of_lane_m(self) -> float:
+        """``lane_width_m``, or ``length_m`` shared evenly among the lanes of both directions."""
+        return self.lane_width_m or self.length_m / (self.lanes + self.oncoming_lanes)
+
+    @property
+    def beside_lanes_m(self) -> float:
+        """What ``lane_width_m`` leaves of ``length_m``: a median, or both strips if one-way."""
+        if self.lane_width_m is None:
+            return 0.0
+        rest = self.length_m - (self.lanes + self.oncoming_lanes) * self.lane_width_m
+        return rest if rest > ROUNDING_M else 0.0
+
+    @property
+    def kerb_strip_m(self) -> float:
+        """Width of the strip between each kerb and the lanes: half of the rest if one-way."""
+        return 0.0 if self.oncoming_lanes else self.beside_lanes_m / 2
+
+    def lane_centre_m(self, lane: int) -> float:
+        """From the near kerb of a direction to the centre of its lane of that number, in m."""
+        return self.kerb_strip_m + (lane + 0.5) * self.width_of_lane_m
+
+    def lane_borders_m(self) -> tuple[float, ...]:
+        """y of every line between two lanes, or between a lane and a median or strip, in m."""
+        width, strip = self.width_of_lane_m, self.kerb_strip_m
+        near = [strip + lane * width for lane in range(self.lanes + 1)]
+        far = [self.length_m - strip - lane * width for lane in range(self.oncoming_lanes + 1)]
+        inside = {round(y, 9) for y in (*near, *far)} - {0.0, round(self.length_m, 9)}
+        return tuple(sorted(inside))
 
 
 class EgoSection(_Section):
     """``[ego]``: the vehicle, the same in both arms."""
 
+    lane: Annotated[int, Field(ge=0)] = 0
     initial_speed_mps: Annotated[float, Field(gt=0, le=60)] = 5.0
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
     detection_range_m: Positive | None = None
@@ -62,6 +150,52 @@ class GapAcceptanceSection(_Section):
     std_s: NonNegative = 2.5
 
 
+Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
+
+
+class DrawnSection(_Section):
+    """``[[pedestrians.drawn]]``: the people of one pair, as ``harness risk`` found them.
+
+    ``episode`` keys the streams of everything that is not given; the lists hold the uniforms of the
+    first pedestrians in the place of those streams' first draws.
+    """
+
+    episode: Annotated[int, Field(ge=0)]
+    arrival: Uniforms = ()
+    side: Uniforms = ()
+    quantile: Uniforms = ()
+    critical_gap: Uniforms = ()
+    detection: Uniforms = ()
+
+    @property
+    def uniforms(self) -> dict[Purpose, tuple[float, ...]]:
+        """By purpose of the stream."""
+        return {
+            "arrival": self.arrival,
+            "side": self.side,
+            "quantile": self.quantile,
+            "critical_gap": self.critical_gap,
+            "detection": self.detection,
+        }
+
+
+class WalkingSpeedSection(_Section):
+    """``[pedestrians.walking_speed]``: a normal distribution in the interaction model's place.
+
+    It is cut off at ``SLOWEST_MPS``; mean and standard deviation are those before the cut.
+    """
+
+    mean_mps: Annotated[float, Field(ge=0.5, le=3)]
+    std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
+
+    def at(self, quantile: float) -> float:
+        """The walking speed at a quantile in [0, 1), in m/s."""
+        normal = NormalDist(self.mean_mps, self.std_mps)
+        below = normal.cdf(SLOWEST_MPS)
+        share = below + quantile * (1 - below)
+        return max(SLOWEST_MPS, normal.inv_cdf(share)) if share > 0 else SLOWEST_MPS
+
+
 class PedestriansSection(_Section):
     """``[pedestrians]``: who comes, from where, how they decide and walk."""
 
@@ -70,11 +204,36 @@ class PedestriansSection(_Section):
     first_at_trigger: bool = False
     near_side_share: Share = 0.5
     kerb_wait_s: NonNegative = 2.0
-    pairing: Literal["quantile", "speed"] = "quantile"
+    warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
     behaviour: Behaviour = "constant"
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
+    walking_speed: WalkingSpeedSection | None = None
     timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
     timed_case: str | None = None
+    drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False)] = ()
+
+
+class PerceptionSection(_Section):
+    """``[perception]``: what the AV's strategy is shown of the pedestrians; by default what is so.
+
+    ``human``: the human's arm is shown the same way.
+    """
+
+    latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
+    update_s: Annotated[float, Field(gt=0, le=60)] | None = None
+    detection_probability: Share = 1.0
+    dropout_probability: Share = 0.0
+    position_sd_m: Annotated[float, Field(ge=0, le=100)] = 0.0
+    speed_sd_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
+    correlation_s: NonNegative = 1.0
+    occlusion: bool = True
+    human: bool = False
+
+    def is_perfect(self, step_s: float) -> bool:
+        """Whether it shows what is so at every step, but for what obstacles hide."""
+        faults = (self.latency_s, self.dropout_probability, self.position_sd_m, self.speed_sd_mps)
+        every_step = self.update_s is None or self.update_s < 1.5 * step_s
+        return every_step and self.detection_probability == 1 and not any(faults)
 
 
 class ModelSection(_Section):
@@ -82,14 +241,32 @@ class ModelSection(_Section):
 
     name: str = "dut"
     path: str | None = None
-    pedestrian_reading: Literal["marginal", "curve"] = "marginal"
+    pedestrian_reading: Literal["marginal", "curve", "unconditional"] = "marginal"
+    extrapolate: bool = False
+
+
+def _strategy_name(strategy: Any) -> Any:
+    """A class in Python as ``package.module:Class``: workers import it by its name."""
+    if not isinstance(strategy, type):
+        return strategy
+    module, name = strategy.__module__, strategy.__qualname__
+    found: Any = sys.modules.get(module) if module != "__main__" else None
+    for part in name.split("."):
+        found = getattr(found, part, None)
+    if found is not strategy:
+        allowed = "a class of a module that workers can import: put it into a file of its own"
+        raise PydanticCustomError("strategy_class", allowed)
+    return f"{module}:{name}"
+
+
+StrategyName = Annotated[str, BeforeValidator(_strategy_name)]
 
 
 class ArmsSection(_Section):
-    """``[arms]``: which strategy drives in each arm."""
+    """``[arms]``: which strategy drives in each arm; in Python also as a class."""
 
-    av: str = "soft_yield"
-    human: str = "human_gmm"
+    av: StrategyName = "soft_yield"
+    human: StrategyName = "human_gmm"
 
 
 class ConflictsSection(_Section):
@@ -108,6 +285,7 @@ class ExperimentSection(_Section):
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
     step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    decide_limit_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
 
 
 class LimitsSection(_Section):
@@ -117,29 +295,89 @@ class LimitsSection(_Section):
     kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
+SLOWEST_MPS = 0.3
+"""Nobody who is drawn from ``[pedestrians.walking_speed]`` walks slower."""
+
+QUARTER_S = 900.0
+"""How long each value of a list of flows holds."""
+
+Flow = Annotated[float, Field(ge=0, le=100_000)]
+
+
+class TrafficSection(_Section):
+    """``[traffic]``: vehicles over hours in place of one ego.
+
+    ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its headway.
+    """
+
+    flow_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
+    oncoming_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
+    av_share: Share = 1.0
+    duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
+    warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
+    following: Literal["Krauss", "IDM"] = "Krauss"
+    tau_s: Positive = 1.0
+    min_gap_m: NonNegative = 2.0
+    occupancy: Positive = 1.5
+    saturated: bool = False
+
+
 class Scenario(_Section):
     """One experiment, complete: what a run of it needs and nothing else."""
 
     crossing: CrossingSection = CrossingSection()
     ego: EgoSection = EgoSection()
     pedestrians: PedestriansSection = PedestriansSection()
+    perception: PerceptionSection = PerceptionSection()
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
     strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     limits: LimitsSection = LimitsSection()
+    traffic: TrafficSection | None = None
 
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""
-        values = self.ego.model_dump()
+        values = self.ego.model_dump(exclude={"lane"})
         if values["detection_range_m"] is None:
             values["detection_range_m"] = values["trigger_range_m"]
         return Vehicle(**values)
 
-    def crosswalk(self) -> Crossing:
-        """The crosswalk's constants."""
-        return Crossing(self.crossing.length_m, self.crossing.width_m)
+    def crosswalk(self, lane: int | None = None) -> Crossing:
+        """The crosswalk's constants, from the ego's lane or another one of either direction."""
+        crossing = self.crossing
+        number = self.ego.lane if lane is None else lane
+        if crossing.read is not None and lane is None:
+            return Crossing(
+                length_m=crossing.length_m,
+                width_m=crossing.width_m,
+                lane_centre_m=crossing.read.lane_centre_m,
+                lane_width_m=crossing.width_of_lane_m,
+                lane=number,
+            )
+        return Crossing(
+            length_m=crossing.length_m,
+            width_m=crossing.width_m,
+            lane_centre_m=crossing.lane_centre_m(number),
+            lane_width_m=crossing.width_of_lane_m,
+            lane=number,
+            speed_limit_mps=crossing.road_speed_limit_mps or self.ego.initial_speed_mps,
+        )
+
+    def least_headway_s(self) -> float:
+        """Shortest headway of vehicles that do not disturb each other at v0; whole steps.
+
+        The following distance of SUMO's Krauss model at v0: tau_s + (length + min_gap_m)/v0.
+
+        Raises:
+            AssertionError: there is no ``[traffic]``.
+        """
+        assert self.traffic is not None
+        spaced_m = self.ego.length_m + self.traffic.min_gap_m
+        headway_s = self.traffic.tau_s + spaced_m / self.ego.initial_speed_mps
+        step_s = self.experiment.step_s
+        return math.ceil(headway_s / step_s - 1e-9) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
         """Side and path of every timed pedestrian of the case, or of all where none is named."""
@@ -149,6 +387,11 @@ class Scenario(_Section):
             for timed in self.pedestrians.timed
             if case is None or timed.name == case
         )
+
+    def obstacles(self) -> tuple[ObstacleSection, ...]:
+        """The obstacles of the timed case, or all where none is named."""
+        case = self.pedestrians.timed_case
+        return tuple(o for o in self.crossing.obstacles if case is None or o.case in (None, case))
 
 
 def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:

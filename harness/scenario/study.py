@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import time
 from decimal import Decimal, InvalidOperation
+from types import MappingProxyType
 from typing import Any
 
 from harness.documents import parse_toml
 from harness.errors import InputError
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, validate
 from harness.scenario.sections import Scenario
+from harness.scenario.units import in_si
 
 MAX_CELLS = 100_000
 
@@ -25,8 +27,16 @@ class Cell:
     """
 
     number: int
-    varied: dict[str, Any]
+    varied: Mapping[str, Any]
     scenario: Scenario
+
+    def __post_init__(self) -> None:
+        """Nobody changes what a cell varies, whoever holds the dictionary it was made from."""
+        object.__setattr__(self, "varied", MappingProxyType(dict(self.varied)))
+
+    def __reduce__(self) -> tuple[type["Cell"], tuple[int, dict[str, Any], Scenario]]:
+        """Pickled, as for a worker, by what it was made of: a read-only mapping cannot be."""
+        return Cell, (self.number, dict(self.varied), self.scenario)
 
 
 @dataclass(frozen=True)
@@ -41,6 +51,11 @@ class Study:
     cells: tuple[Cell, ...]
 
     @property
+    def in_traffic(self) -> bool:
+        """Whether its cells are hours of traffic; all of them are, or none."""
+        return self.cells[0].scenario.traffic is not None
+
+    @property
     def varied_keys(self) -> list[str]:
         """The varied keys, in the order given; none for a run of one cell."""
         return list(self.cells[0].varied)
@@ -49,52 +64,57 @@ class Study:
 Variation = tuple[str, list[Any]]
 
 
-def single_cell(file: ScenarioFile) -> Study:
-    """A study of one cell.
+def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
+    """The cells of a run: of ``variations``, else of the file's ``[sweep]`` table, else one cell.
 
     Raises:
-        InputError: the file has a ``[sweep]`` table.
-    """
-    if file.sweep is not None:
-        raise InputError(
-            f"{file.source}: sweep", "a study of several cells", "`harness sweep` runs it"
-        )
-    scenario = file.scenario()
-    return Study(file.name, scenario, (Cell(0, {}, scenario),))
-
-
-def study_of(file: ScenarioFile, variations: Sequence[Variation]) -> Study:
-    """The cells of a sweep: the ``--vary`` options, or else the file's ``[sweep]`` table.
-
-    Raises:
-        InputError: nothing varies, a key or value is not accepted, a key varies twice.
+        InputError: a key or value is not accepted, a key varies twice, two cells are the same.
     """
     if variations and file.sweep is not None:
         raise InputError(
             "--vary", f"{file.source} has a [sweep] table of its own", "one of the two"
         )
+    points, source = [dict[str, Any]()], "--vary"
     if file.sweep is not None:
-        points, source = _points_of_table(file.sweep, file.source), "sweep"
-    else:
-        points, source = _grid(variations, "--vary"), "--vary"
-    if not points:
-        raise InputError(
-            file.source, "nothing to vary", "--vary key=v1,v2 (repeatable) or a [sweep] table"
-        )
+        points, source = _points_of_table(file.sweep, file.source), f"{file.source}: sweep"
+    elif variations:
+        points = _grid(variations, source)
     keys = list(dict.fromkeys(key for point in points for key in point))
+    if "experiment.pairs" in keys:
+        raise InputError(
+            f"{source} experiment.pairs", "varies", "one number for all cells: --pairs"
+        )
     cells = []
+    seen: dict[str, int] = {}
     for number, point in enumerate(points):
-        settings = [Setting(key, value, source) for key, value in point.items()]
-        scenario = file.scenario(settings)
+        scenario = file.scenario([Setting(key, value, source) for key, value in point.items()])
         dumped = scenario.model_dump()
-        varied = {key: point.get(key, _value_at(dumped, key)) for key in keys}
+        # A speed with a unit is a number from here on.
+        written = in_si(point, source, {})
+        varied = {key: written.get(key, _value_at(dumped, key)) for key in keys}
+        # A class is a name from here on.
+        varied |= {key: _value_at(dumped, key) for key in keys if isinstance(varied[key], type)}
+        if (first := seen.setdefault(repr(dumped), number)) != number:
+            what = ", ".join(f"{key}={value}" for key, value in varied.items())
+            problem = f"cells {first} and {number} are the same ({what})"
+            raise InputError(source, problem, "each value once")
         cells.append(Cell(number, varied, scenario))
+    if len({cell.scenario.traffic is None for cell in cells}) > 1:
+        allowed = "[traffic] in every cell, or in none"
+        raise InputError(source, "some cells are hours of traffic, others are not", allowed)
     return Study(file.name, file.scenario(), tuple(cells))
 
 
-def study_from(document: Mapping[str, Any]) -> Study:
-    """The study a manifest describes: its scenario and the varied keys of each cell."""
-    where = "manifest.json"
+def study_from(document: Mapping[str, Any], where: str) -> Study:
+    """The study a manifest describes: its scenario and the varied keys of each cell.
+
+    Args:
+        document: with ``name``, ``scenario`` and ``cells``.
+        where: the file, for messages.
+
+    Raises:
+        InputError: the scenario or a varied value is not accepted.
+    """
     base = validate(document["scenario"], where)
     cells = []
     for number, varied in enumerate(document["cells"]):
@@ -104,6 +124,18 @@ def study_from(document: Mapping[str, Any]) -> Study:
                 apply_setting(tree, Setting(key, value))
         cells.append(Cell(number, dict(varied), validate(tree, where)))
     return Study(document["name"], base, tuple(cells))
+
+
+def of_today(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """A manifest's scenario, which an earlier version may have written, in the keys of this one."""
+    pedestrians, model = tree.get("pedestrians"), tree.get("model")
+    today = dict(tree)
+    if isinstance(pedestrians, dict) and pedestrians.get("pairing") == "quantile":
+        today["pedestrians"] = {k: v for k, v in pedestrians.items() if k != "pairing"}
+    if isinstance(model, dict):
+        # Conditions outside the model's box were clamped without asking.
+        today["model"] = {"extrapolate": True, **model}
+    return today
 
 
 def parse_variation(text: str) -> Variation:
@@ -165,6 +197,8 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
     named = table.get("cells")
     if named is None:
         flat = _flatten(table)
+        if not flat:
+            raise InputError(where, "nothing to vary", "a list of values for each key that varies")
         for key, values in flat.items():
             if not isinstance(values, list):
                 raise InputError(f"{where}.{key}", f"{values!r} is no list", "a list of values")
@@ -178,6 +212,8 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
         raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
     if len(named) > MAX_CELLS:
         raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
+    if not named:
+        raise InputError(f"{where}.cells", "nothing to vary", "at least one cell")
     return [_flatten(cell) for cell in named]
 
 
@@ -188,8 +224,6 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
             raise InputError(where, f"{key} varies twice", "each key once")
         if not values:
             raise InputError(f"{where} {key}", "no values", "at least one")
-    if not keys:
-        return []
     # Counted before they are made: two long ranges are more than the memory holds.
     count = math.prod(len(values) for _, values in variations)
     if count > MAX_CELLS:

@@ -5,19 +5,20 @@ from typing import ClassVar, NamedTuple
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
+    CLEARANCE_M,
+    COMFORTABLE_MPS2,
     ROUNDING,
+    anybody_waits,
+    can_stop_at_line,
     full_braking_distance,
     half_path,
+    lane_free_in,
     resume,
+    speeding_up,
     stop_after,
+    stop_at_line,
     time_in_path,
 )
-
-CLEARANCE_M = PEDESTRIAN_RADIUS_M + 0.1
-"""Range at which it stands at the latest: 0.1 m before somebody on the centre line."""
-
-COMFORTABLE_MPS2 = 3.0
-"""Deceleration towards the crosswalk: 10 ft/s², ITE's for drivers before a red light."""
 
 ROLLING_MPS = 1.0
 """Slowest speed at which it rolls up to the edge; where it would be slower, it stops before."""
@@ -63,12 +64,14 @@ class GapYield:
 
     AGGRESSIVENESS: ClassVar = {"critical_gap_s": -1.0}  # a smaller gap is bolder
 
-    def __init__(self, *, critical_gap_s: float = 1.5) -> None:
-        self._critical_gap_s = critical_gap_s
+    def __init__(self, *, critical_gap_s: float = 1.5, yield_to_waiting: bool = False) -> None:
+        self._critical_gap_s, self._yield_to_waiting = critical_gap_s, yield_to_waiting
 
     def decide(self, observation: Observation, /) -> float:
         """Wanted acceleration in m/s²."""
         go = _within_stopping(observation, resume(observation))
+        if self._yield_to_waiting and anybody_waits(observation) and can_stop_at_line(observation):
+            return min(go, stop_at_line(observation))
         people = _people(observation)
         if not people or observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING:
             return go
@@ -86,16 +89,13 @@ class _Person(NamedTuple):
 def _people(observation: Observation) -> list[_Person]:
     """Everyone on the crossing who is in the ego's lane or will be."""
     half = half_path(observation.vehicle)
-    out_of_lane = observation.crossing.lane_centre_m + PEDESTRIAN_RADIUS_M
     people = []
     for pedestrian in observation.pedestrians:
         if not pedestrian.on_crossing:
             continue
         enters, leaves = time_in_path(pedestrian, half)
         if pedestrian.speed_mps > 0:
-            # From the far side he leaves the lane at its kerb.
-            rest = min(pedestrian.lateral_m + out_of_lane, pedestrian.remaining_m)
-            leaves = rest / pedestrian.speed_mps
+            leaves = lane_free_in(observation, pedestrian)
         if leaves > 0 and enters < math.inf:
             people.append(_Person(enters, leaves))
     return people
@@ -202,7 +202,7 @@ def _run_up(observation: Observation, distance_m: float, speed_mps: float) -> tu
     # Where a0 would meet that curve.
     run = (on_curve - speed_mps**2) / (2 * (a0 + slowing))
     if top <= edge or run >= distance_m:
-        return _speeding_up(observation, distance_m, speed_mps)
+        return speeding_up(observation, distance_m, speed_mps)
     peak = min(math.sqrt(speed_mps**2 + 2 * a0 * run), top)
     ramps = (peak**2 - speed_mps**2) / (2 * a0) + (peak**2 - edge**2) / (2 * slowing)
     return (peak - speed_mps) / a0 + (peak - edge) / slowing + (distance_m - ramps) / peak, edge
@@ -212,14 +212,4 @@ def _passage(observation: Observation, to_edge_m: float, speed_mps: float) -> fl
     """Time from the near edge, or ``to_edge_m`` ≤ 0 past it, until the rear is past x = 0.25 m."""
     length, width = observation.vehicle.length_m, observation.crossing.width_m
     distance = width / 2 + to_edge_m + length + PEDESTRIAN_RADIUS_M
-    return _speeding_up(observation, distance, speed_mps)[0]
-
-
-def _speeding_up(
-    observation: Observation, distance_m: float, speed_mps: float
-) -> tuple[float, float]:
-    """(time, speed at the end) of a distance with a0 up to v0."""
-    a0, top = observation.vehicle.resume_acceleration_mps2, observation.vehicle.initial_speed_mps
-    reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * a0 * distance_m)))
-    left = distance_m - (reached**2 - speed_mps**2) / (2 * a0)
-    return (reached - speed_mps) / a0 + left / max(top, speed_mps), reached
+    return speeding_up(observation, distance, speed_mps)[0]

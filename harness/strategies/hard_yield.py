@@ -1,7 +1,13 @@
 """Hard-Yield: stop before the crosswalk and wait until it is clear."""
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
-from harness.strategies.driving import full_braking_distance, resume, stop_after
+from harness.strategies.driving import (
+    anybody_waits,
+    can_stop_at_line,
+    full_braking_distance,
+    resume,
+    stop_after,
+)
 
 
 class HardYield:
@@ -11,15 +17,21 @@ class HardYield:
     deceleration, it brakes at the maximum if that stops it before R = 0.25 m; otherwise it goes
     on.  Any number of pedestrians: it waits for all of them.  Source: the stopping counterpart of
     Soft-Yield in Schroeder et al. 2014, as laid down in docs/method.md.
+
+    Args:
+        yield_to_waiting: also stop for people who wait at a kerb, where 3 m/s² are enough.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, yield_to_waiting: bool = False) -> None:
+        self._yield_to_waiting = yield_to_waiting
         self._braking_at_maximum = False
 
     def decide(self, observation: Observation, /) -> float:
         """Wanted acceleration in m/s²."""
         ego = observation.ego
         occupied = any(pedestrian.on_crossing for pedestrian in observation.pedestrians)
+        if self._yield_to_waiting and anybody_waits(observation):
+            occupied |= can_stop_at_line(observation)
         if not occupied or ego.range_m <= 0:
             self._braking_at_maximum = False
             return resume(observation)

@@ -6,7 +6,7 @@ import numpy as np
 
 from harness.encounter import Observation, PedestrianView
 from harness.errors import InputError
-from harness.interaction import InteractionModel
+from harness.interaction import Asked, InteractionModel
 
 
 class HumanDriver:
@@ -15,6 +15,8 @@ class HumanDriver:
     a_d = (v_d − v) / Δt (paper, section III-D) within the vehicle's limits, where v_d is the
     smallest mode over all pedestrians on the crossing and at most v0.  T_adv uses the present v
     and the signed L.  Nobody on the crossing, or R ≤ 0: a0 to v0, held for Δt like the rest.
+
+    ``asked`` counts the states of the ego that the model was asked about.
 
     Args:
         model: the interaction model (given by the harness).
@@ -43,6 +45,7 @@ class HumanDriver:
                 f"whole steps of experiment.step_s = {step_s:g} s",
             )
         self._model, self._rng = model, rng
+        self.asked = Asked(model)
         self._interval_s = decision_interval_s
         self._reading, self._speed = reading, speed
         self._decisions = 0
@@ -70,6 +73,7 @@ class HumanDriver:
 
     def _desired_speed(self, observation: Observation, pedestrian: PedestrianView) -> float:
         range_m, speed = observation.ego.range_m, observation.ego.speed_mps
+        self.asked.note(range_m, speed)
         quantile = None if self._speed == "mode" else self._rng.random()
         if self._reading == "marginal":
             return self._model.driver_speed(range_m, pedestrian.speed_mps, quantile=quantile)

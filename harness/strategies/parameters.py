@@ -1,12 +1,14 @@
 """Parameters of strategies: what a constructor takes, and whether a scenario's table fits it."""
 
 import inspect
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.errors import PydanticUserError
 
 from harness.encounter import StrategyFactory
 from harness.errors import InputError, unknown_name
@@ -50,6 +52,11 @@ def needs(strategy: StrategyFactory) -> tuple[str, ...]:
     """Which of ``GIVEN_BY_HARNESS`` the constructor asks for."""
     names = inspect.signature(strategy).parameters
     return tuple(name for name in GIVEN_BY_HARNESS if name in names)
+
+
+def knows_the_model(strategy: StrategyFactory) -> bool:
+    """Whether it is given the interaction model, the very one that people are drawn from."""
+    return "model" in needs(strategy)
 
 
 def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
@@ -113,19 +120,12 @@ def _constructor(strategy: StrategyFactory) -> Any:
 
 
 def _fits(value: Any, annotation: Any) -> bool:
-    if annotation is Any:
+    config = ConfigDict(strict=True, allow_inf_nan=False, arbitrary_types_allowed=True)
+    try:
+        TypeAdapter(annotation, config=config).validate_python(value)
+    except ValidationError:
+        return False
+    except PydanticUserError:
+        # An annotation that pydantic knows no check for.
         return True
-    if get_origin(annotation) is Literal:
-        return value in get_args(annotation)
-    if get_origin(annotation) in (Union, UnionType):
-        return any(_fits(value, part) for part in get_args(annotation))
-    if annotation is NoneType:
-        return value is None
-    if annotation is float:
-        if not isinstance(value, int | float) or isinstance(value, bool):
-            return False
-        # TOML's integers have no limit, a float's range has.
-        return abs(value) <= sys.float_info.max
-    if annotation is int:
-        return isinstance(value, int) and not isinstance(value, bool)
-    return isinstance(value, annotation) if isinstance(annotation, type) else True
+    return True

@@ -13,6 +13,8 @@ from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
+from harness.strategies.human_recorded import HumanRecorded
+from harness.strategies.human_yield import HumanYield
 from harness.strategies.own import installed, load_installed, load_own
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
@@ -22,6 +24,8 @@ STRATEGIES: dict[str, StrategyFactory] = {
     "hard_yield": HardYield,
     "constant_speed": ConstantSpeed,
     "human_gmm": HumanDriver,
+    "human_yield": HumanYield,
+    "human_recorded": HumanRecorded,
     "emergency_brake": EmergencyBrake,
     "gap_yield": GapYield,
     "sumo_driver": SumoDriver,
@@ -76,6 +80,12 @@ def aggressiveness_of(name: str) -> Mapping[str, float]:
     """
     signs: Mapping[str, float] = getattr(STRATEGIES.get(name), "AGGRESSIVENESS", {})
     return signs
+
+
+def fallback_of(name: str) -> str:
+    """What drives where a strategy has no answer: the ``FALLBACK`` of a built-in one's class."""
+    fallback: str = getattr(STRATEGIES.get(name), "FALLBACK", "its fallback")
+    return fallback
 
 
 def table_key(name: str) -> str:

@@ -47,6 +47,7 @@ class SoftYield:
     """
 
     AGGRESSIVENESS: ClassVar = {"time_margin_s": -1.0}  # a smaller margin is bolder
+    FALLBACK: ClassVar = "hard_yield"
 
     def __init__(
         self,
@@ -94,6 +95,8 @@ class SoftYield:
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
         """The way to x = 0 in ``until_s``; None where there is no answer."""
         now, ego = observation.time_s, observation.ego
+        if not math.isfinite(until_s):
+            return None  # someone stands
         shortfall = ego.range_m - ego.speed_mps * until_s
         if shortfall >= 0:
             return _Plan(0.0, now, now + until_s)
@@ -101,7 +104,7 @@ class SoftYield:
         if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
             return None
         discriminant = until_s * until_s - 2 * shortfall / a
-        # Not a number where until_s is infinite, for someone who stands.
+        # Not a number for a margin beyond all measure.
         if not discriminant >= 0:
             return None
         t1 = until_s - math.sqrt(discriminant)

@@ -7,9 +7,10 @@ from harness.trajectories.extraction import (
     extract,
     read_clips,
     summary,
+    write_rows,
 )
+from harness.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
 from harness.trajectories.formats import FORMATS, Format
-from harness.trajectories.rules import ROW_COLUMNS, Rules
 from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
 from harness.trajectories.weights import WEIGHINGS, row_weights
 
@@ -21,8 +22,8 @@ __all__ = [
     "Clip",
     "Counts",
     "Extraction",
+    "ExtractionRules",
     "Format",
-    "Rules",
     "Sighting",
     "Track",
     "VehicleTrack",
@@ -31,4 +32,5 @@ __all__ = [
     "read_clips",
     "row_weights",
     "summary",
+    "write_rows",
 ]

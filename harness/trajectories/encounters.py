@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 
 from harness.trajectories.counting import Tally
+from harness.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
 from harness.trajectories.paths import (
-    Path,
+    TravelPath,
     arc_of_records,
     build_path,
     first_crossing,
     travel_m,
 )
-from harness.trajectories.rules import ROW_COLUMNS, Rules
 from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
 
 # Corner spacing and the chord that gives a direction: a few times the recording jitter (about
@@ -33,15 +33,15 @@ CANDIDATE_COLUMNS = tuple(
 
 
 @dataclass(frozen=True, eq=False)
-class _Mover:
+class Mover:
     """A track with its path and the path length of every record."""
 
     track: Track
-    path: Path
+    path: TravelPath
     arc_m: Floats
 
 
-def candidate_rows(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFrame]:
+def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[pd.DataFrame]:
     """The candidate rows of a clip, pair by pair, in the order of its tracks.
 
     Pairs come from the crossing of their paths, or from the sensor's sightings where the clip has
@@ -56,31 +56,31 @@ def candidate_rows(clip: Clip, rules: Rules, tally: Tally) -> Iterator[pd.DataFr
         yield pd.DataFrame({"source": clip.source, "clip": clip.name, **columns})
 
 
-def conflict_point(vehicle: Track, pedestrian: Track, rules: Rules) -> Floats | None:
+def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> Floats | None:
     """(2,) where the two paths first cross, along the vehicle's; None when they do not.
 
     Args:
         vehicle, pedestrian: tracks of one clip.
         rules: how far paths go on straight; the angle of the crossing is not looked at.
     """
-    car, walker = _car(vehicle, rules), _walker(pedestrian, rules)
+    car, walker = car_of(vehicle, rules), walker_of(pedestrian, rules)
     if car is None or walker is None:
         return None
     crossing = first_crossing(car.path, walker.path)
     return None if crossing is None else car.path.at(crossing[0])
 
 
-def _from_paths(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
+def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
     """Candidate rows of the pairs whose paths cross."""
     walkers = {}
     for name, track in clip.pedestrians.items():
-        walker = _walker(track, rules)
+        walker = walker_of(track, rules)
         if walker is None:
             tally.drop("tracks", "standing_pedestrian")
         else:
             walkers[name] = walker
     for vehicle, vehicle_track in clip.vehicles.items():
-        car = _car(vehicle_track, rules)
+        car = car_of(vehicle_track, rules)
         if car is None:
             tally.drop("tracks", "parked_vehicle")
             continue
@@ -90,30 +90,30 @@ def _from_paths(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
                 yield {"vehicle": vehicle, "pedestrian": pedestrian, **columns}
 
 
-def _walker(track: Track, rules: Rules) -> _Mover | None:
+def walker_of(track: Track, rules: ExtractionRules) -> Mover | None:
     """A pedestrian with his path; None when he stands."""
     shape = (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m)
     return _mover(track, shape, rules.min_pedestrian_travel_m)
 
 
-def _car(track: Track, rules: Rules) -> _Mover | None:
+def car_of(track: Track, rules: ExtractionRules) -> Mover | None:
     """A vehicle with its path; None when it is parked."""
     shape = (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m)
     return _mover(track, shape, rules.min_vehicle_travel_m)
 
 
-def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> _Mover | None:
+def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> Mover | None:
     """The track with its path; None for an object that stays where it is."""
     if travel_m(track.position_m) < least_m:
         return None
     path = build_path(track.position_m, *shape)
     if path is None:
         return None
-    return _Mover(track, path, arc_of_records(path, track.position_m))
+    return Mover(track, path, arc_of_records(path, track.position_m))
 
 
 def _pair_rows(
-    vehicle: VehicleTrack, car: _Mover, walker: _Mover, rules: Rules, tally: Tally
+    vehicle: VehicleTrack, car: Mover, walker: Mover, rules: ExtractionRules, tally: Tally
 ) -> Columns | None:
     """R, L and their rates at the sampling instants of one pair; None when it is no encounter."""
     times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
@@ -124,10 +124,9 @@ def _pair_rows(
     if crossing is None:
         tally.drop("pairs", "paths_do_not_cross")
         return None
-    on_car, on_walker = crossing
-    driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
-    walking = walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
-    angle = math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
+    on_car = crossing[0]
+    driving, walking = directions(car, walker, crossing)
+    angle = angle_deg(driving, walking)
     if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
         tally.drop("pairs", "crossing_angle")
         return None
@@ -153,7 +152,19 @@ def _pair_rows(
     }
 
 
-def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
+def directions(car: Mover, walker: Mover, crossing: tuple[float, float]) -> tuple[Floats, Floats]:
+    """(2,) unit directions of driving and of walking where the two paths cross."""
+    on_car, on_walker = crossing
+    driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
+    return driving, walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
+
+
+def angle_deg(driving: Floats, walking: Floats) -> float:
+    """Between two unit directions, 0–180."""
+    return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
+
+
+def _seen(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
     """Candidate rows of the pairs a sensor measured itself."""
     for sighting in clip.sightings or ():
         times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
@@ -166,7 +177,7 @@ def _seen(clip: Clip, rules: Rules, tally: Tally) -> Iterator[Columns]:
         yield _sighting_rows(clip, sighting, times, rules)
 
 
-def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: Rules) -> Columns:
+def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: ExtractionRules) -> Columns:
     """The sensor's R, L and speeds at the sampling instants."""
     length = clip.vehicles[seen.vehicle].length_m
     passed_first, pet_s = order_of_passing(
@@ -220,7 +231,7 @@ def spans_gap(time_s: Floats, start: Floats, end: Floats, max_gap_s: float) -> n
     return np.asarray(gaps_before[right] > gaps_before[left])
 
 
-def rate(time_s: Floats, value: Floats, at: Floats, rules: Rules) -> Floats:
+def rate(time_s: Floats, value: Floats, at: Floats, rules: ExtractionRules) -> Floats:
     """Rate of change over the speed window about each instant, cut at the track's ends.
 
     Undefined (NaN) across a gap, and where less than half the window was recorded.

@@ -2,29 +2,36 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 
 from harness.errors import InputError, unknown_name
+from harness.files import write_file
 from harness.trajectories.counting import Counts, Tally, freeze
 from harness.trajectories.csv_input import as_paths
 from harness.trajectories.encounters import CANDIDATE_COLUMNS, candidate_rows
-from harness.trajectories.formats import FORMATS, Format
-from harness.trajectories.rules import (
+from harness.trajectories.extraction_rules import (
     ROW_COLUMNS,
     TEXT_COLUMNS,
     kept_rows,
     split_options,
     with_times,
 )
+from harness.trajectories.formats import FORMATS, Format
 from harness.trajectories.tracks import Clip
 
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
+EXTRACTION_KEY = b"harness.extraction"
+"""Where a file of rows has its command and counts: in the Parquet file's metadata."""
+
 SUMMARISED = (
     "range_m",
     "lateral_m",
@@ -64,7 +71,7 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     Args:
         paths: files or folders; what is looked for depends on the format.
         format: a key of ``FORMATS``.
-        **options: fields of ``Rules``, or of the format's own options.
+        **options: fields of ``ExtractionRules``, or of the format's own options.
 
     Returns:
         Rows and counts; ``rows`` may be empty when nothing passes the rules.
@@ -87,6 +94,25 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     if pairs is not None and candidate_pairs is not None:
         tally.drop("pairs", "no_row_kept", candidate_pairs - pairs)
     return Extraction(rows, freeze(tally, len(rows), vehicles, pairs))
+
+
+def write_rows(path: Path, extraction: Extraction, command: str) -> None:
+    """Write the rows as Parquet, with where they come from in its metadata.
+
+    Args:
+        path: the file; it appears whole.
+        extraction: rows and counts.
+        command: what a card will say the rows were made with.
+
+    Raises:
+        HarnessError: the file cannot be written.
+    """
+    table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
+    about = {"command": command, "counts": extraction.counts.as_dict()}
+    metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
+    buffer = pa.BufferOutputStream()
+    pq.write_table(table.replace_schema_metadata(metadata), buffer)
+    write_file(path, buffer.getvalue().to_pybytes())
 
 
 def read_clips(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> list[Clip]:

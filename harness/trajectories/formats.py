@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from harness.trajectories import mobileye, table, vci
+from harness.trajectories import mobileye, ready_rows, vci
 from harness.trajectories.counting import Tally
 from harness.trajectories.tracks import Clip
 
@@ -34,5 +34,7 @@ FORMATS: Mapping[str, Format] = {
     "mobileye": Format(
         "the paper's bus-mounted sensor", mobileye.MobileyeOptions, clips=mobileye.read_clips
     ),
-    "table": Format("ready-made rows, csv or parquet", table.TableOptions, rows=table.read_rows),
+    "table": Format(
+        "ready-made rows, csv or parquet", ready_rows.TableOptions, rows=ready_rows.read_rows
+    ),
 }

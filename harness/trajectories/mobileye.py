@@ -34,7 +34,7 @@ from harness.trajectories.csv_input import (
     read_table,
     require_columns,
 )
-from harness.trajectories.rules import check_numbers
+from harness.trajectories.extraction_rules import check_numbers
 from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
 
 COLUMNS = (

@@ -9,7 +9,7 @@ from harness.trajectories.tracks import Floats, read_only
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class TravelPath:
     """A path as a chain of straight pieces, the last one being its straight extension.
 
     Attributes:
@@ -60,7 +60,7 @@ def thinned(position_m: Floats, step_m: float) -> NDArray[np.intp]:
 
 def build_path(
     position_m: Floats, step_m: float, chord_m: float, extension_m: float
-) -> Path | None:
+) -> TravelPath | None:
     """The path through an object's records, extended straight ahead.
 
     Args:
@@ -87,10 +87,12 @@ def build_path(
     beyond = max(0.0, float((position_m[-1] - last) @ ahead))
     points = np.vstack([corners, last + ahead * (beyond + max(extension_m, 1e-3))])
     pieces = np.hypot(*np.diff(points, axis=0).T)
-    return Path(read_only(points), read_only(np.concatenate([[0.0], np.cumsum(pieces)])), kept)
+    return TravelPath(
+        read_only(points), read_only(np.concatenate([[0.0], np.cumsum(pieces)])), kept
+    )
 
 
-def arc_of_records(path: Path, position_m: Floats) -> Floats:
+def arc_of_records(path: TravelPath, position_m: Floats) -> Floats:
     """(n,) path length of every record of the track the path was built from.
 
     A record is put onto the nearest of the pieces around its own place in time, so that a path
@@ -113,7 +115,7 @@ def arc_of_records(path: Path, position_m: Floats) -> Floats:
     return arc
 
 
-def first_crossing(one: Path, other: Path) -> tuple[float, float] | None:
+def first_crossing(one: TravelPath, other: TravelPath) -> tuple[float, float] | None:
     """Where ``one`` first meets ``other``, counted along ``one``.
 
     Returns:

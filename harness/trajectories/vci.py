@@ -32,7 +32,7 @@ from harness.trajectories.csv_input import (
     read_table,
     require_columns,
 )
-from harness.trajectories.rules import check_numbers
+from harness.trajectories.extraction_rules import check_numbers
 from harness.trajectories.tracks import Clip, Track, VehicleTrack
 
 VEHICLE_END = "_traj_veh_filtered.csv"
@@ -73,6 +73,9 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
     Raises:
         InputError: no clip there, none usable, or a file that is not of this format.
     """
+    rate, length_m = options.frame_rate_hz, options.vehicle_length_m
+    assumed = " (assumed: the files do not say it)" if rate == VciOptions.frame_rate_hz else ""
+    tally.note(f"frame_rate_hz = {rate:.6g} frames per second{assumed}; every speed scales with it")
     used = 0
     for path in paths:
         source = options.source or (path if path.is_dir() else path.parent).resolve().name
@@ -83,6 +86,8 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
                 tally.skipped[name] = f"{Path(problem.where).name}: {problem.problem}"
                 continue
             if clip is not None:
+                if tally.default_lengths:
+                    tally.note(f"vehicle_length_m = {length_m:g} m where a vehicle has no corners")
                 used += 1
                 tally.clips += 1
                 yield clip

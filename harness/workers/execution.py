@@ -5,15 +5,16 @@ task that fails twice is run pair by pair, and a pair that fails twice again get
 ``engine_failed`` with the reason, so that everything else keeps its results.
 """
 
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from harness.encounter import Arm, Ending
+from harness.encounter import Arm, Ending, FailedIn
 from harness.errors import HarnessError
-from harness.results.tables import EPISODES, PEDESTRIANS, TRACES
+from harness.results.tables import EPISODES, HOUR_TABLES, PEDESTRIANS, TABLES, TRACES
 from harness.workers.tasks import (
     Argument,
     Executor,
@@ -23,17 +24,24 @@ from harness.workers.tasks import (
     TaskResult,
     WorkerDiedError,
 )
+from harness.workers.watchdog import begun_in, hang_of
 from harness.workers.worker import run_task
 
 ATTEMPTS = 2
 """How often a task may fail before it is taken apart, or a single pair before it is given up."""
+
+SILENT_S = 2.0
+"""After so long without news the progress says what is waited for."""
 
 Note = Callable[..., None]
 """Writes an event with its details to the log."""
 
 
 def run_tasks(
-    executor: Executor, tasks: Iterable[Task], note: Note
+    executor: Executor,
+    tasks: Iterable[Task],
+    note: Note,
+    waits_for: Callable[[str], None] = lambda _what: None,
 ) -> Iterator[tuple[Task, TaskResult]]:
     """Run all tasks; yields each as it finishes, in whatever order.
 
@@ -43,6 +51,7 @@ def run_tasks(
         executor: where they run.
         tasks: read as needed: only a few per worker are under way at a time.
         note: told of retries and of pairs given up.
+        waits_for: told which episodes nothing is heard of, while nothing else finishes.
     """
     waiting = iter(tasks)
     again: list[Task] = []
@@ -51,13 +60,27 @@ def run_tasks(
     def take() -> Task | None:
         return again.pop() if again else next(waiting, None)
 
-    for task, future in call_each(executor, run_task, take):
+    def waits(running: Iterable[Task]) -> None:
+        if silent := [words for task in running if (words := _silent(task))]:
+            waits_for("; ".join(silent))
+
+    for task, future in call_each(executor, run_task, take, waits):
         try:
             yield task, future.result()
         except ExecutorLostError:
             raise
         except (Exception, CancelledError) as error:
+            hang = hang_of(task.stack_file) if isinstance(error, WorkerDiedError) else None
             reason = reason_of(error, task.hang_after_s, task.stack_file)
+            if hang is not None and hang.in_decide and hang.episode is not None:
+                # Its pair is known, and another attempt would wait as long: the others go on.
+                pair, arm = hang.episode
+                limit_s = task.scenario.experiment.decide_limit_s
+                reason = f"decide gave no answer within {limit_s:g} s (arm {arm.value})"
+                again += [part for part in _around(task, pair) if part.count]
+                note("pair given up", cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
+                yield _part(task, pair), _given_up(_part(task, pair), reason, "strategy")
+                continue
             failures[task.name] = failures.get(task.name, 0) + 1
             last = failures[task.name] >= ATTEMPTS
             note("task failed", task=task.name, reason=reason, stack=_stack(task))
@@ -74,6 +97,7 @@ def call_each(
     executor: Executor,
     function: Callable[[Argument], Result],
     take: Callable[[], Argument | None],
+    waits: Callable[[Iterable[Argument]], None] = lambda _running: None,
 ) -> "Iterator[tuple[Argument, Future[Result]]]":
     """Call a function with one argument after another, a few per worker at a time.
 
@@ -81,6 +105,7 @@ def call_each(
         executor: where.
         function: see ``Executor.submit``.
         take: gives the next argument; None if there is none at present.
+        waits: told what is under way whenever nothing has finished for a while.
 
     Yields:
         Each argument with its finished future, in whatever order.
@@ -91,42 +116,70 @@ def call_each(
             running[executor.submit(function, argument)] = argument
         if not running:
             return
-        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        done, _ = wait(running, SILENT_S, return_when=FIRST_COMPLETED)
+        if not done:
+            waits(running.values())
         for future in done:
             yield running.pop(future), future
 
 
 def _part(task: Task, pair: int) -> Task:
-    single = replace(task, first_pair=pair, count=1)
-    if task.stack_file is None:
-        return single
-    return replace(single, stack_file=task.stack_file.with_name(f"stack-{single.name}.txt"))
+    return _named(replace(task, first_pair=pair, count=1))
+
+
+def _named(part: Task) -> Task:
+    """A part of a task, with a stack file of its own."""
+    if part.stack_file is None:
+        return part
+    return replace(part, stack_file=part.stack_file.with_name(f"stack-{part.name}.txt"))
+
+
+def _around(task: Task, pair: int) -> tuple[Task, Task]:
+    """The pairs of a task before and after one of them."""
+    before = replace(task, count=pair - task.first_pair)
+    after = replace(task, first_pair=pair + 1, count=task.count - before.count - 1)
+    return _named(before), _named(after)
+
+
+def _silent(task: Task) -> str | None:
+    """The episode of a task of which nothing has been heard for a while."""
+    path = task.stack_file
+    try:
+        if path is None or time.time() - path.stat().st_mtime < SILENT_S:
+            return None
+    except OSError:  # not begun, or just finished
+        return None
+    episode = begun_in(path)
+    return None if episode is None else f"pair {episode[0]} ({episode[1].value})"
 
 
 def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None) -> str:
     """Why there is no result, in one line."""
-    if isinstance(error, WorkerDiedError) and _has_text(stack_file):
+    if isinstance(error, WorkerDiedError) and hang_of(stack_file) is not None:
         return f"the worker was ended: no pair finished within {hang_after_s:g} s"
     text = " ".join(str(error).split())
     return text if isinstance(error, HarnessError) else f"{type(error).__name__}: {text}"
 
 
-def _has_text(path: Path | None) -> bool:
-    return path is not None and path.is_file() and path.stat().st_size > 0
-
-
 def _stack(task: Task) -> str | None:
-    """The Python stack a hung worker left, for the log."""
-    path = task.stack_file
-    if path is None or not path.is_file():
-        return None
-    text = path.read_text(encoding="utf-8", errors="replace")
-    path.unlink()
-    return text or None
+    """The Python stack a hung worker left, for the log; its file is gone then."""
+    hang = hang_of(task.stack_file)
+    if task.stack_file is not None:
+        task.stack_file.unlink(missing_ok=True)
+    return None if hang is None else hang.stack
 
 
-def _given_up(task: Task, reason: str) -> TaskResult:
+def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
     """Rows of a pair that no worker survived."""
+    if task.scenario.traffic is not None:
+        which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
+        tables: dict[str, dict[str, list[Any]]] = {
+            name: {column: [] for column in TABLES[name].names} for name in HOUR_TABLES
+        }
+        for arm in Arm:
+            for name, column in tables["hours"].items():
+                column.append((which | {"arm": arm.value}).get(name))
+        return TaskResult(tables)
     arms = task.scenario.arms
     strategies = {Arm.AV: arms.av, Arm.HUMAN: arms.human}
     known: list[dict[str, Any]] = [
@@ -137,6 +190,7 @@ def _given_up(task: Task, reason: str) -> TaskResult:
             "strategy": strategy,
             "ending": Ending.ENGINE_FAILED.value,
             "reason": reason,
+            "failed_in": failed_in,
             "fallback": False,
             "steps": 0,
             "pedestrians": 0,

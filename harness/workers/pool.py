@@ -27,20 +27,18 @@ from harness.workers.tasks import (
     WorkerDiedError,
 )
 
-_START = "; ".join(
-    (
-        "import sys",
-        "from multiprocessing.connection import Connection",
-        "connection = Connection(int(sys.argv[1]))",
-        "sys.path[:] = connection.recv()",
-        "from harness.workers.parent import end_with_parent",
-        "end_with_parent()",
-        "from harness.workers.worker import serve",
-        "serve(connection, sys.argv[2])",
-    )
-)
+_START = """
+import sys
+sys.path[:] = sys.argv[3:]
+from harness.workers.parent import end_with_parent
+end_with_parent()
+from multiprocessing.connection import Connection
+from harness.workers.worker import serve
+serve(Connection(int(sys.argv[1])), sys.argv[2])
+"""
 """What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
-multiprocessing's, which would run the main module of the caller in each worker again."""
+multiprocessing's, which would run the main module of the caller in each worker again.  From its
+first lines on it ends with its parent, whom nothing it would print could still reach."""
 
 _STANDARD_ERROR = 2
 
@@ -79,8 +77,8 @@ class LocalPool:
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self.workers = workers
-        self._folder, self._path = folder, list(sys.path)
-        self._imports, self._environment = imports, {**os.environ, **(environment or {})}
+        self._folder, self._environment = folder, {**os.environ, **(environment or {})}
+        self._words = [imports, *sys.path]
         self._queue: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = Lock()
         self._stopped = False
@@ -153,7 +151,6 @@ class LocalPool:
             if worker is None:
                 return None
             try:
-                worker.connection.send(self._path)
                 problem = worker.connection.recv()
             except (EOFError, OSError):
                 code = self._bury(worker)
@@ -177,7 +174,7 @@ class LocalPool:
                 # that died.  What it prints is no result: it goes where errors go.  In a group of
                 # its own it does not hear Ctrl-C, which is the parent's business.
                 process = subprocess.Popen(
-                    [sys.executable, "-P", "-c", _START, str(theirs.fileno()), self._imports],
+                    [sys.executable, "-P", "-c", _START, str(theirs.fileno()), *self._words],
                     stdin=subprocess.PIPE,
                     stdout=_STANDARD_ERROR,
                     pass_fds=[theirs.fileno()],

@@ -24,7 +24,7 @@ from harness.trajectories import (
     FORMATS,
     ROW_COLUMNS,
     Extraction,
-    Rules,
+    ExtractionRules,
     extract,
     read_clips,
     summary,
@@ -111,7 +111,7 @@ def test_options_are_checked(form: str) -> None:
     options = FORMATS[form].options
     names = {item.name for item in fields(options)}
     assert options() == options()
-    assert names.isdisjoint(item.name for item in fields(Rules))
+    assert names.isdisjoint(item.name for item in fields(ExtractionRules))
     for name in names:
         with pytest.raises(InputError, match=name):
             extract(ENCOUNTER / form, form, **{f"{name}x": 1.0})

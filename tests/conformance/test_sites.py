@@ -11,7 +11,7 @@ import pytest
 
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.network import build, build_network, geometry_of, network_of
+from harness.network import build, build_network, network_of
 from harness.scenario import Setting, load_scenario
 from tests.sites import NETWORKS, geometries, shipped_nets, shipped_scenarios
 from tests.sumo.test_engines_agree import assert_same_episode
@@ -34,7 +34,7 @@ def test_its_scenario_takes_place_there_and_nothing_is_built(
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
     crosswalk = CROSSWALKS.get(name)
     assert crosswalk is not None, "no shipped scenario's [crossing] gives these sources"
-    there = [each for each in shipped_scenarios().values() if geometry_of(each) == crosswalk]
+    there = [each for each in shipped_scenarios().values() if each.crossing == crosswalk]
     assert {network_of(scenario) for scenario in there} == {NETS[name]}
     assert not (tmp_path / "cache").exists()
 
@@ -56,7 +56,9 @@ def test_is_what_its_sources_give(name: str, tmp_path: Path) -> None:
 
 @every_site
 def test_sumo_plays_there_what_the_plain_engine_plays(name: str, sumo, model) -> None:
-    crosswalk = [Setting(f"crossing.{key}", value) for key, value in vars(CROSSWALKS[name]).items()]
+    crosswalk = [
+        Setting(f"crossing.{key}", value) for key, value in CROSSWALKS[name].model_dump().items()
+    ]
     people = [Setting("pedestrians.flow_per_hour", 900.0), Setting("experiment.timeout_s", 60.0)]
     scenario = load_scenario("cctc_flow", [*crosswalk, *people])
     plain = PairRunner(

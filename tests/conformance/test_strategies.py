@@ -5,6 +5,7 @@ import sys
 import types
 from collections.abc import Iterator
 from pathlib import Path
+from threading import Event
 from typing import ClassVar
 
 import pytest
@@ -113,6 +114,14 @@ class Interferes(Steady):
         return 0.0
 
 
+class Hangs(Steady):
+    over = Event()
+
+    def decide(self, _seen):
+        self.over.wait(600.0)
+        return 0.0
+
+
 BROKEN = {
     Demanding: "every parameter has a default",
     NeedsSomebody: "survives nobody, many, people past its lane and behind it",
@@ -134,7 +143,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The strategies above as a module of a user."""
     name = "made_up_strategies"
     module = types.ModuleType(name)
-    for thing in (Steady, Nothing, *BROKEN):
+    for thing in (Steady, Nothing, Hangs, *BROKEN):
         setattr(module, thing.__name__, thing)
     monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(Learns, "met", 0)
@@ -162,6 +171,31 @@ def test_one_that_breaks_a_rule_is_found_out(strategy, made_up: str, model) -> N
     found = {verdict.check: verdict.problem for verdict in verdicts if verdict.problem}
     assert BROKEN[strategy] in found
     assert all("\n" not in problem for problem in found.values())
+
+
+def test_what_stops_every_check_is_one_fault(made_up: str) -> None:
+    """Without a model: the shipped one is taken."""
+    for strategy, culprit, words in (
+        (DividesByTheirSpeed, BROKEN[DividesByTheirSpeed], "ZeroDivisionError"),
+        (Text, BROKEN[Text], "'0.0'"),
+        (Demanding, BROKEN[Demanding], "cannot be made"),
+    ):
+        verdicts = check_strategy(f"{made_up}:{strategy.__name__}")
+        assert [v.check for v in verdicts if v.checked and v.problem] == [culprit]
+        others = [v.problem for v in verdicts if not v.checked]
+        assert len(others) > 3
+        assert all(other.startswith("not checked: ") and words in other for other in others)
+
+
+def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("harness.conformance.DECIDE_LIMIT_S", 0.2)
+    try:
+        verdicts = check_strategy(f"{made_up}:Hangs")
+    finally:
+        Hangs.over.set()
+    found = {v.check: v.problem for v in verdicts if v.checked}
+    assert found == {BROKEN[NeedsSomebody]: "decide took more than 0.2 s"}
+    assert [v.check for v in verdicts] == list(CHECKS)
 
 
 def test_state_in_the_class_is_found_out(made_up: str, model) -> None:

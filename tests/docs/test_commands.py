@@ -4,7 +4,6 @@ The commands of a page run one after the other in a folder of their own, which b
 ``make run`` leaves there.
 """
 
-import os
 import re
 import shlex
 import shutil
@@ -14,26 +13,25 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from harness.trajectories import Extraction, extract, write_rows
+from tests.docs.conftest import ROOT, Harness
+from tests.unit.test_cli_model import made_up
+
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 DUT = ROOT.parent / "shared" / "data" / "dut"
-
-PAIRS, PAIRS_OF_A_SWEEP = "18", "2"
-"""Instead of any other number: the pages replay pair 17 of runs."""
+MADE_UP = ROOT / "tests" / "data" / "vci_made_up"
 
 SHORTER = {
-    "run": ["--pairs", PAIRS, "--workers", "1", "--quiet"],
-    "sweep": ["--pairs", PAIRS_OF_A_SWEEP, "--workers", "2", "--quiet"],
-    "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "2"],
+    "run": ["--pairs", "18", "--workers", "1", "--quiet"],
+    "sweep": ["--pairs", "2", "--workers", "1", "--quiet"],
+    "fit": ["--components", "1..2", "--starts", "1", "--folds", "2", "--workers", "1"],
+    "validate": ["--drivers", "constant_speed", "--folds", "0"],
     "examples.train_policy": ["--generations", "1", "--episodes", "2"],
 }
 """Options added to a command, by its first word; the last one given counts."""
 
-NEEDS_DUT = {"../shared/data/dut", "TRAJECTORIES"}
-"""Words that stand for trajectories; where the DUT set is missing, a page is skipped from there."""
-
-STANDS_ALONE = "--resume"
-"""Beside it nothing may be changed."""
+TRAJECTORIES = {"../shared/data/dut", "TRAJECTORIES"}
+"""Words that stand for trajectories."""
 
 NOT_HERE = {
     "make": "sets up an environment of its own",
@@ -51,6 +49,18 @@ NOT_HERE = {
 """What is not run, by a word it begins with or holds, and why."""
 
 
+LONG_PAGES = {"study", "rl", "traffic", "risk"}
+"""Pages whose commands take long: `make test-all`."""
+
+LONG = {
+    "show": "tests/unit/test_cli_model.py",
+    "--figures": "tests/report",
+    "risk": "tests/sumo/test_risk.py",
+    "validate": "tests/unit/test_validation.py",
+}
+"""Words of commands that `make test` leaves to `make test-all`, and who else tries them."""
+
+
 def commands(page: Path) -> list[str]:
     """The commands of a page's console blocks, without their remarks."""
     blocks = re.findall(
@@ -66,48 +76,56 @@ def left_out(words: list[str]) -> bool:
     return any(words[0] == key or key in words or module.split(".")[0] == key for key in NOT_HERE)
 
 
-def as_run(words: list[str]) -> list[str]:
-    """The command with this interpreter, and shorter."""
-    if words[0] == "harness":
-        name, begin = words[1], [sys.executable, "-m", "harness"]
-    elif words[:2] == ["python", "-m"]:
-        name, begin = words[2], [sys.executable, "-m"]
-    else:
-        return words
-    rest = words[1:] if words[0] == "harness" else words[2:]
-    return [*begin, *rest, *([] if STANDS_ALONE in words else SHORTER.get(name, []))]
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as ``make run`` leaves it, with the checkout's examples and scenarios beside."""
-    folder = tmp_path_factory.mktemp("made")
-    command = [sys.executable, "-m", "harness", "run", "cctc", *SHORTER["run"], "--traces"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
-    for name in ("examples", "scenarios"):
-        shutil.copytree(ROOT / name, folder / name)
-    (folder / "harness" / "models").mkdir(parents=True)
-    return folder
+def run_page(page: Path, trajectories: Path, harness: Harness, skipped: set[str]) -> None:
+    """Run a page's commands in the working directory."""
+    for command in commands(page):
+        words = shlex.split(command, comments=True)
+        if left_out(words) or skipped & {*words}:
+            continue
+        words = [str(trajectories) if word in TRAJECTORIES else word for word in words]
+        if words[0] == "harness":
+            assert harness(*words[1:], *SHORTER.get(words[1], [])) == 0, command
+        elif words[:2] == ["python", "-m"]:
+            run = [sys.executable, *words[1:], *SHORTER.get(words[2], [])]
+            subprocess.run(run, check=True, timeout=300, capture_output=True)
+        else:
+            subprocess.run(words, check=True, timeout=60)
+        if words[1] == "extract" and trajectories == MADE_UP:
+            # Its single vehicle is too little for a fit.
+            rows = Path(words[words.index("--out") + 1])
+            made = extract([MADE_UP], "vci")
+            write_rows(rows, Extraction(made_up().assign(source="made up"), made.counts), command)
 
 
 def test_pages_have_commands() -> None:
     assert len(commands(ROOT / "README.md")) > 8
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if commands(page)], ids=lambda p: p.stem)
-def test_the_commands_of_a_page_run(page: Path, made: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "checkout"
-    shutil.copytree(made, folder)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
-    for command in commands(page):
-        words = shlex.split(command, comments=True)
-        if left_out(words):
-            continue
-        if NEEDS_DUT & {*words}:
-            if not DUT.is_dir():
-                pytest.skip(f"{command}: needs the DUT set in ../shared/data/dut")
-            words = [str(DUT) if word in NEEDS_DUT else word for word in words]
-        done = subprocess.run(
-            as_run(words), cwd=folder, capture_output=True, text=True, timeout=300, env=environment
-        )
-        assert done.returncode == 0, f"{command}\n{done.stderr[-2000:]}"
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.slow if page.stem in LONG_PAGES else [], id=page.stem)
+        for page in PAGES
+        if commands(page)
+    ],
+)
+def test_the_commands_of_a_page_run(
+    page: Path, made: Path, harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(made, tmp_path / "checkout")
+    monkeypatch.chdir(tmp_path / "checkout")
+    run_page(page, MADE_UP, harness, set(LONG))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/model.md", "docs/report.md", "docs/risk.md", "docs/validation.md"]
+)
+def test_the_commands_of_a_page_run_on_real_trajectories(
+    page: str, made: Path, harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if not DUT.is_dir():
+        pytest.skip("needs the DUT set in ../shared/data/dut")
+    shutil.copytree(made, tmp_path / "checkout")
+    monkeypatch.chdir(tmp_path / "checkout")
+    run_page(ROOT / page, DUT, harness, set())

@@ -2,13 +2,14 @@
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.docs.conftest import ROOT
 
 
 def script_of(page: Path) -> str:
@@ -20,25 +21,17 @@ def script_of(page: Path) -> str:
 PAGES = [page for page in sorted((ROOT / "docs").glob("*.md")) if script_of(page)]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where ``harness run cctc`` has been called once, with fewer pairs."""
-    folder = tmp_path_factory.mktemp("python")
-    command = [sys.executable, "-m", "harness", "run", "cctc", "--pairs", "5", "--quiet"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
-    return folder
-
-
 def test_pages_have_python() -> None:
     assert {page.stem for page in PAGES} >= {"python", "report", "rl", "strategies"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_python_of_a_page_runs(page: Path, folder: Path) -> None:
+def test_the_python_of_a_page_runs(page: Path, made: Path, tmp_path: Path) -> None:
+    shutil.copytree(made, tmp_path / "checkout")
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"}
     done = subprocess.run(
         [sys.executable, "-c", script_of(page)],
-        cwd=folder,
+        cwd=tmp_path / "checkout",
         capture_output=True,
         text=True,
         timeout=300,

@@ -64,7 +64,9 @@ def test_clips_missing_pedestrians_are_named(dut):
     # 28 clips; roundabout_03 has no pedestrians, roundabout_05 only unfiltered ones.
     assert dut.counts.clips == 27
     assert list(dut.counts.skipped) == ["roundabout_03"]
-    assert [note.split(":")[0] for note in dut.counts.notes] == ["roundabout_05"]
+    assert [note.split(":")[0] for note in dut.counts.notes if ":" in note.split("(")[0]] == [
+        "roundabout_05"
+    ]
 
 
 def test_counts_add_up(dut):

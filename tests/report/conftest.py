@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.batch.experiment import run_study
-from harness.engine.process import close_engine
+from harness.engine.shared import close_engine
 from harness.errors import InterruptedRunError
 from harness.scenario import Options, Study
 from harness.workers.tasks import Argument, Result

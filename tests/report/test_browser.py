@@ -3,6 +3,7 @@
 Skipped where there is none; `.ci/run` installs it.
 """
 
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -15,7 +16,7 @@ import pytest
 import harness
 import harness.report.page as page_module
 from harness.report.page import write_report
-from harness.review.run_data import RunData
+from harness.runs.run_data import RunData
 from tests.report.conftest import HOSTILE
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
@@ -276,7 +277,7 @@ def column(page: Any, heading: str) -> list[float]:
 def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened, swept: Path) -> None:
     page = opened_sweep.page
     expected = sorted(harness.load_run(swept).summary["mu"])
-    head = page.locator("#cells th", has_text="μ")
+    head = page.locator("#cells th", has_text=re.compile("^μ$"))
     head.locator("button").click()
     assert head.get_attribute("aria-sort") == "ascending"
     assert column(page, "μ") == pytest.approx(expected)

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 import harness
-from harness.encounter import Arrival, Side
-from harness.network import network_of, read_site
+from harness.encounter import Arrival, Crossing, Side
+from harness.network import place_of
 from harness.report import (
     episode_figures,
     safety_figures,
@@ -24,11 +24,12 @@ from harness.report import (
     sweep_figures,
     tau_figures,
 )
-from harness.report.catalogue import pictures_of
 from harness.report.episode_traces import choose_pairs, shown_pairs
+from harness.report.pictures import pictures_of
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
-from harness.review.run_data import RunData
+from harness.roads import read_network, read_site
+from harness.runs.run_data import RunData
 from tests.batches import sweep
 from tests.report.conftest import simulate
 
@@ -167,6 +168,9 @@ def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
     assert other.get_title(loc="right") == "n = 2 episodes of 1 pair"
 
 
+CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
+
+
 def made_up_trace() -> pd.DataFrame:
     """The ego at 20, 15 and 10 m at 5 m/s; one from near at 1 m/s, one from far at 2 m/s."""
     rows = [("ego", t, -20.0 + 5 * t, 2.25, 5.0) for t in (0.0, 1.0, 2.0)]
@@ -180,7 +184,7 @@ def test_time_advantage_by_hand() -> None:
 
     At t = 2 the one from near is at 2.5 m, past the lane's centre at 2.25 m.
     """
-    found = episode_figures.time_advantage(made_up_trace(), 2.25)
+    found = episode_figures.time_advantage(made_up_trace(), CROSSING)
     assert found.tolist() == pytest.approx([2.25, 0.375, 0.375])
 
 
@@ -190,7 +194,7 @@ def test_time_advantage_of_one_who_starts_on_the_road() -> None:
     rows = rows[rows["object"] != "pedestrian-0"]
     rows.loc[rows["object"] == "pedestrian-1", ["time_s", "speed_mps"]] = [[0.0, 1.0], [1.0, 1.0]]
     rows.loc[rows["object"] == "pedestrian-1", "y_m"] = [4.25, 3.25]
-    found = episode_figures.time_advantage(rows, 2.25)
+    found = episode_figures.time_advantage(rows, CROSSING)
     assert found[:2].tolist() == pytest.approx([2.0, 2.0])
 
 
@@ -198,7 +202,7 @@ def test_time_advantage_past_the_line_or_standing_is_undefined() -> None:
     rows = made_up_trace()
     rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 1.0), "x_m"] = 1.0
     rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 2.0), "speed_mps"] = 0.0
-    found = episode_figures.time_advantage(rows, 2.25)
+    found = episode_figures.time_advantage(rows, CROSSING)
     assert found[0] == pytest.approx(2.25)
     assert np.isnan(found[1:]).all()
 
@@ -209,7 +213,7 @@ def test_time_advantage_of_a_run_never_undercuts_its_record(single: str) -> None
     records = run.episodes.set_index(["pair", "arm"])["min_time_advantage_s"]
     equal = 0
     for (pair, arm), rows in run.traces.groupby(["pair", "arm"]):
-        smallest = np.nanmin(episode_figures.time_advantage(rows, 2.25))
+        smallest = np.nanmin(episode_figures.time_advantage(rows, CROSSING))
         assert smallest >= records[(pair, arm)] - 1e-9
         equal += smallest == pytest.approx(records[(pair, arm)], abs=1e-9)
     assert equal >= 20
@@ -313,14 +317,14 @@ def test_allowed_values_apart_are_shaded_apart() -> None:
 
 def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
     scenario = harness.load_run(single).scenario
-    network = network_of(scenario)
-    site = read_site(network)
+    place = place_of(scenario)
+    network, site = read_network(place.net), read_site(place)
     site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
     shapes = [patch for patch in axes.patches if hasattr(patch, "get_xy")]
     # 6 lanes, 2 inside the junction, 2 walking areas, 9 stripes, the ego, 2 legend entries.
     assert len(shapes) == 6 + 2 + 2 + 9 + 1 + 2
     (ego,) = (patch for patch in shapes if patch.get_label() == "ego at the trigger, R = 30 m")
-    corners = [site.to_road(*corner) for corner in ego.get_xy()]  # type: ignore[attr-defined]
+    corners = [site.frame.to_road(*corner) for corner in ego.get_xy()]  # type: ignore[attr-defined]
     assert min(x for x, _ in corners) == pytest.approx(-35)
     assert max(x for x, _ in corners) == pytest.approx(-30)
     assert {round(y, 6) for _, y in corners} == {2.25 - 0.9, 2.25 + 0.9}
@@ -360,9 +364,33 @@ def test_a_run_of_one_cell_has_the_papers_figures_first(of_single: list[Picture]
 
 def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None:
     names = [picture.name for picture in of_sweep]
-    assert names[:3] == ["sweep-mu", "sweep-kappa", "sweep-delay"]
+    measures = ["sweep-mu", "sweep-kappa", "sweep-delay", "sweep-pedestrian-delay"]
+    assert names[:4] == measures
     (axes,) = of_sweep[0].figure.axes
     assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
+
+
+def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
+    of_sweep: list[Picture], swept: Path
+) -> None:
+    (axes,) = of_sweep[3].figure.axes
+    drawn = {bars.get_label(): bars.lines[0].get_ydata() for bars in axes.containers}
+    assert list(drawn) == ["soft_yield", "constant_speed", "human_gmm (human's arm)"]
+    # Σ waits / Σ people, from the table of those who came; whoever still stood at the end of the
+    # record waited until then.
+    run = harness.load_run(swept)
+    keys = ["cell", "pair", "arm"]
+    came = run.pedestrians.merge(run.episodes[[*keys, "untouched_pass_time_s", "contact_time_s"]])
+    until_s = came["start_s"].fillna(came["contact_time_s"]).fillna(came["untouched_pass_time_s"])
+    came["wait_s"] = until_s - came["arrival_s"]
+    of_cell = came.groupby(["cell", "arm"])["wait_s"].agg(["sum", "size"])
+    delay_s = of_cell["sum"] / of_cell["size"]
+    for label, cells, arm in (
+        ("soft_yield", (0, 2), "av"),
+        ("constant_speed", (1, 3), "av"),
+        ("human_gmm (human's arm)", (0, 2), "human"),
+    ):
+        assert list(drawn[label]) == pytest.approx([delay_s[cell, arm] for cell in cells])
 
 
 def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) -> None:
@@ -371,7 +399,8 @@ def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) ->
     run = harness.load_run(simulate(study, tmp_path / "margin"))
     with style.styled():
         found = list(sweep_pictures(run))
-    assert [picture.name for picture in found] == ["aggressiveness", "sweep-delay"]
+    names = ["aggressiveness", "sweep-delay", "sweep-pedestrian-delay"]
+    assert [picture.name for picture in found] == names
     upper, lower = found[0].figure.axes
     for axes, limit in ((upper, "μ0 = 5"), (lower, "κ0 = 0.99")):
         # Bolder to the right: −2, −1, 0 s of margin, all of them within such limits.

@@ -17,7 +17,7 @@ import pytest
 import harness
 import harness.report.page as page_module
 from harness.cli import app as cli
-from harness.report.episode_traces import choose_pairs
+from harness.report.episode_traces import TIME_ADVANTAGE, choose_pairs
 from harness.report.page import write_report
 from harness.report.player_data import player_document
 from tests.report.conftest import HOSTILE
@@ -71,8 +71,8 @@ def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
     assert "soft_yield" in page.words
     assert f"μ = {summary.mu.value:.4f}" in page.words
     # 0 of 12: 1 − 0.05^(1/12) one-sided, 1 − 0.025^(1/12) two-sided.
-    assert "κ below 22.1 % with 95 % confidence, one-sided (26.5 % two-sided)" in page.words
-    assert "indicative: N too small" in page.words
+    assert "κ below 22.1 % with 95 % confidence, one-sided (26.5 % two-sided, 95 %)" in page.words
+    assert "interval too narrow: about 1,000 pairs needed" in page.words
     assert "0.7044" in page.words  # the paper's
     assert "defined in 12 of 12 pairs" in page.words
 
@@ -170,14 +170,16 @@ def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     found = Page(write_report(run, tmp_path / "sweep.html").page)
     assert "simulated again for this page" in found.words
     assert "All records are identical to the stored ones" in found.words
-    assert f"harness compare {swept}" in found.words
+    # Two flows, in each the two strategies compared: the cells, and their difference.
+    assert [found.source.count(f'id="differences-{group}"') for group in (0, 1, 2)] == [1, 1, 0]
+    assert "exact McNemar test of the crash rates" in found.words
     rows = re.findall(
         r"<tr>(.*?)</tr>", found.source.split('id="cells"')[1].split("</table>")[0], re.S
     )
     assert len(rows) == 1 + 4
     first = run.results[0].summary
     assert f'data-value="{first.mu.value!r}"' in rows[1]
-    assert found.source.count('class="sortable"') == 2
+    assert found.source.count('class="sortable"') == 2 + 4
 
 
 @pytest.fixture
@@ -350,11 +352,20 @@ def test_what_is_worth_watching(swept: Path) -> None:
     chosen = choose_pairs(run)
     episodes = run.episodes
     av = episodes[episodes["arm"] == "av"].set_index(["cell", "pair"])
+    # What is dangerous comes first, and what need not be so last.
+    assert next(iter(chosen)) == "crash of the AV"
+    assert list(chosen).index("smallest PET") < list(chosen).index("smallest TTC")
+    assert list(chosen)[-1].startswith(("smallest time advantage (passes 0", "other pairs"))
     # Cells share their pedestrians: each pair counts once, where it is worst.
-    smallest = av["min_time_advantage_s"].groupby("pair").min().dropna().sort_values()[:5]
-    worst = chosen["worst time advantage"]
-    assert [pair for _, pair in worst] == list(smallest.index)
-    assert [av["min_time_advantage_s"][key] for key in worst] == list(smallest)
+    for reason, column, sign in (
+        ("smallest PET", "pet_s", 1),
+        ("smallest TTC", "min_ttc_s", 1),
+        ("largest DRAC", "max_drac_mps2", -1),
+        (TIME_ADVANTAGE, "min_time_advantage_s", 1),
+    ):
+        worst = (sign * av[column]).groupby("pair").min().dropna().sort_values()[:5]
+        assert {pair for _, pair in chosen[reason]} == set(worst.index), reason
+        assert [sign * av[column][key] for key in chosen[reason]] == list(worst)
     crashed = [key for key, ending in av["ending"].items() if ending == "crashed"]
     assert chosen["crash of the AV"] == crashed[:5]
     tau = run.pairs.dropna(subset="tau")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.coverage import INTERVALS, drawn, holds, population
+from benchmarks.coverage import INTERVALS, holds, population, times_of
 from harness.comparison import (
     INDICATIVE_BELOW,
     INDICATIVE_COMPARED_BELOW,
@@ -18,7 +18,6 @@ from harness.comparison import (
     proportion,
 )
 from harness.results.summaries import pair_columns
-from harness.scenario import load_scenario
 
 
 def least_coverage(low: np.ndarray, high: np.ndarray, n: int) -> float:
@@ -107,11 +106,11 @@ def simulated(scenario: str) -> tuple[PairColumns, PairColumns]:
 @pytest.mark.parametrize("scenario", ["cctc", "cctc_flow"])
 def test_intervals_hold_where_they_are_not_called_indicative(scenario: str) -> None:
     columns = simulated(scenario)
-    timeout_s = load_scenario(scenario).experiment.timeout_s
+    times = times_of(scenario)
     rng = np.random.default_rng(13)
 
     def intervals(*columns: PairColumns) -> list[tuple[str, Interval]]:
-        kinds = (kind(*columns, timeout_s, rng) for kind in INTERVALS.values())
+        kinds = (kind(*columns, times, rng) for kind in INTERVALS.values())
         return [named for kind in kinds for named in kind]
 
     truth = {name: found.value for name, found in intervals(*columns)}
@@ -121,7 +120,7 @@ def test_intervals_hold_where_they_are_not_called_indicative(scenario: str) -> N
         hits = dict.fromkeys(truth, 0)
         for _ in range(trials):
             chosen = rng.integers(0, 6_000, n)
-            for name, interval in intervals(*(drawn(part, chosen) for part in columns)):
+            for name, interval in intervals(*(part.where(chosen) for part in columns)):
                 hits[name] += holds(interval, truth[name])
         least = stats.binom.ppf(0.001, trials, 0.935)
         for name, hit in hits.items():

@@ -62,7 +62,7 @@ def test_probability_integral_transform_is_uniform(target, given):
 def test_conditional_draws_follow_the_distribution_function(given):
     known = truth()
     rng = np.random.default_rng(32)
-    y = known.sample(20_000, rng)[:, list(given)]
+    y = known.sample(4_000, rng)[:, list(given)]
     conditional = known.conditional(2, given)
     x = conditional.sample(y, rng)
     assert ((x >= known.lower[2]) & (x <= known.upper[2])).all()
@@ -98,7 +98,7 @@ def height(known, target, given, y):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", [1, 2])
 def test_modes_are_global(target):
-    """A million points of random mixtures: under 0.01 % miss by 1e-3 in log density."""
+    """200,000 points of random mixtures: under 0.01 % miss by 1e-3 in log density."""
     missed = 0
     grid = np.linspace(0.0, 1.0, 1001)
     around = np.linspace(-1e-3, 1e-3, 21)
@@ -112,11 +112,11 @@ def test_modes_are_global(target):
             rng.dirichlet(np.full(10, 3.0)), locations, scales, np.zeros(4), np.ones(4)
         )
         conditional = known.conditional(target, given)
-        rows = known.sample(50_000, rng)[:, given]
-        for y in np.split(rows, 50):
+        rows = known.sample(10_000, rng)[:, given]
+        for y in np.split(rows, 10):
             log_density = height(known, target, given, y)
             heights = log_density(grid[None])
             fine = np.clip(grid[heights.argmax(axis=1), None] + around, 0.0, 1.0)
             best = np.maximum(heights.max(axis=1), log_density(fine).max(axis=1))
             missed += int((best > log_density(conditional.mode(y)[:, None])[:, 0] + 1e-3).sum())
-    assert missed <= 1e-4 * 500_000
+    assert missed <= 1e-4 * 100_000

@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import population
-from harness.batch.batch import Batch
+from harness.batch.plan import Plan
 from harness.batch.until import reach_precision
 from harness.comparison import Interval, intervals, summary
 from harness.results import summaries as looking
@@ -68,7 +68,7 @@ def stopped(
     """The interval at the end of one experiment, and the numbers of pairs it looked at."""
     study, options = study_of(pairs, seed), Options(until=until)
     work = Drawn(tau, crashed)
-    reach_precision(Batch(study, {}, options), until, work.reach, work.episodes_of)
+    reach_precision(Plan(study, {}, options), until, work.reach, work.episodes_of)
     cell, confidence = study.cells[0], confidence_of(study, options)
     found = summarise_cell(work.episodes_of(0), cell, confidence)
     return getattr(found, until.measure), work.looks

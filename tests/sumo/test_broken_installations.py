@@ -59,7 +59,7 @@ def test_a_library_that_is_of_no_use(tmp_path: Path, finished: Path, fault: str)
     assert seen.returncode == 1
     assert reason in seen.stdout
     assert "FAILED   SUMO's library loads" in seen.stdout
-    assert "--resume" not in seen.stdout
+    assert "harness resume" not in seen.stdout
     assert seen.stderr == ""
 
 

@@ -107,7 +107,7 @@ def cluster(launch: Launch, tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def whole(tmp_path: Path, no_simulation: None) -> dict[str, bytes]:  # noqa: ARG001
     """The same run in this process."""
-    from harness.engine.process import close_engine
+    from harness.engine.shared import close_engine
 
     study = one_cell("cctc", CHANGES)
     run_study(study, Options(traces=True), out=tmp_path / "whole", make_executor=Inline)
@@ -154,9 +154,9 @@ def test_interrupted_on_the_cluster_resumed_here(
         running.kill()
     if running.returncode != 0:
         assert running.returncode == 130, errors
-        assert "--resume" in errors
+        assert "harness resume" in errors
         assert "Traceback" not in errors
-        assert shell("run", "--resume", folder, "-q").returncode == 0
+        assert shell("resume", folder, "-q").returncode == 0
     assert content(folder) == whole
 
 
@@ -279,6 +279,6 @@ def test_a_cluster_that_goes_away(
         running.kill()
     assert running.returncode == 1
     assert "Traceback" not in errors
-    assert "--resume" in errors
+    assert "harness resume" in errors
     log = (folder / "log.jsonl").read_text(encoding="utf-8")
     assert "pair given up" not in log

@@ -18,7 +18,7 @@ import pytest
 from harness.batch.experiment import resume, run_study
 from harness.encounter import Arrival
 from harness.engine.plain import PlainEngine
-from harness.engine.process import close_engine
+from harness.engine.shared import close_engine
 from harness.errors import EngineError, HarnessError
 from harness.scenario import Options
 from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
@@ -44,8 +44,8 @@ REASONS = {
     "exits": "SystemExit: 3",
     # 6 is SIGABRT's number on every POSIX system.
     "aborts": "the worker process died (exit code -6)",
-    "hangs": "the worker was ended: no pair finished within",
-    "hangs_in_c": "the worker was ended: no pair finished within",
+    "hangs": "decide gave no answer within 2 s (arm av)",
+    "hangs_in_c": "decide gave no answer within 2 s (arm av)",
 }
 
 CHANGES: dict[str, object] = {
@@ -53,6 +53,7 @@ CHANGES: dict[str, object] = {
     "arms.av": NAME,
     "experiment.pairs": 24,
     "experiment.timeout_s": 5.0,
+    "experiment.decide_limit_s": 2.0,
     "pedestrians.flow_per_hour": 1000.0,
 }
 
@@ -68,8 +69,14 @@ def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run_study(study, Options(), out=folder / "clean", make_executor=Inline)
     close_engine()
     study = one_cell("cctc", {**CHANGES, **struck(CULPRITS)})
-    options = Options(workers=2, task_pairs=4, hang_after_s=3.0, traces=True)
-    finished = run_study(study, options, out=folder / "faulty")
+    options = Options(workers=2, task_pairs=4, traces=True)
+    told: set[str] = set()
+    finished = run_study(
+        study, options, out=folder / "faulty", progress=lambda _done, _of, what: told.add(what)
+    )
+    # Two seconds without news are said, where there were any.
+    assert {what.partition(",")[0] for what in told} == {"pairs"}
+    assert all(what == "pairs" or "pair " in what for what in told)
     assert {(pair, arm) for _, pair, arm, _ in finished.failures} >= {
         (pair, "av") for pair in CULPRITS.values()
     }
@@ -89,6 +96,9 @@ def test_the_culprit_is_recorded_with_its_reason(batch: Path, fault: str) -> Non
     assert (av["arm"], av["ending"]) == ("av", "engine_failed")
     assert REASONS[fault] in av["reason"]
     assert av["pass_time_s"] is None
+    assert av["failed_in"] == (
+        "engine" if fault in ("loses_ego", "exits", "aborts") else "strategy"
+    )
     if fault in ("raises", "nan", "text", "loses_ego"):
         # The other arm of the pair has a new simulation and its own result.
         assert human == rows(batch / "clean", "episodes")[CULPRITS[fault]][1]
@@ -108,10 +118,10 @@ def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
     lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
     events = [json.loads(line) for line in lines]
     for fault, function in (("hangs", "in hang"), ("hangs_in_c", "in hang_in_c")):
-        name = f"0-{CULPRITS[fault]}-1"
-        stacks = [event["stack"] for event in events if event.get("task") == name]
-        assert len(stacks) == 2, "a single pair is tried twice"
-        assert all(function in stack for stack in stacks)
+        pair = CULPRITS[fault]
+        stacks = [event["stack"] for event in events if event.get("pair") == pair]
+        assert len(stacks) == 1, "another attempt would wait as long"
+        assert function in stacks[0]
     given_up = {event["pair"] for event in events if event["event"] == "pair given up"}
     assert given_up == {CULPRITS[name] for name in ("exits", "aborts", "hangs", "hangs_in_c")}
 
@@ -143,7 +153,7 @@ def test_summary_counts_the_failed_apart(batch: Path) -> None:
 
 
 def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
-    from harness.review.scoring import score
+    from harness.batch.scoring import score
 
     score(batch / "faulty", batch / "scored")
     assert content(batch / "scored") == content(batch / "faulty")
@@ -238,7 +248,7 @@ def test_a_small_file_system_from_the_shell(tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1, done.stderr
         assert "No space left on device" in done.stderr
         assert mount(disk, "-o", "remount,size=64m")
-        again = shell("run", "--resume", disk / "run", "-q")
+        again = shell("resume", disk / "run", "-q")
         assert again.returncode == 0, again.stderr
         whole = shell("run", "cctc", "--traces", "-q", "--out", tmp_path / "whole", *changes)
         assert whole.returncode == 0

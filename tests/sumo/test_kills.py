@@ -38,7 +38,7 @@ SECONDS = 120.0
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The uninterrupted run, in this process and without workers."""
-    from harness.engine.process import close_engine
+    from harness.engine.shared import close_engine
     from tests.conftest import _close_all
 
     _close_all()
@@ -67,7 +67,7 @@ def resumed(folder: Path) -> dict[str, bytes]:
         # Killed before it had begun: there is nothing to resume.
         done = shell(*COMMAND, "--out", folder)
     else:
-        done = shell("run", "--resume", folder, "--workers", "2", "--quiet")
+        done = shell("resume", folder, "--workers", "2", "--quiet")
     assert done.returncode == 0, done.stderr
     return content(folder)
 
@@ -161,7 +161,7 @@ def test_interrupted_and_resumed(
         assert after_shards == 0
         assert "interrupted" in errors
     else:
-        assert f"--resume {folder}" in errors
+        assert f"harness resume {folder}" in errors
         assert read_manifest(folder)["counts"] is None
     wait_for(lambda: not any(alive(worker) for worker in workers), "the workers' end", 5.0)
     assert len([*folder.glob("shards/*.arrows")]) >= after_shards

@@ -4,9 +4,9 @@ import pytest
 
 from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.episode.rules import rules_of
 from harness.measures import measure
 from harness.scenario import Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
@@ -19,7 +19,7 @@ def scene(behaviour: str = "sumo", **pedestrians: object) -> Scenario:
 
 def play(scenario: Scenario, engine, strategy, side: Side, arrival_s: float, speed: float):
     arrivals = [Arrival(0, arrival_s, side, 0.5)]
-    return run_episode(engine, strategy, arrivals, lambda *_: speed, rules_of(scenario))
+    return run_episode(engine, strategy, arrivals, lambda *_: speed, constants_of(scenario))
 
 
 class Waits:

@@ -6,7 +6,6 @@ curvature, written out below; SUMO is only asked to turn its coordinates into de
 
 import math
 import shutil
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -16,30 +15,45 @@ import libsumo
 import pytest
 import sumolib
 
+from harness.encounter import Ending
 from harness.errors import EngineError, InputError
 from harness.network import (
-    CrossingGeometry,
-    Site,
     build,
     build_network,
     network_for,
     plain_sources,
-    read_site,
     sources,
 )
-from harness.network.site import offset_deg
+from harness.roads import Place, Site, read_site
+from harness.scenario.sections import CrossingSection
+from harness.strategies.constant_speed import ConstantSpeed
+from tests.conftest import MakeEngine
+from tests.scenes import play, scenario
 from tests.sites import NETWORKS, geometries
 
+
+def site(
+    latitude: float, longitude: float, bearing: float, length: float, width: float
+) -> CrossingSection:
+    return CrossingSection(
+        latitude_deg=latitude,
+        longitude_deg=longitude,
+        bearing_deg=bearing,
+        length_m=length,
+        width_m=width,
+    )
+
+
 SHIPPED = NETWORKS / "cctc"
-CCTC = CrossingGeometry()
+CCTC = CrossingSection()
 GEOMETRIES = {
     **geometries(),
-    "north": CrossingGeometry(42.278415, -83.735580, 0.0, 6.0, 3.0),
-    "east at the date line": CrossingGeometry(60.17, 179.9995, 90.0, 14.0, 6.0),
-    "south-west, southern": CrossingGeometry(-33.868820, 151.209290, 200.0, 9.0, 3.0),
-    "far south and west": CrossingGeometry(-54.801912, -179.9, 123.4, 6.0, 4.0),
-    "widest at the equator": CrossingGeometry(0.0, 0.0000001, 359.9, 40.0, 20.0),
-    "narrowest in the far north": CrossingGeometry(84.0, 10.0, 45.0, 4.0, 1.0),
+    "north": site(42.278415, -83.735580, 0.0, 6.0, 3.0),
+    "east at the date line": site(60.17, 179.9995, 90.0, 14.0, 6.0),
+    "south-west, southern": site(-33.868820, 151.209290, 200.0, 9.0, 3.0),
+    "far south and west": site(-54.801912, -179.9, 123.4, 6.0, 4.0),
+    "widest at the equator": site(0.0, 0.0000001, 359.9, 40.0, 20.0),
+    "narrowest in the far north": site(84.0, 10.0, 45.0, 4.0, 1.0),
 }
 # WGS84: its defining semi-major axis and flattening.
 AXIS_M = 6_378_137.0
@@ -56,7 +70,7 @@ def nets(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.fixture(params=GEOMETRIES)
-def case(request: pytest.FixtureRequest, nets: dict[str, Path]) -> tuple[CrossingGeometry, Path]:
+def case(request: pytest.FixtureRequest, nets: dict[str, Path]) -> tuple[CrossingSection, Path]:
     return GEOMETRIES[request.param], nets[request.param]
 
 
@@ -103,156 +117,56 @@ def lane_line(net: Path, lane: str) -> list[tuple[float, float]]:
     return list(road.getLane(lane).getShape())
 
 
-def test_the_metric_of_this_file() -> None:
-    # One minute of latitude at 45° is 1852.2 m, one degree of longitude at the equator 111319.49 m.
-    assert ground_m((0, 45 - 1 / 120), (0, 45 + 1 / 120))[1] == pytest.approx(1852.2, abs=0.1)
-    assert ground_m((179.5, 0), (-179.5, 0))[0] == pytest.approx(111_319.49, abs=0.01)
-
-
 # --- where it is ---------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("no_simulation")
-def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingGeometry, Path]) -> None:
+def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingSection, Path]) -> None:
     geometry, net = case
-    site = read_site(net)
+    site = read_site(Place(net))
     line = lane_line(net, f"{site.crossing_edge}_0")
     centre = ((line[0][0] + line[-1][0]) / 2, (line[0][1] + line[-1][1]) / 2)
     with simulation(net):
         place = libsumo.simulation.convertGeo(*centre)
     asked = (geometry.longitude_deg, geometry.latitude_deg)
     assert math.hypot(*ground_m(asked, place)) < 0.001
-    assert site.latitude_deg == pytest.approx(geometry.latitude_deg, abs=1e-9)
-    assert site.longitude_deg == pytest.approx(geometry.longitude_deg, abs=1e-9)
     # The road frame's centre is that centre, not merely near it.
-    assert site.to_network(0.0, geometry.length_m / 2) == pytest.approx(centre, abs=1e-8)
+    assert site.frame.to_network(0.0, geometry.length_m / 2) == pytest.approx(centre, abs=1e-8)
 
 
 @pytest.mark.usefixtures("no_simulation")
-def test_road_and_walk_have_their_true_bearings(case: tuple[CrossingGeometry, Path]) -> None:
+def test_metres_and_north_are_true(case: tuple[CrossingSection, Path]) -> None:
     geometry, net = case
-    site = read_site(net)
-    road = [lane_line(net, "approach_0")[0], lane_line(net, "exit_0")[-1]]
-    walk = [site.to_network(0.0, 0.0), site.to_network(0.0, geometry.length_m)]
+    site = read_site(Place(net))
     with simulation(net):
-        road = [libsumo.simulation.convertGeo(*point) for point in road]
-        walk = [libsumo.simulation.convertGeo(*point) for point in walk]
-    # A straight road's bearing changes along it by metres / radius · tan(latitude): 0.008° here.
-    assert angle_between(bearing_deg(*road), geometry.bearing_deg) < 0.01
-    # The kerb at y = 0 is on the ego's right, so the walk from it leads to the left.
-    assert angle_between(bearing_deg(*walk), geometry.bearing_deg - 90) < 0.01
-    assert angle_between(site.bearing_deg, geometry.bearing_deg) < 1e-5
-    length = math.hypot(*ground_m(*road))
-    assert length == pytest.approx(sources.APPROACH_M + sources.EXIT_M, rel=1e-6)
-
-
-def space_m(place: tuple[float, float]) -> tuple[float, float, float]:
-    """A place of the ellipsoid in Earth-centred Cartesian coordinates."""
-    longitude, latitude = map(math.radians, place)
-    squared = FLATTENING * (2 - FLATTENING)
-    normal = AXIS_M / math.sqrt(1 - squared * math.sin(latitude) ** 2)
-    off_axis = normal * math.cos(latitude)
-    return (
-        off_axis * math.cos(longitude),
-        off_axis * math.sin(longitude),
-        normal * (1 - squared) * math.sin(latitude),
-    )
-
-
-def seen_m(centre: tuple[float, float], place: tuple[float, float]) -> tuple[float, float]:
-    """East and north components of the straight line from a centre to a place."""
-    longitude, latitude = map(math.radians, centre)
-    dx, dy, dz = (b - a for a, b in zip(space_m(centre), space_m(place), strict=True))
-    outward = dx * math.cos(longitude) + dy * math.sin(longitude)
-    east = dy * math.cos(longitude) - dx * math.sin(longitude)
-    return east, dz * math.cos(latitude) - outward * math.sin(latitude)
-
-
-def source_nodes(net: Path) -> dict[str, tuple[float, float]]:
-    root = ET.parse(net.with_name(net.name.replace(".net.", ".nod."))).getroot()
-    assert {child.tag for child in root} == {"node"}
-    return {node.attrib["id"]: (float(node.attrib["x"]), float(node.attrib["y"])) for node in root}
-
-
-def asked_nodes(geometry: CrossingGeometry) -> dict[str, tuple[float, float]]:
-    """East and north metres of every node by the geometry's own definition."""
-    bearing = math.radians(geometry.bearing_deg)
-    reach = sources.FOOTPATH_M + geometry.length_m / 2
-    east_north = {"crosswalk": (0.0, 0.0)}
-    for node, turn, distance in (
-        ("start", math.pi, sources.APPROACH_M),
-        ("end", 0.0, sources.EXIT_M),
-        ("near", math.pi / 2, reach),
-        ("far", -math.pi / 2, reach),
-    ):
-        course = bearing + turn
-        east_north[node] = (distance * math.sin(course), distance * math.cos(course))
-    return east_north
-
-
-def test_source_nodes_are_longitudes_and_latitudes(case: tuple[CrossingGeometry, Path]) -> None:
-    geometry, net = case
-    nodes, asked = source_nodes(net), asked_nodes(geometry)
-    assert nodes.keys() == asked.keys()
-    centre = (geometry.longitude_deg, geometry.latitude_deg)
-    assert nodes["crosswalk"] == pytest.approx(centre, abs=1e-9, rel=0)
-    for node, (longitude, latitude) in nodes.items():
-        assert -180 <= longitude <= 180
-        # On a sphere of radius r a place s away lies r·sin(s/r) off the vertical, s³/6r² less than
-        # s, and the projection stretches and turns by as little: 1.1e-7 m each at 300 m.
-        assert seen_m(nodes["crosswalk"], (longitude, latitude)) == pytest.approx(
-            asked[node], abs=3e-7, rel=0
+        road, walk = (
+            [libsumo.simulation.convertGeo(*site.frame.to_network(*point)) for point in ends]
+            for ends in ([(-20.0, 0.0), (20.0, 0.0)], [(0.0, 0.0), (0.0, geometry.length_m)])
         )
-
-
-@pytest.mark.usefixtures("no_simulation")
-def test_sumo_projects_the_source_nodes_to_their_metres(
-    case: tuple[CrossingGeometry, Path],
-) -> None:
-    geometry, net = case
-    asked = asked_nodes(geometry)
-    nodes = source_nodes(net)
-    with simulation(net):
-        for node, place in nodes.items():
-            point = libsumo.simulation.convertGeo(*place, fromGeo=True)
-            assert point == pytest.approx(asked[node], abs=2e-8, rel=0), node
-    # netconvert keeps them to a micrometre.
-    road = sumolib.net.readNet(str(net))
-    for node, point in asked.items():
-        assert road.getNode(node).getCoord() == pytest.approx(point, abs=5.2e-7, rel=0)
-
-
-@pytest.mark.usefixtures("no_simulation")
-def test_inverse_projection_agrees_with_sumo(case: tuple[CrossingGeometry, Path]) -> None:
-    _, net = case
-    site = read_site(net)
-    rim = [(400 * math.cos(angle), 400 * math.sin(angle)) for angle in range(0, 63, 5)]
-    with simulation(net):
-        for point in [*rim, (0.0, 400.0), (-400.0, 0.0), (12.5, -3.0)]:
-            east, north = offset_deg(site.latitude_deg, *point)
-            place = (site.longitude_deg + east, site.latitude_deg + north)
-            back = libsumo.simulation.convertGeo(*place, fromGeo=True)
-            # Of this, the doubles of a longitude near 180° take 2e-9 m.
-            assert back == pytest.approx(point, abs=1e-8, rel=0)
+    assert angle_between(bearing_deg(*road), geometry.bearing_deg) < 0.002
+    # The kerb at y = 0 is on the ego's right, so the walk from it leads to the left.
+    assert angle_between(bearing_deg(*walk), geometry.bearing_deg - 90) < 0.002
+    assert math.hypot(*ground_m(*road)) == pytest.approx(40.0, rel=1e-6)
+    assert math.hypot(*ground_m(*walk)) == pytest.approx(geometry.length_m, rel=1e-6)
 
 
 # --- how it is built -----------------------------------------------------------------------------
 
 
-def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingGeometry, Path]) -> None:
+def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None:
     geometry, net = case
-    site = read_site(net)
+    site = read_site(Place(net))
     road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
     crossing = road.getLane(f"{site.crossing_edge}_0")
     assert crossing.getLength() == pytest.approx(geometry.length_m, abs=2e-9)
     assert crossing.getWidth() == geometry.width_m
-    ends = sorted(site.to_road(*point) for point in crossing.getShape())
+    ends = sorted(site.frame.to_road(*point) for point in crossing.getShape())
     assert [x for x, _ in ends] == pytest.approx([0, 0], abs=1e-7)
     assert sorted(y for _, y in ends) == pytest.approx([0, geometry.length_m], abs=1e-8)
     # Kerbs from the lanes' own widths: the ego's lane begins at y = 0, the other ends at length_m.
     for edge, low in (("approach", 0.0), ("oncoming_exit", geometry.length_m / 2)):
         lane = road.getLane(f"{edge}_0")
-        middle = [site.to_road(*point)[1] for point in lane.getShape()]
+        middle = [site.frame.to_road(*point)[1] for point in lane.getShape()]
         assert middle == pytest.approx([low + lane.getWidth() / 2] * 2, abs=1e-6)
         assert lane.getWidth() == geometry.length_m / 2
     assert (site.length_m, site.width_m) == pytest.approx((geometry.length_m, geometry.width_m))
@@ -282,18 +196,18 @@ def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
 def test_drive_is_exact(
-    case: tuple[CrossingGeometry, Path], range_m: float, speed_mps: float
+    case: tuple[CrossingSection, Path], range_m: float, speed_mps: float
 ) -> None:
     geometry, net = case
-    site = read_site(net)
+    site = read_site(Place(net))
     acceleration, step = 0.3, 0.1
     lanes = set()
     with simulation(net):
-        libsumo.route.add("drive", [site.approach_edge, site.exit_edge])
+        libsumo.route.add("drive", site.ego.departure(range_m).edges)
         libsumo.vehicle.add(
             "ego",
             "drive",
-            departPos=repr(site.depart_position_m(range_m)),
+            departPos=repr(site.ego.departure(range_m).position_m),
             departSpeed=repr(speed_mps),
         )
         libsumo.vehicle.setSpeedMode("ego", 32)
@@ -305,7 +219,7 @@ def test_drive_is_exact(
             time = steps * step
             driven = speed_mps * time + acceleration * time**2 / 2
             place = libsumo.vehicle.getPosition("ego")
-            expected = site.to_network(driven - range_m, geometry.length_m / 4)
+            expected = site.frame.to_network(driven - range_m, geometry.length_m / 4)
             assert place == pytest.approx(expected, abs=1e-6, rel=0)
             assert libsumo.vehicle.getDistance("ego") == pytest.approx(driven, abs=1e-9, rel=0)
             lanes.add(libsumo.vehicle.getRoadID("ego"))
@@ -319,36 +233,35 @@ def test_drive_is_exact(
 
 @pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize("near_side", [True, False])
-def test_walk_is_straight_and_exact(case: tuple[CrossingGeometry, Path], near_side: bool) -> None:
+def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_side: bool) -> None:
     geometry, net = case
-    site = read_site(net)
-    ends = [(site.near_edge, site.near_position_m), (site.far_edge, site.far_position_m)]
-    (origin, start), (goal, stop) = ends if near_side else reversed(ends)
+    site = read_site(Place(net))
+    first, last = site.footpaths[:: 1 if near_side else -1]
     edges = []
     with simulation(net):
-        libsumo.person.add("walker", origin, start)
-        libsumo.person.appendWalkingStage("walker", [origin, goal], stop)
+        libsumo.person.add("walker", first.edge, first.inside_m)
+        libsumo.person.appendWalkingStage("walker", [first.edge, last.edge], last.inside_m)
         libsumo.simulationStep()
         # 0.13 m per step, kerbs included: 1.3 m/s.
         for step in range(int(geometry.length_m / 0.13) + 1):
             y = 0.13 * step if near_side else geometry.length_m - 0.13 * step
-            x_net, y_net = site.to_network(0.0, y)
+            x_net, y_net = site.frame.to_network(0.0, y)
             libsumo.person.moveToXY("walker", "", x_net, y_net, keepRoute=2, matchThreshold=1)
             libsumo.simulationStep()
             place = libsumo.person.getPosition("walker")
             if 0.01 <= y <= geometry.length_m - 0.01:
-                assert site.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
+                assert site.frame.to_road(*place) == pytest.approx((0.0, y), abs=1e-6, rel=0)
                 edges.append(libsumo.person.getRoadID("walker"))
     assert len(edges) >= geometry.length_m / 0.13 - 2
     assert set(edges) == {site.crossing_edge}
 
 
 def test_mapping_and_its_inverse() -> None:
-    site = read_site(SHIPPED / "cctc.net.xml")
+    site = read_site(Place(SHIPPED / "cctc.net.xml"))
     for point in ((0.0, 0.0), (-30.0, 2.25), (117.3, -4.0)):
-        assert site.to_road(*site.to_network(*point)) == pytest.approx(point, abs=1e-12)
+        assert site.frame.to_road(*site.frame.to_network(*point)) == pytest.approx(point, abs=1e-12)
     # Bearing 316.5°: 100 m along are 100·sin east and 100·cos north of the start.
-    here, there = site.to_network(0.0, 4.5), site.to_network(100.0, 4.5)
+    here, there = site.frame.to_network(0.0, 4.5), site.frame.to_network(100.0, 4.5)
     angle = math.radians(316.5)
     assert there[0] - here[0] == pytest.approx(100 * math.sin(angle), abs=1e-5)
     assert there[1] - here[1] == pytest.approx(100 * math.cos(angle), abs=1e-5)
@@ -356,33 +269,12 @@ def test_mapping_and_its_inverse() -> None:
 
 @pytest.mark.parametrize("range_m", [2.0, 301.0, -5.0, math.nan])
 def test_ranges_off_the_approach_are_refused(range_m: float) -> None:
-    site = read_site(SHIPPED / "cctc.net.xml")
+    site = read_site(Place(SHIPPED / "cctc.net.xml"))
     with pytest.raises(InputError, match="trigger_range_m"):
-        site.depart_position_m(range_m)
+        site.ego.departure(range_m)
 
 
 # --- what is refused, and what is kept -----------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("length_m", 0),
-        ("length_m", -9.0),
-        ("length_m", math.inf),
-        ("width_m", 0.0),
-        ("width_m", "4"),
-        ("latitude_deg", 95),
-        ("latitude_deg", math.nan),
-        ("longitude_deg", 181.0),
-        ("bearing_deg", -0.1),
-        ("bearing_deg", True),
-    ],
-)
-def test_bad_geometry_is_refused(field: str, value: object) -> None:
-    with pytest.raises(InputError, match=rf"crossing\.{field}: .*; allowed: ") as caught:
-        CrossingGeometry(**{field: value})  # type: ignore[arg-type]
-    assert repr(value) in str(caught.value)
 
 
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
@@ -391,19 +283,19 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("<net/>")
     with pytest.raises(InputError, match="cannot be written"):
         build_network(CCTC, tmp_path / "file", "site")
-    with pytest.raises(InputError, match="no crosswalk site"):
-        read_site(tmp_path / "file")
-    with pytest.raises(InputError, match="cannot be read"):
-        read_site(tmp_path / "missing.net.xml")
+    with pytest.raises(InputError, match="one of its 0 crossings"):
+        read_site(Place(tmp_path / "file"))
+    with pytest.raises(InputError, match="no such network"):
+        read_site(Place(tmp_path / "missing.net.xml"))
     (tmp_path / "cut.net.xml").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
-    with pytest.raises(InputError, match="no crosswalk site"):
-        read_site(tmp_path / "cut.net.xml")
+    with pytest.raises(InputError, match="cut off"):
+        read_site(Place(tmp_path / "cut.net.xml"))
 
 
 def test_netconvert_failure_is_one_line_and_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    edges = sources._TEMPLATES["edg.xml"].replace('to="end"', 'to="nowhere"')
+    edges = sources._TEMPLATES["edg.xml"].replace('to="far"', 'to="nowhere"')
     monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
     with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
         build_network(CCTC, tmp_path, "site")
@@ -417,27 +309,27 @@ def test_a_network_unlike_its_geometry_is_refused(
     # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
     edges = sources._TEMPLATES["edg.xml"].replace(' spreadType="center"', "")
     monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
-    with pytest.raises(EngineError, match=r"differs in max_range_m"):
+    with pytest.raises(EngineError, match=r"netconvert: "):
         build_network(CCTC, tmp_path, "site")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_shipped_geometry_needs_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
-    assert network_for(CrossingGeometry(length_m=9), NETWORKS) == SHIPPED / "cctc.net.xml"
+    assert network_for(CrossingSection(length_m=9), NETWORKS) == SHIPPED / "cctc.net.xml"
     assert not (tmp_path / "cache").exists()
 
 
 def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
-    geometry = CrossingGeometry(bearing_deg=10.0)
+    geometry = CrossingSection(bearing_deg=10.0)
     net = network_for(geometry, NETWORKS)
     assert net.is_relative_to(tmp_path)
-    assert read_site(net).bearing_deg == pytest.approx(10.0, abs=1e-5)
+    assert read_site(Place(net)).bearing_deg == pytest.approx(10.0, abs=1e-5)
     with monkeypatch.context() as patch:
         patch.setattr(build, "build_network", lambda *_: pytest.fail("built twice"))
         assert network_for(geometry, NETWORKS) == net
-    assert network_for(CrossingGeometry(bearing_deg=11.0), NETWORKS) != net
+    assert network_for(CrossingSection(bearing_deg=11.0), NETWORKS) != net
     monkeypatch.setattr(build, "_netconvert_version", lambda: "another")
     assert network_for(geometry, NETWORKS) != net
 
@@ -463,11 +355,11 @@ def test_changed_shipped_sources_are_not_taken(
 
 def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path))
-    geometry = CrossingGeometry(bearing_deg=77.0)
+    geometry = CrossingSection(bearing_deg=77.0)
 
     def build_and_read(_: int) -> tuple[Path, Site]:
         net = network_for(geometry, NETWORKS)
-        return net, read_site(net)
+        return net, read_site(Place(net))
 
     with ThreadPoolExecutor(8) as pool:
         results = set(pool.map(build_and_read, range(16)))
@@ -477,3 +369,9 @@ def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "site.net.xml",
         *plain_sources(geometry, "site"),
     }
+
+
+def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:
+    # width / 2 + 1.5 m, which no file has to the last digit.
+    scene = scenario(ego={"trigger_range_m": 3.5})
+    assert play(ConstantSpeed(), [], scene, sumo(scene)).ending is Ending.CROSSED

@@ -8,8 +8,13 @@ import sysconfig
 from pathlib import Path
 
 import pyarrow.parquet as pq
+import pytest
 
-from tests.batches import QUICK, options_of
+from harness.batch.experiment import resume, run_study
+from harness.engine.shared import close_engine
+from harness.errors import InputError
+from harness.scenario import Options
+from tests.batches import QUICK, Inline, one_cell, options_of
 
 CHECKOUT = Path(__file__).parents[2]
 
@@ -85,3 +90,29 @@ def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
     assert (done.returncode, done.stdout.strip()) == (0, "run"), done.stderr
     again = harness("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
     assert again.returncode == 0, again.stdout + again.stderr
+
+
+STEADY = """
+class Steady:
+    def decide(self, observation):
+        return 0.0
+"""
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = tmp_path / "steady_or_not.py"
+    module.write_text(STEADY, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    name = "steady_or_not:Steady"
+    changes = {**QUICK, "arms.av": name, "experiment.pairs": 2}
+    run_study(one_cell("cctc", changes), Options(), out=tmp_path / "run", make_executor=Inline)
+    close_engine()
+    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
+    assert len(manifest["versions"][name]) == 64
+    resume(tmp_path / "run", make_executor=Inline)
+    module.write_text(STEADY.replace("0.0", "0.1"), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"resume: the run was begun with {name} "):
+        resume(tmp_path / "run", make_executor=Inline)

@@ -7,11 +7,11 @@ import pytest
 from harness.encounter import Side
 from harness.engine.control import SumoEngine
 from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.rules import rules_of
 from harness.measures import measure
-from harness.network import read_site
 from harness.resources import shipped_directory
+from harness.roads import Place, read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario
@@ -41,11 +41,11 @@ class Watched:
         positions = {}
         for index, name in self._engine._ids.items():
             if name in libsumo.person.getIDList():
-                positions[index] = SITE.to_road(*libsumo.person.getPosition(name))
+                positions[index] = SITE.frame.to_road(*libsumo.person.getPosition(name))
         self.seen.append(positions)
 
 
-SITE = read_site(shipped_directory("networks") / "cctc" / "cctc.net.xml")
+SITE = read_site(Place(shipped_directory("networks") / "cctc" / "cctc.net.xml"))
 
 KERB_BAND_M = 0.011
 """Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/sumo.md)."""
@@ -93,7 +93,7 @@ def test_waiting_pedestrians_stand_still_until_the_vehicle_has_gone(sumo) -> Non
 def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
     engine = sumo(scenario())
     assert engine.begin(()) == (-30.0, 5.0)
-    ego = SITE.to_road(*libsumo.vehicle.getPosition(engine._ego))
+    ego = SITE.frame.to_road(*libsumo.vehicle.getPosition(engine._ego))
     np.testing.assert_allclose(ego, (-30.0, 2.25), atol=1e-6)
     engine.end()
 
@@ -109,7 +109,7 @@ def test_timed_pedestrians_walk_as_planned_before_the_kerb_too(sumo) -> None:
     scene = scenario(pedestrians={"flow_per_hour": 0.0, "timed": [timed]})
     engine = Watched(sumo(scene))
     trace = run_episode(
-        engine, ConstantSpeed(), planned_arrivals(scene, 0), lambda *_: 1.0, rules_of(scene)
+        engine, ConstantSpeed(), planned_arrivals(scene, 0), lambda *_: 1.0, constants_of(scene)
     )
     # Contact at 29.75/5 = 5.95 s; 1 m from rest in 1.44 s, 2.55 m in 1.836 s before it.
     start = 5.95 - 1.44 - 1.836

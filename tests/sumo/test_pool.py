@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing.connection import Pipe
 from pathlib import Path
 
 import pytest
@@ -59,9 +60,32 @@ def test_workers_that_never_get_ready_blame_no_pair(
     finally:
         pool.stop()
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
-    with pytest.raises(HarnessError, match=r"exit code 3.*--resume"):
+    with pytest.raises(HarnessError, match=r"exit code 3.*harness resume"):
         run_study(study, Options(workers=2, task_pairs=1), out=tmp_path / "run")
     assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("gone", ["pipe", "standard input", "both"])
+def test_a_worker_that_loses_its_parent_while_it_starts_is_silent(gone: str) -> None:
+    ours, theirs = Pipe()
+    worker = subprocess.Popen(
+        [sys.executable, "-P", "-c", pools._START, str(theirs.fileno()), "math", *sys.path],
+        stdin=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        pass_fds=[theirs.fileno()],
+    )
+    theirs.close()
+    try:
+        assert worker.stdin is not None
+        assert worker.stderr is not None
+        if gone != "pipe":
+            worker.stdin.close()
+        if gone != "standard input":
+            ours.close()
+        assert worker.stderr.read() == b""
+        worker.wait(timeout=60)
+    finally:
+        worker.kill()
 
 
 LOUD = """
@@ -89,10 +113,10 @@ SCRIPT = """
 from harness.batch.experiment import run_study
 from harness.scenario.options import Options
 from harness.scenario import Setting, read_scenario_file
-from harness.scenario.study import single_cell
+from harness.scenario.study import study_of
 
 print("main module")
-study = single_cell(read_scenario_file("cctc", [Setting("experiment.pairs", 2)]))
+study = study_of(read_scenario_file("cctc", [Setting("experiment.pairs", 2)]))
 run_study(study, Options(workers=1))
 """
 

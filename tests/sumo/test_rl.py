@@ -5,12 +5,12 @@ import pytest
 pytest.importorskip("gymnasium")
 
 from harness.encounter import Arm, Ending
-from harness.engine.process import close_engine, engine_for
+from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
 from harness.errors import EngineError
 from harness.interaction import load_model
 from harness.scenario import Setting, load_scenario
-from tests.unit.test_rl import BUSY, drive, environment
+from tests.unit.test_rl import BUSY, drive, environment, measured
 
 pytestmark = pytest.mark.usefixtures("no_simulation")
 
@@ -31,7 +31,7 @@ def test_the_same_records_as_the_harness_after_episodes_broken_off():
         found.append(drive(env, lambda _: 0.0, options={"pair": pair})[0])
     env.close()
     assert sum(record.ending is Ending.CRASHED for record in found) > 2
-    for ours, theirs in zip(found, expected, strict=True):
+    for ours, theirs in zip(measured(found), measured(expected), strict=True):
         # The environment leaves at the contact; SUMO's verdict often comes a step later.
         assert ours == theirs or ours.ending is Ending.CRASHED
         assert ours.contact_time_s == theirs.contact_time_s

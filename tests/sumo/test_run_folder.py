@@ -15,7 +15,7 @@ import pytest
 
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
-from harness.network import network_of
+from harness.network import place_of
 from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
 
@@ -45,7 +45,7 @@ COLUMNS = {
 }
 SUMMARY = [
     *("pairs", "defined_pairs", "timed_out", "failed", "fallbacks", "met_nobody"),
-    *("mu", "mu_ci_low", "mu_ci_high", "mu_timeout", "cv", "cv_ci_low", "cv_ci_high"),
+    *("mu", "mu_ci_low", "mu_ci_high", "cv", "cv_ci_low", "cv_ci_high"),
     *("kappa", "kappa_ci_low", "kappa_ci_high", "kappa_front"),
     *("kappa_human", "kappa_human_ci_low", "kappa_human_ci_high"),
 ]
@@ -281,7 +281,7 @@ def test_sumos_own_seed_decides_nothing(model) -> None:
 
     def content(sumo_seed: int) -> list[object]:
         engine = libsumo_engine(
-            network_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1, sumo_seed
+            place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1, sumo_seed
         )
         try:
             outcomes = list(PairRunner(scenario, model, lambda: engine).run(range(12)))

@@ -7,14 +7,14 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from harness.batch import scoring
 from harness.batch.experiment import run_study
+from harness.batch.scoring import score
 from harness.encounter import Arm
-from harness.engine.process import close_engine
+from harness.engine.shared import close_engine
 from harness.errors import InputError
-from harness.repeat.replay import replay
+from harness.replay.rerun import replay
 from harness.results import summaries
-from harness.review import scoring
-from harness.review.scoring import score
 from harness.scenario import Options, Precision, Study
 from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
 

@@ -10,9 +10,9 @@ from PIL import Image
 
 from harness.batch.experiment import run_study
 from harness.encounter import Arm
-from harness.engine.process import close_engine
+from harness.engine.shared import close_engine
 from harness.errors import InputError
-from harness.repeat.watch import watch
+from harness.replay.watch import watch
 from harness.scenario import Options
 from tests.batches import FLOW, HARNESS, Inline, one_cell
 

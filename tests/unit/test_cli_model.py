@@ -14,6 +14,7 @@ import pytest
 
 from harness.cli import app as cli
 from harness.interaction import read_model
+from harness.report import model_figures
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -74,18 +75,6 @@ def model_file(tmp_path_factory) -> Path:
     return folder / "model.json"
 
 
-def test_help_loads_neither_simulator_nor_numbers():
-    code = (
-        "import sys\nfrom harness.cli import app as cli\nsys.argv = ['harness', '--help']\n"
-        "try: cli.main()\nexcept SystemExit: pass\n"
-        "print([m for m in ('scipy', 'pandas', 'libsumo', 'matplotlib') if m in sys.modules])"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.splitlines()[-1] == "[]"
-    for command in ("extract", "fit", "model"):
-        assert command in done.stdout
-
-
 def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
     code, out, err = harness("extract", rows, "--format", "table", "--out", "r.parquet", "--json")
     assert (code, err) == (0, "")
@@ -115,6 +104,19 @@ def test_extract_draws_the_papers_first_figures(harness, tmp_path):
     for name in names:
         start = (tmp_path / "f" / name).read_bytes()[:4]
         assert start == (b"\x89PNG" if name.endswith("png") else b"%PDF")
+
+
+def test_what_the_files_do_not_say_is_said(harness):
+    given = ("extract", DATA / "vci_made_up", "--format", "vci", "--out", "r.parquet")
+    _, out, _ = harness(*given)
+    # 24000/1001 frames per second; a speed is proportional to it.
+    assert "frame_rate_hz = 23.976 frames per second (assumed" in out
+    _, out, _ = harness(*given, "--set", "frame_rate_hz=29.97", "--json")
+    document = json.loads(out)
+    assert any(
+        note.startswith("frame_rate_hz = 29.97 frames per second;")
+        for note in document["counts"]["notes"]
+    )
 
 
 def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
@@ -264,7 +266,8 @@ def test_show_gives_card_moments_and_marginals(harness, model_file):
     assert "1/T_adv (1/s)" in out
 
 
-def test_show_draws_the_papers_figures(harness, model_file, tmp_path):
+def test_show_draws_the_papers_figures(harness, model_file, tmp_path, monkeypatch):
+    monkeypatch.setattr(model_figures, "_CELLS", 8)
     rows = model_file.parent / "rows.parquet"
     code, out, _ = harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
     assert code == 0
@@ -272,6 +275,12 @@ def test_show_draws_the_papers_figures(harness, model_file, tmp_path):
     wanted = {f"{name}.{kind}" for name in names for kind in ("png", "pdf")}
     assert {path.name for path in (tmp_path / "f").iterdir()} == wanted
     assert len(out.splitlines()) == 6
+
+
+@pytest.mark.slow
+def test_figures_have_the_same_bytes_again(harness, model_file, tmp_path):
+    rows = model_file.parent / "rows.parquet"
+    harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
     before = {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()}
     harness("model", "show", model_file, "--plots", "f", "--rows", rows, "--quiet")
     assert {path.name: path.read_bytes() for path in (tmp_path / "f").iterdir()} == before

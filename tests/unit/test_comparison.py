@@ -1,7 +1,7 @@
 """μ, c_v and κ with their intervals, against scipy, closed forms and hand counts."""
 
 import math
-from dataclasses import fields
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,11 +11,14 @@ from harness.comparison import (
     INDICATIVE_BELOW,
     PairColumns,
     bootstrap_mean_and_cv,
+    bootstrap_ratio,
+    intervals,
     proportion,
     summarise,
     zero_bound,
 )
-from harness.report.words import indicative, measure_rows
+from harness.report.result_tables import measure_rows
+from harness.report.words import indicative
 
 
 def rng() -> np.random.Generator:
@@ -129,77 +132,163 @@ def test_no_trials_no_proportion() -> None:
     assert (interval.value, interval.low, interval.high) == (None, None, None)
 
 
-# Eight pairs, counted by hand.  c: crossed, x: crashed (f with the front), t: timed out, e: engine.
+# Nine pairs, counted by hand.  c: crossed, x: crashed (f with the front), t: timed out, s: the
+# strategy failed.  The last number: when the human would have passed had nobody been touched.
 #           AV       human
 PAIRS = [
-    ("c", 6.0, "c", 10.0),  # τ = 0.6
-    ("c", 9.0, "c", 10.0),  # τ = 0.9, fallback
-    ("c", 12.0, "c", 8.0),  # τ = 1.5
-    ("x", None, "c", 9.0),
-    ("f", None, "c", 9.0),
-    ("t", None, "c", 30.0),  # time-out counted: 60/30 = 2
-    ("c", 15.0, "t", None),  # 15/60 = 0.25
-    ("e", None, "x", None),
+    ("c", 6.0, "c", 10.0, 10.0),  # τ = 0.6
+    ("c", 9.0, "c", 10.0, 10.0),  # τ = 0.9, fallback
+    ("c", 12.0, "c", 8.0, 8.0),  # τ = 1.5
+    ("x", None, "c", 9.0, 9.0),
+    ("f", None, "c", 9.0, 9.0),
+    ("t", None, "c", 30.0, 30.0),
+    ("c", 15.0, "t", None, None),
+    ("s", None, "x", None, None),
+    ("c", 20.0, "x", None, 8.0),  # as if untouched: τ = 2.5
 ]
+MET = ([1, 1, 0, 1, 1, 2, 0, 0, 1], [1, 0, 0, 0, 0, 1, 0, 1, 1])
+ARRIVALS = [1, 2, 0, 1, 1, 2, 0, 5, 1]
+WAITED_S = [2, 0, 0, 1, 3, 10, 0, 99, 4]
 
 
 def columns() -> PairColumns:
-    """Filled by name, whatever else the comparison keeps beside these."""
+    """The pairs above."""
     av, human = [row[0] for row in PAIRS], [row[2] for row in PAIRS]
-    passed = [
-        np.array([math.nan if t is None else t for t in column], dtype=float)
-        for column in ([row[1] for row in PAIRS], [row[3] for row in PAIRS])
-    ]
-    known = {
-        "time_s": tuple(passed),
-        "delay_s": tuple(times - 7.4 for times in passed),
-        "stops": (np.zeros(8), np.zeros(8)),
-        "stopped_s": (np.zeros(8), np.zeros(8)),
-        "crashed": tuple(np.array([e in "xf" for e in arm]) for arm in (av, human)),
-        "timed_out": tuple(np.array([e == "t" for e in arm]) for arm in (av, human)),
-        "failed": tuple(np.array([e == "e" for e in arm]) for arm in (av, human)),
-        "front": tuple(np.array([e == "f" for e in arm]) for arm in (av, human)),
-        "avoidable": tuple(np.array([e == "f" for e in arm]) for arm in (av, human)),
-        "av_fallback": np.array([False, True] + [False] * 6),
-        "met": np.array([2, 1, 0, 1, 1, 3, 0, 1]),
-    }
-    return PairColumns(**{field.name: known[field.name] for field in fields(PairColumns)})
+    numbers = [np.array([row[i] for row in PAIRS], dtype=float) for i in (1, 3, 4)]
+    passed, none = (numbers[0], numbers[1]), np.zeros(len(PAIRS))
+
+    def endings(*letters: str) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([e in letters for e in av]), np.array([e in letters for e in human])
+
+    return PairColumns(
+        time_s=passed,
+        untouched_time_s=(numbers[0], numbers[2]),
+        delay_s=(passed[0] - 7.4, passed[1] - 7.4),
+        stops=(none, none),
+        stopped_s=(none, none),
+        crashed=endings("x", "f"),
+        front=endings("f"),
+        avoidable=endings("f"),
+        timed_out=endings("t"),
+        failed=endings("s"),
+        failed_strategy=endings("s"),
+        met=(np.array(MET[0]), np.array(MET[1])),
+        arrivals=(np.array(ARRIVALS, dtype=float), none),
+        waited_s=(np.array(WAITED_S, dtype=float), none),
+        conditionings=(none + 4, none),
+        clamped=(none + 1, none),
+        speed_excess_mps=(none + 2.5, none * np.nan),
+        range_excess_m=(none + 20.0, none * np.nan),
+        av_fallback=np.arange(len(PAIRS)) == 1,
+    )
 
 
 def test_summary_of_hand_counted_pairs() -> None:
-    summary = summarise(columns(), 60.0, rng())
-    assert (summary.pairs, summary.defined_pairs) == (8, 3)
+    summary = summarise(columns(), 60.0, 7.4, rng())
+    assert (summary.pairs, summary.defined_pairs) == (9, 3)
     assert (summary.timed_out, summary.failed) == (2, 1)
-    assert (summary.fallbacks, summary.met_nobody) == (1, 2)
+    assert (summary.timed_out_av, summary.timed_out_human) == (1, 1)
+    assert (summary.failed_strategy, summary.failed_engine) == (1, 0)
+    assert (summary.failed_av, summary.failed_human) == (1, 0)
+    assert (summary.fallbacks, summary.met_nobody, summary.met_someone) == (1, 2, 7)
     tau = np.array([0.6, 0.9, 1.5])
     assert summary.mu.value == pytest.approx(1.0)
     assert summary.cv.value == pytest.approx(math.sqrt(((tau - 1) ** 2).mean()))
     assert summary.mu_without_fallback == pytest.approx((0.6 + 1.5) / 2)
-    # Timed-out arms counted at 60 s; crashed and failed ones have no time at all.
-    assert summary.mu_timeout == pytest.approx((0.6 + 0.9 + 1.5 + 2.0 + 0.25) / 5)
-    # κ: 2 crashes in the 7 AV episodes that ran; the human's 1 in all 8.
-    assert summary.kappa.value == pytest.approx(2 / 7)
-    assert summary.kappa_front == pytest.approx(1 / 7)
+    # The AV's arm asks 4 times an episode, once outside the box; the human's never.
+    assert (summary.clamped_share, summary.clamped_share_human) == (0.25, None)
+    assert (summary.clamped_speed_excess_mps, summary.clamped_range_excess_m) == (2.5, 20.0)
+    # κ: 2 crashes in the 8 AV episodes that ran; the human's 2 in all 9.
+    assert summary.kappa.value == pytest.approx(2 / 8)
+    assert summary.kappa_front == pytest.approx(1 / 8)
     # Those with the front were avoidable, by the hand that made the pairs.
-    assert summary.kappa_avoidable.value == pytest.approx(1 / 7)
-    assert summary.kappa_avoidable.high == pytest.approx(stats.beta.ppf(0.975, 2, 6), abs=1e-10)
-    assert (summary.kappa_avoidable_human.successes, summary.kappa_avoidable_human.trials) == (0, 8)
-    assert summary.kappa_human.value == pytest.approx(1 / 8)
-    assert summary.kappa.low == pytest.approx(stats.beta.ppf(0.025, 2, 6), abs=1e-10)
+    assert summary.kappa_avoidable.value == pytest.approx(1 / 8)
+    assert summary.kappa_avoidable.high == pytest.approx(stats.beta.ppf(0.975, 2, 7), abs=1e-10)
+    assert (summary.kappa_avoidable_human.successes, summary.kappa_avoidable_human.trials) == (0, 9)
+    assert summary.kappa_human.value == pytest.approx(2 / 9)
+    assert summary.kappa.low == pytest.approx(stats.beta.ppf(0.025, 2, 7), abs=1e-10)
 
 
-def test_resampling_does_not_change_with_the_batches() -> None:
-    one, other = (bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) for _ in range(2))
+def test_what_is_left_out_by_hand() -> None:
+    summary = summarise(columns(), 60.0, 7.4, rng())
+    # The pair in which the human alone crashed comes back: 20 s against 8 s.
+    assert summary.pairs_all == 4
+    assert summary.mu_all.value == pytest.approx((0.6 + 0.9 + 1.5 + 2.5) / 4)
+    assert summary.delay_difference_human_s.value == pytest.approx((-4 - 1 + 4 + 12) / 4)
+    # 2 crashes, a time-out and a failure of the AV in 9 pairs.
+    assert summary.kappa_worst == pytest.approx(4 / 9)
+    # The AV's count at 60 s; a human who never passed counts as free, 7.4 s.
+    worst = [0.6, 0.9, 1.5, 60 / 9, 60 / 9, 60 / 30, 15 / 7.4, 60 / 7.4, 2.5]
+    assert summary.mu_worst == pytest.approx(np.mean(worst))
+
+
+def test_pairs_that_met_someone_by_hand() -> None:
+    summary = summarise(columns(), 60.0, 7.4, rng())
+    assert summary.defined_pairs_met_someone == 2
+    assert summary.mu_met_someone.value == pytest.approx((0.6 + 0.9) / 2)
+    # Seven such pairs, in one of which the AV failed.
+    assert (summary.kappa_met_someone.successes, summary.kappa_met_someone.trials) == (2, 6)
+    assert summary.delay_met_someone_s.value == pytest.approx((6 + 9 + 20) / 3 - 7.4)
+    # One fallback in the six AV episodes in which somebody stepped off.
+    assert summary.fallback_share == pytest.approx(1 / 6)
+    # 20 s of waits of 8 people: the failed episode's do not count.
+    assert summary.pedestrian_delay_s.value == pytest.approx(20 / 8)
+    assert summary.pedestrian_delay_human_s.value is None
+
+
+def test_an_av_that_hurries_through_people_gains_nothing() -> None:
+    # τ of the AV's crashes would be 0.5: neither μ nor mu_all may count them.
+    pairs = columns()
+    untouched = np.where(pairs.crashed[0], 4.5, pairs.untouched_time_s[0])
+    hurried = replace(pairs, untouched_time_s=(untouched, pairs.untouched_time_s[1]))
+    one, other = (summarise(of, 60.0, 7.4, rng()) for of in (pairs, hurried))
     assert one == other
 
 
+def test_ratio_of_sums_against_scipy() -> None:
+    # A few crowds among many pairs with one: the bias and the acceleration are large.
+    generator = np.random.default_rng(11)
+    persons = np.floor(2 * generator.pareto(1.5, 40)) + 1
+    waits = 10 * np.sqrt(persons) * generator.random(40)
+    ours = bootstrap_ratio(waits, persons, rng())
+    assert ours.value == pytest.approx(waits.sum() / persons.sum(), rel=1e-12)
+
+    def ratio(a: np.ndarray, b: np.ndarray, axis: int = -1) -> np.ndarray:
+        return a.sum(axis=axis) / b.sum(axis=axis)
+
+    theirs = stats.bootstrap(
+        (waits, persons), ratio, paired=True, method="BCa", n_resamples=19_999, rng=1, batch=500
+    ).confidence_interval
+    width = theirs.high - theirs.low
+    assert ours.low == pytest.approx(theirs.low, abs=0.05 * width)
+    assert ours.high == pytest.approx(theirs.high, abs=0.05 * width)
+
+
+def test_ratio_of_few_or_none() -> None:
+    # One pair with people: whatever leaves it out, or does not draw it, has no ratio.
+    for waits, persons, expected in (([0, 0], [0, 0], None), ([6, 0, 0], [3, 0, 0], 2.0)):
+        found = bootstrap_ratio(np.array(waits, float), np.array(persons, float), rng())
+        assert (found.value, found.low, found.high) == (expected, None, None)
+    # Everybody waits 2 s: the point.
+    found = bootstrap_ratio(np.array([2.0, 4.0, 6.0]), np.array([1.0, 2.0, 3.0]), rng())
+    assert (found.value, found.low, found.high) == (2.0, 2.0, 2.0)
+
+
+def test_resampling_does_not_change_with_the_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = bootstrap_mean_and_cv(SAMPLES["heavy"], rng())
+    # In batches of 7 resamples of 80 values, and not of 25,000.
+    monkeypatch.setattr(intervals, "_DRAWS_IN_MEMORY", 7 * 80)
+    assert bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) == whole
+
+
 def test_few_pairs_are_said_to_be_few() -> None:
-    # Every bootstrap interval of a cell, printed with three pairs; exact ones never.
-    remarks = {row[0]: row[4] for row in measure_rows(summarise(columns(), 60.0, rng()))}
-    marked = {name for name, remark in remarks.items() if "N too small" in remark}
-    assert marked == {"μ   mean of τ", "c_v spread of τ", "delay AV, s", "delay human, s"}
+    # Every bootstrap interval of a cell, printed with nine pairs; exact ones never.
+    rows = measure_rows(summarise(columns(), 60.0, 7.4, rng()))
+    marked = {row[0] for row in rows if row[4].startswith("interval too narrow: about ")}
+    assert len(marked) == len(INDICATIVE_BELOW)
+    assert not any(name.startswith("κ") for name in marked)
     for name, limit in INDICATIVE_BELOW.items():
         assert (indicative(limit - 1, name), indicative(limit, name)) == (
-            "indicative: N too small",
+            f"interval too narrow: about {limit:,} pairs needed",
             "",
         )

@@ -8,8 +8,8 @@ import pytest
 
 from harness.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.rules import rules_of
 from harness.errors import EngineError
 from harness.measures import measure
 from harness.strategies.constant_speed import ConstantSpeed
@@ -266,7 +266,7 @@ class Failing(PlainEngine):
 def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
     trace = run_episode(
-        Failing(at), ConstantSpeed(), arrivals, lambda *_: 2.5, rules_of(scenario())
+        Failing(at), ConstantSpeed(), arrivals, lambda *_: 2.5, constants_of(scenario())
     )
     assert trace.ending is Ending.ENGINE_FAILED
     assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
@@ -283,7 +283,7 @@ def test_failed_episodes_do_not_disturb_others_measured_with_them() -> None:
             ConstantSpeed(),
             [Arrival(0, 0.0, Side.NEAR, 0.5)],
             lambda *_: 2.5,
-            rules_of(scenario()),
+            constants_of(scenario()),
         )
         for at in ("begin", "step", "remove")
     ]

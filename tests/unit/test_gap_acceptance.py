@@ -9,9 +9,9 @@ from scipy import stats
 from harness.encounter import Arrival, Observation, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import critical_gap_s, planned_arrivals
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.episode.rules import rules_of
 from harness.scenario import GapAcceptanceSection, Scenario, validate
 from harness.strategies.constant_speed import ConstantSpeed
 
@@ -30,7 +30,7 @@ def cross(gap_s: float | None, arrival_s: float, command=lambda _: 0.0, **pedest
             return command(observation)
 
     engine = PlainEngine(scenario.vehicle(), 0.1)
-    trace = run_episode(engine, Driver(), [arrival], lambda *_: 1.2, rules_of(scenario))
+    trace = run_episode(engine, Driver(), [arrival], lambda *_: 1.2, constants_of(scenario))
     return trace.walks[0]
 
 

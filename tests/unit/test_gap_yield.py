@@ -210,7 +210,7 @@ def test_on_the_crosswalk_it_goes_on_before_someone_with_little_advantage() -> N
 @pytest.mark.parametrize("changes", [
     {"pedestrians": {"flow_per_hour": 3000.0}},
     {"pedestrians": {"flow_per_hour": 600.0}, "ego": {"initial_speed_mps": 13.9,
-     "trigger_range_m": 100.0}, "experiment": {"step_s": 0.5}},
+     "trigger_range_m": 100.0}, "experiment": {"step_s": 0.5}, "model": {"extrapolate": True}},
 ])  # fmt: skip
 def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
     from harness.engine.plain import PlainEngine

@@ -23,7 +23,7 @@ from tests.scenes import play, scenario
 from tests.statistical.test_walking_speeds import Joint, V
 
 V0, A0, STEP = 5.0, 1.0, 0.1
-CROSSING = Crossing(9.0, 4.0)
+CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
 VEHICLE = Vehicle(V0, 30.0, 30.0, 5.0, 1.8, 3.0, 4.5, A0)
 
 

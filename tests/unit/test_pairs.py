@@ -107,28 +107,6 @@ def test_the_papers_pairs_walk_at_the_same_speed(model) -> None:
     assert (np.diff(np.array([walk.speed_mps for walk in walked])[order]) > 0).all()
 
 
-def test_pairing_by_speed_keeps_the_av_arms_speeds(model) -> None:
-    tree = {**FLOW, "pedestrians": {"flow_per_hour": 900.0, "pairing": "speed"}}
-    scenario = validate(tree, "test")
-    marginal = model.mixture.conditional(2, ())
-    shared = unmet = 0
-    for av, human in arms(scenario, model, 30):
-        in_av = {w.arrival.index: w.speed_mps for w in av.trace.walks if w.start_s is not None}
-        for walk in human.trace.walks:
-            if walk.start_s is None:
-                continue
-            if walk.arrival.index in in_av:
-                assert walk.speed_mps == in_av[walk.arrival.index]
-                shared += 1
-            else:
-                # The AV never met him: unconditional, at his quantile.
-                back = marginal.cdf(np.array([walk.speed_mps]), np.empty((1, 0)))[0]
-                assert back == pytest.approx(walk.arrival.quantile, abs=1e-8)
-                unmet += 1
-    assert shared > 20
-    assert unmet > 5
-
-
 @pytest.fixture(scope="module")
 def in_order() -> dict[int, list[tuple]]:
     return run(FLOW, list(range(60)))

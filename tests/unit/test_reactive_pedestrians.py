@@ -7,9 +7,9 @@ import pytest
 
 from harness.encounter import Arrival, Contact, Ending, Observation, Side, Walk
 from harness.engine.plain import PlainEngine
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.episode.rules import rules_of
 from harness.measures import measure
 from harness.results.tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
@@ -49,7 +49,7 @@ def play(speeds: Speeds, driver: Driver, arrival_s: float = 0.0, side=Side.NEAR,
     scenario = scene(**sections)
     arrivals = [Arrival(0, arrival_s, side, 0.5)]
     engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    trace = run_episode(engine, driver, arrivals, speeds, rules_of(scenario))
+    trace = run_episode(engine, driver, arrivals, speeds, constants_of(scenario))
     return trace, trace.walks[0]
 
 

@@ -2,6 +2,7 @@
 
 import math
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from harness.engine.plain import PlainEngine  # noqa: E402
 from harness.episode.pairing import PairRunner  # noqa: E402
 from harness.errors import EngineError, InputError  # noqa: E402
 from harness.interaction import load_model  # noqa: E402
+from harness.measures.catalogue import COLUMNS  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402
@@ -68,6 +70,24 @@ def in_the_harness(settings, strategy, pairs):
     return [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
 
 
+def measured(records):
+    """The records without what an environment does not know.
+
+    Its episode is over at a contact, so nothing after it is known; and it does not count how the
+    interaction model is asked.
+    """
+    place = COLUMNS.index("untouched_pass_time_s")
+    found = []
+    for record in records:
+        values = list(record.values)
+        if record.ending is Ending.CRASHED:
+            values[place] = None
+        asked = {"conditionings": 0, "clamped": 0, "near_clamped": 0}
+        excess = {"clamped_speed_excess_mps": None, "clamped_range_excess_m": None}
+        found.append(replace(record, values=tuple(values), **asked, **excess))
+    return found
+
+
 def test_gymnasiums_own_checker_accepts_it():
     with warnings.catch_warnings():
         # It recommends actions from -1 to 1; ours are accelerations in m/s².
@@ -84,16 +104,24 @@ def test_the_same_seed_gives_the_harness_episodes(seed):
     found += [drive(env, lambda _: 0.0)[0] for _ in range(59)]
     # Both have crashes and passes, or the test would say nothing.
     assert 5 < sum(record.ending is Ending.CRASHED for record in found) < 55
-    assert found == expected
+    assert measured(found) == measured(expected)
 
 
-def test_a_policy_drives_the_same_as_a_strategy(monkeypatch):
+POOR_EYES = {
+    "perception.latency_s": 0.5,
+    "perception.detection_probability": 0.3,
+    "perception.position_sd_m": 0.3,
+}
+
+
+@pytest.mark.parametrize("eyes", [{}, POOR_EYES])
+def test_a_policy_drives_the_same_as_a_strategy(monkeypatch, eyes):
     monkeypatch.setitem(STRATEGIES, "policy", YieldToTheNearest)
-    expected = in_the_harness(BUSY, "policy", range(40))
-    env = environment(BUSY, nearest=NEAREST)
+    expected = in_the_harness({**BUSY, **eyes}, "policy", range(40))
+    env = environment({**BUSY, **eyes}, nearest=NEAREST)
     found = [drive(env, yield_to_the_nearest, options={"pair": pair})[0] for pair in range(40)]
     assert sum(record.stops > 0 for record in found) > 5
-    assert found == expected
+    assert measured(found) == measured(expected)
 
 
 def test_reward_is_minus_the_time_and_100_for_a_crash():
@@ -147,7 +175,9 @@ def test_the_vector_takes_the_nearest_first():
     near = PedestrianView(1, Side.NEAR, -1.0, 5.75, 1.25, True)
     waits = PedestrianView(2, Side.NEAR, 2.25, 9.0, 0.0, False)
     ego = EgoView(20.0, 4.0, -0.5)
-    observation = Observation(1.0, 0.1, ego, vehicle, Crossing(9.0, 4.0), (far, near, waits))
+    observation = Observation(
+        1.0, 0.1, ego, vehicle, Crossing(9.0, 4.0, 2.25, 4.5), (far, near, waits)
+    )
     expected = [20, 4, -0.5, 1, -1, 5.75, 1.25, 1, 1, 2.25, 9, 0, 0]
     assert observation_vector(observation, 2).tolist() == expected
     assert observation_vector(observation, 4).tolist()[13:] == [1, 6, 8.25, 1.5, 1, 0, 0, 0, 0, 0]
@@ -172,6 +202,6 @@ def test_training_by_cross_entropy_improves():
 
     env = environment({"pedestrians.flow_per_hour": 1000.0}, nearest=NEAREST)
     vector, _ = env.reset(seed=1)
-    idle = total_reward(env, np.zeros(features(vector).size), range(500, 520))
-    trained = total_reward(env, train(env, 1, population=8, elite=2, episodes=6), range(500, 520))
+    idle = total_reward(env, np.zeros(features(vector).size), range(500, 508))
+    trained = total_reward(env, train(env, 1, population=6, elite=2, episodes=2), range(500, 508))
     assert trained > idle

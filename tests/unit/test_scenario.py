@@ -9,7 +9,7 @@ import pytest
 from harness.encounter import Crossing, Vehicle
 from harness.errors import InputError
 from harness.resources import shipped_directory
-from harness.scenario import Scenario, load_scenario, parse_setting, validate
+from harness.scenario import Scenario, load_scenario, parse_setting, read_scenario_file, validate
 
 # Table II of the paper and the choices beside it: what an empty scenario runs.
 DEFAULTS: dict[str, dict[str, Any]] = {
@@ -36,7 +36,6 @@ DEFAULTS: dict[str, dict[str, Any]] = {
         "first_at_trigger": False,
         "near_side_share": 0.5,
         "kerb_wait_s": 2.0,
-        "pairing": "quantile",
         "behaviour": "constant",
         "gap_acceptance": {"distribution": "lognormal", "mean_s": 4.0, "std_s": 2.5},
         "timed": (),
@@ -96,11 +95,16 @@ def test_every_key_of_the_shipped_scenario_is_there_and_explained() -> None:
     optional = {
         ("model", "path"),
         ("pedestrians", "timed_case"),
+        ("pedestrians", "walking_speed"),
+        ("perception", "update_s"),
         ("limits", "mu0"),
         ("limits", "kappa0"),
+        *(("crossing", key) for key in ("net", "edge", "approach", "ignore_signal", "read")),
+        ("crossing", "lane_width_m"),
+        ("crossing", "road_speed_limit_mps"),
     }
     for section, values in Scenario().model_dump().items():
-        if section == "strategies":
+        if section == "strategies" or values is None:
             continue
         missing = {(section, key) for key in values if key not in tree.get(section, {})}
         assert missing <= optional
@@ -117,9 +121,8 @@ def test_constants_for_strategies() -> None:
     scenario = validate({"ego": {"trigger_range_m": 42.0}}, "test")
     # Detection as far as the trigger, unless said otherwise.
     assert scenario.vehicle() == Vehicle(5.0, 42.0, 42.0, 5.0, 1.8, 3.0, 4.5, 1.0)
-    assert scenario.crosswalk() == Crossing(9.0, 4.0)
-    assert Crossing(9.0, 4.0).lane_centre_m == 2.25
-    assert Crossing(9.0, 4.0).stop_line_m == 3.0
+    assert scenario.crosswalk() == Crossing(9.0, 4.0, 2.25, 4.5, 0, 5.0)
+    assert scenario.crosswalk().stop_line_m == 3.0
     seen = validate({"ego": {"detection_range_m": 12.0}}, "test").vehicle()
     assert (seen.trigger_range_m, seen.detection_range_m) == (30.0, 12.0)
 
@@ -167,6 +170,14 @@ def test_settings_are_applied_in_order_over_the_file(tmp_path: Path) -> None:
     assert scenario.arms.av == "hard_yield"
 
 
+def test_settings_as_a_dictionary() -> None:
+    file = read_scenario_file("cctc_flow", {"ego.initial_speed_mps": 8, "experiment.pairs": 3})
+    scenario = file.scenario()
+    assert (scenario.ego.initial_speed_mps, scenario.experiment.pairs) == (8.0, 3)
+    with pytest.raises(InputError, match=r"^settings ego.initial_speed_mps: 'fast'"):
+        load_scenario("cctc", {"ego.initial_speed_mps": "fast"})
+
+
 def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text('[model]\npath = "sub/m.json"\n')
@@ -192,16 +203,15 @@ def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
         ("[ego]\nwidth_m = 5.0", ["ego.width_m", "5 m", "4.5 m"]),
         ("[ego]\nmax_deceleration_mps2 = 0.0", ["ego.max_deceleration_mps2", "greater than 0"]),
         ("[crossing]\nbearing_deg = 360.0", ["crossing.bearing_deg", "less than 360"]),
-        ("[crossing]\nlength_m = 2.0", ["crossing.length_m", "2.0", "4"]),
+        ("[crossing]\nlength_m = 2.0", ["crossing.length_m", "2.0", "2.5"]),
         ("[pedestrians]\nnear_side_share = 1.1", ["pedestrians.near_side_share", "1.1", "1"]),
         ("[pedestrians]\nflow_per_hour = -1", ["pedestrians.flow_per_hour", "-1", "0"]),
         ("[pedestrians]\nmax_count = 1.5", ["pedestrians.max_count", "1.5", "integer"]),
-        ("[pedestrians]\npairing = 'both'", ["pedestrians.pairing", "'both'", "quantile", "speed"]),
-        ("[pedestrians]\nbehaviour = 'fast'", ["pedestrians.behaviour", "'fast'", "reactive"]),
         (
-            "[pedestrians]\nbehaviour = 'reactive'\npairing = 'speed'",
-            ["pedestrians.pairing", "'speed' with behaviour 'reactive'", "quantile"],
+            "[pedestrians]\npairing = 'quantile'",
+            ["pedestrians.pairing", "quantiles; remove"],
         ),
+        ("[pedestrians]\nbehaviour = 'fast'", ["pedestrians.behaviour", "'fast'", "reactive"]),
         (
             "[pedestrians.gap_acceptance]\nmean = 3.0",
             ["gap_acceptance.mean", "unknown key", "did you mean 'mean_s'"],
@@ -238,6 +248,9 @@ def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
         ("ego.length_m.x=4", ["--set ego.length_m.x", "not a table"]),
         ("ego..length_m=4", ["--set ego..length_m", "not a dotted key"]),
         ("ego length=4", ["--set ego length", "not a dotted key"]),
+        # Accepted by itself, but it does not fit the others.
+        ("ego.trigger_range_m=3", ["--set ego.trigger_range_m", "at least", "3.5 m"]),
+        ("experiment.step_s=0.0123", ["--set experiment.step_s", "whole milliseconds"]),
     ],
 )
 def test_what_is_said_of_wrong_settings(setting: str, parts: list[str]) -> None:

@@ -4,16 +4,24 @@ import pytest
 
 from harness.episode.arms import check_arms
 from harness.resources import shipped_directory
-from harness.scenario import Study, read_scenario_file, single_cell, study_of
+from harness.scenario import Study, read_scenario_file, study_of
 
 SHIPPED = sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml"))
-# Runs are one cell; docs/study.md: 16 margins, 7 strategies at 4 flows, 3 cases at 9 speeds.
-CELLS = {"cctc": 1, "cctc_flow": 1, "aggressiveness": 16, "strategies": 28, "euro_ncap_vru": 27}
+# Runs are one cell; docs/study.md: 16 margins, 7 strategies at 4 flows, 4 cases at 11 speeds; 3
+# strategies at 5 latencies and 2 probabilities.
+CELLS = {
+    "cctc": 1,
+    "cctc_flow": 1,
+    "aggressiveness": 16,
+    "strategies": 28,
+    "euro_ncap_vru": 44,
+    "perception": 30,
+}
 
 
 def cells_of(name: str) -> Study:
     file = read_scenario_file(name)
-    return single_cell(file) if file.sweep is None else study_of(file, [])
+    return study_of(file)
 
 
 @pytest.mark.parametrize("name", CELLS)

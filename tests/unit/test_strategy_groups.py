@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.review.strategy_groups import parameter_sweeps, strategy_groups
+from harness.runs.strategy_groups import parameter_sweeps, strategy_groups
 from harness.scenario import Study
 from tests.batches import one_cell, scenario_file, sweep
 
@@ -115,8 +115,22 @@ def test_words_are_no_sweep() -> None:
 
 
 def test_aggressiveness_is_the_margin_turned_round() -> None:
-    from harness.review.strategy_groups import ParameterSweep
+    from harness.runs.strategy_groups import ParameterSweep
 
     line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
     assert line.aggressiveness == (0.0, -1.5, -3.0)
     assert str(line.aggressiveness[0]) == "0.0"
+
+
+def test_perception_of_the_av_stays_within_a_group() -> None:
+    study = sweep("cctc", {}, "arms.av=soft_yield,gap_yield", "perception.latency_s=0,0.3,0.5")
+    (group,) = strategy_groups(study)
+    assert group.shared == {}
+    assert labels(study)[:3] == [f"soft_yield latency_s={late}" for late in ("0", "0.3", "0.5")]
+    swept = parameter_sweeps(group)
+    assert [(line.strategy, line.key, line.values) for line in swept] == [
+        (name, "perception.latency_s", (0.0, 0.3, 0.5)) for name in ("soft_yield", "gap_yield")
+    ]
+    # The human's arm changes with it where it is shared.
+    shared = sweep("cctc", {"perception.human": True}, "perception.latency_s=0,0.3")
+    assert numbers(shared) == [[0], [1]]

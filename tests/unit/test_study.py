@@ -1,6 +1,7 @@
 """From ``--vary`` and ``[sweep]`` to the cells of a study."""
 
 import itertools
+import pickle
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,6 @@ from harness.scenario import (
     Study,
     parse_variation,
     read_scenario_file,
-    single_cell,
     study_from,
     study_of,
 )
@@ -145,7 +145,7 @@ def test_a_study_comes_back_from_what_a_manifest_holds(tmp_path: Path) -> None:
         "scenario": found.base.model_dump(),
         "cells": [cell.varied for cell in found.cells],
     }
-    assert study_from(document) == found
+    assert study_from(document, "manifest.json") == found
 
 
 @pytest.mark.parametrize(
@@ -155,11 +155,11 @@ def test_a_study_comes_back_from_what_a_manifest_holds(tmp_path: Path) -> None:
         (["pedestrian.flow_per_hour=1,2"], ["pedestrian", "'pedestrians'"]),
         (["ego.length_m=5", "ego.length_m=6"], ["ego.length_m", "twice"]),
         (["ego.length_m=-5,5"], ["ego.length_m", "-5"]),
-        (["experiment.pairs=10.5"], ["experiment.pairs", "10.5"]),
+        (["ego.length_m=5,4,5.0"], ["cells 0 and 2 are the same", "ego.length_m=5.0"]),
+        (["experiment.pairs=10,20"], ["experiment.pairs", "varies", "--pairs"]),
         (["arms=1,2"], ["arms"]),
         (["ego.length_m.x=1"], ["ego.length_m"]),
         (["ego..x=1"], ["ego..x", "dotted"]),
-        ([], ["nothing to vary", "--vary"]),
     ],
 )
 def test_refused_sweeps_name_the_key(tmp_path: Path, vary: list[str], words: list[str]) -> None:
@@ -193,8 +193,10 @@ def test_options_beside_a_table_are_refused(tmp_path: Path) -> None:
         study(tmp_path, "[sweep]\nego.length_m = [5.0]", "ego.length_m=4,5")
 
 
-def test_run_refuses_a_study_and_names_sweep(tmp_path: Path) -> None:
-    path = tmp_path / "mine.toml"
-    path.write_text("[sweep]\nego.length_m = [4.0, 5.0]", encoding="utf-8")
-    with pytest.raises(InputError, match="harness sweep"):
-        single_cell(read_scenario_file(path))
+def test_without_a_variation_there_is_one_cell() -> None:
+    assert [cell.varied for cell in study_of(read_scenario_file("cctc")).cells] == [{}]
+
+
+def test_a_cell_reaches_a_worker_as_it_is(tmp_path: Path) -> None:
+    for cell in study(tmp_path, "", "arms.av=soft_yield,gap_yield").cells:
+        assert pickle.loads(pickle.dumps(cell)) == cell

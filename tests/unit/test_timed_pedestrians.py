@@ -8,8 +8,8 @@ import pytest
 from harness.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.rules import rules_of
 from harness.errors import InputError
 from harness.measures import measure
 from harness.results.tables import pedestrian_rows, trace_rows
@@ -24,6 +24,7 @@ CASES = {
     "CPNA-25": ("near", 4.0, 1.0, 5.0, 0.25),
     "CPNA-75": ("near", 4.0, 1.0, 5.0, 0.75),
     "CPFA-50": ("far", 6.0, 1.5, 8.0, 0.50),
+    "CPNCO-50": ("near", 4.0, 1.0, 5.0, 0.50),
 }
 
 
@@ -67,7 +68,7 @@ def play(scenario: Scenario, strategy=None) -> Trace:
         strategy or ConstantSpeed(),
         arrivals,
         lambda _who, _range, _speed, _lateral=None: 1.3,
-        rules_of(scenario),
+        constants_of(scenario),
     )
 
 
@@ -241,9 +242,9 @@ def test_an_unknown_case_is_refused() -> None:
 
 def test_the_shipped_study_hits_where_it_says() -> None:
     study = study_of(read_scenario_file("euro_ncap_vru"), [])
-    assert len(study.cells) == 27
+    assert len(study.cells) == 44
     speeds = sorted({cell.scenario.ego.initial_speed_mps for cell in study.cells})
-    assert [speed * 3.6 for speed in speeds] == pytest.approx(range(20, 61, 5), abs=2e-4)
+    assert [speed * 3.6 for speed in speeds] == pytest.approx(range(10, 61, 5), abs=2e-4)
     for cell in study.cells:
         case = cell.scenario.pedestrians.timed_case
         assert case is not None

@@ -11,7 +11,7 @@ import pytest
 from harness.trajectories import (
     REASONS,
     ROW_COLUMNS,
-    Rules,
+    ExtractionRules,
     Track,
     VehicleTrack,
     conflict_point,
@@ -254,9 +254,9 @@ def test_conflict_point_of_two_tracks():
     t = np.arange(0, 10, 0.25)
     car = VehicleTrack(t, np.column_stack([4 * t, 0 * t]), 4.0, 2.0)
     walker = Track(t, np.column_stack([0 * t + 7, t - 5]))
-    np.testing.assert_allclose(conflict_point(car, walker, Rules()), [7, 0], atol=1e-12)
+    np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [7, 0], atol=1e-12)
     away = Track(t, np.column_stack([0 * t + 7, t + 5]))
-    assert conflict_point(car, away, Rules()) is None
+    assert conflict_point(car, away, ExtractionRules()) is None
 
 
 def test_first_of_two_crossings_counts_along_the_vehicles_way():
@@ -267,7 +267,7 @@ def test_first_of_two_crossings_counts_along_the_vehicles_way():
     x, y = np.interp(t, corners, [5, 5, 0, 0]), np.interp(t, corners, [6, -3, -3, 6])
     car = VehicleTrack(t, np.column_stack([-20 + 2 * t, 0 * t]), 4.0, 2.0)
     walker = Track(t, np.column_stack([x, y]))
-    np.testing.assert_allclose(conflict_point(car, walker, Rules()), [0, 0], atol=1e-9)
+    np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [0, 0], atol=1e-9)
 
 
 def test_path_that_turns_back_on_itself_still_has_a_direction():

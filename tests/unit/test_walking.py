@@ -10,7 +10,7 @@ from harness.measures import measure
 from harness.motion.walking import cleared_s, states_at
 from tests.scenes import drive
 
-CROSSING = Crossing(9.0, 4.0)
+CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
 
 
 def walk(*legs: Leg, side: Side = Side.NEAR) -> Walk:

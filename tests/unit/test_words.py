@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from harness.comparison import Interval, PairColumns, proportion, summarise
-from harness.report.page_tables import tiles
-from harness.report.words import crash_lines, is_the_papers, measure_rows, per_cent, tau_lines
+from harness.report.result_tables import measure_rows, tiles
+from harness.report.tables import per_cent
+from harness.report.words import crash_lines, is_the_papers, tau_lines, walker_lines
 from harness.scenario import load_scenario, parse_setting
 
 
@@ -35,6 +36,7 @@ def columns(pairs: int) -> PairColumns:
     av = np.where(np.arange(pairs) % 2, 8.0, 9.0)
     return PairColumns(
         time_s=(av, np.full(pairs, 10.0)),
+        untouched_time_s=(av, np.full(pairs, 10.0)),
         delay_s=(av - 7.4, np.full(pairs, 2.6)),
         stops=(none, none),
         stopped_s=(none, none),
@@ -43,8 +45,15 @@ def columns(pairs: int) -> PairColumns:
         avoidable=(no, no),
         timed_out=(no, no),
         failed=(no, no),
+        failed_strategy=(no, no),
+        met=(none + 1, none + 1),
+        arrivals=(none + 1, none + 1),
+        waited_s=(none, none),
+        conditionings=(none + 4, none),
+        clamped=(none + 1, none),
+        speed_excess_mps=(none + 2.5, none * np.nan),
+        range_excess_m=(none + 20.0, none * np.nan),
         av_fallback=no,
-        met=np.ones(pairs),
     )
 
 
@@ -54,34 +63,56 @@ def columns(pairs: int) -> PairColumns:
     [(50, "5.8 %", "7.1 %"), (10_000, "0.030 %", "0.037 %")],
 )
 def test_no_crash_never_reads_as_no_risk(pairs: int, one_sided: str, two_sided: str) -> None:
-    summary = summarise(columns(pairs), 60.0, np.random.default_rng(1))
+    summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
     line, _ = crash_lines(summary)
-    assert f"κ below {one_sided} with 95 % confidence, one-sided ({two_sided} two-sided)" in line
+    assert (
+        f"κ below {one_sided} with 95 % confidence, one-sided ({two_sided} two-sided, 95 %)" in line
+    )
     rows = {name: interval for name, _, interval, _, _ in measure_rows(summary)}
-    upper = rows["κ   crash rate, AV"].split(" … ")[1]
+    upper = rows["κ: crash rate, AV"].split(" … ")[1]
     assert float(upper.removesuffix(" %")) > 0
 
 
 def test_crashes_are_counted_with_their_interval() -> None:
-    summary = summarise(columns(50), 60.0, np.random.default_rng(1))
+    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
     summary = replace(summary, kappa=proportion(3, 50))
     # Clopper–Pearson for 3 of 50: 1.25 % to 16.55 % (binom.test in R).
     assert crash_lines(summary)[0] == (
-        "The AV crashed in 3 of 50 episodes: κ = 6.00 % (1.25 … 16.55 %)."
+        "The AV crashed in 3 of 50 episodes: κ = 6.00 % (1.25 … 16.55 %, 95 % interval)."
     )
 
 
 def test_what_mu_tells() -> None:
-    summary = summarise(columns(50), 60.0, np.random.default_rng(1))
-    (line,) = tau_lines(summary)
-    assert "the AV took 15.0 % less time than the human driver: μ = 0.8500" in line
-    assert "indicative: N too small" in line
+    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
+    (line,) = tau_lines(summary, "own.av", "human_gmm")
+    assert "the AV took 15.0 % less time than human_gmm, the reference: μ = 0.8500" in line
+    assert "interval too narrow: about 1,000 pairs needed" in line
     assert "not told" not in line
-    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)))
+    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)), "own.av", "human_gmm")
     assert "2.0 % more" in line
     assert "the interval of μ holds 1: which is faster is not told" in line
-    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)))
+    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)), "own.av", "human_gmm")
     assert line == "τ is defined in no pair: neither μ nor c_v can be told."
+
+
+@pytest.mark.parametrize(
+    ("human", "mu", "opposite"),
+    # docs/study.md, cctc: μ of Gap-Yield is 0.72 against human_gmm, 1.10 against human_recorded.
+    [
+        ("human_gmm", 0.72, "more time than human_recorded"),
+        ("human_yield", 0.96, "more time than human_recorded"),
+        ("human_recorded", 1.10, "less time than human_gmm"),
+        ("human_gmm", 1.10, None),
+        ("human_recorded", 0.72, None),
+        ("own.driver", 0.72, None),
+    ],
+)
+def test_known_disagreement_of_the_references_stands_beside_mu(human, mu, opposite) -> None:
+    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
+    (line,) = tau_lines(replace(summary, mu=Interval(mu, mu, mu)), "gap_yield", human)
+    assert f"time than {human}, the reference" in line
+    assert ("the references disagree" in line) == (opposite is not None)
+    assert (opposite or "") in line
 
 
 # N from which docs/method.md calls the intervals of μ and of c_v no longer indicative.
@@ -89,14 +120,14 @@ def test_what_mu_tells() -> None:
     ("pairs", "of_mu", "of_cv"), [(999, True, True), (1_000, False, True), (4_000, False, False)]
 )
 def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of_cv: bool) -> None:
-    summary = summarise(columns(pairs), 60.0, np.random.default_rng(1))
+    summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
     said = {
-        tile["name"].split(",")[0]: "indicative: N too small" in tile["lines"]
+        tile["name"].split(",")[0]: any("interval too narrow" in line for line in tile["lines"])
         for tile in tiles(summary)
     }
     assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
-    (line,) = tau_lines(summary)
-    assert ("; indicative: N too small" in line, "; c_v indicative" in line) == (
+    (line,) = tau_lines(summary, "own.av", "human_gmm")
+    assert ("; interval too narrow" in line, "; c_v: interval too narrow" in line) == (
         of_mu,
         of_cv and not of_mu,
     )
@@ -109,6 +140,7 @@ def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of
         ("model.name=dut-k10", True),
         ("ego.initial_speed_mps=6", False),
         ("arms.av=hard_yield", False),
+        ("crossing.oncoming_lanes=0", False),
         ("strategies.soft_yield.time_margin_s=0", True),
         ("strategies.soft_yield.time_margin_s=1", False),
         ("strategies.human_gmm.reading=marginal", False),
@@ -120,3 +152,15 @@ def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
     setting: str, papers: bool
 ) -> None:
     assert is_the_papers(load_scenario("cctc", [parse_setting(setting)])) is papers
+
+
+@pytest.mark.parametrize(
+    ("setting", "drawn"),
+    [
+        ("experiment.pairs=20", True),
+        ("model.pedestrian_reading=unconditional", False),
+        ("model.name=dut-k10", False),
+    ],
+)
+def test_walking_speeds_of_dut_are_said_to_hardly_depend_on_the_car(setting, drawn) -> None:
+    assert bool(walker_lines([load_scenario("cctc", [parse_setting(setting)])])) is drawn

@@ -62,11 +62,17 @@
     const half = scene.width / 2;
     make("rect", { class: "path", x: -half, y: low, width: scene.width, height: high - low }, world);
     make("rect", { class: "road", x: left, y: 0, width: right - left, height: scene.length }, world);
-    make("line", { class: "middle", x1: left, x2: right, y1: scene.length / 2, y2: scene.length / 2 }, world);
+    for (const y of scene.borders) {
+      make("line", { class: "middle", x1: left, x2: right, y1: y, y2: y }, world);
+    }
     for (let y = 0.25; y + 0.5 <= scene.length; y += 1) {
       make("rect", { class: "stripe", x: -half, y, width: scene.width, height: 0.5 }, world);
     }
-    make("line", { class: "stop", x1: -half - 1, x2: -half - 1, y1: 0, y2: scene.length / 2 }, world);
+    make("line", { class: "stop", x1: -half - 1, x2: -half - 1, y1: scene.lane - scene.laneWidth / 2, y2: scene.lane + scene.laneWidth / 2 }, world);
+    for (const [left, right, low, high] of scene.obstacles) {
+      const box = make("rect", { class: "obstacle", x: left, y: low, width: right - left, height: high - low }, world);
+      make("title", {}, box, "obstacle");
+    }
     const ego = make("g", {}, world);
     const side = scene.carWidth / 2;
     make("rect", { class: "ego", x: -scene.carLength, y: -side, width: scene.carLength, height: scene.carWidth, rx: 0.35 }, ego);
@@ -78,11 +84,17 @@
       make("title", {}, group, `pedestrian ${walker.index}, ${walker.side} side`);
       return group;
     });
+    // Where the strategy believes them: squares, held from one state to the next.
+    const ghosts = arm.shown.map((shown) => {
+      const square = make("rect", { class: "ghost", "data-shown": shown.index, x: -0.5, y: -0.5, width: 1, height: 1 }, world);
+      make("title", {}, square, `pedestrian ${shown.index} as the strategy is shown them`);
+      return [square, new Map(shown.at.map((number, k) => [number, shown.y[k]]))];
+    });
     const readout = html("p", "readout", box);
-    return { arm, scene, box, ego, walkers, readout, low, high };
+    return { arm, scene, box, ego, walkers, ghosts, readout, low, high };
   }
 
-  function drawView({ arm, scene, box, ego, walkers, readout }) {
+  function drawView({ arm, scene, box, ego, walkers, ghosts, readout }) {
     const times = arm.t;
     if (!times.length) { readout.textContent = "no trace"; return; }
     const last = times[times.length - 1];
@@ -102,6 +114,11 @@
       const hit = arm.contact && arm.contact.index === walker.index && state.time >= arm.contact.time;
       group.classList.toggle("hit", Boolean(hit));
     });
+    for (const [square, places] of ghosts) {
+      const y = places.get(where[0]);
+      square.style.display = y === undefined ? "none" : "";
+      if (y !== undefined) square.setAttribute("transform", `translate(0 ${y})`);
+    }
     const over = state.time > last + 1e-9 ? ` (ended at ${last.toFixed(1)} s)` : "";
     readout.textContent =
       `v ${said(v, "m/s")} · R ${said(-x, "m")} · T_adv ${said(gap, "s")}${over}`;

@@ -1,0 +1,33 @@
+# The public interface (docs/python.md), each name with its module: read by type checkers, and by
+# harness/__init__.py for what it imports when it is first asked for.
+
+from .batch.experiment import resume as resume, run_study as run_study
+from .conformance import check_strategy as check_strategy
+from .encounter import (
+    Crossing as Crossing,
+    EgoView as EgoView,
+    Observation as Observation,
+    PedestrianView as PedestrianView,
+    Side as Side,
+    Strategy as Strategy,
+    Vehicle as Vehicle,
+)
+from .errors import HarnessError as HarnessError, InputError as InputError
+from .interaction import InteractionModel as InteractionModel, load_model as load_model
+from .report import figures as figures
+from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
+from .runs.compare import compare as compare
+from .runs.comparisons import RunComparison as RunComparison
+from .runs.run_data import RunData as RunData, load_run as load_run
+from .scenario import (
+    Options as Options,
+    Precision as Precision,
+    Scenario as Scenario,
+    Setting as Setting,
+    Study as Study,
+    load_scenario as load_scenario,
+    parse_variation as parse_variation,
+    read_scenario_file as read_scenario_file,
+    study_of as study_of,
+)
+from .strategies.vector import observation_vector as observation_vector

@@ -1,0 +1,115 @@
+"""``harness crossings``: the crosswalks of a network or a map, and a scenario for one of them."""
+
+import gc
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.interruption import unwinding
+from harness.cli.options import JsonOption
+from harness.cli.output import print_json, print_line, say
+from harness.errors import InputError, nearest_name, one_line
+
+if TYPE_CHECKING:
+    from harness.network.crossings import CrossingRow
+
+
+def crossings(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="A SUMO network (.net.xml), or an OpenStreetMap extract (.osm, .osm.gz), "
+            "which is converted first."
+        ),
+    ],
+    write: Annotated[
+        Path | None,
+        typer.Option(help="Write a scenario file for one crossing.", metavar="SCENARIO.toml"),
+    ] = None,
+    edge: Annotated[str | None, typer.Option(help="Which crossing --write takes.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of a converted map; default: beside the map, by its name."),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the crosswalks of a network or a map, usable ones first."""
+    from harness.network.crossings import list_crossings, scenario_text
+    from harness.network.osm import convert, is_osm
+    from harness.report.tables import counted
+    from harness.roads import read_network
+
+    if (write is None) != (edge is None):
+        given, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")
+        raise InputError(given, f"needs {missing} beside it", f"both, or none to list {file}")
+    net, remarks = file, tuple[str, ...]()
+    if is_osm(file):
+        with unwinding():
+            converted = convert(file, out or file.with_name(file.name.partition(".osm")[0]))
+        net, remarks = converted.net, converted.remarks
+    elif out is not None:
+        raise InputError("--out", f"{file} needs no conversion", "an OpenStreetMap extract")
+    # Millions of records that stay: looking for garbage among them takes as long as the rest.
+    gc.disable()
+    rows = list_crossings(read_network(net))
+    gc.enable()
+    if write is not None:
+        found = {row.edge: row for row in rows}
+        row = found.get(edge or "")
+        if row is None:
+            near = nearest_name(edge or "", found)
+            raise InputError(
+                "--edge", f"no crossing {edge!r}", f"one of its {len(rows)} crossings", near
+            )
+        if row.problem is not None:
+            raise InputError(f"--edge {edge}", row.problem)
+        _write_new(write, scenario_text(_seen_from(net, write.parent), row))
+    for remark in remarks:
+        say(f"note: {remark}")
+    if as_json:
+        listed = [{**asdict(row), "usable": row.usable} for row in rows]
+        print_json({"net": str(net), "remarks": list(remarks), "crossings": listed})
+    elif write is not None:
+        print_line(str(write))
+    else:
+        usable = sum(row.usable for row in rows)
+        print_line(f"{net}: {counted(len(rows), 'crossing')}, {usable} usable")
+        for row in rows:
+            print_line(_line(row))
+
+
+def _line(row: "CrossingRow") -> str:
+    """One crossing on one line; names in a network may hold anything."""
+    parts = [row.edge, " / ".join(row.streets)]
+    if row.longitude_deg is not None:
+        parts.append(f"{row.latitude_deg:.6f}°, {row.longitude_deg:.6f}°")
+    if row.length_m is not None:
+        parts += [
+            f"{row.lanes} + {row.oncoming_lanes} lanes",
+            f"{row.length_m:.2f} m x {row.width_m:.2f} m",
+            f"limit {row.speed_limit_mps:.4g} m/s",
+            "priority" if row.pedestrian_priority else "no priority",
+            "no signal" if row.signal is None else f"signal {row.signal}",
+            f"straight for {row.straight_m:.1f} m",
+        ]
+    parts.append("usable" if row.problem is None else f"not usable: {row.problem}")
+    return one_line("; ".join(parts))
+
+
+def _seen_from(net: Path, folder: Path) -> Path:
+    """A network's path as a scenario file in a folder names it."""
+    whole = net.absolute()
+    here = folder.absolute()
+    return whole.relative_to(here) if whole.is_relative_to(here) else whole
+
+
+def _write_new(path: Path, text: str) -> None:
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(text)
+    except FileExistsError:
+        raise InputError("--write", f"{path} exists", "a new file") from None
+    except OSError as error:
+        raise InputError("--write", f"{path} cannot be written ({error.strerror})") from None

@@ -1,0 +1,107 @@
+"""``risk``: how rare an event is, down to one in a hundred million episodes."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.interruption import unwinding
+from harness.cli.options import (
+    JsonOption,
+    OutOption,
+    QuietOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+    WorkersOption,
+    settings_of,
+)
+from harness.cli.output import print_json, print_line, progress_bar
+from harness.errors import InputError, unknown_name
+
+
+def risk(
+    scenario: ScenarioArgument,
+    arm: Annotated[str, typer.Option(help="Whose episodes: av or human.")] = "av",
+    event: Annotated[
+        str,
+        typer.Option(
+            help="crashed, or a measure below or above a limit: 'min_ttc_s<0.5', "
+            "'contact_speed_mps>5'.",
+        ),
+    ] = "crashed",
+    target_cv: Annotated[
+        float, typer.Option(help="Wanted standard error over the probability.")
+    ] = 0.1,
+    engine: Annotated[
+        str,
+        typer.Option(
+            help="plain: fast, one episode in a hundred and every event of the estimate are "
+            "checked in SUMO; sumo: all in SUMO."
+        ),
+    ] = "plain",
+    most_episodes: Annotated[
+        int, typer.Option(help="At most so many independent episodes of the estimate.")
+    ] = 200_000,
+    out: OutOption = None,
+    seed: SeedOption = None,
+    settings: SetOption = None,
+    workers: WorkersOption = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate how probable a rare event of an episode is, with an interval."""
+    from harness.encounter import Arm
+    from harness.scenario import read_scenario_file, study_of
+
+    arms = [member.value for member in Arm]
+    if arm not in arms:
+        raise unknown_name("--arm", "arm", arm, arms)
+    if engine not in ("plain", "sumo"):
+        raise InputError(f"--engine {engine}", "no such engine", "plain or sumo")
+    file = read_scenario_file(scenario, settings_of(settings, None, seed))
+    cells = study_of(file).cells
+    if len(cells) > 1:
+        raise InputError(scenario, f"has {len(cells)} cells", "one cell: --set its varied keys")
+    from harness.risk.folder import Settings, estimate_risk
+
+    asked = Settings(
+        file.name, cells[0].scenario, Arm(arm), event, target_cv, most_episodes, engine == "sumo"
+    )
+    with progress_bar("exploring", quiet or as_json) as advance, unwinding():
+        folder = estimate_risk(asked, out=out, workers=workers, progress=advance)
+    show(folder, quiet, as_json)
+
+
+def is_risk(folder: Path) -> bool:
+    """Whether a folder holds a risk, not a run."""
+    from harness.risk.folder import ASKED
+
+    return (folder / ASKED).is_file()
+
+
+def go_on_with_risk(
+    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
+) -> None:
+    """Go on with a risk that was interrupted; a finished one is only shown."""
+    from harness.risk.folder import resume_risk
+
+    if dask is not None:
+        raise InputError("--dask", "cannot go on with a risk", "this machine's workers")
+    with progress_bar("exploring", quiet or as_json) as advance, unwinding():
+        resume_risk(folder, workers=workers, progress=advance)
+    show(folder, quiet, as_json)
+
+
+def show(folder: Path, quiet: bool, as_json: bool) -> None:
+    """What a finished risk came to."""
+    from harness.report.risk_terminal import print_risk
+    from harness.risk.folder import read_risk
+
+    result = read_risk(folder)
+    if as_json:
+        print_json(result)
+    elif quiet:
+        print_line(str(folder))
+    else:
+        print_risk(result, folder)

@@ -1,0 +1,82 @@
+"""``validate``: drivers held against recorded encounters."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli import model_options
+from harness.cli.boundary import reads
+from harness.cli.interruption import unwinding
+from harness.cli.options import JsonOption, QuietOption
+from harness.cli.output import print_json, print_line, progress_bar
+
+
+@reads("paths")
+def validate(
+    paths: Annotated[
+        list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="DATA…")
+    ],
+    format_: Annotated[
+        str, typer.Option("--format", help="How the data are laid out: vci or mobileye.")
+    ],
+    drivers: Annotated[
+        str,
+        typer.Option(
+            help="Strategies that drive, e.g. human_gmm,human_yield,emergency_brake.",
+            metavar="NAME,…",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for a page to look at and its JSON.", metavar="DIR"),
+    ] = None,
+    folds: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            help="Folds of vehicles: a model fitted on the same data is fitted again without "
+            "each; 0 takes it as it is.",
+        ),
+    ] = 5,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="A key of a scenario (--set strategies.human_gmm.speed=sampled, --set "
+            "model.path=my.json), or, without a dot, an option of `harness extract`. Repeatable.",
+            metavar="KEY=VALUE",
+        ),
+    ] = None,
+    quiet: QuietOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Hold drivers against recorded encounters: put them in the recorded driver's place."""
+    model_options.check_folder(out, "--out")
+    from harness.report.validation_tables import print_validation, validation_document
+    from harness.scenario import load_scenario, parse_setting
+    from harness.validation import validate as hold
+
+    chosen = [parse_setting(text) for text in settings or []]
+    scenario = load_scenario("cctc", [one for one in chosen if "." in one.key])
+    options = {one.key: one.value for one in chosen if "." not in one.key}
+    asked = [name for name in drivers.split(",") if name]
+    with progress_bar("reading", quiet or as_json) as advance:
+        result = hold(
+            paths, format_, asked, scenario, folds=folds, options=options, progress=advance
+        )
+    written: list[Path] = []
+    if out is not None:
+        from harness.report.validation_page import write_validation
+
+        with unwinding():
+            written = write_validation(result, out)
+    if as_json:
+        print_json(validation_document(result))
+    elif quiet:
+        names = [str(path) for path in written] or [place.driver for place in result.ranked]
+        print_line("\n".join(names))
+    else:
+        print_validation(result)
+        for path in written:
+            print_line(f"Written: {path}")

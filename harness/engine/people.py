@@ -1,0 +1,91 @@
+"""Pedestrians in SUMO who are held where they are told to be, at every step."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from harness.encounter import Arrival, Crossing, Side
+from harness.roads import Site
+
+_KEEP_ROUTE_FREE = 2
+_MATCH_THRESHOLD_M = 1.0
+_NO_ANGLE = -1073741824.0
+"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
+
+
+class HeldPeople:
+    """Everyone who comes to the crosswalk, from their arrival until they are removed.
+
+    A person exists only after the step that follows its insertion, and moving one that does not
+    exist ends the process: each is announced some steps ahead and held at their kerb until they
+    are placed for the first time.
+    """
+
+    def __init__(self, api: Any, site: Site, crossing: Crossing) -> None:
+        self._person, self._move = api.person, api.person.moveToXY
+        self._footpaths = {
+            side: (site.footpath(side).edge, site.footpath(side).inside_m) for side in Side
+        }
+        # Network coordinates of (0, y) are origin + y · across.
+        self._origin, self._across = (
+            site.frame.to_network(0.0, 0.0),
+            (site.frame.across_x, site.frame.across_y),
+        )
+        self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
+        self._ids: dict[int, str] = {}
+        self._waiting: dict[int, float] = {}
+        self._coming: list[Arrival] = []
+
+    def begin(self, arrivals: Sequence[Arrival], prefix: str) -> None:
+        """Take the people of an episode or an hour, by arrival time; ``prefix`` of their names."""
+        self._arrivals, self._prefix, self._announced = arrivals, prefix, 0
+
+    @property
+    def present(self) -> bool:
+        """Whether anybody is there."""
+        return bool(self._ids)
+
+    def announce_until(self, time_s: float) -> None:
+        """Add everyone who arrives by then; the next step is to follow."""
+        while self._announced < len(self._arrivals):
+            arrival = self._arrivals[self._announced]
+            if arrival.arrival_s > time_s:
+                break
+            name = f"{self._prefix}-{arrival.index}"
+            origin, start_m = self._footpaths[arrival.side]
+            goal, goal_m = self._footpaths[Side.FAR if arrival.side is Side.NEAR else Side.NEAR]
+            self._person.add(name, origin, start_m, typeID="walker")
+            self._person.appendWalkingStage(name, [origin, goal], goal_m)
+            self._ids[arrival.index] = name
+            self._coming.append(arrival)
+            self._announced += 1
+
+    def after_step(self) -> None:
+        """Whoever was announced exists from now on."""
+        for arrival in self._coming:
+            self._waiting[arrival.index] = self._kerb_m[arrival.side]
+        self._coming.clear()
+
+    def place(self, places: Iterable[tuple[int, float]]) -> None:
+        """Put everyone where they are at the step's end; the others wait at their kerbs."""
+        (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
+        move, ids, waiting = self._move, self._ids, self._waiting
+        for index, y in places:
+            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+            if waiting:
+                waiting.pop(index, None)
+        for index, y in waiting.items():
+            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+
+    def remove(self, index: int) -> None:
+        """Take away somebody who has reached the other kerb."""
+        self._person.remove(self._ids.pop(index))
+
+    def clear(self) -> None:
+        """Take everybody away."""
+        for name in self._ids.values():
+            self._person.remove(name)
+        self._ids.clear()
+        self._waiting.clear()
+        self._coming.clear()

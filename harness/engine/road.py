@@ -1,0 +1,185 @@
+"""A road full of vehicles in SUMO: each driven by its strategy, or by SUMO's car following.
+
+The choices below are explained, with the measurements behind them, in docs/sumo.md.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from harness.encounter import Arrival, Crossing
+from harness.engine.control import limit_speed
+from harness.engine.people import HeldPeople
+from harness.errors import EngineError
+from harness.roads import Site
+
+SPEED_MODE_FOLLOWING = 33
+"""SUMO keeps the vehicle from its leader, and alone from that; it knows no pedestrian."""
+
+SPEED_MODE_OWN = 31
+"""SUMO's own driver with all his cares, as in the encounter."""
+
+
+EXIT_ROAD_M = 120.0
+"""Vehicles leave the road so far behind the crosswalk."""
+
+
+@dataclass(frozen=True, slots=True)
+class RoadLane:
+    """One lane as SUMO knows it; x is that of the lane's own direction.
+
+    ``begins_x_m``: where the approach lane begins; ``ends_x_m``: where vehicles leave the road.
+    """
+
+    approach_edge: str
+    exit_edge: str
+    index: int
+    begins_x_m: float
+    exit_begins_x_m: float
+    ends_x_m: float
+
+
+def road_lanes(site: Site) -> tuple[RoadLane, ...]:
+    """The lanes of a site's road: those of the ego's direction, then the oncoming ones."""
+    found = []
+    for way in site.ways:
+        number = max(n for n, stretch in enumerate(way.stretches) if stretch.start_m < 0)
+        approach, leaving = way.stretches[number : number + 2]
+        ends_m = min(leaving.end_m, EXIT_ROAD_M)
+        edges = (approach.edge, leaving.edge)
+        found.append(RoadLane(*edges, approach.lane, approach.start_m, leaving.start_m, ends_m))
+    return tuple(found)
+
+
+class SumoRoad:
+    """Moves the vehicles of an hour, and holds pedestrians where they are told to be.
+
+    Vehicles are named by text.  One that was added is on the road from the end of the next step
+    on; ``drive`` sets its speed at the end of each step until ``release``, but never so that it
+    comes too near to its leader, nor above the lane's limit.
+
+    Args:
+        api: the module ``libsumo``, connected to a simulation.
+        close: ends that simulation.
+        site: its crosswalk.
+        crossing: the crosswalk's constants.
+        lanes: by number.
+        step_s: length of a step.
+    """
+
+    def __init__(
+        self,
+        api: Any,
+        close: Callable[[], None],
+        site: Site,
+        crossing: Crossing,
+        lanes: Sequence[RoadLane],
+        step_s: float,
+    ) -> None:
+        self._api, self._close, self._step_s = api, close, step_s
+        self.closed = False
+        self.lanes = tuple(lanes)
+        self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
+        self._people = HeldPeople(api, site, crossing)
+        self._advance, self._arrived = api.simulationStep, api.simulation.getArrivedIDList
+        self._steps, self._hours = 0, 0
+        self._names: set[str] = set()
+        # Called for every vehicle at every step: nothing in between.
+        self.drive: Callable[[str, float], None] = api.vehicle.setSpeed
+        self.speed_of: Callable[[str], float] = api.vehicle.getSpeed
+        self.distance_of: Callable[[str], float] = api.vehicle.getDistance
+        if crossing.speed_limit_mps is not None:
+            edges = {edge for lane in lanes for edge in (lane.approach_edge, lane.exit_edge)}
+            limit_speed(api, sorted(edges), crossing.speed_limit_mps)
+        for number, lane in enumerate(lanes):
+            route = f"lane-{number}"
+            if route not in api.route.getIDList():
+                api.route.add(route, [lane.approach_edge, lane.exit_edge])
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Within it, whatever SUMO complains of is an ``EngineError``."""
+        try:
+            yield
+        except self._lost as error:
+            raise EngineError(f"SUMO lost the hour: {error}") from None
+
+    def begin(self, arrivals: Sequence[Arrival]) -> None:
+        """Begin an hour; ``arrivals`` are all who come, by time."""
+        self._hours += 1
+        self._steps = 0
+        self._people.begin(arrivals, f"pedestrian-{self._hours}")
+        # Announced a step before they arrive, with a step to exist in.
+        self._people.announce_until(2 * self._step_s)
+        self._advance()
+        self._people.after_step()
+
+    def name_of(self, vehicle: int) -> str:
+        """What SUMO calls a vehicle of this hour."""
+        return f"vehicle-{self._hours}-{vehicle}"
+
+    def add(self, name: str, lane: int, x_m: float, speed_mps: float) -> None:
+        """Put a vehicle on the road: there, and that fast, at the end of the next step."""
+        road = self.lanes[lane]
+        self._api.vehicle.add(
+            name,
+            f"lane-{lane}",
+            typeID="vehicle",
+            depart="now",
+            departLane=str(road.index),
+            # A rounding before the lane would be counted from its end.
+            departPos=repr(max(0.0, x_m - road.begins_x_m)),
+            departSpeed=repr(speed_mps),
+            arrivalLane=str(road.index),
+            arrivalPos=repr(road.ends_x_m - road.exit_begins_x_m),
+        )
+        self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
+        self._api.vehicle.setLaneChangeMode(name, 0)
+        self._names.add(name)
+
+    def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
+        """Advance one step; ``places`` as in ``Engine.step``.  Returns who has left the road."""
+        people = self._people
+        people.place(places)
+        people.announce_until((self._steps + 3) * self._step_s)
+        self._advance()
+        self._steps += 1
+        people.after_step()
+        gone: Sequence[str] = self._arrived()
+        self._names.difference_update(gone)
+        return gone
+
+    def hand_over(self, name: str) -> None:
+        """Let SUMO's own driver drive a vehicle, people and all."""
+        self._api.vehicle.setSpeedMode(name, SPEED_MODE_OWN)
+        self.drive(name, -1.0)
+
+    def release(self, name: str) -> None:
+        """Let SUMO's car following alone drive a vehicle."""
+        self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
+        self.drive(name, -1.0)
+
+    def collided(self) -> set[str]:
+        """The vehicles that SUMO itself saw hit a pedestrian in the last step."""
+        if not self._people.present:
+            return set()
+        return {collision.collider for collision in self._api.simulation.getCollisions()}
+
+    def remove(self, index: int) -> None:
+        """Take away a pedestrian who has reached the other kerb."""
+        self._people.remove(index)
+
+    def end(self) -> None:
+        """Clear the road."""
+        with self.watched():
+            self._people.clear()
+            for name in self._names:
+                self._api.vehicle.remove(name)
+            self._names.clear()
+            self._advance()
+
+    def close(self) -> None:
+        """End the simulation."""
+        self.closed = True
+        self._close()

@@ -1,0 +1,62 @@
+"""This process's one SUMO simulation: libsumo allows no second one."""
+
+from collections.abc import Callable
+from typing import TypeVar, cast
+
+from harness.engine.control import SumoEngine
+from harness.engine.protocol import Engine
+from harness.engine.road import SumoRoad
+from harness.engine.starting import Following
+from harness.network import place_of
+from harness.scenario import Scenario
+
+_engine: tuple[str, SumoEngine | SumoRoad] | None = None
+
+_Kind = TypeVar("_Kind", SumoEngine, SumoRoad)
+
+
+def engine_for(scenario: Scenario) -> Engine:
+    """This process's SUMO simulation, started again only for another site, vehicle or step."""
+
+    def start() -> SumoEngine:
+        from harness.engine.sumo import libsumo_engine
+
+        vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+        step_s = scenario.experiment.step_s
+        return libsumo_engine(place_of(scenario), vehicle, crossing, step_s)
+
+    return _started("one ego", scenario, start)
+
+
+def road_for(scenario: Scenario) -> SumoRoad:
+    """The same for hours of traffic; the car following is another reason to start again."""
+    traffic = scenario.traffic
+    assert traffic is not None
+    following = Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
+
+    def start() -> SumoRoad:
+        from harness.engine.sumo import libsumo_road
+
+        vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+        step_s, place = scenario.experiment.step_s, place_of(scenario)
+        return libsumo_road(place, vehicle, crossing, step_s, following)
+
+    return _started(repr(following), scenario, start)
+
+
+def close_engine() -> None:
+    """Close this process's simulation, if there is one."""
+    global _engine
+    if _engine is not None and not _engine[1].closed:
+        _engine[1].close()
+    _engine = None
+
+
+def _started(kind: str, scenario: Scenario, start: Callable[[], _Kind]) -> _Kind:
+    global _engine
+    key = repr((kind, scenario.crossing, scenario.ego, scenario.experiment.step_s))
+    if _engine is not None and (_engine[0] != key or _engine[1].closed):
+        close_engine()
+    if _engine is None:
+        _engine = (key, start())
+    return cast(_Kind, _engine[1])

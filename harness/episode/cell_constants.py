@@ -1,0 +1,36 @@
+"""What is the same in all episodes of a cell."""
+
+from dataclasses import dataclass
+
+from harness.encounter import Behaviour, Crossing, Vehicle
+from harness.scenario import Scenario
+
+
+@dataclass(frozen=True, slots=True)
+class CellConstants:
+    """The cell's constants.
+
+    ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
+    edge within that time, or while its body overlaps the crosswalk.  Whoever has a critical gap
+    of his own goes by that instead of ``kerb_wait_s``.
+    """
+
+    vehicle: Vehicle
+    crossing: Crossing
+    kerb_wait_s: float
+    step_s: float
+    timeout_s: float
+    behaviour: Behaviour
+
+
+def constants_of(scenario: Scenario) -> CellConstants:
+    """The rules of a scenario."""
+    pedestrians, experiment = scenario.pedestrians, scenario.experiment
+    return CellConstants(
+        vehicle=scenario.vehicle(),
+        crossing=scenario.crosswalk(),
+        kerb_wait_s=pedestrians.kerb_wait_s,
+        step_s=experiment.step_s,
+        timeout_s=experiment.timeout_s,
+        behaviour=pedestrians.behaviour,
+    )

@@ -1,0 +1,47 @@
+"""What a step asks of those who decide: a strategy's command within limits, and the kerb rule."""
+
+import math
+from numbers import Real
+
+from harness.encounter import Vehicle
+from harness.errors import StrategyError, place_of
+
+ROUNDING_M = 1e-9
+"""A vehicle this near a threshold is on it: engines differ in the last bits of their sums."""
+
+
+def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
+    """A strategy's command in m/s², within the vehicle's limits.
+
+    Raises:
+        StrategyError: it is no number.
+    """
+    wanted = answer if type(answer) is float else _as_float(answer)
+    if wanted > vehicle.max_acceleration_mps2:
+        return vehicle.max_acceleration_mps2
+    if wanted < -vehicle.max_deceleration_mps2:
+        return -vehicle.max_deceleration_mps2
+    if wanted == wanted:
+        return wanted
+    raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
+
+
+def strategy_raised(error: Exception, time_s: float) -> StrategyError:
+    """What is told of a strategy that raised in ``decide``."""
+    what = f"raised {type(error).__name__}: {error}"
+    when = f"at t = {time_s:.3f} s ({place_of(error)})"
+    return StrategyError(f"the strategy {what} {when}", error)
+
+
+def keeps_waiting(to_edge_m: float, speed_mps: float, wait_s: float) -> bool:
+    """The kerb rule: whether a pedestrian does not step off before this vehicle.
+
+    Nobody does while a body is on the crosswalk, or while at its present speed its front would
+    reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``.
+    """
+    return to_edge_m <= speed_mps * wait_s + ROUNDING_M
+
+
+def _as_float(answer: object) -> float:
+    """A command that is another kind of number, as numpy's; NaN for what is none."""
+    return float(answer) if isinstance(answer, Real) else math.nan

@@ -1,0 +1,227 @@
+"""How pedestrians move, and where they and the ego are at every step.
+
+The one place among the measures that knows a walk: as straight legs, at constant velocity but for
+an even acceleration across the road.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.encounter import FloatArray, Leg, Side, Trace, Walk
+from harness.measures.ego import EgoStates, IntArray
+from harness.motion import walking
+
+
+@dataclass(frozen=True, slots=True)
+class Legs:
+    """Straight stretches of walks, in order of traces, walks and time.
+
+    ``walk`` counts those who stepped off, over all traces.  A leg begins at (``x_m``, ``y_m``)
+    with ``x_mps`` along the road and ``y_mps`` across it, which changes by ``y_mps2``.
+    """
+
+    trace: IntArray
+    walk: IntArray
+    begin_s: FloatArray
+    end_s: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+    x_mps: FloatArray
+    y_mps: FloatArray
+    y_mps2: FloatArray
+    walks: tuple[Walk, ...]
+    """The walk behind each number; ``of_walk`` and ``from_far`` have an entry for each, too."""
+    of_walk: IntArray
+    """Number of the trace it belongs to."""
+    from_far: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """One row for each step of each pedestrian on the crossing, in order of traces and walks.
+
+    ``start_s`` … ``stop_s`` is the part of the step in which they are on it; ego and pedestrian are
+    as at ``start_s``: the ego's bumper at ``x_m`` (``x_stop_m`` at the step's end) with its speed
+    and acceleration, they at (``walker_x_m``, ``walker_y_m``) with their velocity.
+    """
+
+    trace: IntArray
+    walk: IntArray
+    start_s: FloatArray
+    stop_s: FloatArray
+    x_m: FloatArray
+    x_stop_m: FloatArray
+    speed_mps: FloatArray
+    acceleration_mps2: FloatArray
+    walker_x_m: FloatArray
+    walker_y_m: FloatArray
+    walker_x_mps: FloatArray
+    walker_y_mps: FloatArray
+    walker_y_mps2: FloatArray
+
+    @property
+    def ahead_m(self) -> FloatArray:
+        """The pedestrian's distance ahead of the bumper; negative beside the body."""
+        return self.walker_x_m - self.x_m
+
+    @property
+    def closing_mps(self) -> FloatArray:
+        """The rate at which ``ahead_m`` falls."""
+        return self.speed_mps - self.walker_x_mps
+
+    def where(self, keep: np.ndarray) -> "Rows":
+        """The rows that a mask keeps."""
+        return Rows(*(getattr(self, name)[keep] for name in Rows.__slots__))
+
+
+def legs_of(traces: Sequence[Trace]) -> Legs:
+    """The legs of everyone who stepped off."""
+    crossing = traces[0].crossing
+    walks = [
+        (number, walk)
+        for number, trace in enumerate(traces)
+        for walk in trace.walks
+        if walk.start_s is not None
+    ]
+    if any(walk.legs is not None for _, walk in walks):
+        return _legs_one_by_one(traces, walks)
+    owner, far = _owners_and_sides(walks)
+    begin = np.array([walk.start_s for _, walk in walks], dtype=float)
+    pace = np.array([walk.speed_mps for _, walk in walks], dtype=float)
+    along = np.zeros(len(walks))  # on the centre line, straight across the road
+    return Legs(
+        trace=owner,
+        walk=np.arange(len(walks)),
+        begin_s=begin,
+        end_s=begin + crossing.length_m / pace,
+        x_m=along,
+        y_m=np.where(far, crossing.length_m, 0.0),
+        x_mps=along,
+        y_mps=np.where(far, -pace, pace),
+        y_mps2=along,
+        walks=tuple(walk for _, walk in walks),
+        of_walk=owner,
+        from_far=far,
+    )
+
+
+def _owners_and_sides(walks: Sequence[tuple[int, Walk]]) -> tuple[IntArray, np.ndarray]:
+    owner = np.array([number for number, _ in walks], dtype=np.int64)
+    return owner, np.array([walk.arrival.side is Side.FAR for _, walk in walks], dtype=bool)
+
+
+def _legs_one_by_one(traces: Sequence[Trace], walks: Sequence[tuple[int, Walk]]) -> Legs:
+    """The legs where not everyone walks steadily from kerb to kerb."""
+    crossing = traces[0].crossing
+    numbers: list[int] = []
+    ends: list[float] = []
+    found: list[Leg] = []
+    for number, (owner, walk) in enumerate(walks):
+        legs, trace = walking.legs_of(walk, crossing), traces[owner]
+        # Who stands for good is there as long as the trace goes on.
+        trace_end_s = max(legs[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
+        cleared = walking.cleared_s(walk, crossing)
+        numbers += [number] * len(legs)
+        ends += [leg.time_s for leg in legs[1:]]
+        ends.append(trace_end_s if cleared is None else cleared)
+        found += legs
+    owner_of, far = _owners_and_sides(walks)
+    begin, x, y, x_mps, y_mps, y_mps2 = np.array(found).T
+    walk_of = np.array(numbers, dtype=np.int64)
+    return Legs(
+        trace=owner_of[walk_of],
+        walk=walk_of,
+        begin_s=begin,
+        end_s=np.array(ends),
+        x_m=x,
+        y_m=y,
+        x_mps=x_mps,
+        y_mps=y_mps,
+        y_mps2=y_mps2,
+        walks=tuple(walk for _, walk in walks),
+        of_walk=owner_of,
+        from_far=far,
+    )
+
+
+def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
+    """When each walk has first come that far across the road, in s; NaN where it never does.
+
+    Args:
+        legs: of all walks.
+        across_m: distance from the walker's kerb, one for each walk, shape (walks,).
+        length_m: of the crosswalk, kerb to kerb.
+    """
+    far = legs.from_far[legs.walk]
+    forward = np.where(far, -1.0, 1.0)
+    ahead_m = across_m[legs.walk] - np.where(far, length_m - legs.y_m, legs.y_m)
+    speed, gain = forward * legs.y_mps, forward * legs.y_mps2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # 2d/(v + sqrt(v² + 2ad)) is d/v without acceleration, to the last bit.
+        time = legs.begin_s + 2 * ahead_m / (speed + np.sqrt(speed**2 + 2 * gain * ahead_m))
+    # The far kerb may lie a rounding beyond the end.
+    on_leg = (time >= legs.begin_s) & (time <= legs.end_s + 1e-9)
+    first = np.full(len(legs.walks), np.inf)
+    np.minimum.at(first, legs.walk[on_leg], time[on_leg])
+    return np.where(np.isinf(first), np.nan, first)
+
+
+def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smallest and largest x of each walk between two times, in m; NaN where it is not there then.
+
+    Args:
+        legs: of all walks.
+        since_s: one for each walk, shape (walks,); NaN: never.
+        until_s: likewise; NaN: to the walk's end.
+    """
+    until_s = np.where(np.isnan(until_s), np.inf, until_s)
+    begin = np.maximum(legs.begin_s, since_s[legs.walk])
+    end = np.minimum(legs.end_s, until_s[legs.walk])
+    within = begin <= end
+    walk = legs.walk[within]
+    low, high = np.full(len(legs.walks), np.inf), np.full(len(legs.walks), -np.inf)
+    for time in (begin, end):
+        x = (legs.x_m + legs.x_mps * (time - legs.begin_s))[within]
+        np.minimum.at(low, walk, x)
+        np.maximum.at(high, walk, x)
+    missing = np.isinf(low)
+    return np.where(missing, np.nan, low), np.where(missing, np.nan, high)
+
+
+def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
+    """Every step of every leg, as long as the ego's trace goes on."""
+    first = np.floor(legs.begin_s / step_s).astype(np.int64)
+    # A beginning that is a step's time may fall just short of it as a quotient.
+    first += (first + 1) * step_s <= legs.begin_s
+    # Who stepped off before the trace began is there from its first step on.
+    first = np.maximum(first, 0)
+    last = np.minimum(np.ceil(legs.end_s / step_s).astype(np.int64), ego.steps[legs.trace])
+    counts = np.maximum(last - first, 0)
+    leg = np.repeat(np.arange(len(counts)), counts)
+    within = np.arange(len(leg)) - np.repeat(np.cumsum(counts) - counts, counts)
+    number = first[leg] + within
+    trace = legs.trace[leg]
+    state = ego.first[trace] + number
+    begin = number * step_s
+    start = np.maximum(begin, legs.begin_s[leg])
+    elapsed = start - begin
+    speed = ego.speed_mps[state]
+    acceleration = (ego.speed_mps[state + 1] - speed) / step_s
+    walked = start - legs.begin_s[leg]
+    return Rows(
+        trace=trace,
+        walk=legs.walk[leg],
+        start_s=start,
+        stop_s=np.minimum(begin + step_s, legs.end_s[leg]),
+        x_m=ego.x_m[state] + speed * elapsed + acceleration * elapsed**2 / 2,
+        x_stop_m=ego.x_m[state + 1],
+        speed_mps=speed + acceleration * elapsed,
+        acceleration_mps2=acceleration,
+        walker_x_m=legs.x_m[leg] + legs.x_mps[leg] * walked,
+        walker_y_m=legs.y_m[leg] + legs.y_mps[leg] * walked + legs.y_mps2[leg] * walked**2 / 2,
+        walker_x_mps=legs.x_mps[leg],
+        walker_y_mps=legs.y_mps[leg] + legs.y_mps2[leg] * walked,
+        walker_y_mps2=legs.y_mps2[leg],
+    )

@@ -1,0 +1,97 @@
+"""The highest point of a mixture of a few normal densities on an interval, in plain numbers.
+
+With a handful of components the overhead of array operations would be most of the time.
+"""
+
+from collections.abc import Sequence
+from math import exp
+from typing import NamedTuple
+
+_MOST_STEPS = 60
+# A component whose own highest point is e^-25 of another's moves no mode by a billionth.
+_NEGLIGIBLE = 25.0
+# Nor does one of e^-7 add more than a thousandth to a peak: no ascent need start from it.
+_LOW = 7.0
+# One Newton step from its mean an ascent has nearly all its height: those below this part of the
+# highest will not get above it.
+_PROMISING = 0.5
+# In spreads: ascents this near to each other end at the same peak; a step this small is the last,
+# as the next would be its square.
+_SAME = 0.2
+_LAST_STEP = 1e-5
+_TINY = 1e-300
+
+Normal = tuple[float, float, float, float]
+"""log h, mean, 1/s² and s of the density h · exp(−(x − mean)²/(2 s²))."""
+
+
+def highest_point(normals: Sequence[Normal], lower: float, upper: float) -> float:
+    """Position of the global maximum on [lower, upper] of a sum of normals.
+
+    Every mean, moved into the interval, is the start of an ascent: on a line the peaks of a
+    mixture of normals are where ascents from its means end (Carreira-Perpiñán 2000).
+    """
+    starts = [min(max(mean, lower), upper) for _, mean, _, _ in normals]
+    peaks = [
+        log_height - 0.5 * precision * (x - mean) ** 2
+        for (log_height, mean, precision, _), x in zip(normals, starts, strict=True)
+    ]
+    highest = max(peaks)
+    some, places = [], []
+    for (log_height, mean, precision, spread), x, peak in zip(normals, starts, peaks, strict=True):
+        if peak > highest - _NEGLIGIBLE:
+            some.append((log_height - highest, mean, precision, spread))
+            if peak > highest - _LOW:
+                places.append((x, spread))
+    if len(some) == 1:
+        return places[0][0]
+    climbs: list[_Climb] = []
+    for x, spread in places:
+        x += _newton(some, x, spread)[1]
+        x = min(max(x, lower), upper)
+        if all(abs(x - other.x) > _SAME * min(spread, other.reach) for other in climbs):
+            climbs.append(_Climb(x, spread, *_newton(some, x, spread)))
+    high = _PROMISING * max([climb.value for climb in climbs])
+    ends = [_top(some, climb, lower, upper) for climb in climbs if climb.value > high]
+    return max(ends)[1]
+
+
+class _Climb(NamedTuple):
+    """Where an ascent is, its longest step, the density there and the step that comes next."""
+
+    x: float
+    reach: float
+    value: float
+    step: float
+
+
+def _top(normals: list[Normal], climb: _Climb, lower: float, upper: float) -> tuple[float, float]:
+    """Height and position of the peak above; a step that would lose height is quartered."""
+    x, reach, best, step = climb
+    step = min(max(x + step, lower), upper) - x
+    for _ in range(_MOST_STEPS):
+        if abs(step) <= _LAST_STEP * reach:
+            break
+        value, onward = _newton(normals, x + step, reach)
+        if value >= best:
+            x, best = x + step, value
+            step = min(max(x + onward, lower), upper) - x
+        else:
+            step *= 0.25
+    return best, x + step
+
+
+def _newton(normals: list[Normal], x: float, reach: float) -> tuple[float, float]:
+    """The density at x, and Newton's step on its log: uphill, and no longer than reach."""
+    value, first, second = _TINY, 0.0, 0.0
+    for log_height, mean, precision, _ in normals:
+        away = mean - x
+        slope = precision * away
+        term = exp(log_height - 0.5 * slope * away)
+        value += term
+        first += term * slope
+        second += term * (slope * slope - precision)
+    slope = first / value
+    # Where the log density is not concave the step is as long as allowed.
+    bend = max(slope * slope - second / value, abs(slope) / reach + _TINY)
+    return value, slope / bend

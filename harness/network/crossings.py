@@ -1,0 +1,187 @@
+"""Every pedestrian crossing of a network, and whether a scenario can take place there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.encounter import PEDESTRIAN_RADIUS_M
+from harness.errors import InputError
+from harness.roads import Geography, RoadNetwork, Site, site_at
+from harness.roads.locate import junction_of
+from harness.scenario.sections import CrossingSection, EgoSection
+
+RANGE_M = EgoSection().trigger_range_m
+"""A crosswalk is called usable if the default trigger range fits its approach."""
+
+
+@dataclass(frozen=True)
+class CrossingRow:
+    """One crossing; what is unknown is None, and ``problem`` says why it cannot be used."""
+
+    edge: str
+    junction: str
+    streets: tuple[str, ...]
+    problem: str | None
+    approach: str | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    lanes: int | None = None
+    oncoming_lanes: int | None = None
+    length_m: float | None = None
+    width_m: float | None = None
+    angle_deg: float | None = None
+    speed_limit_mps: float | None = None
+    pedestrian_priority: bool | None = None
+    signal: str | None = None
+    straight_m: float | None = None
+    trigger_range_m: float | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Whether a scenario can take place there."""
+        return self.problem is None
+
+
+def list_crossings(network: RoadNetwork) -> list[CrossingRow]:
+    """All crossings of a network: usable ones first, then in the order of their ids."""
+    try:
+        geography = Geography(network)
+    except ValueError:
+        geography = None
+    rows = []
+    for edge in network.crossings():
+        crossed = [network.edges[each] for each in edge.crossed if each in network.edges]
+        streets = tuple(dict.fromkeys(each.name or each.id for each in crossed))
+        try:
+            site = site_at(network, edge.id, all_ways=False)
+        except InputError as error:
+            allowed = f"; allowed: {error.allowed}" if error.allowed else ""
+            problem = error.problem + allowed
+            rows.append(CrossingRow(edge.id, junction_of(edge.id), streets, problem))
+            continue
+        rows.append(_row(site, streets, geography))
+    return sorted(rows, key=lambda row: (not row.usable, row.edge))
+
+
+def _row(site: Site, streets: tuple[str, ...], geography: Geography | None) -> CrossingRow:
+    centre = site.frame.to_network(0.0, site.length_m / 2)
+    longitude, latitude = (None, None) if geography is None else geography.place(*centre)
+    before = [stretch for stretch in site.ego.stretches if stretch.start_m < 0][-1]
+    return CrossingRow(
+        edge=site.crossing_edge,
+        junction=junction_of(site.crossing_edge),
+        approach=f"{before.edge}_{before.lane}",
+        longitude_deg=longitude,
+        latitude_deg=latitude,
+        streets=streets,
+        lanes=site.lanes,
+        oncoming_lanes=site.oncoming_lanes,
+        length_m=site.length_m,
+        width_m=site.width_m,
+        angle_deg=site.angle_deg,
+        speed_limit_mps=site.ego.speed_limit_mps,
+        pedestrian_priority=site.pedestrian_priority,
+        signal=None if site.signal is None else site.signal.id,
+        straight_m=site.ego.straight_before_m,
+        # The paper's trigger is six seconds away at v0.
+        trigger_range_m=site.ego.longest_range_m(max(RANGE_M, 6.0 * site.ego.speed_limit_mps)),
+        problem=_problem(site),
+    )
+
+
+def _problem(site: Site) -> str | None:
+    """Why the default scenario cannot take place there, with the figure and what would do."""
+    ego, way = EgoSection(), site.ego
+    if site.signal is not None:
+        return f"traffic light {site.signal.id} rules it; allowed: crossing.ignore_signal = true"
+    for name, value in (("length_m", site.length_m), ("width_m", site.width_m)):
+        low, high = _bounds(name)
+        if not low <= value <= high:
+            return f"{name} {value:.2f} m; allowed: {low:g} to {high:g} m"
+    if way.width_m < ego.width_m:
+        return f"the ego's lane is {way.width_m:.2f} m wide; allowed: at least {ego.width_m:g} m"
+    room = min(way.centre_m, site.length_m - way.centre_m) - ego.width_m / 2
+    if room < PEDESTRIAN_RADIUS_M:
+        least = f"at least {PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian"
+        return f"the ego leaves {room:.2f} m to a kerb; allowed: {least}"
+    try:
+        way.departure(RANGE_M)
+    except InputError as error:
+        return f"{RANGE_M:g} m before it: {error.problem}; allowed: {error.allowed}"
+    needed = ego.length_m + site.width_m / 2 + 1.0
+    if way.straight_after_m < needed:
+        figure = f"straight for {way.straight_after_m:.1f} m beyond it, where it {way.ends_after}"
+        return f"{figure}; allowed: at least {needed:.1f} m"
+    return None
+
+
+def _bounds(name: str) -> tuple[float, float]:
+    low, high = CrossingSection.model_fields[name].metadata
+    return float(low.ge), float(high.le)
+
+
+def scenario_text(net: Path, row: CrossingRow) -> str:
+    """A commented scenario file for a crossing, at the road's own speed limit.
+
+    Args:
+        net: the network, as the scenario file is to name it.
+        row: a usable crossing.
+    """
+    assert row.speed_limit_mps is not None
+    assert row.straight_m is not None
+    speed = row.speed_limit_mps
+    where = ""
+    if row.longitude_deg is not None:
+        where = f" at {row.latitude_deg:.6f}°, {row.longitude_deg:.6f}°"
+    fast = speed > _MODELLED_MPS
+    return _SCENARIO.format(
+        streets=" / ".join(row.streets).replace("\n", " "),
+        where=where,
+        net=_quoted(net.as_posix()),
+        edge=_quoted(row.edge),
+        approach=_quoted(row.approach or ""),
+        speed=f"{speed:.6g}",
+        kmh=f"{3.6 * speed:.4g}",
+        range=f"{row.trigger_range_m:.6g}",
+        length=f"{row.length_m:.2f}",
+        lanes=row.lanes,
+        oncoming=row.oncoming_lanes,
+        straight=f"{row.straight_m:.1f}",
+        pedestrians=_WALKERS if fast else "",
+        human="human_yield" if fast else "human_gmm",
+        why=_FAST if fast else "the driver of the interaction model",
+    )
+
+
+_MODELLED_MPS = 8.0
+"""Vehicles of the interaction model's data drive up to this speed."""
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_FAST = "above 8 m/s the interaction model knows no driver"
+_WALKERS = """
+[pedestrians.walking_speed]   # above 8 m/s the interaction model says nothing of how fast they walk
+mean_mps = 1.34
+std_mps = 0.26
+"""
+_SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s) the ego's way, {oncoming} the other.
+# Written by `harness crossings`; its geometry is read from the network.
+
+[crossing]
+net = {net}
+edge = {edge}
+approach = {approach}   # the ego's lane, straight for {straight} m
+
+[ego]
+initial_speed_mps = {speed}   # the road's limit, {kmh} km/h
+trigger_range_m = {range}     # six seconds away, as far as the approach is straight
+
+[pedestrians]
+flow_per_hour = 250.0
+{pedestrians}
+[arms]
+av = "gap_yield"
+human = "{human}"             # {why}
+"""

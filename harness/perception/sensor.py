@@ -1,0 +1,65 @@
+"""What is the same for all episodes of an arm: the sensor, or None for perfect sight."""
+
+import math
+from dataclasses import dataclass
+
+from harness.encounter import Arm, Crossing
+from harness.perception.occlusion import Rectangle
+from harness.scenario import PerceptionSection, Scenario
+
+EYE_BEHIND_BUMPER_M = 2.4
+"""The eye is on the vehicle's centre line, this far behind its front bumper.
+
+AASHTO's Green Book has the driver's eye 8 ft behind the front of the car at intersections.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """An arm's perception; durations in steps of the simulation.
+
+    ``correlation`` is that of an error with itself one update later.
+    """
+
+    seed: int
+    crossing: Crossing
+    detection_range_m: float
+    eye_behind_m: float
+    latency_steps: int
+    update_steps: int
+    detection_probability: float
+    dropout_probability: float
+    position_sd_m: float
+    speed_sd_mps: float
+    correlation: float
+    obstacles: tuple[Rectangle, ...]
+
+
+def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
+    """The perception of an arm's driver; None where it is perfect within the detection range.
+
+    The human's arm sees like the AV's where ``perception.human`` says so; else only obstacles
+    limit it.
+    """
+    own = scenario.perception
+    section = own if arm is Arm.AV or own.human else PerceptionSection()
+    step_s = scenario.experiment.step_s
+    update_s = step_s if section.update_s is None else section.update_s
+    vehicle = scenario.vehicle()
+    obstacles = scenario.obstacles() if section.occlusion else ()
+    if section.is_perfect(step_s) and not obstacles:
+        return None
+    return Sensor(
+        seed=scenario.experiment.seed,
+        crossing=scenario.crosswalk(),
+        detection_range_m=vehicle.detection_range_m,
+        eye_behind_m=min(EYE_BEHIND_BUMPER_M, vehicle.length_m),
+        latency_steps=round(section.latency_s / step_s),
+        update_steps=round(update_s / step_s),
+        detection_probability=section.detection_probability,
+        dropout_probability=section.dropout_probability,
+        position_sd_m=section.position_sd_m,
+        speed_sd_mps=section.speed_sd_mps,
+        correlation=math.exp(-update_s / section.correlation_s) if section.correlation_s else 0.0,
+        obstacles=tuple(Rectangle(*o.x_bounds_m, *o.y_bounds_m) for o in obstacles),
+    )

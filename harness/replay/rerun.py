@@ -1,0 +1,226 @@
+"""Runs single episodes of a stored run again, in a fresh SUMO with SUMO's own outputs on."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import NamedTuple
+
+from harness.encounter import Arm, Crossing
+from harness.engine.installation import check_packages
+from harness.engine.shared import close_engine, engine_for
+from harness.episode.pairing import PairRunner
+from harness.errors import HarnessError, InputError
+from harness.interaction import InteractionModel
+from harness.measures import Outcome
+from harness.network import network_of, place_of
+from harness.replay.stored import Row, StoredCell, record_differences
+from harness.scenario import Cell, Scenario, hang_limit_s
+from harness.scenario.options import HANG_AFTER_S
+from harness.workers.execution import reason_of
+from harness.workers.pool import LocalPool
+from harness.workers.watchdog import watchdog
+
+SUMO_FILES = {
+    "--fcd-output": "fcd.xml",
+    "--tripinfo-output": "tripinfo.xml",
+    "--collision-output": "collisions.xml",
+}
+
+_FURTHER_OPTIONS = {
+    "--fcd-output.acceleration": "true",
+    "--tripinfo-output.write-unfinished": "true",
+    "--precision": "6",
+    # Pedestrians are held where they are told to be: what SUMO makes of their walks is no trip.
+    "--personinfo-output": os.devnull,
+}
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """One episode run again: its folder, and how its record differs from the stored one.
+
+    ``problem`` says why there is no record; SUMO's files are then cut off.  ``traceback`` is that
+    of a strategy that raised.
+    """
+
+    arm: Arm
+    folder: Path
+    differences: tuple[str, ...]
+    problem: str | None = None
+    traceback: str | None = None
+
+
+class Repeated(NamedTuple):
+    """How an episode run again differs from its record, and the traceback of its strategy."""
+
+    differences: tuple[str, ...]
+    traceback: str | None
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """A stored episode to be run again in a worker process: all that is needed for it."""
+
+    cell: Cell
+    model: InteractionModel
+    pair: int
+    arm: Arm
+    rows: tuple[list[Row], list[Row]]
+    folder: Path
+    hang_after_s: float
+
+    @property
+    def stack_file(self) -> Path:
+        """Where a worker that hangs leaves its Python stack."""
+        return self.folder / "stack.txt"
+
+
+def replay(
+    run: Path,
+    pair: int,
+    arms: Sequence[Arm],
+    cell: int,
+    out: Path,
+    hang_after_s: float = HANG_AFTER_S,
+) -> list[Replayed]:
+    """Run one pair's arms again; each gets a folder with SUMO's outputs.
+
+    Times in SUMO's files are the episode's plus one step: SUMO inserts the ego in its second step.
+
+    Args:
+        run: a finished run folder.
+        pair: index of the pair.
+        arms: which arms; with two, each gets a folder named after it inside ``out``.
+        cell: number of the cell.
+        out: a new or empty folder.
+        hang_after_s: see ``Options``.
+
+    Raises:
+        InputError: no such run, cell or pair, or ``out`` is not empty.
+    """
+    check_packages()
+    # An episode may kill its process: that is then not this one.
+    pool = LocalPool(len(arms))
+    folders: list[Path] = []
+    try:
+        stored = StoredCell(run, cell)
+        stored.check_pair(pair)
+        if out.exists() and (not out.is_dir() or any(out.iterdir())):
+            raise InputError(f"--out {out}", "is not empty", "a new or empty folder")
+        folders = [out / arm.value if len(arms) > 1 else out for arm in arms]
+        jobs = [
+            repetition(stored, pair, arm, folder, hang_after_s)
+            for arm, folder in zip(arms, folders, strict=True)
+        ]
+        futures = [pool.submit(run_again, job) for job in jobs]
+        return [_replayed(job, future) for job, future in zip(jobs, futures, strict=True)]
+    except KeyboardInterrupt:
+        pool.stop()
+        for folder in folders:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    finally:
+        pool.stop()
+
+
+def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm, Repeated]:
+    """Run one pair's arms again in this process: with its input, and without a watchdog.
+
+    ``breakpoint()`` in a strategy stops there.
+
+    Args:
+        run: a finished run folder.
+        pair: index of the pair.
+        arms: which arms.
+        cell: number of the cell.
+
+    Raises:
+        InputError: no such run, cell or pair.
+    """
+    check_packages()
+    stored = StoredCell(run, cell)
+    stored.check_pair(pair)
+    scenario = stored.cell.scenario
+    runner = PairRunner(scenario, stored.model, lambda: engine_for(scenario))
+    try:
+        return {arm: _repeated(runner.run_arm(pair, arm), stored, pair, arm) for arm in arms}
+    finally:
+        close_engine()
+
+
+def _repeated(outcome: Outcome, stored: StoredCell, pair: int, arm: Arm) -> Repeated:
+    rows = stored.rows_of(pair, arm)
+    found = record_differences(outcome, stored.cell.number, *rows)
+    return Repeated(tuple(found), outcome.trace.traceback)
+
+
+def _replayed(job: Repetition, future: "Future[Repeated]") -> Replayed:
+    try:
+        differences, traceback = future.result()
+        return Replayed(job.arm, job.folder, differences, traceback=traceback)
+    except HarnessError as error:
+        problem = reason_of(error, job.hang_after_s, job.stack_file)
+        return Replayed(job.arm, job.folder, (), problem)
+
+
+def repetition(
+    stored: StoredCell, pair: int, arm: Arm, folder: Path, hang_after_s: float
+) -> Repetition:
+    """Prepare an episode's folder and all that ``run_again`` needs.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    scenario = stored.cell.scenario
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(network_of(scenario), folder / "site.net.xml")
+    except OSError as error:
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(str(folder), why, "a writable folder") from None
+    limit_s = hang_limit_s(hang_after_s, scenario)
+    rows = stored.rows_of(pair, arm)
+    return Repetition(stored.cell, stored.model, pair, arm, rows, folder, limit_s)
+
+
+def run_again(job: Repetition) -> Repeated:
+    """Run an episode in a fresh SUMO, in this process."""
+    from harness.engine.sumo import libsumo_engine
+
+    close_engine()
+    scenario, folder = job.cell.scenario, job.folder
+    outputs = {option: str(folder / name) for option, name in SUMO_FILES.items()}
+    limit_s = scenario.experiment.decide_limit_s
+    with watchdog(job.hang_after_s, job.stack_file, limit_s) as watch:
+        engine = libsumo_engine(
+            place_of(scenario),
+            scenario.vehicle(),
+            _with_speed_limit(scenario),
+            scenario.experiment.step_s,
+            outputs={**outputs, **_FURTHER_OPTIONS},
+        )
+        try:
+            outcome = PairRunner(scenario, job.model, lambda: engine).run_arm(
+                job.pair, job.arm, watch.begins
+            )
+        finally:
+            if not engine.closed:
+                engine.close()
+    found = record_differences(outcome, job.cell.number, *job.rows)
+    return Repeated(tuple(found), outcome.trace.traceback)
+
+
+def _with_speed_limit(scenario: Scenario) -> Crossing:
+    """The crosswalk, on a road with a limit: SUMO's time loss is held against it.
+
+    Without one in the scenario it is v0, from which our delay counts.  SUMO's own driver would
+    drive by it, and keeps what the run had.
+    """
+    crossing = scenario.crosswalk()
+    arms = (scenario.arms.av, scenario.arms.human)
+    if crossing.speed_limit_mps is not None or "sumo_driver" in arms:
+        return crossing
+    return replace(crossing, speed_limit_mps=scenario.ego.initial_speed_mps)

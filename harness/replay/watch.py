@@ -1,0 +1,101 @@
+"""Shows a stored episode in sumo-gui: the same controller through TraCI, at a chosen pace."""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.encounter import Arm, Ending
+from harness.engine.installation import check_packages
+from harness.engine.protocol import Engine
+from harness.engine.shared import close_engine
+from harness.episode.pairing import PairRunner
+from harness.errors import EngineError, InputError
+from harness.measures import Outcome
+from harness.network import place_of
+from harness.replay.stored import StoredCell
+
+
+@dataclass(frozen=True)
+class Watched:
+    """One episode that was shown, and how its record differs from the stored one."""
+
+    arm: Arm
+    differences: tuple[str, ...]
+
+
+def watch(
+    run: Path,
+    pair: int,
+    arms: Sequence[Arm],
+    cell: int = 0,
+    *,
+    pace: float = 1.0,
+    screenshots: Path | None = None,
+    every_s: float = 0.5,
+) -> list[Watched]:
+    """Run a pair's arms again in sumo-gui, one after the other.
+
+    Args:
+        run: a finished run folder.
+        pair: index of the pair.
+        arms: which arms.
+        cell: number of the cell.
+        pace: 1 is real time, 2 twice as fast; infinite waits for nothing.
+        screenshots: a new or empty folder for PNGs, one folder for each arm if there are two.
+        every_s: simulated time between two of them.
+
+    Raises:
+        InputError: no such run, cell or pair, no display, or the folder is refused.
+        EngineError: sumo-gui did not start, or its window was closed.
+    """
+    check_packages()
+    from harness.engine.traci import Gui, gui_engine
+
+    if not pace > 0:
+        raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
+    if not every_s > 0:
+        raise InputError("--every", f"{every_s:g} s", "above 0")
+    if screenshots is not None and _in_use(screenshots):
+        raise InputError(f"--screenshots {screenshots}", "is not empty", "a new or empty folder")
+    stored = StoredCell(run, cell)
+    stored.check_pair(pair)
+    _require_display()
+    scenario = stored.cell.scenario
+    shown = []
+    for arm in arms:
+        folder = screenshots
+        if screenshots is not None:
+            folder = screenshots / arm.value if len(arms) > 1 else screenshots
+            folder.mkdir(parents=True, exist_ok=True)
+        gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
+        place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
+        engine = gui_engine(*place, scenario.experiment.step_s, gui)
+        try:
+            outcome = _run_arm(stored, pair, arm, engine)
+        finally:
+            engine.close()
+            close_engine()
+        if outcome.trace.ending is Ending.ENGINE_FAILED:
+            raise EngineError(f"sumo-gui: {outcome.trace.reason}")
+        shown.append(Watched(arm, tuple(stored.differences(outcome))))
+    return shown
+
+
+def _run_arm(stored: StoredCell, pair: int, arm: Arm, engine: Engine) -> Outcome:
+    return PairRunner(stored.cell.scenario, stored.model, lambda: engine).run_arm(pair, arm)
+
+
+def _require_display() -> None:
+    """On Linux a window needs an X server; elsewhere it comes with the desktop."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise InputError(
+            "--gui",
+            "there is no display (DISPLAY is not set)",
+            "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
+        )
+
+
+def _in_use(folder: Path) -> bool:
+    return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))

@@ -1,0 +1,198 @@
+"""The tables and sentences of a comparison, for the terminal and the page alike."""
+
+from harness.comparison import Place, Standing, SweepVerdict, Verdict
+from harness.report.tables import (
+    Table,
+    TableCell,
+    count_cell,
+    interval_cell,
+    plain,
+    share_cell,
+    value_cell,
+)
+from harness.report.words import av_label, caveats, joined_caveats, level, sentence
+from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
+
+_NAMED = 4
+"""Cells named in a word about another; the JSON document has all."""
+
+
+def comparison_tables(result: RunComparison) -> list[Table]:
+    """Every group's cells and their front, the differences, and the allowed values."""
+    tables = []
+    for number, group in enumerate(result.groups):
+        shared = ", ".join(f"{key} = {plain(value)}" for key, value in group.group.shared.items())
+        name = f"{result.name}, {shared}" if shared else result.name
+        tables.append(_cell_table(group, f"compared-{number}", name))
+        if group.comparisons:
+            tables.append(_difference_table(group, f"differences-{number}", name))
+        tables += [
+            _sweep_table(sweep, group, f"allowed-{number}-{position}")
+            for position, sweep in enumerate(group.sweeps)
+        ]
+    return tables
+
+
+def comparison_caveats(result: RunComparison) -> list[str]:
+    """What has to be known before any number of the comparison is read."""
+    of_cells = {
+        cell.cell.number: caveats(cell.strategy, summary)
+        for group in result.groups
+        for cell, summary in zip(group.group.cells, group.summaries, strict=True)
+    }
+    return [sentence(words) for words in joined_caveats(of_cells)]
+
+
+def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
+    rows = []
+    for cell, summary, standing in zip(
+        result.group.cells, result.summaries, result.standings(), strict=True
+    ):
+        rows.append(
+            (
+                count_cell(cell.cell.number),
+                TableCell(av_label(cell.label, summary)),
+                count_cell(summary.pairs),
+                count_cell(summary.defined_pairs),
+                count_cell(summary.timed_out_av),
+                interval_cell(summary.mu, 4),
+                interval_cell(summary.delay_s, 2),
+                share_cell(summary.kappa),
+                TableCell(_words(standing, result)),
+            )
+        )
+    headings = (
+        "cell", "AV", "pairs", "pairs with τ", "AV timed out", "μ", "delay AV s", "κ", "(μ, κ)",
+    )  # fmt: skip
+    return Table(name, f"{caption}: strategies", headings, tuple(rows), sortable=True)
+
+
+def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
+    numbers = [cell.cell.number for cell in result.group.cells]
+    rows = []
+    for item in result.comparisons:
+        star = {key: "*" if key in item.indicative else "" for key in _STARRED}
+        rows.append(
+            (
+                count_cell(numbers[item.a]),
+                count_cell(numbers[item.b]),
+                count_cell(item.defined_in_both),
+                interval_cell(item.mu_difference, 4, star["mu_difference"]),
+                interval_cell(item.delay_difference_s, 2, star["delay_difference_s"]),
+                TableCell(f"{item.crashes.only_a} / {item.crashes.only_b}"),
+                TableCell(f"{item.crashes.p:.2g}", sort=repr(item.crashes.p)),
+                TableCell(f"{item.p_holm:.2g}", sort=repr(item.p_holm)),
+            )
+        )
+    headings = (
+        "A", "B", "pairs with τ", "μ", "delay AV s", "crashed in A / B alone", "p", "p (Holm)",
+    )  # fmt: skip
+    words = f"{caption}: differences, A − B (negative: A is faster), over the pairs both have"
+    return Table(name, words, headings, tuple(rows), sortable=True)
+
+
+_STARRED = ("mu_difference", "delay_difference_s")
+
+
+def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
+    sweep, allowed = result.sweep, result.limits
+    fixed = "".join(f", {name} = {plain(value)}" for name, value in sweep.fixed.items())
+    bold = sweep.aggressiveness
+    rows = []
+    for position, judgement in enumerate(result.found.judgements):
+        star = "*" if result.indicative[position] else ""
+        needed = judgement.pairs_needed
+        rows.append(
+            (
+                value_cell(sweep.values[position]),
+                *([value_cell(bold[position])] if bold else []),
+                count_cell(group.group.cells[sweep.cells[position]].cell.number),
+                count_cell(judgement.swept.pairs),
+                interval_cell(judgement.swept.mu, 4, star),
+                share_cell(judgement.swept.kappa),
+                TableCell(judgement.verdict.value),
+                TableCell("") if needed is None else count_cell(needed),
+            )
+        )
+    headings = (
+        sweep.parameter,
+        *(["aggressiveness"] if bold else []),
+        *("cell", "pairs", "μ, bounds", "κ, bounds", "verdict", "pairs needed"),
+    )
+    caption = f"allowed values of {sweep.key}{fixed}: μ < {allowed.mu0:g}, κ < {allowed.kappa0:g}"
+    return Table(name, caption, headings, tuple(rows))
+
+
+def allowed_lines(result: SweepResult, error: float) -> list[str]:
+    """The verdict in words.
+
+    Args:
+        result: on the values of one parameter.
+        error: chance that any of the bounds is wrong.
+    """
+    sweep, found = result.sweep, result.found
+    together = f"with {level(1 - error)} confidence for all {len(sweep.values)} values together"
+    within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
+    if found.verdict is SweepVerdict.SOME:
+        allowed = _values(result, Verdict.ALLOWED)
+        few = " Bounds of μ too narrow: too few pairs." if any(result.indicative) else ""
+        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
+        if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
+            lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
+        return lines
+    if found.verdict is SweepVerdict.NONE:
+        return [f"No value is allowed: none has {within}, {together}."]
+    undecided = _values(result, Verdict.UNDECIDED)
+    line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
+    if found.pairs_needed is None:
+        return [f"{line} The present estimates do not say how many would do."]
+    what = "one of them allowed" if found.expected is SweepVerdict.SOME else "that none is allowed"
+    return [
+        f"{line} At the present estimates about {found.pairs_needed:,} pairs would show {what}."
+    ]
+
+
+def comparison_lines(result: RunComparison) -> list[str]:
+    """What the tables say in words, and how to read them."""
+    tests = sum(len(group.comparisons) for group in result.groups)
+    error = f"{1 - result.confidence:.2g}"
+    notes = [
+        line
+        for group in result.groups
+        for sweep in group.sweeps
+        for line in allowed_lines(sweep, group.level)
+    ]
+    notes += [
+        f"Intervals: {level(result.confidence)} each. p: exact McNemar test of the crash rates; "
+        f"Holm: within the family of all {tests} of this run.",
+        f"(μ, κ): told apart where an interval leaves out 0 or p (Holm) is below {error}; alike "
+        "where no pair differs.",
+    ]
+    few = any(item.indicative for group in result.groups for item in group.comparisons)
+    few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
+    if few:
+        notes.append("* interval too narrow: too few pairs")
+    repeats = sum(group.group.repeats for group in result.groups)
+    if repeats:
+        notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")
+    return notes
+
+
+def _values(result: SweepResult, verdict: Verdict) -> str:
+    judged = zip(result.sweep.values, result.found.judgements, strict=True)
+    return ", ".join(plain(value) for value, judgement in judged if judgement.verdict is verdict)
+
+
+def _words(standing: Standing, result: GroupResult) -> str:
+    if standing.place is Place.DOMINATED:
+        return f"dominated by {_numbers(standing.dominated_by, result)}"
+    if standing.place is Place.UNDECIDED:
+        return f"undecided against {_numbers(standing.open_against, result)}"
+    return standing.place.value
+
+
+def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
+    """Of these cells, the first few."""
+    shown = [str(result.group.cells[position].cell.number) for position in positions]
+    more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
+    return ", ".join(shown[:_NAMED]) + more

@@ -1,0 +1,113 @@
+"""The figures of a run in traffic: delays and capacity over what is varied, queues over time."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from harness.comparison import Interval
+from harness.encounter import Arm
+from harness.report import style
+from harness.report.style import Picture
+from harness.report.sweep_pictures import across_key, axis_label
+from harness.report.tables import plain
+from harness.results.hour_summaries import HoursSummary
+from harness.runs.run_data import RunData
+from harness.scenario import Cell
+
+_OVER = (
+    ("vehicle_delay_s", "delay of vehicles (s)", "Delay of vehicles"),
+    ("pedestrian_delay_s", "delay of pedestrians (s)", "Delay of pedestrians"),
+    ("throughput_per_hour", "vehicles through per hour", "Vehicles let through"),
+)
+
+Points = list[tuple[float, Interval]]
+
+
+def hour_pictures(run: RunData) -> Iterator[Picture]:
+    """The figures of a run in traffic; made inside ``style.styled``."""
+    key = across_key(run) if run.varied_keys else None
+    if key is not None:
+        for name, up, title in _OVER:
+            yield from _over(run, key, name, up, title)
+    elif not run.varied_keys:
+        yield _queues(run)
+
+
+def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:
+    """A measure over the main varied key: a line for each strategy, and one for the reference."""
+    groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
+    for cell, summary in run.hour_results:
+        others = [plain(value) for other, value in cell.varied.items() if other != key]
+        groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
+    figure, (axes,) = style.new_figure()
+    drawn = False
+    looks = [look for look in style.SERIES if look is not style.HUMAN]
+    for look, (label, cells) in zip(looks, groups.items(), strict=False):
+        drawn |= _line(axes, _points(cells, key, name, 0), f"AV: {label}", look)
+    references = {cell.scenario.arms.human for cell, _ in run.hour_results}
+    if len(references) == 1:
+        (cells,) = [next(iter(groups.values()))]
+        label = f"reference: {next(iter(references))}"
+        drawn |= _line(axes, _points(cells, key, name, 1), label, style.HUMAN)
+    if not drawn:
+        return
+    style.finish(axes, axis_label(key), up)
+    style.legend_below(axes)
+    left = len(groups) - len(looks)
+    more = f" {left} more strategies are in summary.csv." if left > 0 else ""
+    yield Picture(
+        f"over-{name.replace('_', '-')}",
+        f"{title} over {key}",
+        "Mean over the hours of a cell with its interval (Student's t). Where a road is saturated, "
+        f"its delay is that of the simulated hour alone.{more}",
+        figure,
+    )
+
+
+def _points(cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int) -> Points:
+    found = [(float(cell.varied[key]), summary.measures[name][arm]) for cell, summary in cells]
+    return sorted((of for of in found if of[1].value is not None), key=lambda of: of[0])
+
+
+def _line(axes: Axes, points: Points, label: str, look: style.Look) -> bool:
+    if not points:
+        return False
+    across = [at for at, _ in points]
+    values = np.array([interval.value for _, interval in points], dtype=float)
+    low = [values[i] if of.low is None else of.low for i, (_, of) in enumerate(points)]
+    high = [values[i] if of.high is None else of.high for i, (_, of) in enumerate(points)]
+    axes.errorbar(
+        across,
+        values,
+        yerr=[values - np.array(low), np.array(high) - values],
+        color=look.colour,
+        linestyle=look.dash,
+        marker=look.marker,
+        markersize=4,
+        capsize=2,
+        label=label,
+    )
+    return True
+
+
+def _queues(run: RunData) -> Picture:
+    """Queued vehicles over the hour, mean over pairs and lanes, both arms."""
+    figure, (axes,) = style.new_figure()
+    for arm, label, look in (
+        (Arm.AV, "AV", style.AV),
+        (Arm.HUMAN, "human", style.HUMAN),
+    ):
+        own = run.queues[run.queues["arm"] == arm.value]
+        mean: pd.Series[float] = own.groupby("minute")["mean"].mean()
+        axes.plot(mean.index, mean.to_numpy(), color=look.colour, linestyle=look.dash, label=label)
+    style.finish(axes, "minute", "queued vehicles per lane")
+    style.legend_below(axes)
+    return Picture(
+        "queues",
+        "Queue over time",
+        "Vehicles slower than 5 km/h on the approach, and those that wait upstream of the road; "
+        "mean of each minute over pairs and lanes.",
+        figure,
+    )

@@ -1,0 +1,128 @@
+"""How human each reference was found to be, wherever a result is shown."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from harness.report.tables import per_cent
+from harness.runs.run_data import CellResult, RunData
+from harness.scenario import Scenario
+from harness.strategies.parameters import parameters_of
+from harness.strategies.registry import STRATEGIES
+
+MEASURED_ON = "DUT, 34 passages of 26 vehicles"
+"""Where ``MEASURED`` comes from: `harness validate` of DUT with these drivers, seed 1."""
+
+
+@dataclass(frozen=True)
+class Humanness:
+    """What a validation found of one driver with its default parameters.
+
+    ``remark`` says what the driver was fitted on, empty where on nothing.
+    """
+
+    order_right: float
+    pass_time_off_s: float
+    contacts: float
+    remark: str = ""
+
+
+MEASURED = {
+    "human_recorded": Humanness(
+        0.857,
+        1.40,
+        9,
+        "fitted on them; held out order right 81 % and off by 1.4 s, which is optimistic as its "
+        "rules were found on all of them",
+    ),
+    "human_gmm": Humanness(0.684, 7.50, 17, "fitted on them, held out by vehicle"),
+    "human_yield": Humanness(0.623, 6.74, 11.6),
+    "soft_yield": Humanness(0.501, 11.24, 12),
+    "hard_yield": Humanness(0.499, 11.45, 12),
+    "gap_yield": Humanness(0.620, 6.12, 10),
+    "emergency_brake": Humanness(0.841, 1.40, 12),
+    "constant_speed": Humanness(0.903, 1.48, 12),
+}
+"""Order of passing, median error of the pass time, passages with a contact (docs/validation.md)."""
+
+
+def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
+    """A line for each reference that drives: which one, and how human it was found."""
+    lines = []
+    for scenario in scenarios:
+        name = scenario.arms.human
+        found = MEASURED.get(name)
+        if found is None or not _as_measured(scenario, name):
+            own = " with these parameters" if found is not None else ""
+            said = f"how human it is{own} was not measured (harness validate)"
+        else:
+            said = (
+                f"order right {per_cent(found.order_right, 0)} %, pass time off by "
+                f"{found.pass_time_off_s:.1f} s in the median, contacts in {found.contacts:g} "
+                f"passages ({MEASURED_ON}{found.remark and ', ' + found.remark}); "
+                "recorded drivers 0 contacts"
+            )
+        lines.append(f"Reference {name}: {said}.")
+    return list(dict.fromkeys(lines))
+
+
+def _as_measured(scenario: Scenario, name: str) -> bool:
+    defaults = {of.name: of.default for of in parameters_of(STRATEGIES[name])}
+    own = scenario.model.path is not None or scenario.model.name != "dut"
+    uses_model = name == "human_gmm"
+    same = defaults | scenario.strategies.get(name, {}) == defaults
+    return same and not (own and uses_model)
+
+
+STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
+"""Strategies that docs/study.md holds against three references, in ``cctc`` and ``cctc_flow``."""
+
+
+def known_disagreement(av: str, human: str, mu: float) -> str:
+    """That another shipped reference is known to say the opposite of μ; empty where none is.
+
+    In docs/study.md each of ``STUDIED`` took more time than ``human_recorded`` in every scenario,
+    and less than ``human_gmm`` in ``cctc``.
+
+    >>> known_disagreement("gap_yield", "human_gmm", 0.7)[:54]
+    'the references disagree: gap_yield took more time than'
+    >>> known_disagreement("gap_yield", "human_recorded", 0.9)
+    ''
+    """
+    much, other, where = (
+        ("more", "human_recorded", "cctc and cctc_flow")
+        if mu < 1
+        else ("less", "human_gmm", "cctc")
+    )
+    if av not in STUDIED or human not in MEASURED or human == other:
+        return ""
+    return (
+        f"the references disagree: {av} took {much} time than {other} in {where} (docs/study.md), "
+        "so this is not said of a human"
+    )
+
+
+def references_compared(run: RunData) -> list[str]:
+    """A sentence on a run whose cells differ in nothing but the reference; none on others."""
+    return _agreement(run.results) if tuple(run.varied_keys) == ("arms.human",) else []
+
+
+def _agreement(results: Sequence[CellResult]) -> list[str]:
+    """References agree where the intervals of μ lie on the same side of 1."""
+    sides, parts = set(), []
+    for result in results:
+        mu, name = result.summary.mu, result.cell.scenario.arms.human
+        if mu.value is None or mu.low is None or mu.high is None:
+            sides.add("untold")
+            parts.append(f"{name} undefined")
+            continue
+        sides.add("less" if mu.high < 1 else "more" if mu.low > 1 else "untold")
+        parts.append(f"{name} μ = {mu.value:.3f} ({mu.low:.3f} … {mu.high:.3f})")
+    said = "; ".join(parts)
+    if len(sides) > 1:
+        return [f"The references disagree on whether the AV takes less time than a human: {said}."]
+    how = {
+        "less": "The AV takes less time than each of the references",
+        "more": "The AV takes more time than each of the references",
+        "untold": "No reference tells whether the AV takes less time than a human",
+    }
+    return [f"{how[sides.pop()]}: {said}."]

@@ -1,0 +1,217 @@
+"""The tables of a run's results, for the terminal and the page alike."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from harness.comparison import INDICATIVE_BELOW, Interval, Summary
+from harness.measures import MEASURES
+from harness.report.sweep_tables import sweep_tables
+from harness.report.tables import (
+    Table,
+    TableCell,
+    counted,
+    limits,
+    number,
+    per_cent,
+    share_cell,
+    share_limits,
+    sort_key,
+)
+from harness.report.words import (
+    PAPER,
+    av_label,
+    both_arms,
+    both_shares,
+    conflict_condition,
+    indicative,
+    is_the_papers,
+    level,
+    pairs_behind,
+)
+from harness.results.measure_tables import ConflictRate
+from harness.runs.run_data import RunData
+
+Row = tuple[str, str, str, str, str]
+"""Measure, value, interval, key of the paper's value, remark."""
+
+
+def result_tables(run: RunData) -> list[Table]:
+    """The results of one cell in full, or the tables over cells."""
+    return sweep_tables(run) if run.varied_keys else [_of_one_cell(run)]
+
+
+def _of_one_cell(run: RunData) -> Table:
+    (result,) = run.results
+    arms, summary = result.cell.scenario.arms, result.summary
+    paper = is_the_papers(result.cell.scenario)
+    rows = []
+    for name, value, interval, key, remark in (
+        *measure_rows(summary),
+        *conflict_rows(result.conflicts),
+    ):
+        reference = [TableCell(PAPER.get(key, ""))] if paper else []
+        rows.append(
+            (TableCell(name), TableCell(value), TableCell(interval), *reference, TableCell(remark))
+        )
+    headings = (
+        "measure",
+        "value",
+        f"{level(summary.confidence)} interval",
+        *(["paper, N = 50"] if paper else []),
+        "remark",
+    )
+    caption = f"{av_label(arms.av, summary)} against {arms.human}, {counted(summary.pairs, 'pair')}"
+    return Table("measures", caption, headings, tuple(rows))
+
+
+def measure_rows(summary: Summary) -> list[Row]:
+    """The measures of a cell, the paper's three and what they have to be read with."""
+    some_missing = bool(summary.failed or summary.timed_out)
+    rows = [
+        _row("μ: AV time / human time (below 1: AV faster)", summary, "mu", paper="mu"),
+        _row("μ with the human's crashes as if untouched", summary, "mu_all"),
+        _row("μ of the pairs that met someone", summary, "mu_met_someone"),
+        ("μ without fallbacks", number(summary.mu_without_fallback, 4), "", "", ""),
+    ]
+    if some_missing:
+        words = "AV's crashes, failures, time-outs at the time-out"
+        rows.append(("μ, worst case", number(summary.mu_worst, 4), "", "", words))
+    rows += [
+        _row("c_v: spread of τ", summary, "cv", share=True, paper="cv"),
+        _row("κ: crash rate, AV", summary, "kappa", share=True, paper="kappa"),
+        ("κ, hit by the car's front", _percent(summary.kappa_front), "", "", ""),
+        _row("κ of the pairs that met someone", summary, "kappa_met_someone", share=True),
+    ]
+    if some_missing:
+        words = "AV's failures and time-outs count as crashes"
+        rows.append(("κ, worst case", _percent(summary.kappa_worst), "", "", words))
+    avoidable = both_shares(summary.kappa_avoidable, summary.kappa_avoidable_human)
+    stops = f"{number(summary.stops, 2)} / {number(summary.stops_human, 2)}"
+    stopped = f"{number(summary.stopped_s, 2)} / {number(summary.stopped_human_s, 2)}"
+    return [
+        *rows,
+        ("κ avoidable, AV / human", *avoidable, "", "by full braking at once"),
+        _row("κ: crash rate, human", summary, "kappa_human", share=True),
+        _row("delay AV, s", summary, "delay_s"),
+        _row("delay human, s", summary, "delay_human_s"),
+        _row("delay AV − human, s, same pairs", summary, "delay_difference_human_s"),
+        _row("delay AV, s, met someone", summary, "delay_met_someone_s"),
+        _row("delay human, s, met someone", summary, "delay_human_met_someone_s"),
+        _row("delay of pedestrians, AV's arm, s", summary, "pedestrian_delay_s"),
+        _row("delay of pedestrians, human's arm, s", summary, "pedestrian_delay_human_s"),
+        ("stops, AV / human", stops, "", "", "per episode"),
+        ("stopped s, AV / human", stopped, "", "", "per episode"),
+    ]
+
+
+def _row(name: str, summary: Summary, key: str, share: bool = False, paper: str = "") -> Row:
+    interval: Interval = getattr(summary, key)
+    remark = indicative(pairs_behind(summary, key), key) if key in INDICATIVE_BELOW else ""
+    if share:
+        within = share_limits(interval, 2) or "undefined"
+        return name, _percent(interval.value), within, paper, remark
+    digits = 4 if key.startswith("mu") else 2
+    within = limits(interval, digits) or "undefined"
+    return name, number(interval.value, digits), within, paper, remark
+
+
+def conflict_rows(rates: Sequence[ConflictRate]) -> list[Row]:
+    """A row for each kind of conflict."""
+    return [
+        (
+            f"{conflict_condition(av)}, AV / human",
+            *both_shares(av.rate, human.rate),
+            "",
+            "conflict rate",
+        )
+        for av, human in both_arms(rates)
+    ]
+
+
+def statistics_table(run: RunData) -> Table:
+    """Mean and quantiles of every measure, both arms."""
+    of = {(row["arm"], row["measure"]): row for _, row in run.measures.iterrows()}
+    rows = []
+    for measure in MEASURES:
+        unit = f" ({measure.unit})" if measure.unit else ""
+        cells = [TableCell(f"{_spoken(measure.column)}{unit}", measure.formula)]
+        for arm in ("av", "human"):
+            row = of[arm, measure.column]
+            low, middle, high = (_three(row[name]) for name in ("p05", "p50", "p95"))
+            quantiles = f"{low} / {middle} / {high}" if row["defined"] else ""
+            cells += [
+                TableCell(f"{row['defined']:,}", sort=str(row["defined"])),
+                TableCell(_three(row["mean"]), quantiles, sort_key(row["mean"])),
+            ]
+        rows.append(tuple(cells))
+    headings = ("measure", "n, AV", "mean, AV", "n, human", "mean, human")
+    caption = "Every measure over the episodes in which it is defined: mean, and 5 % / 50 % / 95 %"
+    return Table("statistics", caption, headings, tuple(rows), folded=True)
+
+
+def _three(value: float | None) -> str:
+    # Differences of times end in the last bits of their sums.
+    return "undefined" if value is None or value != value else f"{round(value, 9) + 0.0:.3g}"
+
+
+def _spoken(column: str) -> str:
+    """A column's name without its unit."""
+    words = re.sub(r"_(s|m|mps|mps2|mps3)$", "", column).split("_")
+    return " ".join(word.upper() if word in _ACRONYMS else word for word in words)
+
+
+_ACRONYMS = ("ttc", "pet", "drac")
+
+
+def tiles(summary: Summary) -> list[dict[str, Any]]:
+    """The few numbers a reader looks for first, with their intervals in words."""
+    n = summary.defined_pairs
+    notes = {key: [words] if (words := indicative(n, key)) else [] for key in ("mu", "cv")}
+    kappa, human, of = summary.kappa, summary.kappa_human, level(summary.confidence)
+    worst = f"{_percent(summary.kappa_worst)} with its failures and time-outs"
+    return [
+        {
+            "name": "pairs",
+            "value": f"{summary.pairs:,}",
+            "lines": [
+                f"τ defined in {summary.defined_pairs:,}",
+                f"{summary.met_someone:,} met someone",
+            ],
+        },
+        {
+            "name": "μ, AV time / human time (below 1: AV faster)",
+            "value": number(summary.mu.value, 4),
+            "lines": [_within(limits(summary.mu, 4), of), *notes["mu"]],
+        },
+        {
+            "name": "c_v, spread of τ",
+            "value": share_cell(summary.cv).text,
+            "lines": [_within(share_limits(summary.cv), of), *notes["cv"]],
+        },
+        {
+            "name": "κ, crash rate of the AV",
+            "value": share_cell(kappa).text,
+            "lines": [
+                _within(share_limits(kappa), of),
+                f"{kappa.successes:,} of {counted(kappa.trials, 'episode')}",
+                *([worst] if summary.failed_av or summary.timed_out_av else []),
+            ],
+        },
+        {
+            "name": "κ of the human driver",
+            "value": share_cell(human).text,
+            "lines": [
+                _within(share_limits(human), of),
+                f"{human.successes:,} of {counted(human.trials, 'episode')}",
+            ],
+        },
+    ]
+
+
+def _within(interval: str, of: str) -> str:
+    return f"{of}: {interval}" if interval else "no interval"
+
+
+def _percent(value: float | None) -> str:
+    return "undefined" if value is None else f"{per_cent(value, 2)} %"

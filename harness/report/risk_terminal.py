@@ -1,0 +1,80 @@
+"""The result of ``harness risk`` on the terminal."""
+
+from pathlib import Path
+from typing import Any
+
+from harness.report.console import make_console, print_table
+from harness.report.tables import Table, TableCell, counted, per_cent
+
+_PEOPLE_SHOWN = 4
+
+
+def print_risk(result: dict[str, Any], folder: Path) -> None:
+    """Print the sentence, the ways to the event, and what warns."""
+    console = make_console()
+    console.print(sentence(result))
+    console.print(effort(result))
+    if result["ways"]:
+        print_table(console, ways_table(result["ways"]))
+    for warning in result["warnings"]:
+        console.print(f"warning: {warning}")
+    for difference in result["differences"]:
+        console.print(f"  {difference}")
+    console.print(
+        f"written to {folder}; the likeliest of them again: harness run {folder}/critical.toml"
+        if result["ways"]
+        else f"written to {folder}"
+    )
+
+
+def sentence(result: dict[str, Any]) -> str:
+    """The probability in one sentence, or that no way to the event was found."""
+    who = f"{result['strategy']} ({result['arm']}) in {result['scenario']}"
+    level = f"{100 * result['confidence']:g} %"
+    if result["probability"] is None:
+        event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"
+        return (
+            f"{who}: no way {event} found in {counted(result['episodes'], 'episode')}; "
+            f"brute force bounds the probability by {result['ci_high']:.2g} (one-sided {level})."
+        )
+    return (
+        f"{who}: P({result['event']}) = {result['probability']:.3g} "
+        f"[{result['ci_low']:.3g}, {result['ci_high']:.3g}] per episode ({level} interval)."
+    )
+
+
+def effort(result: dict[str, Any]) -> str:
+    """How many episodes it took, and what was left out."""
+    words = counted(result["episodes"], "episode")
+    if result["brute_force_episodes"] is not None:
+        words += f"; brute force would have needed {result['brute_force_episodes']:,}"
+        words += f"; effective sample size {result['effective_sample_size']:.0f}"
+    words += f"; {result['compared_with_other_engine']:,} run in both engines, "
+    words += f"{len(result['differences'])} differ" if result["differences"] else "all equal"
+    if result["timed_out"]:
+        words += f"; {result['timed_out']:,} timed out and count as no event"
+    if result["failed"]:
+        words += f"; {result['failed']:,} failed"
+        if result["probability_worst"] is not None:
+            words += f" (were they all events: {result['probability_worst']:.3g})"
+    return words + "."
+
+
+def ways_table(ways: list[dict[str, Any]]) -> Table:
+    """The likeliest ways to the event, each with the people of its likeliest episode."""
+    rows = []
+    for way in ways:
+        people = "; ".join(_person(person) for person in way["pedestrians"][:_PEOPLE_SHOWN])
+        first, last = way["critical_pairs"]
+        share = TableCell(f"{per_cent(way['share'], 0)} %", sort=str(way["share"]))
+        rows.append((share, TableCell(people), TableCell(f"{first} to {last}")))
+    headings = ("share", "the first pedestrians of the likeliest episode", "pairs of critical.toml")
+    return Table("ways", "The likeliest ways to the event", headings, tuple(rows))
+
+
+def _person(person: dict[str, Any]) -> str:
+    words = (
+        f"{person['arrival_s']:.1f} s {person['side']}, walks at quantile {person['quantile']:.3f}"
+    )
+    gap = person["critical_gap_s"]
+    return words if gap is None else f"{words}, gap {gap:.1f} s"

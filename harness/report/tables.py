@@ -1,0 +1,117 @@
+"""A table as the terminal and the page both show it: rows of cells, and how numbers are written."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from harness.comparison import Interval
+
+
+@dataclass(frozen=True)
+class TableCell:
+    """One cell of a table.
+
+    ``small`` stands under the text.  ``sort`` is what numbers are sorted by; it is empty where the
+    number is undefined, and None for text.
+    """
+
+    text: str
+    small: str = ""
+    sort: str | None = None
+
+    @property
+    def number(self) -> bool:
+        """Whether the cell holds a number."""
+        return self.sort is not None
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with its identifier on the page.
+
+    ``folded`` tables are shown on request.  The terminal shows all columns, or those whose
+    positions ``terminal`` lists; a ``brief`` one is printed there without the small text.
+    """
+
+    name: str
+    caption: str
+    headings: tuple[str, ...]
+    rows: tuple[tuple[TableCell, ...], ...]
+    sortable: bool = False
+    folded: bool = False
+    terminal: tuple[int, ...] | None = None
+    brief: bool = False
+
+
+def plain(value: Any) -> str:
+    """A scenario's value as a user would write it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def number(value: float | None, digits: int) -> str:
+    """A number with so many decimals."""
+    return "undefined" if value is None else f"{value:z.{digits}f}"
+
+
+def per_cent(share: float, decimals: int) -> str:
+    """A share times 100 with so many decimals, or as many as show two digits of a small one.
+
+    A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
+    """
+    value = 100 * share
+    if value != 0 and abs(value) < 10.0 ** (1 - decimals):
+        decimals = max(decimals, 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{decimals}f}"
+
+
+def counted(count: int, noun: str) -> str:
+    """A number with its noun.
+
+    >>> counted(1, "episode"), counted(1_000, "pair")
+    ('1 episode', '1,000 pairs')
+    """
+    return f"{count:,} {noun}" if count == 1 else f"{count:,} {noun}s"
+
+
+def limits(interval: Interval, digits: int) -> str:
+    """The limits of an interval; empty where there are none."""
+    if interval.low is None or interval.high is None:
+        return ""
+    return f"{interval.low:z.{digits}f} … {interval.high:z.{digits}f}"
+
+
+def share_limits(share: Interval, decimals: int = 1) -> str:
+    """The limits of a share's interval in per cent; empty where there are none."""
+    if share.low is None or share.high is None:
+        return ""
+    return f"{per_cent(share.low, decimals)} … {per_cent(share.high, decimals)} %"
+
+
+def count_cell(value: int) -> TableCell:
+    """A whole number."""
+    return TableCell(f"{value:,}", sort=str(value))
+
+
+def value_cell(value: Any) -> TableCell:
+    """The value of a scenario's key."""
+    numeric = isinstance(value, int | float) and not isinstance(value, bool)
+    return TableCell(plain(value), sort=repr(value) if numeric else None)
+
+
+def interval_cell(interval: Interval, digits: int, star: str = "") -> TableCell:
+    """A value over the limits of its interval; the star stands behind the value."""
+    text = number(interval.value, digits) + star
+    return TableCell(text, limits(interval, digits), sort_key(interval.value))
+
+
+def share_cell(share: Interval, star: str = "") -> TableCell:
+    """A share in per cent over the limits of its interval."""
+    if share.value is None:
+        return TableCell("undefined", sort="")
+    text = f"{per_cent(share.value, 1)} %{star}"
+    return TableCell(text, share_limits(share), sort_key(share.value))
+
+
+def sort_key(value: float | None) -> str:
+    """What a number is sorted by; empty where it is undefined."""
+    return "" if value is None or value != value else repr(float(value))

@@ -1,0 +1,88 @@
+"""Figures of a validation: errors of the pass time, speeds along the road.
+
+Each function draws into axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from harness.report import style
+from harness.validation import DriverOutcome, Validation
+
+MOST_DRIVERS = len(style.SERIES)
+"""Lines side by side that can be told apart: of more drivers the nearest are shown."""
+
+
+def draw_errors(axes: Axes, validation: Validation) -> None:
+    """Share of drives whose pass time is off by at most x, a line for each driver."""
+    real = [one.pass_time_s for one in validation.recorded]
+    for place, look in zip(validation.ranked, style.SERIES, strict=False):
+        off = np.sort(
+            [
+                abs(one.pass_time_s - recorded)
+                for of, recorded in zip(validation.outcomes[place.driver], real, strict=True)
+                for one in of
+            ]
+        )
+        share = np.arange(1, len(off) + 1) / len(off)
+        axes.step(
+            np.concatenate([[0.0], off]),
+            np.concatenate([[0.0], share]),
+            where="post",
+            color=look.colour,
+            ls=look.dash,
+            lw=1.7,
+            label=style.figure_text(place.driver),
+        )
+    axes.set_xlim(0, None)
+    axes.set_ylim(0, 1.02)
+    count = f"n = {len(real):,} passages"
+    style.finish(axes, "absolute error of the pass time (s)", "share of drives at most x", count)
+    style.legend_below(axes)
+
+
+def draw_speeds(
+    axes: Axes, outcomes: Sequence[DriverOutcome], look: style.Look, name: str, highest_mps: float
+) -> None:
+    """Speed along the road of one drive of every passage."""
+    for one in outcomes:
+        trace = one.trace
+        axes.plot(trace.x_m, trace.speed_mps, color=look.colour, lw=0.8, alpha=0.6)
+    axes.axvline(0.0, color=style.MUTED, lw=0.8, ls=":")
+    axes.set_xlim(-30, 15)
+    axes.set_ylim(0, highest_mps)
+    axes.set_title(style.figure_text(name), loc="left")
+    style.finish(axes, "front bumper from x = 0 (m)", "speed (m/s)")
+
+
+def pictures_of(validation: Validation) -> list[style.Picture]:
+    """The page's figures, to be made inside ``style.styled``."""
+    figure, (axes,) = style.new_figure()
+    draw_errors(axes, validation)
+    errors = style.Picture(
+        "errors",
+        "How far off the pass times are",
+        "The recorded drivers would be a step at 0. A random driver's drives of a passage count "
+        "one by one.",
+        figure,
+    )
+    shown = validation.ranked[:3]
+    figure, axes_of = style.new_figure(2, 2, height=5.6)
+    series = [("recorded drivers", validation.recorded)] + [
+        (place.driver, [of[0] for of in validation.outcomes[place.driver]]) for place in shown
+    ]
+    highest = 1.05 * max(one.trace.speed_mps.max() for _, of in series for one in of)
+    for panel, (name, of), look in zip(axes_of, series, style.SERIES, strict=False):
+        draw_speeds(panel, of, look, name, highest)
+    for panel in axes_of[len(series) :]:
+        panel.set_visible(False)
+    speeds = style.Picture(
+        "speeds",
+        "Speeds along the road, recorded and simulated",
+        "Every passage, x = 0 at the group's median conflict point; the first drive of a random "
+        "driver. Beside the recorded drivers the nearest ones.",
+        figure,
+    )
+    return [errors, speeds]

@@ -1,0 +1,266 @@
+"""From the hours of a cell to what is reported of it: paired over hours, Student's t."""
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.comparison import Interval, Proportion, proportion, student_mean
+from harness.encounter import Arm, FloatArray
+from harness.errors import InputError
+from harness.scenario import Scenario
+from harness.strategies.registry import find_strategy
+from harness.traffic.closed_forms import (
+    PEDESTRIAN_LOS_S,
+    VEHICLE_LOS_S,
+    critical_headway_s,
+    fleet_yield_rate,
+    group_headway_s,
+    hcm_delay_s,
+    level_of_service,
+    revised_hcm_delay_s,
+)
+from harness.traffic.lanes import lanes_of
+
+GROWTH = 0.05
+"""A road is saturated where the vehicles on it grow in the second half by more than this share of
+the half's arrivals."""
+
+Columns = dict[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True)
+class HourMeasure:
+    """A number of an hour: its column, its unit, and how it follows from ``hours``."""
+
+    name: str
+    unit: str
+    of: Callable[[Columns], FloatArray]
+
+
+def _column(name: str) -> Callable[[Columns], FloatArray]:
+    return lambda columns: columns[name]
+
+
+def _per_1000(name: str) -> Callable[[Columns], FloatArray]:
+    return lambda columns: _ratio(1000 * columns[name], columns["crossed"])
+
+
+HOUR_MEASURES = (
+    HourMeasure("vehicle_delay_s", "s", _column("vehicle_delay_s")),
+    HourMeasure("control_delay_s", "s", _column("control_delay_s")),
+    HourMeasure("pedestrian_delay_s", "s", _column("pedestrian_delay_s")),
+    HourMeasure("person_delay_h", "h", _column("person_delay_h")),
+    HourMeasure("throughput_per_hour", "1/h", _column("throughput_per_hour")),
+    HourMeasure("queue_mean", "", _column("queue_mean")),
+    HourMeasure("queue_p95", "", _column("queue_p95")),
+    HourMeasure("queue_longest", "", _column("queue_longest")),
+    HourMeasure("stops_per_vehicle", "", _column("stops_per_vehicle")),
+    HourMeasure("first_let_go", "", lambda own: _ratio(own["let_go"], own["had_to_wait"])),
+    HourMeasure("crashes_per_1000", "", _per_1000("crashes")),
+    HourMeasure("conflicts_ttc_per_1000", "", _per_1000("conflicts_ttc")),
+    HourMeasure("conflicts_time_advantage_per_1000", "", _per_1000("conflicts_time_advantage")),
+    HourMeasure("conflicts_pet_per_1000", "", _per_1000("conflicts_pet")),
+    HourMeasure("conflicts_drac_per_1000", "", _per_1000("conflicts_drac")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmOfHours:
+    """What is said of one arm beside its measures.
+
+    ``growth``: vehicles that the road gained in the second half over that half's arrivals, mean
+    over pairs; ``saturated`` where it is more than ``GROWTH``.  ``yield_rate``: that of its
+    drivers where they have one, else the share of pedestrians whom the first vehicle let go.
+    """
+
+    not_through: int
+    never_went: int
+    growth: float | None
+    saturated: bool
+    kappa: Proportion
+    yield_rate: float | None
+    hcm_pedestrian_delay_s: float | None
+    nchrp_pedestrian_delay_s: float | None
+    los_vehicles: str | None
+    los_pedestrians: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class HoursSummary:
+    """A cell: means of each measure in both arms and of their paired difference, AV − human."""
+
+    pairs: int
+    failed: int
+    confidence: float
+    mu: Interval
+    measures: dict[str, tuple[Interval, Interval, Interval]]
+    arms: dict[Arm, ArmOfHours]
+
+
+def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> HoursSummary:
+    """What is reported of a cell, from its rows of ``hours`` by pair, AV first.
+
+    A pair in which an arm failed counts nowhere but in ``failed``.
+
+    Raises:
+        InputError: the rows are not two arms of each pair.
+    """
+    av, human, failed = _arms(hours)
+
+    def mean(values: FloatArray) -> Interval:
+        return student_mean(values[~np.isnan(values)], confidence)
+
+    measures = {}
+    for measure in HOUR_MEASURES:
+        ours, theirs = measure.of(av), measure.of(human)
+        measures[measure.name] = (mean(ours), mean(theirs), mean(ours - theirs))
+    arms = {
+        arm: _arm(own, scenario, arm, {name: found[place] for name, found in measures.items()})
+        for place, (arm, own) in enumerate(((Arm.AV, av), (Arm.HUMAN, human)))
+    }
+    return HoursSummary(
+        pairs=hours.num_rows // 2,
+        failed=failed,
+        confidence=confidence,
+        mu=mean(_ratio(av["travel_time_s"], human["travel_time_s"])),
+        measures=measures,
+        arms=arms,
+    )
+
+
+def hours_row(summary: HoursSummary) -> dict[str, float | int | str | bool | None]:
+    """A summary as the columns of ``summary.csv``; an interval becomes three."""
+    row: dict[str, float | int | str | bool | None] = {
+        "pairs": summary.pairs,
+        "failed": summary.failed,
+        "confidence": summary.confidence,
+    }
+
+    def put(name: str, interval: Interval) -> None:
+        row[name] = interval.value
+        row[f"{name}_ci_low"], row[f"{name}_ci_high"] = interval.low, interval.high
+
+    ends = {Arm.AV: "", Arm.HUMAN: "_human"}
+    for arm, end in ends.items():
+        row[f"saturated{end}"] = summary.arms[arm].saturated
+    put("mu", summary.mu)
+    for arm, end in ends.items():
+        put(f"kappa{end}", summary.arms[arm].kappa)
+    for name, (av, human, difference) in summary.measures.items():
+        put(name, av)
+        put(f"{name}_human", human)
+        put(f"{name}_difference", difference)
+    for arm, end in ends.items():
+        own = summary.arms[arm]
+        for name in ("not_through", "never_went", "growth", "yield_rate"):
+            row[f"{name}{end}"] = getattr(own, name)
+        for name in ("hcm_pedestrian_delay_s", "nchrp_pedestrian_delay_s"):
+            row[f"{name}{end}"] = getattr(own, name)
+        row[f"los_vehicles{end}"], row[f"los_pedestrians{end}"] = (
+            own.los_vehicles,
+            own.los_pedestrians,
+        )
+    return row
+
+
+def _arms(hours: pa.Table) -> tuple[Columns, Columns, int]:
+    """The columns of both arms over the pairs in which neither failed, and how many others."""
+    arms, pairs = hours["arm"].to_pylist(), hours["pair"].to_pylist()
+    count = len(pairs) // 2
+    if arms != [Arm.AV.value, Arm.HUMAN.value] * count or pairs[::2] != pairs[1::2]:
+        raise InputError("hours", "are not two arms of each pair of a cell", "one run's hours")
+    ran = np.array([reason is None for reason in hours["reason"].to_pylist()], dtype=bool)
+    both = ran[::2] & ran[1::2]
+    columns = {
+        name: hours[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+        for name in hours.column_names
+        if pa.types.is_floating(hours.schema.field(name).type)
+        or pa.types.is_integer(hours.schema.field(name).type)
+    }
+    av, human = (
+        {name: column[place::2][both] for name, column in columns.items()} for place in (0, 1)
+    )
+    return av, human, int((~both).sum())
+
+
+def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval]) -> ArmOfHours:
+    half = own["vehicles"] / 2
+    growths = _ratio(own["in_system_end"] - own["in_system_half"], half)
+    known = growths[~np.isnan(growths)]
+    traffic = scenario.traffic
+    assert traffic is not None
+    growth = float(known.mean()) if len(known) and not traffic.saturated else None
+    vehicle, people = means["vehicle_delay_s"].value, means["pedestrian_delay_s"].value
+    rate = _yield_rate(scenario, arm)
+    if rate is None:
+        rate = means["first_let_go"].value
+    forms = _closed_forms(own, scenario, rate)
+    return ArmOfHours(
+        not_through=int(own["not_through"].sum()),
+        never_went=int(own["never_went"].sum()),
+        growth=growth,
+        saturated=traffic.saturated or (growth is not None and growth > GROWTH),
+        kappa=proportion(int(own["crashes"].sum()), int(own["crossed"].sum())),
+        yield_rate=rate,
+        hcm_pedestrian_delay_s=forms and forms[0],
+        nchrp_pedestrian_delay_s=forms and forms[1],
+        los_vehicles=None if vehicle is None else level_of_service(vehicle, VEHICLE_LOS_S),
+        los_pedestrians=None if people is None else level_of_service(people, PEDESTRIAN_LOS_S),
+    )
+
+
+def _yield_rate(scenario: Scenario, arm: Arm) -> float | None:
+    """The rate at which an arm's drivers yield by themselves; None where a strategy has none."""
+    traffic = scenario.traffic
+    assert traffic is not None
+    human = _own_rate(scenario, scenario.arms.human)
+    if arm is Arm.HUMAN:
+        return human
+    av = _own_rate(scenario, scenario.arms.av)
+    if av is None or (human is None and traffic.av_share < 1):
+        return None
+    return fleet_yield_rate(traffic.av_share, av, human or 0.0)
+
+
+def _own_rate(scenario: Scenario, name: str) -> float | None:
+    given: Any = scenario.strategies.get(name, {}).get("yield_rate")
+    if given is None:
+        parameter = inspect.signature(find_strategy(name, "arms")).parameters.get("yield_rate")
+        given = None if parameter is None else parameter.default
+    return None if given is None else float(given)
+
+
+def _closed_forms(
+    own: Columns, scenario: Scenario, yield_rate: float | None
+) -> tuple[float, float] | None:
+    """The HCM's and NCHRP 17-87's delay of pedestrians at this road: t_c = L/S_p, t_s = 0.
+
+    S_p is the speed at which its pedestrians walked, v what came of vehicles.
+    """
+    traffic, crossing = scenario.traffic, scenario.crosswalk()
+    assert traffic is not None
+    speeds = own["walking_mps"][~np.isnan(own["walking_mps"])]
+    seconds = traffic.duration_s * max(1, len(own["vehicles"]))
+    vehicles = float(own["vehicles"].sum()) / seconds
+    if yield_rate is None or not len(speeds) or vehicles == 0 or traffic.saturated:
+        return None
+    people = float(own["pedestrians"].sum()) / seconds
+    headway_s = critical_headway_s(crossing.length_m, float(speeds.mean()), 0.0)
+    group_s = group_headway_s(vehicles, people, headway_s, crossing.width_m)
+    lanes = len(lanes_of(scenario))
+    found = (
+        hcm_delay_s(vehicles, group_s, lanes, yield_rate),
+        revised_hcm_delay_s(vehicles, group_s, lanes, yield_rate),
+    )
+    return found if all(np.isfinite(found)) else None
+
+
+def _ratio(part: FloatArray, whole: FloatArray) -> FloatArray:
+    """A quotient, NaN where the whole is 0."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        quotient: FloatArray = np.where(whole == 0, np.nan, part / whole)
+    return quotient

@@ -1,0 +1,227 @@
+"""The tables of hours of traffic: how their outcomes become rows.  Columns: docs/files.md."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from harness.encounter import Arm, Ending, Walk
+from harness.measures import EpisodeRecord
+from harness.motion.walking import cleared_s
+from harness.results.measure_tables import CONFLICTS
+from harness.results.tables import HOURS, PASSAGES, PEDESTRIANS, QUEUES, pedestrian_row
+from harness.scenario import ConflictsSection
+from harness.traffic.lanes import lanes_of
+from harness.traffic.pairing import HourOutcome
+from harness.traffic.passages import Passage
+
+MINUTE_S = 60.0
+
+_RECORD = PASSAGES.names[PASSAGES.get_field_index("ending") :]
+
+Rows = dict[str, dict[str, list[Any]]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Counted:
+    """What of an hour counts: vehicles due and people coming between warm-up and end."""
+
+    begin_s: float
+    end_s: float
+    passages: Sequence[Passage]
+    walks: Sequence[Walk]
+
+
+def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
+    """Columns of ``hours``, ``passages``, ``pedestrians`` and ``queues``.
+
+    Times are from the end of the warm-up; what was due or came before it, or after the hour, has no
+    row.  A failed arm has a row in ``hours`` alone.
+    """
+    schemas = (("hours", HOURS), ("passages", PASSAGES), ("pedestrians", PEDESTRIANS))
+    rows: Rows = {
+        name: {column: [] for column in schema.names}
+        for name, schema in (*schemas, ("queues", QUEUES))
+    }
+    for outcome in outcomes:
+        keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+        if outcome.reason is not None:
+            _append(rows["hours"], keys | {"reason": outcome.reason})
+            continue
+        counted = _counted(outcome)
+        _append(rows["hours"], keys | _numbers(outcome, counted))
+        for passage in counted.passages:
+            _append(rows["passages"], keys | _passage_row(passage, counted.begin_s))
+        for walk in counted.walks:
+            _append(rows["pedestrians"], keys | _walk_row(outcome, walk, counted.begin_s))
+        for row in _queue_rows(outcome):
+            _append(rows["queues"], keys | row)
+    return rows
+
+
+def _append(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
+    for name, column in columns.items():
+        column.append(row.get(name))
+
+
+def _counted(outcome: HourOutcome) -> _Counted:
+    traffic = outcome.scenario.traffic
+    assert traffic is not None
+    begin_s, end_s = traffic.warm_up_s, traffic.warm_up_s + traffic.duration_s
+
+    def counts(passage: Passage) -> bool:
+        time_s = passage.passed_s if traffic.saturated else passage.scheduled_s
+        return time_s is not None and begin_s - 1e-9 <= time_s < end_s - 1e-9
+
+    passages = [passage for passage in outcome.passages if counts(passage)]
+    walks = [walk for walk in outcome.log.walks if begin_s <= walk.arrival.arrival_s < end_s]
+    return _Counted(begin_s, end_s, passages, walks)
+
+
+def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
+    """The row of an arm in ``hours``: sums, means and counts over what counts."""
+    scenario, log = outcome.scenario, outcome.log
+    traffic = scenario.traffic
+    assert traffic is not None
+    passages, walks = counted.passages, counted.walks
+    last_s = log.last_step * scenario.experiment.step_s
+    waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
+    let_go = [log.let_go[i] for w in walks if (i := w.arrival.index) in log.let_go]
+    through = [p for p in outcome.passages if p.passed_s is not None]
+    hours = traffic.duration_s / 3600.0
+    in_time = sum(counted.begin_s <= (p.passed_s or 0.0) < counted.end_s for p in through)
+    records = [passage.record for passage in passages]
+    queues = np.array(log.queues, dtype=float)
+    speeds = [walk.speed_mps for walk in walks if walk.speed_mps is not None]
+    numbers: dict[str, Any] = {
+        "vehicles": len(passages),
+        "automated": sum(_automated(outcome, passage) for passage in passages),
+        "not_through": sum(passage.passed_s is None for passage in passages),
+        "throughput_per_hour": in_time / hours,
+        "stops_per_vehicle": _mean([float(p.moving.stops + p.record.stops) for p in passages]),
+        "queue_mean": float(queues.mean()) if queues.size else None,
+        "queue_p95": float(np.quantile(queues, 0.95)) if queues.size else None,
+        "queue_longest": int(queues.max()) if queues.size else None,
+        "in_system_half": log.in_system_half,
+        "in_system_end": log.in_system_end,
+        "pedestrians": len(walks),
+        "never_went": sum(walk.start_s is None for walk in walks),
+        "pedestrian_delay_s": _mean(waits),
+        "walking_mps": _mean(speeds),
+        "had_to_wait": len(let_go),
+        "let_go": sum(let_go),
+        "crashes": sum(record.ending is Ending.CRASHED for record in records),
+        "crossed": len(records),
+    }
+    if not traffic.saturated:
+        vehicle, insert_x = scenario.vehicle(), {p.moving.insert_x_m for p in passages}
+        assert len(insert_x) <= 2
+        # Who is not through by the end has lost at least the time until then.
+        delays = [_at_least(p, last_s, vehicle.initial_speed_mps) for p in passages]
+        ways = [
+            (vehicle.length_m + scenario.crosswalk().width_m / 2 - p.moving.insert_x_m)
+            / vehicle.initial_speed_mps
+            for p in passages
+        ]
+        control = [p.control_delay_s for p in passages if p.control_delay_s is not None]
+        numbers |= {
+            "vehicle_delay_s": _mean(delays),
+            "control_delay_s": _mean(control),
+            "travel_time_s": sum(delays) + sum(ways),
+            "person_delay_h": (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0,
+        }
+    return numbers | _conflicts(records, scenario.conflicts)
+
+
+def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
+    if passage.delay_s is not None:
+        return passage.delay_s
+    assert passage.scheduled_s is not None
+    at_x_m = passage.moving.x_m if passage.inserted_s is not None else passage.moving.insert_x_m
+    driven_s = (at_x_m - passage.moving.insert_x_m) / speed_mps
+    return max(0.0, last_s - passage.scheduled_s - driven_s)
+
+
+def _automated(outcome: HourOutcome, passage: Passage) -> bool:
+    traffic = outcome.scenario.traffic
+    assert traffic is not None
+    return outcome.arm is Arm.AV and passage.moving.plan.uniform < traffic.av_share
+
+
+def _conflicts(records: Sequence[EpisodeRecord], limits: ConflictsSection) -> dict[str, int]:
+    """Passages with a conflict of each kind; a crash counts as one of every kind."""
+    counts = {}
+    for conflict in CONFLICTS:
+        threshold: float = getattr(limits, conflict.threshold)
+        count = 0
+        for record in records:
+            value = getattr(record, conflict.column)
+            beyond = value is not None and (
+                value > threshold if conflict.above else value < threshold
+            )
+            count += beyond or record.ending is Ending.CRASHED
+        counts[f"conflicts_{conflict.name}"] = count
+    return counts
+
+
+def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
+    moving, record = passage.moving, passage.record
+    row = {name: getattr(record, name) for name in _RECORD}
+    first = moving.first_step
+    return row | {
+        "vehicle": moving.plan.number,
+        "direction": moving.plan.lane.direction.value,
+        "lane": moving.plan.lane.index,
+        "strategy": moving.strategy_name,
+        "scheduled_s": _since(passage.scheduled_s, begin_s),
+        "inserted_s": _since(passage.inserted_s, begin_s),
+        "trigger_s": None if first is None else first * passage.trace.step_s - begin_s,
+        "passed_s": _since(passage.passed_s, begin_s),
+        "delay_s": passage.delay_s,
+        "control_delay_s": passage.control_delay_s,
+    }
+
+
+def _walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]:
+    arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - begin_s)
+    start_s = _since(walk.start_s, begin_s)
+    legs = walk.legs and tuple(leg._replace(time_s=leg.time_s - begin_s) for leg in walk.legs)
+    moved = Walk(arrival, start_s, walk.speed_mps, walk.range_m, walk.vehicle_speed_mps, legs)
+    row = pedestrian_row(moved, cleared_s(moved, outcome.scenario.crosswalk()), math.inf)
+    return row | {"let_go": outcome.log.let_go.get(arrival.index)}
+
+
+def _queue_rows(outcome: HourOutcome) -> Iterator[dict[str, Any]]:
+    """One row for each minute and lane."""
+    scenario, log = outcome.scenario, outcome.log
+    assert scenario.traffic is not None
+    begin_s = scenario.traffic.warm_up_s
+    minutes = math.ceil(len(log.queues) / MINUTE_S)
+    through = Counter(
+        (passage.moving.plan.lane, math.floor((passage.passed_s - begin_s) / MINUTE_S))
+        for passage in outcome.passages
+        if passage.passed_s is not None
+    )
+    samples = np.array(log.queues)
+    for number, lane in enumerate(lanes_of(scenario)):
+        for minute in range(minutes):
+            part = samples[round(minute * MINUTE_S) : round((minute + 1) * MINUTE_S), number]
+            yield {
+                "minute": minute,
+                "direction": lane.direction.value,
+                "lane": lane.index,
+                "mean": float(part.mean()),
+                "longest": int(part.max()),
+                "let_through": through[lane, minute],
+            }
+
+
+def _since(time_s: float | None, begin_s: float) -> float | None:
+    return None if time_s is None else time_s - begin_s
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None

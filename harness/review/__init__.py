@@ -1,1 +1,0 @@
-"""Stored runs looked at: read, compared, scored anew.  Nothing is simulated."""

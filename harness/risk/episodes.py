@@ -1,0 +1,133 @@
+"""Runs the episodes of a risk: points in standard normal space to scores, in a worker process."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.encounter import Arm, Ending, FloatArray
+from harness.engine.plain import PlainEngine
+from harness.engine.protocol import Engine
+from harness.engine.shared import engine_for
+from harness.episode.arrivals import Given
+from harness.episode.pairing import PairRunner
+from harness.interaction import InteractionModel
+from harness.measures import EpisodeRecord
+from harness.measures.catalogue import COLUMNS
+from harness.risk.event import Event
+from harness.risk.space import Space
+from harness.scenario import Scenario
+from harness.workers.watchdog import watchdog
+
+_scene = ""
+_runners: dict[bool, PairRunner] = {}
+
+TOLERANCE = 1e-6
+"""Numbers of two engines that differ by no more are equal."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked: of which scenario, which arm, which event; ``in_sumo``: by SUMO's engine."""
+
+    scenario: Scenario
+    model: InteractionModel
+    arm: Arm
+    event: Event
+    space: Space
+    in_sumo: bool
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Some episodes by their numbers, with ``z`` of shape (n, d).
+
+    ``compare``: the other engine runs them too, and the answer says which records differ.
+    """
+
+    question: Question
+    numbers: tuple[int, ...]
+    z: FloatArray
+    compare: bool
+    hang_after_s: float
+
+
+@dataclass(frozen=True)
+class Scores:
+    """What became of them: ``score`` of shape (n, gradings), NaN where the episode failed.
+
+    ``timed_out`` and ``reasons`` (of a failure, None where there was none) have an entry for each
+    episode; ``differs`` says which records of two engines are not equal, and in what.
+    """
+
+    score: FloatArray
+    timed_out: tuple[bool, ...]
+    reasons: tuple[str | None, ...]
+    differs: tuple[str, ...]
+
+
+def run_episodes(task: Episodes) -> Scores:
+    """Run every episode of a task, in its order."""
+    question = task.question
+    given = {
+        number: question.space.given(z) for number, z in zip(task.numbers, task.z, strict=True)
+    }
+    with watchdog(task.hang_after_s, None) as watch:
+        alive = watch.alive
+        records = _records(question, given, alive, in_sumo=question.in_sumo)
+        differs: list[str] = []
+        if task.compare:
+            others = _records(question, given, alive, in_sumo=not question.in_sumo)
+            differs = [
+                f"episode {number}: {words}"
+                for number, one, other in zip(task.numbers, records, others, strict=True)
+                if (words := difference(one, other)) is not None
+            ]
+    return Scores(
+        np.array([question.event.scores(record) for record in records]),
+        tuple(record.ending is Ending.TIMED_OUT for record in records),
+        tuple(record.reason for record in records),
+        tuple(differs),
+    )
+
+
+def difference(one: EpisodeRecord, other: EpisodeRecord) -> str | None:
+    """What differs between two records of an episode, None where they are equal.
+
+    Equal means: the same ending and contact, and numbers within ``TOLERANCE``.
+    """
+    for name in ("ending", "contact", "contact_index"):
+        if getattr(one, name) != getattr(other, name):
+            return f"{name} {getattr(one, name)} and {getattr(other, name)}"
+    for measure, a, b in zip(COLUMNS, one.values, other.values, strict=True):
+        if (a is None) != (b is None):
+            return f"{measure} {a} and {b}"
+        if a is not None and b is not None and abs(a - b) > TOLERANCE * max(1.0, abs(a)):
+            return f"{measure} {a} and {b}"
+    return None
+
+
+def _records(
+    question: Question, given: Mapping[int, Given], alive: Callable[[], None], *, in_sumo: bool
+) -> list[EpisodeRecord]:
+    runner = _runner_of(question, in_sumo)
+    return [outcome.record for outcome in runner.run_arm_given(question.arm, given, alive)]
+
+
+def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
+    """The runner of a scenario; made again only when the scenario changes."""
+    global _scene
+    scenario = question.scenario
+    scene = repr((scenario, question.model.sha256))
+    if scene != _scene:
+        _runners.clear()
+        _scene = scene
+    if in_sumo not in _runners:
+
+        def engine() -> Engine:
+            if in_sumo:
+                return engine_for(scenario)
+            return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+
+        _runners[in_sumo] = PairRunner(scenario, question.model, engine)
+    return _runners[in_sumo]

@@ -1,0 +1,146 @@
+"""Stage one: where the event is.  Subset simulation in standard normal space (Au & Beck 2001).
+
+The levels go down the score until the event is reached; in each, chains move by the
+preconditioned Crank–Nicolson step, component by component (Papaioannou et al. 2015, adaptive
+conditional sampling).  What comes out is a crowd of points in the event.  Nothing that is reported
+rests on it but the proposal.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.encounter import FloatArray
+
+Evaluate = Callable[[FloatArray, str], FloatArray]
+"""Runs episodes: z of shape (n, d), and what they are for, to scores of shape (n, gradings).
+
+A score is at most 0 in the event and the greater the farther from it; +∞ where nothing says how
+far, NaN where the episode failed.
+"""
+
+POINTS = 1_000
+"""Episodes of a level."""
+
+LEVEL_SHARE = 0.1
+"""Share of a level's points from which the next one starts."""
+
+_MOST_LEVELS = 24
+"""At a tenth a level: far below any probability that is asked for."""
+
+_STANDSTILL = 3
+"""After so many levels without a lower score there is no way down."""
+
+_PARTS = (0.1, 0.3, 0.6)
+"""Shares of the uniforms that a move changes."""
+
+_LEAST_STEP = 0.01
+"""Steps lie between it and 1, an independent draw, evenly in their logarithm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """What one exploration found.
+
+    ``failures`` (n, d) are points in the event, empty where none was found; ``levels`` the
+    thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal_events`` of
+    the first ``POINTS`` episodes, drawn from the nominal density, were in the event; ``nearest`` is
+    the least score seen.
+    """
+
+    failures: FloatArray
+    levels: tuple[float, ...]
+    rough: float
+    nominal_events: int
+    nearest: float
+
+
+def explore(
+    evaluate: Evaluate, dimensions: int, rng: np.random.Generator, grading: int = 0
+) -> Exploration:
+    """Go down the score until the event is reached, or until no lower score is found.
+
+    Where at least ``LEVEL_SHARE`` of the first points are in the event, they are enough.
+
+    Args:
+        evaluate: runs episodes.
+        dimensions: d, the number of sampled uniforms.
+        rng: draws the starting points and the moves.
+        grading: which of the scores leads; the first again after the last.
+    """
+
+    def graded(z: FloatArray, what: str) -> FloatArray:
+        scores = evaluate(z, what)
+        score = scores[:, grading % scores.shape[1]]
+        return np.where(np.isnan(score), np.inf, score)
+
+    z = rng.standard_normal((POINTS, dimensions))
+    score = graded(z, "exploring")
+    events, nearest = int(np.sum(score <= 0)), float(score.min())
+    if events >= LEVEL_SHARE * POINTS:
+        return Exploration(z[score <= 0], (0.0,), events / POINTS, events, nearest)
+    levels: list[float] = []
+    rough, standstill = 1.0, 0
+    while standstill < _STANDSTILL and len(levels) < _MOST_LEVELS:
+        level, inside = _next_level(score)
+        if not inside.any():
+            break
+        levels.append(level)
+        rough *= float(inside.mean())
+        what = f"exploring, level {len(levels)}"
+        z, score = _move(graded, z[inside], score[inside], level, rng, what)
+        if level == 0:
+            found = [
+                _move(graded, z[n::4], score[n::4], 0.0, rng, "in the event")[0] for n in range(3)
+            ]
+            return Exploration(np.concatenate(found), tuple(levels), rough, events, nearest)
+        standstill = standstill + 1 if score.min() >= nearest else 0
+        nearest = min(nearest, float(score.min()))
+    return Exploration(z[:0], tuple(levels), 0.0, events, nearest)
+
+
+def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
+    """The next threshold, at least 0, and which points are below it.
+
+    A plateau of equal scores above it is left behind as a whole; if there is nothing below the
+    plateau, nobody is inside.
+    """
+    level = float(np.sort(score)[int(LEVEL_SHARE * len(score)) - 1])
+    if level == score.max():
+        below = score[score < level]
+        level = float(below.max()) if len(below) else -math.inf
+    level = max(level, 0.0)
+    return level, score <= level
+
+
+def _move(
+    graded: Evaluate,
+    seeds: FloatArray,
+    scores: FloatArray,
+    level: float,
+    rng: np.random.Generator,
+    what: str,
+) -> tuple[FloatArray, FloatArray]:
+    """Chains from every seed, until there are ``POINTS`` points below the level.
+
+    A move changes a random part of the uniforms, and half of the moves draw it anew: so what does
+    not matter stays nominal.  The other half moves it by a random step, large or small.
+    """
+    z, score = seeds, scores
+    points, kept = [z], [score]
+    for _ in range(1, -(-POINTS // len(seeds))):
+        chains = (len(z), 1)
+        part = rng.random(z.shape) < rng.choice(_PARTS, chains)
+        step = np.exp(rng.uniform(math.log(_LEAST_STEP), 0.0, chains))
+        size = np.where(rng.random(chains) < 0.5, 1.0, step)
+        drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
+        moved = np.where(part, drawn, z)
+        result = graded(moved, what)
+        accepted = result <= level
+        z, score = np.where(accepted[:, None], moved, z), np.where(accepted, result, score)
+        points.append(z)
+        kept.append(score)
+    return np.concatenate(points)[-POINTS:], np.concatenate(kept)[-POINTS:]

@@ -1,0 +1,1 @@
+"""Stored runs read and compared.  Nothing is simulated."""

@@ -1,0 +1,97 @@
+"""What a comparison of strategies found, as records."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.comparison import (
+    INDICATIVE_COMPARED_BELOW,
+    AllowedInterval,
+    CrashTest,
+    Interval,
+    Limits,
+    Standing,
+    Summary,
+    pareto_front,
+    relation_of_crashes,
+    relation_of_means,
+)
+from harness.runs.strategy_groups import ParameterSweep, StrategyGroup
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Cell ``a`` less cell ``b``, positions in their group, over the pairs they have in common.
+
+    ``mu_worst_difference`` is that of ``mu_worst`` over all pairs; ``p_holm``
+    is the McNemar test's p within the family of all such tests of the run.
+    """
+
+    a: int
+    b: int
+    defined_in_both: int
+    mu_difference: Interval
+    mu_worst_difference: float | None
+    crossed_in_both: int
+    delay_difference_s: Interval
+    crashes: CrashTest
+    p_holm: float
+
+    @property
+    def indicative(self) -> list[str]:
+        """Differences of which N is too small for their intervals to hold what they say."""
+        counts = {
+            "mu_difference": self.defined_in_both,
+            "delay_difference_s": self.crossed_in_both,
+        }
+        return [name for name, count in counts.items() if count < INDICATIVE_COMPARED_BELOW[name]]
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """Which values of a parameter are allowed."""
+
+    sweep: ParameterSweep
+    limits: Limits
+    found: AllowedInterval
+
+    @property
+    def indicative(self) -> tuple[bool, ...]:
+        """Of every value, whether N is too small for μ's bound to hold what it says."""
+        least = INDICATIVE_COMPARED_BELOW["mu_bound"]
+        return tuple(judgement.swept.defined_pairs < least for judgement in self.found.judgements)
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """One group of cells that differ in the AV's strategy alone.
+
+    ``level`` is the chance of error at which a difference counts as told; ``summaries`` are those
+    of the group's cells, in order.
+    """
+
+    group: StrategyGroup
+    level: float
+    summaries: tuple[Summary, ...]
+    comparisons: tuple[Comparison, ...]
+    sweeps: tuple[SweepResult, ...]
+
+    def standings(self) -> list[Standing]:
+        """The place of every cell on the Pareto front of (μ, κ)."""
+        relations = {
+            (item.a, item.b): (
+                relation_of_means(item.mu_difference),
+                relation_of_crashes(item.crashes, item.p_holm, self.level),
+            )
+            for item in self.comparisons
+        }
+        return pareto_front(len(self.summaries), relations)
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """All of a run; ``confidence`` is that of each interval."""
+
+    folder: Path
+    name: str
+    confidence: float
+    groups: tuple[GroupResult, ...]

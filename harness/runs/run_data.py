@@ -1,0 +1,379 @@
+"""A run folder in Python: typed, read when asked for, finished or still going on.
+
+run = harness.load_run("runs/cctc-1")
+run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.comparison import PairColumns, Summary
+from harness.encounter import Ending
+from harness.errors import InputError
+from harness.interaction import InteractionModel, load_model
+from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
+from harness.results.manifest import options_of, recall_study
+from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
+from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
+from harness.results.shards import Shard
+from harness.results.summaries import (
+    confidence_of,
+    pair_columns,
+    summarise_cell,
+    summary_columns,
+    summary_from,
+    summary_row,
+)
+from harness.results.tables import HOUR_TABLES, TABLES, pair_rows, table_of
+from harness.runs.run_tables import RunTables, read_summary, readable_shards
+from harness.scenario import Cell, Scenario, Study
+from harness.workers.tasks import Failure
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """What came out of one cell."""
+
+    cell: Cell
+    summary: Summary
+    conflicts: tuple[ConflictRate, ...]
+
+
+@dataclass(frozen=True)
+class RunData:
+    """What a run folder holds.  Tables are read on first use and kept; do not change them.
+
+    A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
+    it was loaded, and ``summary`` is worked out from those.
+    """
+
+    path: Path
+    manifest: Mapping[str, Any]
+    """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
+    study: Study
+    finished: bool
+    """False while the run goes on, or after it was broken off."""
+    shards: tuple[Shard, ...] = ()
+    """Finished work of an unfinished run."""
+    output_failures: tuple[Failure, ...] = ()
+    """Every episode without SUMO's outputs, of those that were asked for just now."""
+
+    @property
+    def name(self) -> str:
+        """What the run is called: its scenario's name."""
+        return self.study.name
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario before anything was varied."""
+        return self.study.base
+
+    def scenario_of(self, cell: int) -> Scenario:
+        """The scenario of one cell."""
+        return self.study.cells[cell].scenario
+
+    @property
+    def varied_keys(self) -> list[str]:
+        """What a sweep varies; nothing for a run of one cell."""
+        return self.study.varied_keys
+
+    @property
+    def kept_traces(self) -> bool:
+        """Whether the run keeps every step (``--traces``)."""
+        return bool(self.manifest["traces"])
+
+    @property
+    def planned_pairs(self) -> int:
+        """Pairs of all cells as planned; ``--until`` may end with fewer."""
+        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
+
+    @cached_property
+    def cells(self) -> pd.DataFrame:
+        """One row per cell: ``cell`` and the varied keys."""
+        if self.finished:
+            return _frame(self._tables.read("cells"))
+        rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """One row per cell × pair × arm.
+
+        ``cell, pair, arm, strategy, ending, reason, contact, contact_index, contact_time_s,
+        sumo_collision, fallback, steps, pedestrians`` and a column for each of
+        ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
+        """
+        return _frame(self._tables.read("episodes"))
+
+    @cached_property
+    def pedestrians(self) -> pd.DataFrame:
+        """One row per pedestrian × arm.
+
+        ``cell, pair, arm, index, arrival_s, start_s, side, quantile, speed_mps, range_m,
+        vehicle_speed_mps, cleared_s``; what they saw and how fast they went is missing where they
+        never got to go.
+        """
+        return _frame(self._tables.read("pedestrians"))
+
+    @property
+    def in_traffic(self) -> bool:
+        """Whether it is of hours of traffic: it then has ``hours`` in place of ``episodes``."""
+        return self.study.in_traffic
+
+    @cached_property
+    def hours(self) -> pd.DataFrame:
+        """One row per cell × pair × arm of a run in traffic: what its summary is made of."""
+        return _frame(self._tables.read("hours"))
+
+    @cached_property
+    def passages(self) -> pd.DataFrame:
+        """One row per vehicle × arm of a run in traffic, with a column for each measure."""
+        return _frame(self._tables.read("passages"))
+
+    @cached_property
+    def queues(self) -> pd.DataFrame:
+        """One row per minute, lane and arm of a run in traffic."""
+        return _frame(self._tables.read("queues"))
+
+    @cached_property
+    def hour_results(self) -> tuple[tuple[Cell, HoursSummary], ...]:
+        """The summary of every cell of a run in traffic that has a finished pair."""
+        hours = self._tables.read("hours")
+        found = []
+        for cell in self.study.cells:
+            own = hours.filter(pc.equal(hours["cell"], cell.number))
+            if own.num_rows:
+                found.append((cell, summarise_hours(own, cell.scenario, self.confidence)))
+        return tuple(found)
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
+        if self.finished:
+            return _frame(self._tables.read("pairs"))
+        episodes = self._tables.read("episodes")
+        numbers = episodes["cell"].to_numpy()
+        parts = [
+            table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
+            for cell in np.unique(numbers)
+        ]
+        return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
+
+        ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
+        worked out from the episodes where ``summary.csv`` is not there yet, or is older than a
+        column.  Cells of an unfinished run without a finished pair are left out.
+        """
+        if self.in_traffic:
+            return pd.DataFrame(
+                [
+                    {"cell": cell.number, **cell.varied, **hours_row(summary)}
+                    for cell, summary in self.hour_results
+                ]
+            )
+        stored = read_summary(self.path, self.study) if self.finished else None
+        if stored is not None:
+            return stored
+        rows = [
+            {
+                "cell": cell.number,
+                **cell.varied,
+                **summary_row(summarise_cell(own, cell, self.confidence)),
+            }
+            for cell, own in self._episodes_by_cell()
+        ]
+        frame = pd.DataFrame(rows)
+        # A column that is undefined in every cell is one of numbers all the same.
+        types = summary_columns()
+        return frame.astype({name: types[name] for name in frame.columns if name in types})
+
+    @cached_property
+    def results(self) -> tuple[CellResult, ...]:
+        """Summary and conflict rates of every cell with a finished pair, as typed records."""
+        found = []
+        rows = {row["cell"]: row for _, row in self.summary.iterrows()}
+        for cell, own in self._episodes_by_cell():
+            rates = conflict_rates(own, cell.scenario.conflicts, self.confidence)
+            row = {str(name): value for name, value in rows[cell.number].items()}
+            found.append(CellResult(cell, summary_from(row, pair_columns(own)), rates))
+        return tuple(found)
+
+    @cached_property
+    def measures(self) -> pd.DataFrame:
+        """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
+
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **row}
+                for cell, own in self._episodes_by_cell()
+                for row in measure_rows(own)
+            ]
+        )
+
+    @cached_property
+    def conflicts(self) -> pd.DataFrame:
+        """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
+
+        ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
+        ci_high``.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **conflict_row(rate)}
+                for cell, own in self._episodes_by_cell()
+                for rate in conflict_rates(own, cell.scenario.conflicts, self.confidence)
+            ]
+        )
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """One row per step and object; big: ``traces_of`` reads one pair.
+
+        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre).
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return _frame(self._tables.read("traces"))
+
+    def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
+        """The rows of ``traces`` of both arms of one pair.
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return _frame(self.rows_of("traces", cell, pair))
+
+    def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
+        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
+        return self._tables.rows_of(name, cell, pair)
+
+    @cached_property
+    def failures(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
+        if self.in_traffic:
+            hours = self._tables.read("hours")
+            failed = hours.filter(pc.is_valid(hours["reason"]))
+            columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
+            return tuple((*where, reason) for *where, reason in zip(*columns, strict=True))
+        episodes = self._tables.read("episodes")
+        failed = episodes.filter(pc.equal(episodes["ending"], Ending.ENGINE_FAILED.value))
+        columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
+        return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
+
+    def pair_columns_of(self, cell: int) -> PairColumns:
+        """The columns of one cell that its summary is made of, one entry for each pair."""
+        episodes = self._tables.read("episodes")
+        return pair_columns(episodes.filter(pc.equal(episodes["cell"], cell)))
+
+    def model_of(self, cell: int) -> InteractionModel:
+        """The interaction model a cell used.
+
+        Raises:
+            InputError: it is no longer there, or has changed since.
+        """
+        section = self.scenario_of(cell).model
+        key = (section.name, section.path)
+        if key not in self._models:
+            self._models[key] = load_model(*key)
+        model = self._models[key]
+        if model.sha256 not in {entry.get("sha256") for entry in self.manifest["models"]}:
+            raise InputError(f"model {model.name}", "has changed since the run", "the same file")
+        return model
+
+    @property
+    def confidence(self) -> float:
+        """Of each interval of the run."""
+        return confidence_of(self.study, options_of(dict(self.manifest)))
+
+    def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
+        """The episodes of every cell that has any."""
+        episodes = self._tables.read("episodes")
+        numbers = episodes["cell"].to_numpy()
+        for cell in self.study.cells:
+            mine = numbers == cell.number
+            # A run of one cell is big, if any is: no second copy of it.
+            own = episodes if mine.all() else episodes.filter(pa.array(mine))
+            if own.num_rows:
+                yield cell, own
+
+    @cached_property
+    def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
+        return {}
+
+    @cached_property
+    def _tables(self) -> RunTables:
+        return RunTables(self.path, self.finished, self.shards, len(self.study.cells))
+
+    def _need_traces(self) -> None:
+        if not self.kept_traces:
+            raise InputError(str(self.path), "kept no traces", "a run with --traces")
+
+
+def load_run(path: str | Path) -> RunData:
+    """Open a run folder, finished or not.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        Its content; tables are read when they are asked for.
+
+    Raises:
+        InputError: it is no run folder, one of another format version, an incomplete copy, or
+            damaged.
+    """
+    folder = Path(path)
+    document = read_manifest(folder)
+    study = recall_study(document, str(folder / MANIFEST))
+    counts = document["counts"]
+    finished = counts is not None
+    if not finished:
+        shards = readable_shards(folder, study)
+        if read_manifest(folder)["counts"] is not None:
+            # It was finished while its shards were read, and they are gone.
+            return load_run(folder)
+        return RunData(folder, document, study, finished=False, shards=shards)
+    expected = {"cells": len(study.cells), **counts}
+    names = ("cells", "episodes", "pairs", "pedestrians", *(["traces"] * document["traces"]))
+    if study.in_traffic:
+        names = ("cells", *HOUR_TABLES)
+        expected.pop("pairs", None)
+    for name in names:
+        found = count_rows(folder, name)
+        rows = expected.get(name, found)
+        if found != rows:
+            where = str(folder / f"{name}.parquet")
+            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+    return RunData(folder, document, study, finished=True)
+
+
+def finished_run(path: str | Path) -> RunData:
+    """Open a run folder whose run is finished.
+
+    Raises:
+        InputError: as ``load_run``, or the run was broken off or is still going on.
+    """
+    read_finished_manifest(Path(path))
+    return load_run(path)
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    frame: pd.DataFrame = table.to_pandas()
+    return frame

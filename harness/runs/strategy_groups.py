@@ -1,0 +1,187 @@
+"""Cells of a study that differ in the AV's strategy alone, and sweeps of one parameter among them.
+
+What makes two cells comparable: everything but ``arms.av``, the parameters of the AV's strategy and
+its perception is the same.  A parameter of a strategy that also drives the reference arm changes
+that arm, and so does perception that the human shares: cells that differ in it stand apart.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from harness.scenario import Cell, PerceptionSection, Scenario, Study
+from harness.strategies.parameters import parameters_of
+from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
+
+_PERCEPTION = "perception."
+
+
+@dataclass(frozen=True)
+class StrategyCell:
+    """A cell with its AV's strategy, all its parameters, and a name that tells it in its group.
+
+    Where the group's perception is not all default its keys count as parameters, by their dotted
+    names.
+    """
+
+    cell: Cell
+    strategy: str
+    parameters: dict[str, Any]
+    label: str
+
+
+@dataclass(frozen=True)
+class StrategyGroup:
+    """Cells that differ in the AV's strategy alone; ``shared`` are the varied keys they share.
+
+    ``repeats`` counts further cells that are the same as one of these in all that matters, as when
+    a grid varies a parameter of a strategy that does not drive.
+    """
+
+    shared: dict[str, Any]
+    cells: tuple[StrategyCell, ...]
+    repeats: int
+
+
+@dataclass(frozen=True)
+class ParameterSweep:
+    """Cells of a group that differ in one numeric parameter of one strategy.
+
+    ``cells`` are positions in the group, ``values`` the parameter's there, rising; ``fixed`` holds
+    the strategy's other parameters where the group varies them too.
+    """
+
+    strategy: str
+    parameter: str
+    fixed: dict[str, Any]
+    cells: tuple[int, ...]
+    values: tuple[float, ...]
+
+    @property
+    def key(self) -> str:
+        """The parameter as a scenario writes it."""
+        if self.of_perception:
+            return self.parameter
+        return f"{table_key(self.strategy)}.{self.parameter}"
+
+    @property
+    def of_perception(self) -> bool:
+        """Whether it is a key of ``[perception]``, not of the strategy."""
+        return self.parameter.startswith(_PERCEPTION)
+
+    @property
+    def aggressiveness(self) -> tuple[float, ...] | None:
+        """Of every value, where the parameter is known to stand for it."""
+        sign = aggressiveness_of(self.strategy).get(self.parameter)
+        # No negative zero: a margin of 0 is an aggressiveness of 0.
+        return None if sign is None else tuple(sign * value + 0.0 for value in self.values)
+
+
+def strategy_groups(study: Study) -> list[StrategyGroup]:
+    """The groups of a study, in order of their first cells; also those of one cell."""
+    members: dict[str, list[Cell]] = {}
+    for cell in study.cells:
+        members.setdefault(_all_but_the_strategy(cell.scenario), []).append(cell)
+    return [_group(cells) for cells in members.values()]
+
+
+def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
+    """Every set of at least two cells that differ in one numeric parameter alone."""
+    sweeps = []
+    for strategy in dict.fromkeys(member.strategy for member in group.cells):
+        own = {i: m.parameters for i, m in enumerate(group.cells) if m.strategy == strategy}
+        varied = _varied(own.values())
+        for parameter in varied:
+            lines: dict[str, list[int]] = {}
+            for position, parameters in own.items():
+                if _is_number(parameters.get(parameter)):
+                    others = {name: parameters.get(name) for name in varied if name != parameter}
+                    lines.setdefault(_frozen(others), []).append(position)
+            for positions in lines.values():
+                if len(positions) > 1:
+                    sweeps.append(_sweep(strategy, parameter, varied, positions, own))
+    return sweeps
+
+
+def _sweep(
+    strategy: str,
+    parameter: str,
+    varied: list[str],
+    positions: list[int],
+    parameters: Mapping[int, dict[str, Any]],
+) -> ParameterSweep:
+    ordered = sorted(positions, key=lambda position: parameters[position][parameter])
+    first = parameters[ordered[0]]
+    return ParameterSweep(
+        strategy,
+        parameter,
+        {name: first.get(name) for name in varied if name != parameter},
+        tuple(ordered),
+        tuple(float(parameters[position][parameter]) for position in ordered),
+    )
+
+
+def _group(cells: list[Cell]) -> StrategyGroup:
+    distinct: dict[str, tuple[Cell, str, dict[str, Any]]] = {}
+    limited = any(cell.scenario.perception != PerceptionSection() for cell in cells)
+    for cell in cells:
+        strategy = cell.scenario.arms.av
+        parameters = _parameters(cell.scenario, strategy)
+        if limited:
+            seen = cell.scenario.perception.model_dump()
+            parameters |= {f"{_PERCEPTION}{key}": value for key, value in seen.items()}
+        distinct.setdefault(_frozen([strategy, parameters]), (cell, strategy, parameters))
+    members = []
+    for cell, strategy, parameters in distinct.values():
+        alike = (other for _, name, other in distinct.values() if name == strategy)
+        varied = _varied(alike)
+        told = {name.removeprefix(_PERCEPTION): parameters.get(name) for name in varied}
+        words = [strategy, *(f"{name}={_word(value)}" for name, value in told.items())]
+        members.append(StrategyCell(cell, strategy, parameters, " ".join(words)))
+    scenario = cells[0].scenario
+    human = table_key(scenario.arms.human)
+    own = ("arms.av", "strategies.", *(() if scenario.perception.human else (_PERCEPTION,)))
+    shared = {
+        key: value
+        for key, value in cells[0].varied.items()
+        if not key.startswith(own) or key.startswith(f"{human}.")
+    }
+    return StrategyGroup(shared, tuple(members), len(cells) - len(members))
+
+
+def _all_but_the_strategy(scenario: Scenario) -> str:
+    tree = scenario.model_dump()
+    human = tree["arms"]["human"]
+    del tree["arms"]["av"]
+    if not scenario.perception.human:
+        del tree["perception"]
+    tree["strategies"] = _parameters(scenario, human)
+    return _frozen(tree)
+
+
+def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
+    """With the defaults of the shipped strategies filled in; a user's code is not needed here."""
+    given = scenario.strategies.get(strategy, {})
+    if strategy not in STRATEGIES:
+        return dict(given)
+    return {p.name: p.default for p in parameters_of(STRATEGIES[strategy])} | given
+
+
+def _varied(tables: Iterable[Mapping[str, Any]]) -> list[str]:
+    """Parameters that are not the same in all tables."""
+    all_of = list(tables)
+    names = dict.fromkeys(name for table in all_of for name in table)
+    return [name for name in names if len({_frozen(table.get(name)) for table in all_of}) > 1]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _frozen(value: Any) -> str:
+    return json.dumps(value, sort_keys=True, default=str)
+
+
+def _word(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,41 @@
+"""Whether a run with ``--until`` came as near as was asked."""
+
+from dataclasses import dataclass
+
+from harness.comparison import Interval
+from harness.results.manifest import options_of
+from harness.runs.run_data import RunData
+
+
+@dataclass(frozen=True)
+class MissedTarget:
+    """A cell whose interval stayed wider than ``--until`` asked, after all its pairs.
+
+    ``half_width`` is None where there is no interval.
+    """
+
+    cell: int
+    measure: str
+    target: float
+    half_width: float | None
+    pairs: int
+
+
+def missed_targets(run: RunData) -> list[MissedTarget]:
+    """The cells of a finished run in which ``--until`` did not reach its target."""
+    until = options_of(dict(run.manifest)).until
+    if until is None or not run.finished:
+        return []
+    missed = []
+    for result in run.results:
+        half_width = _half_width(getattr(result.summary, until.measure))
+        if half_width is None or half_width > until.half_width:
+            number, pairs = result.cell.number, result.summary.pairs
+            missed.append(MissedTarget(number, until.measure, until.half_width, half_width, pairs))
+    return missed
+
+
+def _half_width(interval: Interval) -> float | None:
+    if interval.low is None or interval.high is None:
+        return None
+    return (interval.high - interval.low) / 2

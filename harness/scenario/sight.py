@@ -1,0 +1,86 @@
+"""Whether perception and obstacles fit the rest of a scenario."""
+
+from harness.encounter import PEDESTRIAN_RADIUS_M, Side
+from harness.errors import InputError, unknown_name
+from harness.scenario.sections import ROUNDING_M, ObstacleSection, Scenario
+
+ENTRY_BEFORE_KERB_M = 1.5
+"""How far before their kerb SUMO's own pedestrians enter."""
+
+
+def check_sight(scenario: Scenario, source: str) -> None:
+    """Refuse times that are no whole steps, and obstacles in anybody's way.
+
+    Args:
+        scenario: every key accepted by itself.
+        source: what to call the file in messages.
+
+    Raises:
+        InputError: naming the key to change.
+    """
+    perception, step_s = scenario.perception, scenario.experiment.step_s
+    obstacles = scenario.crossing.obstacles
+    if scenario.traffic is not None and (obstacles or not perception.is_perfect(step_s)):
+        key = "crossing.obstacles" if obstacles else "perception"
+        raise InputError(f"{source}: {key}", "beside [traffic], where everybody is seen", "none")
+    update_s = step_s if perception.update_s is None else perception.update_s
+    times_s = {"latency_s": (perception.latency_s, 0), "update_s": (update_s, 1)}
+    for key, (time_s, fewest) in times_s.items():
+        steps = time_s / step_s
+        if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
+            raise InputError(
+                f"{source}: perception.{key}",
+                f"{time_s:g} s",
+                f"whole steps of experiment.step_s = {step_s:g} s",
+            )
+    for number, obstacle in enumerate(obstacles):
+        _check_obstacle(obstacle, scenario, f"{source}: crossing.obstacles.{number}")
+
+
+def remarks_on_sight(scenario: Scenario) -> list[str]:
+    """Who sees everybody all the same."""
+    perfect = scenario.perception.is_perfect(scenario.experiment.step_s)
+    if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
+        scenario.arms.av,
+        scenario.arms.human,
+    ):
+        return []
+    return [
+        "sumo_driver is driven by SUMO, which sees everybody: neither [perception] nor "
+        "crossing.obstacles reach it"
+    ]
+
+
+def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:
+    """It stands clear of the ego's path and of everybody's way, and its case is one."""
+    pedestrians, crossing, ego = scenario.pedestrians, scenario.crosswalk(), scenario.ego
+    names = [timed.name for timed in pedestrians.timed]
+    if obstacle.case is not None and obstacle.case not in names:
+        raise unknown_name(f"{where}.case", "case", obstacle.case, names)
+    low, high = crossing.lane_centre_m - ego.width_m / 2, crossing.lane_centre_m + ego.width_m / 2
+    if _overlap(obstacle.y_bounds_m, (low, high)):
+        raise InputError(
+            f"{where}.y_m", "stands in the ego's path", f"y below {low:g} m or above {high:g} m"
+        )
+    native = pedestrians.behaviour == "sumo"
+    reach_m = PEDESTRIAN_RADIUS_M + (crossing.width_m / 2 if native else 0.0)
+    before_m = dict.fromkeys(Side, ENTRY_BEFORE_KERB_M if native else 0.0)
+    for timed in pedestrians.timed:
+        side = Side(timed.side)
+        start_m = timed.start_lateral_m - crossing.to_lane_m(side)
+        before_m[side] = max(before_m[side], start_m)
+    way = (
+        -before_m[Side.NEAR] - PEDESTRIAN_RADIUS_M,
+        crossing.length_m + before_m[Side.FAR] + PEDESTRIAN_RADIUS_M,
+    )
+    if _overlap(obstacle.x_bounds_m, (-reach_m, reach_m)) and _overlap(obstacle.y_bounds_m, way):
+        raise InputError(
+            f"{where}.x_m",
+            "a pedestrian would touch it",
+            f"x below {-reach_m:g} m or above {reach_m:g} m, where pedestrians walk",
+        )
+
+
+def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+    """Whether two intervals have more than an end in common."""
+    return one[0] < other[1] - ROUNDING_M and other[0] < one[1] - ROUNDING_M

@@ -1,0 +1,65 @@
+"""Speeds with a unit: a key that ends in ``_mps`` takes "50 km/h" as well as a number in m/s."""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from harness.documents import shortened
+from harness.errors import InputError
+
+UNITS = {
+    "m/s": (1.0, 1.0),
+    "km/h": (1000.0, 3600.0),
+    "mph": (1609.344, 3600.0),
+    "ft/s": (0.3048, 1.0),
+}
+"""Every unit of speed, as so many metres in so many seconds: exact by definition."""
+
+_FORM = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
+
+
+def in_metres_per_second(text: str) -> float | None:
+    """A speed that is written with its unit, in m/s; None where it is none.
+
+    >>> in_metres_per_second("50 km/h")
+    13.88888888888889
+    >>> in_metres_per_second("12 knots") is None
+    True
+    """
+    found = _FORM.fullmatch(text)
+    if found is None or found[2] not in UNITS:
+        return None
+    metres, seconds = UNITS[found[2]]
+    speed = float(found[1]) * metres / seconds
+    return speed if math.isfinite(speed) else None
+
+
+def in_si(value: Any, source: str, key_sources: Mapping[str, str], key: str = "") -> Any:
+    """A tree of keys and values with the text of every key that ends in ``_mps`` as a number.
+
+    Args:
+        value: the tree, or a value in it.
+        source: what to call the file in messages.
+        key_sources: for keys that came from elsewhere (``--set``), where from.
+        key: the dotted key of ``value``.
+
+    Raises:
+        InputError: the text of such a key is no speed.
+    """
+    if isinstance(value, dict):
+        before = f"{key}." if key else ""
+        return {
+            name: in_si(part, source, key_sources, f"{before}{name}")
+            for name, part in value.items()
+        }
+    if isinstance(value, list):
+        return [in_si(part, source, key_sources, f"{key}.{i}") for i, part in enumerate(value)]
+    if not (isinstance(value, str) and key.endswith("_mps")):
+        return value
+    speed = in_metres_per_second(value)
+    if speed is None:
+        where = f"{key_sources[key]} {key}" if key in key_sources else f"{source}: {key}"
+        allowed = f"a number in m/s, or text with a unit: {', '.join(UNITS)}"
+        raise InputError(where, f"{shortened(value)} is not accepted", allowed)
+    return speed

@@ -1,0 +1,157 @@
+"""The second reference: a driver with few parameters, fitted to recorded encounters."""
+
+from typing import NamedTuple
+
+from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.errors import InputError
+from harness.strategies.driving import (
+    ROUNDING,
+    full_braking_distance,
+    half_path,
+    resume,
+    speeding_up,
+    stop_after,
+    time_in_path,
+    towards,
+)
+
+SPARE_M = 0.05
+"""It keeps so far from a pedestrian's disc, along the road and across it."""
+
+_LINE_M = PEDESTRIAN_RADIUS_M + SPARE_M
+
+
+class HumanRecorded:
+    """Answers those who will soon be in its path, rolls slowly among them, hits nobody avoidably.
+
+    From now on, at present speeds, each pedestrian is in the ego's path (half its width plus
+    0.3 m either side of its centre) from t_in to t_out.  The ego, going first from here, covers
+    his line (x = 0, with 0.3 m to spare) from t_arrive to t_gone: it pulls away with
+    ``pulling_away_mps2`` up to v0.
+
+    *Who counts*: everyone whose t_in is at most ``horizon_s`` and who is not past its path.
+    Among people who count it does not speed up beyond ``speed_among_people_mps``; where it is
+    faster it keeps its speed.  With nobody who counts it goes at a0 to v0.
+
+    *Yielding.*  It goes before those who come into its path more than ``go_first_s`` after its
+    front has reached their line, and behind those who leave it at most ``let_go_s`` after that.
+    For the others who count, once it has seen it so for ``reaction_time_s``, it stops 0.3 m before
+    their line, as late as ``comfortable_deceleration_mps2`` allows; it goes on when nobody is left.
+
+    *Avoiding*, without a reaction time and whether they count or not: for somebody whom it would
+    meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive) it stops there, too, from the last
+    step on at which full braking is enough.  Where full braking is no longer enough nobody was in
+    the way, and it goes first.
+
+    *Limits.*  It was fitted to a few dozen vehicles of one place: docs/validation.md has its card.
+    Recorded pedestrians give way to a car that rolls among them; where they keep their speeds, as
+    in flows here, it waits for them.
+
+    Args:
+        horizon_s: when a person counts, s before they come into its path, above 0.
+        go_first_s: threshold for going first, s; larger is more careful.
+        let_go_s: threshold for passing behind somebody, s; larger is bolder.
+        reaction_time_s: of yielding, s, not below 0.
+        comfortable_deceleration_mps2: of yielding, m/s², above 0.
+        speed_among_people_mps: up to which it speeds up among people who count, m/s, above 0.
+        pulling_away_mps2: acceleration of going first, m/s², above 0, at most the vehicle's.
+
+    Raises:
+        InputError: a value is outside its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        horizon_s: float = 0.5,
+        go_first_s: float = -0.5,
+        let_go_s: float = 0.0,
+        reaction_time_s: float = 0.5,
+        comfortable_deceleration_mps2: float = 0.5,
+        speed_among_people_mps: float = 3.0,
+        pulling_away_mps2: float = 3.0,
+    ) -> None:
+        for name, value, unit in (
+            ("horizon_s", horizon_s, "s"),
+            ("comfortable_deceleration_mps2", comfortable_deceleration_mps2, "m/s²"),
+            ("speed_among_people_mps", speed_among_people_mps, "m/s"),
+            ("pulling_away_mps2", pulling_away_mps2, "m/s²"),
+        ):
+            if value <= 0:
+                raise InputError(f"human_recorded.{name}", f"{value!r} {unit}", "above 0")
+        if reaction_time_s < 0:
+            where = "human_recorded.reaction_time_s"
+            raise InputError(where, f"{reaction_time_s!r} s", "0 or more")
+        self._horizon_s, self._go_first_s, self._let_go_s = horizon_s, go_first_s, let_go_s
+        self._reaction_s = reaction_time_s
+        self._comfortable_mps2 = comfortable_deceleration_mps2
+        self._among_people_mps = speed_among_people_mps
+        self._pulling_mps2 = pulling_away_mps2
+        self._since: dict[int, float] = {}
+
+    def decide(self, observation: Observation, /) -> float:
+        """Wanted acceleration in m/s²."""
+        ego, vehicle, step = observation.ego, observation.vehicle, observation.step_s
+        limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
+        pulling = min(self._pulling_mps2, vehicle.max_acceleration_mps2)
+        people = _people(observation)
+        if full_braking_distance(ego.speed_mps, limit, step) > room + ROUNDING:
+            first = people and ego.range_m > -vehicle.length_m
+            return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
+        counting = [one for one in people if one.leaves_s > 0 and one.enters_s <= self._horizon_s]
+        arrives, gone = _over_their_line(observation, pulling)
+        yields = self._yields(observation, counting, arrives)
+        go = resume(observation)
+        if counting:
+            top = max(ego.speed_mps, min(self._among_people_mps, vehicle.initial_speed_mps))
+            go = towards(observation, top)
+        if not yields and not any(
+            one.leaves_s >= arrives and one.enters_s <= gone for one in people
+        ):
+            return go
+        braking = min(limit, self._comfortable_mps2) if yields else limit
+        after = max(0.0, ego.speed_mps + go * step)
+        left = room - (ego.speed_mps + after) / 2 * step
+        if full_braking_distance(after, braking, step) <= left:
+            return go
+        return min(go, max(-limit, stop_after(room, ego.speed_mps, step)))
+
+    def _yields(self, observation: Observation, counting: "list[_Person]", arrives: float) -> bool:
+        """Whether it has seen long enough that somebody is neither before nor behind it."""
+        since = {
+            one.index: self._since.get(one.index, observation.time_s)
+            for one in counting
+            if one.enters_s <= max(0.0, arrives + self._go_first_s)
+            and one.leaves_s > arrives + self._let_go_s
+        }
+        self._since = since
+        # 1e-9 s: sums of steps differ in their last bits.
+        return any(observation.time_s - at >= self._reaction_s - 1e-9 for at in since.values())
+
+
+class _Person(NamedTuple):
+    """When someone on the way to its path or in it enters and leaves it, s from now."""
+
+    index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
+    enters_s: float
+    leaves_s: float
+
+
+def _people(observation: Observation) -> list[_Person]:
+    half = half_path(observation.vehicle) + SPARE_M
+    return [
+        _Person(pedestrian.index, *time_in_path(pedestrian, half))
+        for pedestrian in observation.pedestrians
+        if pedestrian.on_crossing or pedestrian.speed_mps > 0
+    ]
+
+
+def _over_their_line(observation: Observation, pulling_mps2: float) -> tuple[float, float]:
+    """From when to when it covers the centre line, with 5 cm to spare, if it goes first."""
+    ego = observation.ego
+    ahead, behind = ego.range_m - _LINE_M, ego.range_m + _LINE_M
+    behind += observation.vehicle.length_m
+    return (
+        speeding_up(observation, max(0.0, ahead), ego.speed_mps, pulling_mps2)[0],
+        speeding_up(observation, behind, ego.speed_mps, pulling_mps2)[0],
+    )

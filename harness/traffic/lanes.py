@@ -1,0 +1,55 @@
+"""The lanes of a road with traffic, each with its own road frame."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from harness.encounter import Crossing, Side
+from harness.scenario import Scenario
+
+
+class Direction(StrEnum):
+    """Which way a vehicle drives: as the ego of an encounter, or towards it."""
+
+    FORWARD = "forward"
+    ONCOMING = "oncoming"
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """One lane, counted from the near kerb of its own direction.
+
+    ``crossing`` is the crosswalk in the frame of the lane's own direction, which for oncoming
+    vehicles is the ego's turned by 180°: their near kerb is the ego's far one.
+    """
+
+    direction: Direction
+    index: int
+    crossing: Crossing
+
+    @property
+    def name(self) -> str:
+        """``forward-0`` and so on."""
+        return f"{self.direction}-{self.index}"
+
+    @property
+    def centre_m(self) -> float:
+        """y of the lane's centre in the ego's frame."""
+        own = self.crossing.lane_centre_m
+        return own if self.direction is Direction.FORWARD else self.crossing.length_m - own
+
+    def own_side(self, side: Side) -> Side:
+        """A kerb, named from the ego's direction, as vehicles of this lane name it."""
+        if self.direction is Direction.FORWARD:
+            return side
+        return Side.FAR if side is Side.NEAR else Side.NEAR
+
+
+def lanes_of(scenario: Scenario) -> tuple[Lane, ...]:
+    """Every lane of the road, from the ego's near kerb of its direction on, oncoming ones last."""
+    crossing = scenario.crossing
+    counts = ((Direction.FORWARD, crossing.lanes), (Direction.ONCOMING, crossing.oncoming_lanes))
+    return tuple(
+        Lane(direction, index, scenario.crosswalk(index))
+        for direction, count in counts
+        for index in range(count)
+    )

@@ -1,0 +1,130 @@
+"""From an hour's log to its passages: one trace for each vehicle, in the frame of its own lane."""
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harness.encounter import Crossing, Ending, Trace, Walk
+from harness.episode.cell_constants import CellConstants
+from harness.measures import EpisodeRecord, measure
+from harness.measures.ego import crossing_time
+from harness.traffic.hour import HourLog
+from harness.traffic.lanes import Direction, Lane
+from harness.traffic.vehicles import Moving
+
+CHUNK = 200
+"""Passages measured together; results do not depend on it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """One vehicle's way: when it was due, on the road, through; its record and trace.
+
+    Times in s from the beginning of the warm-up; None where it did not get so far.  ``delay_s``
+    counts from the schedule until the rear has left the crosswalk, less the same way at v0;
+    ``control_delay_s`` to where vehicles leave the road.
+    """
+
+    moving: Moving
+    scheduled_s: float | None
+    inserted_s: float | None
+    passed_s: float | None
+    delay_s: float | None
+    control_delay_s: float | None
+    record: EpisodeRecord
+    trace: Trace
+
+
+def passages_of(
+    log: HourLog, rules: CellConstants, end_x_m: dict[int, float], saturated: bool
+) -> list[Passage]:
+    """The passages of an hour by number of the vehicle.
+
+    Args:
+        log: of the hour.
+        rules: the cell's constants.
+        end_x_m: where vehicles leave the road, by place of their lane (``number`` % lanes).
+        saturated: there is no schedule: delays are undefined.
+    """
+    by_lane: dict[Lane, list[Moving]] = defaultdict(list)
+    for moving in sorted(log.vehicles, key=lambda moving: moving.plan.number):
+        by_lane[moving.plan.lane].append(moving)
+    found = []
+    for lane, vehicles in by_lane.items():
+        for begin in range(0, len(vehicles), CHUNK):
+            part = vehicles[begin : begin + CHUNK]
+            traces = [_trace(moving, lane, log, rules) for moving in part]
+            for moving, trace, record in zip(part, traces, measure(traces), strict=True):
+                end_x = end_x_m[moving.plan.number % len(end_x_m)]
+                found.append(_passage(moving, trace, record, end_x, saturated))
+    return sorted(found, key=lambda passage: passage.moving.plan.number)
+
+
+def _passage(
+    moving: Moving, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
+) -> Passage:
+    step_s, vehicle = trace.step_s, trace.vehicle
+    v0 = vehicle.initial_speed_mps
+    scheduled_s = None if saturated else moving.plan.step * step_s
+    passed_s = delay_s = control_s = None
+    if moving.passed and moving.first_step is not None:
+        rear_m = min(vehicle.length_m + trace.crossing.width_m / 2, float(trace.x_m[-1]))
+        within_s = crossing_time(trace, rear_m)
+        assert within_s is not None
+        passed_s = moving.first_step * step_s + within_s
+        if scheduled_s is not None:
+            delay_s = passed_s - scheduled_s - (rear_m - moving.insert_x_m) / v0
+    if moving.gone_step is not None and scheduled_s is not None:
+        # Leaving is known to a step: so is the free way.
+        free_steps = math.ceil((end_x_m - moving.insert_x_m) / (v0 * step_s) - 1e-6)
+        control_s = (moving.gone_step - moving.plan.step - free_steps) * step_s
+    inserted_s = None if moving.inserted_step is None else moving.inserted_step * step_s
+    return Passage(moving, scheduled_s, inserted_s, passed_s, delay_s, control_s, record, trace)
+
+
+def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:
+    begin_s = (moving.first_step or 0) * rules.step_s
+    walks = []
+    if moving.first_step is not None:
+        until = moving.came_until
+        met = [walker.walk for walker in moving.met]
+        walks = [*met, *log.walks[moving.came_from : until]]
+    return Trace(
+        vehicle=rules.vehicle,
+        crossing=lane.crossing,
+        step_s=rules.step_s,
+        x_m=np.array(moving.xs),
+        speed_mps=np.array(moving.speeds),
+        walks=tuple(_as_seen(walk, lane, begin_s, rules.crossing) for walk in walks),
+        ending=Ending.CROSSED if moving.passed else Ending.TIMED_OUT,
+        reason=None,
+        sumo_collision=moving.collided,
+        fallback=bool(getattr(moving.strategy, "fallback", False)),
+        late_s=moving.late_s,
+    )
+
+
+def _as_seen(walk: Walk, lane: Lane, begin_s: float, crossing: Crossing) -> Walk:
+    """A walk in a passage's own time, and from its lane's direction."""
+    turned = lane.direction is Direction.ONCOMING
+    arrival = walk.arrival._replace(
+        arrival_s=walk.arrival.arrival_s - begin_s, side=lane.own_side(walk.arrival.side)
+    )
+    legs = walk.legs
+    if legs is not None:
+        sign, base = (-1.0, crossing.length_m) if turned else (1.0, 0.0)
+        legs = tuple(
+            leg._replace(
+                time_s=leg.time_s - begin_s,
+                x_m=sign * leg.x_m,
+                y_m=base + sign * leg.y_m,
+                x_mps=sign * leg.x_mps,
+                y_mps=sign * leg.y_mps,
+                y_mps2=sign * leg.y_mps2,
+            )
+            for leg in legs
+        )
+    start_s = None if walk.start_s is None else walk.start_s - begin_s
+    return replace(walk, arrival=arrival, start_s=start_s, legs=legs)

@@ -1,0 +1,90 @@
+"""A vehicle on its way, and a lane with its vehicles in order."""
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from harness.encounter import PedestrianView, Side, Strategy
+from harness.episode.walkers import Walker
+from harness.traffic.demand import Scheduled
+from harness.traffic.lanes import Lane
+
+
+@dataclass(slots=True, eq=False)
+class Moving:
+    """A vehicle from its schedule until it has left the road; times are steps of the hour.
+
+    ``x_m``, ``speed_mps``: the state at the beginning of the step; ``acceleration_mps2``: of the
+    last step.  ``xs``, ``speeds``: the states from ``first_step`` on, when its strategy took over,
+    ``late_s`` after its bumper was at R0, until its rear has left the crosswalk.
+    """
+
+    plan: Scheduled
+    name: str
+    strategy_name: str
+    strategy: Strategy
+    insert_x_m: float
+    inserted_step: int | None = None
+    x_m: float = 0.0
+    speed_mps: float = 0.0
+    acceleration_mps2: float = 0.0
+    next_x_m: float = 0.0
+    next_speed_mps: float = 0.0
+    first_step: int | None = None
+    late_s: float = 0.0
+    passed: bool = False
+    by_engine: bool = False
+    gone_step: int | None = None
+    collided: bool = False
+    stops: int = 0
+    """Stops before R0, seen at the queues' samples."""
+    standing: bool = False
+    xs: list[float] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
+    met: list[Walker] = field(default_factory=list)
+    """Who was at the crosswalk when its strategy took over."""
+    came_from: int = 0
+    came_until: int = 0
+    """Those of the hour's walks who came while it drove: numbers in order of arrival."""
+
+    def moved(self) -> None:
+        """The step is over."""
+        self.x_m, self.speed_mps = self.next_x_m, self.next_speed_mps
+
+
+class LaneOnRoad:
+    """One lane during an hour.
+
+    ``due``: scheduled, not yet on the road; ``coming``: upstream of R0, driven by SUMO; ``driven``:
+    from R0 until past the crosswalk, driven by their strategies.  Each in order.
+    """
+
+    def __init__(
+        self, number: int, lane: Lane, schedule: Iterator[Scheduled], base: dict[Side, float]
+    ) -> None:
+        self.number, self.lane, self.schedule = number, lane, schedule
+        self.next_scheduled = next(schedule, None)
+        self.due: deque[Moving] = deque()
+        self.coming: deque[Moving] = deque()
+        self.driven: list[Moving] = []
+        self._views = [
+            (side, lane.own_side(side), lane.crossing.to_lane_m(lane.own_side(side)) - base[side])
+            for side in Side
+        ]
+        self._shift = {side: (own, ahead) for side, own, ahead in self._views}
+        self.own_frame = any(own is not side or ahead != 0 for side, own, ahead in self._views)
+
+    def waiting(self) -> int:
+        """Vehicles that have not yet passed, upstream of the road included."""
+        return len(self.due) + len(self.coming) + len(self.driven)
+
+    def seen_from(self, views: tuple[PedestrianView, ...]) -> tuple[PedestrianView, ...]:
+        """What this lane's vehicles see, of views from the ego's lane."""
+        if not self.own_frame:
+            return views
+        shift = self._shift
+        seen = []
+        for view in views:
+            side, ahead_m = shift[view.side]
+            seen.append(view._replace(side=side, lateral_m=view.lateral_m + ahead_m))
+        return tuple(seen)

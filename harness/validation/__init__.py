@@ -1,0 +1,19 @@
+"""Driver models held against recorded passages of vehicles through groups of pedestrians."""
+
+from harness.validation.figures import FIGURES, DriverFigures, Ranked
+from harness.validation.outcomes import DriverOutcome
+from harness.validation.passages import LEFT_OUT, Passage, Passages, find_passages
+from harness.validation.validate import Validation, validate
+
+__all__ = [
+    "FIGURES",
+    "LEFT_OUT",
+    "DriverFigures",
+    "DriverOutcome",
+    "Passage",
+    "Passages",
+    "Ranked",
+    "Validation",
+    "find_passages",
+    "validate",
+]

@@ -1,0 +1,72 @@
+"""A driver model put in the recorded driver's place, and the recorded passage as a trace."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from harness.encounter import Arrival, Ending, FloatArray, Strategy, Trace, Walk
+from harness.engine.plain import PlainEngine
+from harness.episode.cell_constants import CellConstants
+from harness.episode.loop import run_episode
+from harness.validation.passages import BEYOND_S, Passage
+
+
+def drive(passage: Passage, strategy: Strategy) -> Trace:
+    """Let a strategy drive a passage from its recorded start until its rear has left.
+
+    The pedestrians walk as recorded, whatever it does.  Its time is up 30 s after the recorded
+    vehicle has passed.
+
+    Args:
+        passage: recorded.
+        strategy: a fresh strategy object.
+    """
+    steps = len(passage.x_m) - 1 + round(BEYOND_S / passage.step_s)
+    rules = CellConstants(
+        vehicle=passage.vehicle,
+        crossing=passage.crossing,
+        kerb_wait_s=0.0,
+        step_s=passage.step_s,
+        timeout_s=steps * passage.step_s,
+        behaviour="constant",
+    )
+    # An engine begins at the speed that the strategy is to go back to; here the two differ.
+    begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
+    engine = PlainEngine(begun, passage.step_s)
+    return run_episode(engine, strategy, passage.arrivals, _as_recorded, rules)
+
+
+def recorded_trace(passage: Passage) -> Trace:
+    """The recorded passage in the form of a simulated one; speeds are central differences."""
+    x_m = passage.x_m
+    walks = tuple(
+        Walk(arrival, arrival.arrival_s, _last_speed(arrival), legs=arrival.path)
+        for arrival in passage.arrivals
+    )
+    return Trace(
+        vehicle=passage.vehicle,
+        crossing=passage.crossing,
+        step_s=passage.step_s,
+        x_m=x_m,
+        speed_mps=speeds_mps(x_m, passage.step_s),
+        walks=walks,
+        ending=Ending.CROSSED,
+        reason=None,
+        sumo_collision=None,
+        fallback=False,
+    )
+
+
+def speeds_mps(x_m: FloatArray, step_s: float) -> FloatArray:
+    """Central differences of places that never fall, one-sided at both ends."""
+    speeds: FloatArray = np.gradient(x_m, step_s)
+    return speeds
+
+
+def _last_speed(arrival: Arrival) -> float:
+    assert arrival.path is not None
+    return abs(arrival.path[-1].y_mps)
+
+
+def _as_recorded(arrival: Arrival, *_seen: float | None) -> float:
+    raise AssertionError(f"recorded pedestrian {arrival.index} chooses no speed")

@@ -1,0 +1,149 @@
+"""The drivers of a validation: made anew for each passage, with a model that has not seen it."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from harness.calibration import make_sample, vehicle_folds
+from harness.calibration.jobs import Settings
+from harness.calibration.sample import LABELS
+from harness.encounter import Ending, Strategy
+from harness.episode.arms import make_strategy
+from harness.errors import HarnessError
+from harness.interaction import InteractionModel
+from harness.mixture import fit_mixture
+from harness.scenario import Scenario
+from harness.strategies.parameters import needs
+from harness.strategies.registry import find_strategy
+from harness.trajectories import extract, row_weights
+from harness.trajectories.extraction import VEHICLE_KEY
+from harness.validation.closed_loop import drive
+from harness.validation.outcomes import DriverOutcome, outcome_of
+from harness.validation.passages import Passage
+
+DRAWS = 20
+"""Drives of every passage by a model that draws random numbers."""
+
+ModelOf = Callable[[Passage], InteractionModel]
+
+
+def outcomes_of(
+    name: str, passages: Sequence[Passage], scenario: Scenario, model_of: ModelOf
+) -> list[list[DriverOutcome]]:
+    """Every passage driven by one driver, ``DRAWS`` times where that makes a difference.
+
+    Args:
+        name: of the strategy; its parameters are the scenario's.
+        passages: to be driven.
+        scenario: gives parameters, seed and step.
+        model_of: the interaction model for a passage.
+
+    Raises:
+        HarnessError: the strategy fails in a passage.
+    """
+
+    def once(draw: int) -> list[DriverOutcome]:
+        return [
+            _outcome(name, passage, _strategy(scenario, name, number, draw, model_of(passage)))
+            for number, passage in enumerate(passages)
+        ]
+
+    draws = [once(0)]
+    if "rng" in needs(find_strategy(name, "--drivers")):
+        draws.append(once(1))
+        if any(_differ(one, other) for one, other in zip(*draws, strict=True)):
+            draws += [once(draw) for draw in range(2, DRAWS)]
+        else:
+            draws.pop()
+    return [list(of) for of in zip(*draws, strict=True)]
+
+
+def _strategy(
+    scenario: Scenario, name: str, number: int, draw: int, model: InteractionModel
+) -> Strategy:
+    # Streams are keyed by a pair: each drive of a passage has one of its own.
+    return make_strategy(scenario, name, number * DRAWS + draw, model)
+
+
+def _outcome(name: str, passage: Passage, strategy: Strategy) -> DriverOutcome:
+    trace = drive(passage, strategy)
+    if trace.ending is Ending.ENGINE_FAILED:
+        raise HarnessError(f"{name} in {passage.name}: {trace.reason}")
+    return outcome_of(passage, trace)
+
+
+def _differ(one: DriverOutcome, other: DriverOutcome) -> bool:
+    return not np.array_equal(one.trace.x_m, other.trace.x_m)
+
+
+STRATEGIES_FITTED_ON = {"human_recorded": "dut"}
+"""Strategies whose rules and default parameters come from a data set, and its name."""
+
+
+def fitted_on(model: InteractionModel, passages: Iterable[Passage]) -> bool:
+    """Whether a model's card names a data set that the passages are of."""
+    named = model.provenance.get("source", ())
+    sources = {named} if isinstance(named, str) else {str(name) for name in named}
+    return bool(sources & {passage.source for passage in passages})
+
+
+@dataclass(frozen=True, eq=False)
+class FoldModels:
+    """Models fitted without a fold of vehicles each, and the one fitted on all."""
+
+    whole: InteractionModel
+    of_fold: Sequence[InteractionModel]
+    fold_of: Mapping[tuple[str, ...], int]
+
+    def __call__(self, passage: Passage) -> InteractionModel:
+        """The model that has not seen the passage's vehicle."""
+        fold = self.fold_of.get(passage.vehicle_id)
+        return self.whole if fold is None else self.of_fold[fold]
+
+
+def refit_without_folds(
+    model: InteractionModel,
+    paths: Sequence[Path],
+    format_: str,
+    options: Mapping[str, Any],
+    folds: int,
+    seed: int,
+    progress: Callable[[int], None] = lambda _: None,
+) -> FoldModels:
+    """Fit a model's number of components to the data again, without each fold of vehicles.
+
+    Rows, weights, box and folds are as ``harness extract`` and ``harness fit`` make them.
+
+    Args:
+        model: fitted on the same data.
+        paths, format_, options: the data, as for ``extract``.
+        folds: at most as many as there are vehicles.
+        seed: of folds and starts.
+        progress: told how many fits are done.
+    """
+    whole = model.mixture
+    rows = extract(list(paths), format_, **options).rows
+    code, vehicles = pd.factorize(pd.MultiIndex.from_frame(rows[list(VEHICLE_KEY)]))
+    number = min(folds, len(vehicles))
+    fold_of = vehicle_folds(code, row_weights(rows, "encounter"), number, seed)
+    models = []
+    for fold in range(number):
+        sample = make_sample(rows[fold_of != fold], lower=whole.lower, upper=whole.upper)
+        fit = fit_mixture(
+            sample.data,
+            len(whole.weights),
+            whole.lower,
+            whole.upper,
+            sample_weight=sample.weights,
+            n_init=Settings((len(whole.weights),)).starts,
+            seed=np.random.SeedSequence(seed, spawn_key=(len(whole.weights), fold + 1)),
+            names=LABELS,
+        )
+        models.append(InteractionModel(fit.mixture, f"{model.name}, fold {fold}", {}, ""))
+        progress(fold + 1)
+    of = {vehicles[one]: int(fold_of[np.flatnonzero(code == one)[0]]) for one in np.unique(code)}
+    return FoldModels(model, models, of)

@@ -1,0 +1,207 @@
+"""Whatever is in a file, a command works or refuses it in one line: no traceback and no hang."""
+
+import contextlib
+import io
+import math
+import shutil
+import signal
+import sys
+import unicodedata
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+import pandas as pd
+import pytest
+from hypothesis import given, strategies as st
+from pydantic import BaseModel
+
+from harness.batch import experiment
+from harness.cli import app as cli, batch
+from harness.engine.shared import close_engine
+from harness.resources import shipped_directory
+from harness.scenario import Scenario
+from harness.trajectories import FORMATS
+from harness.workers.pool import LocalPool
+from tests.batches import Inline
+from tests.conftest import _close_all
+from tests.fuzz.hostile import cases, hostile
+
+DATA = Path(__file__).resolve().parents[1] / "data"
+HANG_S = 120
+"""No case takes nearly as long; what does, hangs."""
+
+FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
+RUN = "earlier_run"
+ONE = "--pair 0 --arm av --out out"
+KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
+    "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
+    "model": (10_000, ("model show {file}", "run cctc --set model.path={file} --out out")),
+    "run": (
+        10_000,
+        (f"compare {RUN}", f"export {RUN} --csv", f"score {RUN} --out out", f"resume {RUN}"),
+    ),
+    "run, shown": (400, (f"report {RUN} --out out/page.html", f"replay {RUN} {ONE}")),
+    "model, shown": (200, ("model show {file} --plots out",)),
+    **{
+        form: (2_500, (f"extract encounter/{form} --format {form} --out out/rows.parquet",))
+        for form in FORMATS
+    },
+    "rows": (2_500, (FIT,)),
+}
+"""Cases of each kind of file in full, and the commands that read it; those that draw take long."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Where the commands are given, with good files; a run ends when it has a manifest."""
+    _close_all()
+    folder = tmp_path_factory.mktemp("fuzz") / "here"
+    shutil.copytree(DATA / RUN, folder / RUN)
+    shutil.copytree(DATA / "encounter", folder / "encounter")
+    shutil.copy(shipped_directory("scenarios") / "cctc.toml", folder)
+    shutil.copy(shipped_directory("models") / f"{Scenario().model.name}.json", folder)
+    shutil.copy(DATA / "rows_made_up.csv", folder)
+    pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(LocalPool, "__init__", lambda pool, *_, **__: setattr(pool, "workers", 1))
+        patch.setattr(LocalPool, "submit", Inline.submit)
+        patch.setattr(LocalPool, "stop", lambda _: None)
+        yield folder
+    close_engine()
+
+
+@pytest.fixture
+def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(experiment, "_carry_out", lambda *_: None)
+    monkeypatch.setattr(batch, "_report", lambda *_: None)
+
+
+def files_of(folder: Path, kind: str) -> list[Path]:
+    kind = kind.split(",")[0]
+    named = {"scenario": "*.toml", "model": "*.json", "run": f"{RUN}/*", "rows": "rows*"}
+    found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))
+    return sorted(path for path in found if path.is_file())
+
+
+def done_or_refused(*words: str) -> bool:
+    """Whether a command did what it was told; else it refused in one line with exit code 2."""
+    out, err = io.StringIO(), io.StringIO()
+    signal.alarm(HANG_S)  # nothing catches it: it ends the process
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["harness", *words])
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.raises(SystemExit) as ended,
+        ):
+            cli.main()
+    signal.alarm(0)
+    code, said = ended.value.code, out.getvalue() + err.getvalue()
+    assert code in (0, 1, 2), said
+    assert "Traceback" not in said
+    # A terminal obeys control characters, wherever they come from.
+    assert not {c for c in said if unicodedata.category(c) in ("Cc", "Cs")} - {"\n"}, said
+    if code == 2:
+        *before, line = err.getvalue().splitlines()
+        assert line.startswith("harness: ")
+        # What breaks late may follow on a table or a progress bar.
+        assert (out.getvalue() == "" and not before) or "is damaged" in line, err.getvalue()
+    return code != 2
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.usefixtures("_nothing_runs")
+def test_whatever_is_in_a_file(folder: Path, kind: str) -> None:
+    number, commands = KINDS[kind]
+    files = files_of(folder, kind)
+    there, kept = {*folder.iterdir()}, {path: path.read_bytes() for path in files}
+
+    @cases(number)
+    @given(st.data())
+    def case(data: st.DataObject) -> None:
+        for path, content in kept.items():
+            path.write_bytes(content)
+        for name in ("out", "runs"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        (folder / "out").mkdir()
+        file = data.draw(st.sampled_from(files))
+        file.write_bytes(data.draw(hostile(kept[file], file.suffix)))
+        words = data.draw(st.sampled_from(commands)).format(file=file.name).split()
+        done_or_refused(*words)
+        assert {path.name for path in {*folder.iterdir()} - there} <= {"out", "runs"}
+        assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+        assert not [path for path in folder.rglob("*") if path.name.endswith(".partial")]
+
+    case()
+    for path, content in kept.items():
+        path.write_bytes(content)
+
+
+def extremes() -> Iterator[tuple[str, Any]]:
+    """The last values that the form of a scenario lets through, by key."""
+    for table, section in Scenario.model_fields.items():
+        if table == "experiment" or not isinstance(section.annotation, type):
+            continue
+        fields = getattr(section.annotation, "model_fields", {})
+        for key, field in fields.items():
+            limits = {type(limit).__name__: limit for limit in field.metadata}
+            for name, limit in limits.items():
+                if name in ("Ge", "Le"):
+                    yield f"{table}.{key}", getattr(limit, name.lower())
+                elif name in ("Gt", "Lt"):
+                    towards = math.inf if name == "Gt" else -math.inf
+                    yield f"{table}.{key}", math.nextafter(getattr(limit, name.lower()), towards)
+            if "Le" not in limits and "Lt" not in limits and field.annotation is float:
+                yield f"{table}.{key}", 1e308
+            if not isinstance(field.annotation, type):
+                yield from ((f"{table}.{key}", word) for word in get_args(field.annotation))
+
+
+EXTREMES = [(key, value) for key, value in extremes() if not isinstance(value, type | BaseModel)]
+
+
+@cases(600)
+@given(st.lists(st.sampled_from(EXTREMES), min_size=1, max_size=5, unique_by=lambda pair: pair[0]))
+def test_what_is_accepted_runs_to_its_end(folder: Path, chosen: list[tuple[str, Any]]) -> None:
+    """No extreme hangs, or leaves a run that cannot be read."""
+    settings = [word for key, value in chosen for word in ("--set", f"{key}={value}")]
+    short = ["--set", "experiment.timeout_s=20", "--pairs", "2", "--out", "out"]
+    if done_or_refused("run", "cctc_flow", *short, *settings):
+        assert done_or_refused("export", "out", "--csv")
+    shutil.rmtree(folder / "out", ignore_errors=True)
+
+
+DEEP = "[" * 5_000 + "]" * 5_000
+UNUSUAL = {
+    "empty.json": b"",
+    "utf16.toml": "[ego]\n".encode("utf-16"),
+    "nul.toml": b"[experiment]\npairs = 1\x00\n",
+    "deep.toml": f"[experiment]\npairs = {DEEP}\n".encode(),
+    "deepkey.toml": f"strategies.a{'.a' * 3_000} = 1\n".encode(),
+    "digits.toml": f"[experiment]\nseed = 0x{'f' * 5_000}\n".encode(),
+    "cells.toml": b"[sweep.experiment]\nseed = ['0:99999:1']\npairs = ['1:99999:1']\n",
+    "device.toml": b'[model]\npath = "/dev/zero"\n',
+    "deep.json": f'{{"provenance": {DEEP}}}'.encode(),
+    "exponent.json": b'{"schema": 1e999999999}',
+    "huge.csv": b"range_m\n1" + b"0" * 400 + b"\n",
+}
+
+
+@pytest.mark.parametrize("name", UNUSUAL)
+@pytest.mark.usefixtures("_nothing_runs")
+def test_unusual_files_are_refused(folder: Path, name: str) -> None:
+    command = {".toml": "run {}", ".json": "model show {}", ".csv": FIT.replace("{file}", "{}")}
+    (folder / name).write_bytes(UNUSUAL[name])
+    assert not done_or_refused(*command[Path(name).suffix].format(name).split())
+    (folder / name).unlink()
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", ".", "x" * 5_000, "nul\0l"])
+def test_what_is_no_regular_file_is_refused(folder: Path, name: str) -> None:
+    for command in ("run", "report", "compare", "model show"):
+        assert not done_or_refused(*command.split(), name)
+    assert not done_or_refused("fit", name, "--out", "model.json")
+    assert not done_or_refused("run", "cctc", "--set", f"model.path={name}")
+    assert sorted(path.name for path in folder.glob("runs")) == []

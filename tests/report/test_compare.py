@@ -1,0 +1,295 @@
+"""``harness compare`` on a run whose episodes are made by hand: every number can be counted."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.cli import app
+from harness.comparison import Place, SweepVerdict, Verdict
+from harness.errors import InputError
+from harness.results import summaries
+from harness.runs.compare import compare
+from harness.runs.comparisons import RunComparison
+from harness.scenario import Options, Precision
+from harness.workers.tasks import Task
+from tests.batches import one_cell, sweep
+from tests.made_up import FREE_S, Fate, Fates, made_up
+
+
+def by_hand(task: Task, pair: int) -> Fate:
+    """At 50 per hour they differ, at 250 two of three drive alike."""
+    strategy = task.scenario.arms.av
+    if task.scenario.pedestrians.flow_per_hour == 250:
+        return 7.0 if strategy == "constant_speed" else 8.0
+    if strategy == "constant_speed":
+        return "crashed" if pair < 10 else 7.0
+    if strategy == "hard_yield":
+        return "timed_out" if pair == 3 else 9.0
+    return 8.0
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    study = sweep(
+        "cctc_flow",
+        {"experiment.pairs": 40},
+        "arms.av=soft_yield,hard_yield,constant_speed",
+        "pedestrians.flow_per_hour=50,250",
+    )
+    return made_up(tmp_path_factory.mktemp("run") / "run", study, by_hand)
+
+
+def test_differences_by_hand(run: Path) -> None:
+    first, second = compare(run).groups
+    assert [cell.cell.number for cell in first.group.cells] == [0, 2, 4]
+    soft_hard, soft_constant, hard_constant = first.comparisons
+    # τ: 0.8, 0.9 and 0.7; without spread an interval is the point.
+    for item, difference, defined in (
+        (soft_hard, -0.1, 39),
+        (soft_constant, 0.1, 30),
+        (hard_constant, 0.2, 30),
+    ):
+        assert item.mu_difference.value == pytest.approx(difference)
+        assert item.mu_difference.low == item.mu_difference.high == item.mu_difference.value
+        assert item.defined_in_both == defined
+        assert item.delay_difference_s.value == pytest.approx(10 * difference)
+    # Pair 3 timed out after 300 s: τ = 30 against 0.8, and so does each of the ten crashes.
+    expected = (39 * -0.1 + (0.8 - 30.0)) / 40
+    assert soft_hard.mu_worst_difference == pytest.approx(expected)
+    assert soft_constant.mu_worst_difference == pytest.approx((30 * 0.1 + 10 * (0.8 - 30)) / 40)
+    assert {item.mu_difference.value for item in second.comparisons[:1]} == {0.0}
+    assert second.comparisons[1].mu_difference.value == pytest.approx(0.1)
+
+
+def test_crashes_by_hand(run: Path) -> None:
+    first, second = compare(run).groups
+    tests = [(t.crashes.only_a, t.crashes.only_b, t.crashes.p) for t in first.comparisons]
+    p = 2 / 2**10
+    assert tests == [(0, 0, 1.0), (0, 10, pytest.approx(p)), (0, 10, pytest.approx(p))]
+    assert first.comparisons[1].crashes.kappa_difference == pytest.approx(-10 / 40)
+    # Six tests in the run: the smallest p counts six times, the next is no smaller.
+    adjusted = [item.p_holm for group in (first, second) for item in group.comparisons]
+    assert adjusted == pytest.approx([1.0, 6 * p, 6 * p, 1.0, 1.0, 1.0])
+
+
+def test_fronts_by_hand(run: Path) -> None:
+    first, second = compare(run).groups
+    places = [standing.place for standing in first.standings()]
+    assert places == [Place.FRONT, Place.DOMINATED, Place.FRONT]
+    assert first.standings()[1].dominated_by == (0,)
+    places = [standing.place for standing in second.standings()]
+    assert places == [Place.DOMINATED, Place.DOMINATED, Place.FRONT]
+
+
+def test_what_a_cell_shows(run: Path) -> None:
+    _, hard, constant = compare(run).groups[0].summaries
+    assert (hard.pairs, hard.defined_pairs, hard.timed_out) == (40, 39, 1)
+    assert hard.mu.value == pytest.approx(0.9)
+    assert hard.mu_worst == pytest.approx((39 * 0.9 + 30) / 40)
+    assert hard.delay_s.value == pytest.approx(9.0 - FREE_S)
+    assert (constant.kappa.successes, constant.kappa.trials) == (10, 40)
+
+
+def noisy(task: Task, pair: int) -> Fate:
+    """Times that differ from pair to pair and from strategy to strategy."""
+    shared = np.random.default_rng(pair).gamma(9.0, 1.0)
+    own = np.random.default_rng((pair, *task.scenario.arms.av.encode())).normal(0.0, 0.3)
+    return float(shared + own + 2.0)
+
+
+def test_a_comparison_does_not_depend_on_the_others(tmp_path: Path) -> None:
+    changes = {"experiment.pairs": 60}
+    two = sweep("cctc", changes, "arms.av=soft_yield,hard_yield")
+    three = sweep("cctc", changes, "arms.av=constant_speed,soft_yield,hard_yield")
+    alone = compare(made_up(tmp_path / "two", two, noisy)).groups[0].comparisons[0]
+    among = compare(made_up(tmp_path / "three", three, noisy)).groups[0].comparisons[2]
+    assert alone.mu_difference == among.mu_difference
+    assert alone.delay_difference_s == among.delay_difference_s
+    # Pairs share what is common to both: the interval is that of the noise of their own alone.
+    reach = 1.96 * 0.1 * 0.3 * np.sqrt(2 / 60)
+    assert alone.mu_difference.high - alone.mu_difference.low == pytest.approx(2 * reach, rel=0.4)
+
+
+def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # With --until a cell without spread ends at its first look, the other goes on.
+    monkeypatch.setattr(summaries, "FIRST_LOOK", 20)
+    study = sweep("cctc", {"experiment.pairs": 40}, "arms.av=soft_yield,hard_yield")
+
+    def uneven(task: Task, pair: int) -> Fate:
+        return 8.0 if task.scenario.arms.av == "soft_yield" else 9.0 + pair % 2
+
+    options = Options(until=Precision("mu", 1e-6))
+    result = compare(made_up(tmp_path / "run", study, uneven, options))
+    first, second = result.groups[0].summaries
+    assert (first.pairs, second.pairs) == (20, 40)
+    (item,) = result.groups[0].comparisons
+    assert (item.defined_in_both, item.crashes.pairs) == (20, 20)
+    # Two looks: what each of them says holds with 1 − 0.05/2.
+    assert result.confidence == pytest.approx(0.975)
+    assert result.groups[0].level == pytest.approx(0.025)
+    # κ too; of 0 in n, Clopper–Pearson ends at 1 − (half the error)^(1/n).
+    assert first.kappa.high == pytest.approx(1 - 0.0125 ** (1 / 20))
+
+
+def margins(folder: Path, limits: dict[str, object], fates: Fates) -> Path:
+    study = sweep(
+        "cctc", {"experiment.pairs": 200, **limits}, "strategies.soft_yield.p1=0.3,0.1,0.2"
+    )
+    return made_up(folder, study, fates)
+
+
+def bolder_with_less(task: Task, pair: int) -> Fate:
+    """At 0.1 it crashes often, at 0.3 it is slow."""
+    p1 = task.scenario.strategies["soft_yield"]["p1"]
+    if p1 == 0.1 and pair % 4 == 0:
+        return "crashed"
+    return 5.0 + 20 * p1
+
+
+def only(result: RunComparison) -> Any:
+    (sweep_result,) = result.groups[0].sweeps
+    return sweep_result
+
+
+def test_allowed_values(tmp_path: Path) -> None:
+    run = margins(tmp_path / "run", {"limits.mu0": 1.0, "limits.kappa0": 0.05}, bolder_with_less)
+    found = only(compare(str(run)))
+    assert found.sweep.values == (0.1, 0.2, 0.3)
+    # τ 0.7, 0.9, 1.1; 50 of 200 crashed at 0.1. Nothing of 200 at 1 − 0.05/6: below 2.4 %.
+    assert [judgement.verdict for judgement in found.found.judgements] == [
+        Verdict.DENIED,
+        Verdict.ALLOWED,
+        Verdict.DENIED,
+    ]
+    assert found.found.judgements[1].swept.kappa.high == pytest.approx(
+        1 - (0.05 / 6) ** (1 / 200), rel=1e-6
+    )
+    # Options stand above the scenario.
+    assert only(compare(run, mu0=0.8)).found.verdict is SweepVerdict.NONE
+    few = only(compare(run, kappa0=0.01)).found
+    assert few.verdict is SweepVerdict.TOO_FEW_PAIRS
+    assert few.pairs_needed == int(np.ceil(np.log(0.05 / 6) / np.log(0.99)))
+
+
+def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
+    run = margins(tmp_path / "run", {}, bolder_with_less)
+    assert compare(run).groups[0].sweeps == ()
+    assert only(compare(run, 1.0, 0.05)).found.verdict is SweepVerdict.SOME
+
+
+def shell(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["harness", "compare", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        app.main()
+    code = caught.value.code
+    assert isinstance(code, int)
+    return code
+
+
+def test_json_and_csv(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "comparison.csv"
+    assert shell(monkeypatch, run, "--json", "--out", out) == 0
+    document = json.loads(capsys.readouterr().out)
+    first = document["groups"][0]
+    assert first["shared"] == {"pedestrians.flow_per_hour": 50}
+    assert [cell["place"] for cell in first["cells"]] == [
+        "on the front",
+        "dominated",
+        "on the front",
+    ]
+    assert first["cells"][1]["dominated_by"] == [0]
+    assert first["comparisons"][2]["a"] == "hard_yield"
+    with out.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 6
+    assert [row["pedestrians.flow_per_hour"] for row in rows] == ["50"] * 3 + ["250"] * 3
+    assert (rows[1]["cell_a"], rows[1]["cell_b"], rows[1]["crashed_in_b_alone"]) == ("0", "4", "10")
+    assert float(rows[1]["mu_difference"]) == pytest.approx(0.1)
+    assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
+    assert rows[1]["indicative"] == "mu_difference delay_difference_s"
+    # The same file is not written over.
+    assert shell(monkeypatch, run, "--out", out) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_tables(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert shell(monkeypatch, run) == 0
+    text = capsys.readouterr().out
+    assert "pedestrians.flow_per_hour = 50" in text
+    assert "dominated by 0" in text
+    assert "0 / 10" in text
+    assert "family of all 6 of this run" in text
+    assert max(len(line) for line in text.splitlines()) <= 120
+
+
+@pytest.mark.parametrize(
+    ("limits", "said"),
+    [
+        (
+            (1.0, 0.05),
+            "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence for all 3 values "
+            "together. Bounds of μ too narrow",
+        ),
+        ((0.8, 0.05), "No value is allowed"),
+        ((1.0, 0.01), "At the present estimates about 477 pairs would show one of them allowed"),
+    ],
+)
+def test_verdicts_in_words(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    limits: tuple[float, float],
+    said: str,
+) -> None:
+    run = margins(tmp_path / "run", {}, bolder_with_less)
+    assert shell(monkeypatch, run, "--mu0", limits[0], "--kappa0", limits[1]) == 0
+    assert said in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--mu0", 0.9], "limits.kappa0: is missing"),
+        (["--kappa0", 0.01], "limits.mu0: is missing"),
+        (["--mu0", 0, "--kappa0", 0.01], "--mu0: 0 is not accepted"),
+        (["--mu0", "nan", "--kappa0", 0.01], "--mu0: nan is not accepted"),
+        (["--mu0", 0.9, "--kappa0", 1.5], "--kappa0: 1.5 is not accepted"),
+        (["--out", "nowhere/comparison.csv"], "there is no folder nowhere"),
+    ],
+)
+def test_refused(
+    run: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[object],
+    words: str,
+) -> None:
+    assert shell(monkeypatch, run, *options) == 2
+    printed = capsys.readouterr()
+    assert words in printed.err
+    assert (printed.out, len(printed.err.splitlines())) == ("", 1)
+
+
+def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no run folder"):
+        compare(tmp_path)
+    single = made_up(tmp_path / "single", one_cell("cctc", {"experiment.pairs": 3}), noisy)
+    with pytest.raises(InputError, match="no two cells that differ in the AV's strategy alone"):
+        compare(single)
+    flows = sweep("cctc", {"experiment.pairs": 3}, "pedestrians.flow_per_hour=50,100")
+    with pytest.raises(InputError, match="no two cells"):
+        compare(made_up(tmp_path / "flows", flows, noisy))
+    manifest = tmp_path / "flows" / "manifest.json"
+    unfinished = {**json.loads(manifest.read_text()), "counts": None}
+    manifest.write_text(json.dumps(unfinished))
+    with pytest.raises(InputError, match="is not finished"):
+        compare(tmp_path / "flows")

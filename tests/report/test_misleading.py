@@ -1,0 +1,253 @@
+"""Results that once looked calm and were not: each says so first, in words, in CSV and in JSON."""
+
+import csv
+import json
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import harness
+from harness.cli import app
+from harness.encounter import Observation
+from harness.errors import InputError
+from harness.report.page import write_report
+from harness.report.terminal import print_run, run_document
+from harness.results import summaries
+from harness.runs.run_data import RunData
+from harness.scenario import Options, Precision
+from harness.workers.tasks import Task
+from tests.batches import one_cell, scenario_file, sweep
+from tests.made_up import Fate, made_up
+from tests.report.conftest import simulate
+
+
+class Told:
+    """A run as it is told: on the terminal, in ``summary.csv``, as JSON, on the page."""
+
+    def __init__(
+        self, run: RunData, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        import harness.report.page as page
+
+        capsys.readouterr()
+        print_run(run)
+        self.text = " ".join(capsys.readouterr().out.split())
+        with (run.path / "summary.csv").open(encoding="utf-8", newline="") as file:
+            self.row = next(csv.DictReader(file))
+        self.json: dict[str, Any] = json.loads(json.dumps(run_document(run)))
+        self.cell = self.json["cells"][0]
+        monkeypatch.setattr(page, "pictures_of", lambda *_: iter(()))
+        monkeypatch.setattr(page, "shown_pairs", lambda *_: [])
+        self.page = write_report(run).page.read_text(encoding="utf-8")
+
+    def says_first(self, words: str) -> None:
+        """Before any table, wherever there is one."""
+        words = words.lower()
+        assert self.text.lower().index(words) < self.text.index("measure value")
+        assert self.page.lower().index(words) < self.page.index("<table")
+        assert any(words in caveat.lower() for caveat in self.cell["caveats"])
+
+    def number(self, name: str) -> float:
+        """A column, the same in CSV and JSON."""
+        value = self.cell["summary"][name]
+        assert float(self.row[name]) == pytest.approx(value)
+        return float(value)
+
+
+@pytest.fixture
+def told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Any:
+    def tell(fates: Any, pairs: int = 40, options: Options | None = None) -> Told:
+        study = one_cell("cctc", {"experiment.pairs": pairs})
+        made_up(tmp_path / "run", study, fates, options)
+        return Told(harness.load_run(tmp_path / "run"), capsys, monkeypatch)
+
+    return tell
+
+
+FAILED = {"ending": "engine_failed", "failed_in": "strategy", "reason": "the strategy raised"}
+
+
+def test_one_pair_is_not_1_pairs(told: Any) -> None:
+    found = told(lambda _task, _pair: (9.0, 10.0), pairs=1)
+    for text in (found.text, found.page):
+        assert "1 pair" in text
+        assert not re.search(r"(?<![\d,.])1 (pairs|episodes)\b", text)
+
+
+def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:
+    def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
+        nobody = {"pass_time_s": 7.4, "pedestrians": 0}
+        return (dict(FAILED), 10.0) if pair < 18 else (nobody, nobody)
+
+    found = told(fates)
+    found.says_first("18 of 40 pairs failed (strategy failed: 18, engine failed: 0)")
+    assert found.number("mu") == 1.0
+    assert (found.number("failed_strategy"), found.number("failed_engine")) == (18, 0)
+    assert found.number("kappa") == 0
+    assert found.number("kappa_worst") == pytest.approx(18 / 40)
+    # 18 arms at the time-out of 60 s against 10 s, 22 pairs alike.
+    assert found.number("mu_worst") == pytest.approx((18 * 6 + 22) / 40)
+    for words in ("κ, worst case 45.00 %", "μ, worst case 3.2500", "strategy failed: 18"):
+        assert words in found.text
+
+
+class Touchy:
+    """Raises as soon as somebody is on the crossing."""
+
+    def decide(self, observation: Observation) -> float:
+        """Nothing, until there is someone."""
+        if any(pedestrian.on_crossing for pedestrian in observation.pedestrians):
+            raise RuntimeError("help")
+        return 0.0
+
+
+def test_it_is_the_strategy_that_failed_in_a_real_run_too(tmp_path: Path) -> None:
+    av = f"{__name__}:Touchy"
+    run = harness.load_run(
+        simulate(one_cell("cctc", {"experiment.pairs": 3, "arms.av": av}), tmp_path / "run")
+    )
+    summary = run.results[0].summary
+    assert (summary.failed_strategy, summary.failed_engine, summary.failed_av) == (3, 0, 3)
+    assert summary.kappa_worst == 1.0
+    # 60 s for the AV, in the worst case, against what each human took.
+    human_s = run.pairs["human_time_s"].to_numpy()
+    assert summary.mu_worst == pytest.approx((60 / human_s).mean())
+
+
+def test_nobody_was_met(told: Any) -> None:
+    nobody = {"pass_time_s": 7.4, "pedestrians": 0, "arrivals": 0}
+    found = told(lambda _task, _pair: (nobody, nobody))
+    for text in (found.text.lower(), found.page.lower(), " ".join(found.cell["caveats"])):
+        assert "no pedestrian was met: nothing was tested" in text
+    assert (found.number("met_nobody"), found.number("met_someone")) == (40, 0)
+    assert found.cell["summary"]["mu_met_someone"] is None
+    assert found.row["pedestrian_delay_s"] == ""
+
+
+def test_nothing_ran_is_not_nobody_met(told: Any) -> None:
+    found = told(lambda _task, _pair: ({**FAILED, "pedestrians": 0}, 10.0))
+    found.says_first("no episode of the AV ran to its end: nothing was tested")
+    assert found.number("met_nobody") == 0
+
+
+def test_a_fallback_that_drives_has_its_name(told: Any) -> None:
+    fell = {"pass_time_s": 12.0, "fallback": True}
+    nobody = {"pass_time_s": 7.4, "pedestrians": 0}
+    found = told(lambda _task, pair: fell if pair < 10 else (nobody, nobody))
+    name = "soft_yield (hard_yield in 100 %)"
+    assert name in found.text
+    assert name in found.page
+    assert found.cell["av"] == name
+    found.says_first("soft_yield fell back on hard_yield in 100 %")
+    assert (found.number("fallbacks"), found.number("fallback_share")) == (10, 1.0)
+    assert "in 10 episodes: 100 % of those that met someone" in found.text
+
+
+def test_mu_says_which_way_it_errs(told: Any) -> None:
+    # Where the human crashes, slow people are about: the AV waits 35 s, he would have taken 8 s.
+    def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
+        if pair % 4:
+            return 8.0 + 0.1 * (pair % 3), 10.0
+        return 35.0 + pair % 3, {"ending": "crashed", "untouched_pass_time_s": 8.0}
+
+    found = told(fates)
+    found.says_first("the AV looks faster than it is")
+    mu_all = sum(
+        (8.0 + 0.1 * (pair % 3)) / 10 if pair % 4 else (35.0 + pair % 3) / 8 for pair in range(40)
+    )
+    assert found.number("mu_all") == pytest.approx(mu_all / 40)
+    assert found.number("mu") < found.number("mu_all_ci_low") < found.number("mu_all_ci_high")
+    assert found.number("delay_difference_human_s") > 0 > found.number("mu") - 1
+
+
+def test_the_model_was_asked_outside_its_data(told: Any) -> None:
+    # 1 of 4 questions in the AV's arm, 3 of 4 in the human's; the largest excess of all counts.
+    def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
+        asked = {"pass_time_s": 8.0, "conditionings": 4}
+        beyond = {"clamped_speed_excess_mps": 5.0 + pair / 100, "clamped_range_excess_m": 12.0}
+        return {**asked, "clamped": 1, **beyond}, {**asked, "clamped": 3, **beyond}
+
+    found = told(fates)
+    found.says_first(
+        "the interaction model was asked outside its data in 25.00 % (AV) and 75.00 % (human) of "
+        "the cases, by up to 5.39 m/s too fast and 12 m too far"
+    )
+    assert (found.number("clamped_share"), found.number("clamped_share_human")) == (0.25, 0.75)
+    assert found.number("clamped_speed_excess_mps") == pytest.approx(5.39)
+
+
+def test_a_model_that_was_asked_within_its_data_needs_no_word(told: Any) -> None:
+    inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0, "near_clamped": 2}
+    found = told(lambda _task, _pair: (inside, inside))
+    assert "outside its data" not in found.text
+    assert found.number("clamped_share") == 0
+
+
+def test_half_timed_out(told: Any) -> None:
+    found = told(lambda _task, pair: "timed_out" if pair % 2 else (8.0, "timed_out"))
+    found.says_first("40 of 40 pairs timed out (AV 20, human 20)")
+    assert (found.number("timed_out_av"), found.number("timed_out_human")) == (20, 20)
+    # A human who never passed counts as free, not as slow: 7.4 s; the AV at 60 s against 10 s.
+    assert found.number("mu_worst") == pytest.approx((20 * 6 + 20 * 8 / 7.4) / 40)
+    assert found.number("kappa_worst") == 0.5
+
+
+def test_a_time_out_shorter_than_a_free_pass_is_refused() -> None:
+    # (30 + 5 + 2) m at 5 m/s take 7.4 s.
+    with pytest.raises(InputError, match=r"experiment.timeout_s: 5 s is shorter .*at least 7.4 s"):
+        one_cell("cctc", {"experiment.timeout_s": 5.0})
+    assert one_cell("cctc", {"experiment.timeout_s": 7.4}).base.experiment.timeout_s == 7.4
+
+
+def test_a_missed_target_and_its_level_are_said(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(summaries, "FIRST_LOOK", 10)
+    options = Options(until=Precision("mu", 0.0001))
+    found = told(lambda _task, pair: 8.0 + 0.1 * (pair % 5), 40, options)
+    # Three looks, at 10, 20 and 40: each has 1 − 0.05/3.
+    assert found.number("confidence") == pytest.approx(1 - 0.05 / 3)
+    for text in (found.text, found.page):
+        assert "The target mu ± 0.0001 was missed" in text
+        assert "98.33 %" in text
+        assert "95 % interval" not in text
+    (missed,) = found.json["missed_targets"]
+    half = (found.number("mu_ci_high") - found.number("mu_ci_low")) / 2
+    assert (missed["cell"], missed["pairs"]) == (0, 40)
+    assert missed["half_width"] == pytest.approx(half)
+    run = harness.load_run(found.json["folder"])
+    assert set(run.conflicts["confidence"]) == {found.number("confidence")}
+
+
+def test_an_old_run_cannot_tell_mu_of_all_pairs() -> None:
+    # Its crashes' passages were not kept: an equal of μ would look like an answer.
+    run = harness.load_run(Path(__file__).parents[1] / "data" / "earlier_run")
+    for result in run.results:
+        assert result.summary.mu.value is not None
+        assert result.summary.mu_all.value is None
+
+
+def test_a_comparison_says_first_that_half_timed_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = sweep("cctc", {"experiment.pairs": 8}, "arms.av=soft_yield,hard_yield")
+
+    def fates(task: Task, pair: int) -> Fate:
+        return "timed_out" if task.scenario.arms.av == "hard_yield" and pair < 5 else 9.0
+
+    run = made_up(tmp_path / "run", study, fates)
+    monkeypatch.setattr(sys, "argv", ["harness", "compare", str(run)])
+    with pytest.raises(SystemExit):
+        app.main()
+    text = " ".join(capsys.readouterr().out.split())
+    words = "Cell 1: 5 of 8 pairs timed out (AV 5, human 0)"
+    assert text.index(words) < text.index("pairs with τ")
+    assert "A − B (negative: A is faster)" in text
+
+
+def test_settings_in_a_file_are_named_as_the_files() -> None:
+    with pytest.raises(InputError, match=r"cctc.toml: experiment.timeout_s"):
+        _ = scenario_file("cctc", {"ego.initial_speed_mps": 0.5}).scenario()

@@ -1,0 +1,59 @@
+"""``harness score --set conflicts.…``: other thresholds, counted by hand, nothing simulated."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import harness
+from harness.batch.scoring import score
+from harness.errors import InputError
+from harness.scenario import Setting
+from harness.workers.tasks import Task
+from tests.batches import one_cell, sweep
+from tests.made_up import Fate, made_up
+
+
+def near_misses(_task: Task, pair: int) -> Fate:
+    """PET of 0, 0.5, 1 … 4.5 s."""
+    return {"pass_time_s": 8.0, "pet_s": pair / 2}
+
+
+def test_other_thresholds_count_other_conflicts(tmp_path: Path) -> None:
+    run = made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 10}), near_misses)
+    for threshold, expected in ((1.5, 3), (2.5, 5), (0.5, 1)):
+        again = score(run, tmp_path / f"{threshold}", [Setting("conflicts.pet_s", threshold)])
+        rates = harness.load_run(again).conflicts.set_index(["arm", "conflict"])
+        assert rates.loc[("av", "pet"), "conflicts"] == expected
+        assert rates.loc[("av", "pet"), "threshold"] == threshold
+        assert (rates.loc[("av", "pet"), "episodes"], rates.loc[("av", "ttc"), "conflicts"]) == (
+            10,
+            0,
+        )
+    # Everything that rests on no threshold is as it was.
+    one, other = (pd.read_csv(of / "summary.csv") for of in (run, again))
+    pd.testing.assert_frame_equal(one, other)
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        (Setting("conflicts.pets", 1.0), "did you mean 'conflicts.pet_s'"),
+        (Setting("ego.initial_speed_mps", 6.0), "anything else has to be simulated"),
+        (Setting("conflicts.pet_s", -1.0), "greater than or equal to 0"),
+    ],
+)
+def test_what_is_no_threshold_is_refused(tmp_path: Path, setting: Setting, words: str) -> None:
+    run = made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 2}), near_misses)
+    with pytest.raises(InputError) as caught:
+        score(run, tmp_path / "again", [setting])
+    assert words in str(caught.value)
+    assert str(caught.value).startswith(f"--set {setting.key}")
+    assert not (tmp_path / "again").exists()
+
+
+def test_a_threshold_that_varies_is_refused(tmp_path: Path) -> None:
+    study = sweep("cctc", {"experiment.pairs": 2}, "conflicts.pet_s=1.0,2.0")
+    run = made_up(tmp_path / "run", study, near_misses)
+    with pytest.raises(InputError, match="varies in this run"):
+        score(run, tmp_path / "again", [Setting("conflicts.pet_s", 3.0)])

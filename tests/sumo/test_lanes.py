@@ -1,0 +1,111 @@
+"""Roads of any number of lanes: the network is what was asked for, SUMO drives it as planned."""
+
+import random
+from pathlib import Path
+
+import libsumo
+import pytest
+
+from harness.encounter import Arm
+from harness.engine.plain import PlainEngine
+from harness.engine.sumo import libsumo_engine
+from harness.episode.pairing import PairRunner
+from harness.network import build_network
+from harness.roads import Place, read_site
+from harness.scenario import Scenario, validate
+from tests.sumo.test_engines_agree import assert_same_episode
+
+
+def random_scenario(seed: int) -> Scenario:
+    """A road of one to three lanes each way, a median or strips maybe, and who is there."""
+    draw = random.Random(seed)
+    lanes, oncoming = draw.randint(1, 3), draw.randint(0, 3)
+    lane_width = round(draw.uniform(2.6, 5.0), 3)
+    rest = draw.choice([0.0, 0.0, round(draw.uniform(0.2, 6.0), 3)])
+    length = max(4.0, (lanes + oncoming) * lane_width + rest)
+    speed = round(draw.uniform(4.0, 20.0), 2)
+    crossing = {
+        "latitude_deg": draw.uniform(-60.0, 60.0),
+        "longitude_deg": draw.uniform(-180.0, 180.0),
+        "bearing_deg": draw.uniform(0.0, 359.9),
+        "lanes": lanes,
+        "oncoming_lanes": oncoming,
+        "length_m": length,
+        "width_m": round(draw.uniform(2.0, 8.0), 3),
+    }
+    if length > (lanes + oncoming) * lane_width:
+        crossing["lane_width_m"] = lane_width
+    if draw.random() < 0.5:
+        crossing["road_speed_limit_mps"] = round(draw.uniform(3.0, 25.0), 2)
+    tree = {
+        "crossing": crossing,
+        "ego": {
+            "lane": draw.randrange(lanes),
+            "initial_speed_mps": speed,
+            "trigger_range_m": round(max(30.0, speed * 5), 1),
+        },
+        "pedestrians": {"flow_per_hour": 1000.0, "kerb_wait_s": draw.choice([0.0, 2.0])},
+        "arms": {"av": draw.choice(["gap_yield", "hard_yield"]), "human": "human_yield"},
+        "model": {"extrapolate": True},
+        "experiment": {"timeout_s": 120.0, "seed": seed},
+    }
+    return validate(tree, "random")
+
+
+def check_lanes(scenario: Scenario, net: Path) -> None:
+    """Every lane of the network lies where ``[crossing]`` says, from kerb to kerb."""
+    crossing = scenario.crossing
+    site = read_site(Place(net, lane=scenario.ego.lane))
+    for edge, count, mirrored in (
+        ("approach", crossing.lanes, False),
+        ("oncoming_exit", crossing.oncoming_lanes, True),
+    ):
+        first = site.ego.stretches[0].lane - scenario.ego.lane
+        for lane in range(count):
+            name = f"{edge}_{first + lane}"
+            ys = [site.frame.to_road(*point)[1] for point in libsumo.lane.getShape(name)]
+            # By hand: lanes side by side from the kerb, one-way ones in the middle of the road.
+            width = crossing.lane_width_m or crossing.length_m / (
+                crossing.lanes + crossing.oncoming_lanes
+            )
+            kerb = 0.0 if crossing.oncoming_lanes else (crossing.length_m - width * count) / 2
+            centre = kerb + width * lane + width / 2
+            expected = crossing.length_m - centre if mirrored else centre
+            assert ys == pytest.approx([expected] * 2, abs=2e-6)
+            assert libsumo.lane.getWidth(name) == pytest.approx(width)
+
+
+def compare(seed: int, folder: Path, model) -> int:
+    """One random road in SUMO and on the plain engine; returns how many people were met."""
+    scenario = random_scenario(seed)
+    net = build_network(scenario.crossing, folder, "site").net
+    step_s = scenario.experiment.step_s
+    engine = libsumo_engine(
+        Place(net, lane=scenario.ego.lane), scenario.vehicle(), scenario.crosswalk(), step_s
+    )
+    met = 0
+    try:
+        check_lanes(scenario, net)
+        limit = scenario.crossing.road_speed_limit_mps or scenario.ego.initial_speed_mps
+        index = read_site(Place(net, lane=scenario.ego.lane)).ego.stretches[0].lane
+        for name in (f"approach_{index}", f"exit_{index}"):
+            assert libsumo.lane.getMaxSpeed(name) == limit
+        plain = PairRunner(scenario, model, lambda: PlainEngine(scenario.vehicle(), step_s))
+        in_sumo = PairRunner(scenario, model, lambda: engine)
+        for one, other in zip(in_sumo.run(range(2)), plain.run(range(2)), strict=True):
+            assert_same_episode(one, other, (seed, one.pair, one.arm))
+            met += one.record.pedestrians * (one.arm is Arm.AV)
+    finally:
+        engine.close()
+    return met
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_ten_random_roads(tmp_path: Path, model) -> None:
+    assert sum(compare(seed, tmp_path / str(seed), model) for seed in range(10)) > 20
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_simulation")
+def test_two_hundred_random_roads(tmp_path: Path, model) -> None:
+    assert sum(compare(seed, tmp_path / str(seed), model) for seed in range(10, 210)) > 400

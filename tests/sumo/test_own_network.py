@@ -1,0 +1,417 @@
+"""A crosswalk in a network of one's own gives what one of the same geometry gives anywhere.
+
+The networks are netconvert's and netgenerate's; lengths and angles are those they were asked for.
+"""
+
+import json
+import math
+import random
+import subprocess
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import sumo as sumo_package
+import sumolib
+
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.network import build_network, network_of
+from harness.network.build import run_netconvert
+from harness.network.crossings import list_crossings, scenario_text
+from harness.network.osm import convert
+from harness.roads import Place, read_network, read_site
+from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario.sections import CrossingSection
+from tests.batches import CHECKOUT, shell
+from tests.sites import NETWORKS
+from tests.sumo.test_engines_agree import assert_same_episode
+
+CCTC = NETWORKS / "cctc" / "cctc.net.xml"
+MAPS = CHECKOUT / "examples" / "maps"
+PEOPLE = {"flow_per_hour": 900.0, "first_at_trigger": True}
+
+
+@dataclass(frozen=True)
+class Road:
+    """A street with sidewalks and one crosswalk: what netconvert is asked for."""
+
+    lanes: int = 1
+    oncoming: int = 1
+    lane_m: float = 4.5
+    width_m: float = 4.0
+    bearing_deg: float = 40.0
+    straight_m: float = 150.0
+    turn_deg: float = 0.0
+    arm_deg: float | None = None
+    left_hand: bool = False
+    signal: bool = False
+    precision: int = 2
+    oblique_deg: float = 90.0
+
+
+def built(road: Road, folder: Path) -> Path:
+    """A network with `straight_m` of road before the crosswalk's junction, and a turn before it."""
+    along = complex(
+        math.sin(math.radians(road.bearing_deg)), math.cos(math.radians(road.bearing_deg))
+    )
+    turn = complex(math.cos(math.radians(road.turn_deg)), math.sin(math.radians(road.turn_deg)))
+    places = {
+        "far": -road.straight_m * along - 120 * along * turn,
+        "bend": -road.straight_m * along,
+        "cross": 0j,
+        "end": 130 * along,
+    }
+    edges = [
+        ("in", "far", "bend", road.lanes),
+        ("approach", "bend", "cross", road.lanes),
+        ("exit", "cross", "end", road.lanes),
+        ("back_in", "end", "cross", road.oncoming),
+        ("back", "cross", "bend", road.oncoming),
+        ("back_out", "bend", "far", road.oncoming),
+    ]
+    if road.arm_deg is not None:
+        angle = math.radians(road.arm_deg)
+        places["arm"] = 100 * along * complex(math.cos(angle), math.sin(angle))
+        edges += [("arm_in", "arm", "cross", 1), ("arm_out", "cross", "arm", 1)]
+    folder.mkdir(parents=True, exist_ok=True)
+    if not road.oncoming:  # the other side of a one-way street has no sidewalk
+        places["path"] = 40j * along * (-1 if road.left_hand else 1)
+    light = "traffic_light" if road.signal else "priority"
+    nodes = [
+        f'<node id="{name}" x="{at.real:.6f}" y="{at.imag:.6f}"'
+        f' type="{light if name == "cross" else "priority"}"/>'
+        for name, at in places.items()
+    ]
+    lines = [
+        f'<edge id="{name}" from="{a}" to="{b}" numLanes="{lanes}" width="{road.lane_m}"'
+        f' speed="13.89" sidewalkWidth="2" priority="{1 if "arm" in name else 5}"/>'
+        for name, a, b, lanes in edges
+        if lanes
+    ]
+    if not road.oncoming:
+        lines.append('<edge id="foot" from="cross" to="path" allow="pedestrian" width="2"/>')
+    crossed = "approach back" if road.oncoming else "approach"
+    shape = ""
+    if road.oblique_deg != 90.0:  # from kerb to kerb, about the junction's centre
+        slope = 1 / math.tan(math.radians(road.oblique_deg))
+        ends = [side * road.lane_m * along * complex(slope, 1) for side in (-1, 1)]
+        shape = f' shape="{" ".join(f"{end.real:.6f},{end.imag:.6f}" for end in ends)}"'
+    crossing = (
+        f'<crossing node="cross" edges="{crossed}" width="{road.width_m}" priority="true"{shape}/>'
+    )
+    for kind, rows in (("nodes", nodes), ("edges", lines), ("connections", [crossing])):
+        (folder / f"{kind}.xml").write_text(f"<{kind}>{''.join(rows)}</{kind}>")
+    more = ["--lefthand"] if road.left_hand else []
+    run_netconvert(
+        [
+            *("-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml", "-o", "city.net.xml"),
+            *("--no-turnarounds", "--precision", str(road.precision), *more),
+        ],
+        folder,
+    )
+    return folder / "city.net.xml"
+
+
+def scene(net: Path, edge: str, **more: dict[str, object]) -> Scenario:
+    tree = {"crossing": {"net": str(net), "edge": edge}, "pedestrians": PEOPLE, **more}
+    return validate(tree, "test")
+
+
+def play(scenario: Scenario, model, engine) -> list:
+    return list(PairRunner(scenario, model, engine).run(range(3)))
+
+
+def play_both(scenario: Scenario, model, sumo) -> int:
+    """The same episodes in SUMO and on the plain engine; returns how many people were met."""
+    step_s = scenario.experiment.step_s
+    plain = play(scenario, model, lambda: PlainEngine(scenario.vehicle(), step_s))
+    met = 0
+    for one, other in zip(play(scenario, model, lambda: sumo(scenario)), plain, strict=True):
+        assert_same_episode(one, other, (scenario.crossing, one.pair, one.arm))
+        met += one.record.pedestrians
+    return met
+
+
+def refused(net: Path, edge: str, **more: dict[str, object]) -> str:
+    with pytest.raises(InputError) as caught:
+        scene(net, edge, **more)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+# --- the same crosswalk both ways ----------------------------------------------------------------
+
+
+def test_a_generated_network_named_as_ones_own_gives_its_own_results(model, sumo) -> None:
+    made = load_scenario("cctc_flow").model_copy(
+        update={"crossing": CrossingSection(road_speed_limit_mps=100.0)}
+    )
+    own = validate({**made.model_dump(exclude={"crossing"}), "crossing": {
+        "net": str(CCTC), "edge": ":crosswalk_c0"}}, "test")  # fmt: skip
+    assert own.crosswalk().lane_centre_m == pytest.approx(2.25, abs=1e-7)
+    assert own.crossing.latitude_deg == pytest.approx(42.278415, abs=1e-8)
+    assert own.crossing.longitude_deg == pytest.approx(-83.735580, abs=1e-8)
+    assert own.crossing.bearing_deg == pytest.approx(316.5, abs=1e-3)
+    for one, other in zip(
+        play(own, model, lambda: sumo(own)), play(made, model, lambda: sumo(made)), strict=True
+    ):
+        assert one.record.sumo_collision == other.record.sumo_collision
+        assert one.record.ending == other.record.ending
+        assert one.trace.x_m == pytest.approx(other.trace.x_m, abs=1e-6)
+        assert one.trace.speed_mps == pytest.approx(other.trace.speed_mps, abs=1e-6)
+        assert len(one.trace.walks) == len(other.trace.walks)
+
+
+def test_a_street_with_sidewalks_gives_what_the_generated_road_gives(
+    tmp_path: Path, model, sumo
+) -> None:
+    net = built(Road(precision=9), tmp_path)
+    own = scene(net, ":cross_c0")
+    made = validate({"pedestrians": PEOPLE}, "test")  # 9 m, two lanes of 4.5 m, 4 m wide
+    crosswalk, same = own.crosswalk(), made.crosswalk()
+    for name in ("length_m", "width_m", "lane_centre_m", "lane_width_m"):
+        assert getattr(crosswalk, name) == pytest.approx(getattr(same, name), abs=1e-7)
+    met = 0
+    for one, other in zip(
+        play(own, model, lambda: sumo(own)), play(made, model, lambda: sumo(made)), strict=True
+    ):
+        assert one.record.ending == other.record.ending
+        assert one.trace.x_m == pytest.approx(other.trace.x_m, abs=1e-6)
+        assert one.trace.speed_mps == pytest.approx(other.trace.speed_mps, abs=1e-6)
+        met += one.record.pedestrians
+    assert met > 6
+
+
+def test_what_is_read_is_what_was_asked_for(tmp_path: Path) -> None:
+    for lanes, oncoming in ((1, 1), (2, 3), (3, 0)):
+        net = built(Road(lanes=lanes, oncoming=oncoming, lane_m=3.0), tmp_path / str(lanes))
+        for lane in range(lanes):
+            site = read_site(Place(net, ":cross_c0", f"approach_{lane + 1}"))
+            assert (site.lanes, site.oncoming_lanes) == (lanes, oncoming)
+            assert site.length_m == pytest.approx(3.0 * (lanes + oncoming), abs=0.03)
+            assert site.ego.centre_m == pytest.approx(3.0 * (lane + 0.5), abs=0.03)
+            assert site.bearing_deg == pytest.approx(40.0, abs=0.1)
+            assert [way.oncoming for way in site.ways] == [False] * lanes + [True] * oncoming
+            assert [way.index for way in site.ways] == [*range(lanes), *range(oncoming)]
+        # sumolib reads the same file with code of its own.
+        road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
+        crossing = road.getEdge(":cross_c0").getLane(0)
+        assert site.length_m == pytest.approx(crossing.getLength(), abs=0.01)
+        assert site.width_m == pytest.approx(crossing.getWidth(), abs=0.01)
+
+
+def test_an_oblique_crosswalk_is_walked_along_its_own_line(tmp_path: Path, model, sumo) -> None:
+    net = built(Road(oblique_deg=75.0, precision=6), tmp_path)
+    own = scene(net, ":cross_c0")
+    assert own.crossing.read is not None
+    assert own.crossing.read.angle_deg == pytest.approx(75.0, abs=1e-3)
+    # Two lanes of 4.5 m, cut at 75 degrees.
+    slant = math.sin(math.radians(75.0))
+    assert own.crossing.length_m == pytest.approx(9.0 / slant, abs=1e-4)
+    assert own.crosswalk().lane_centre_m == pytest.approx(2.25 / slant, abs=1e-4)
+    assert play_both(own, model, sumo) > 6
+
+
+def test_a_one_way_street_of_one_lane(tmp_path: Path, model, sumo) -> None:
+    net = built(Road(oncoming=0, lane_m=3.0), tmp_path / "usable")
+    (row,) = list_crossings(read_network(net))
+    assert (row.usable, row.oncoming_lanes) == (True, 0)
+    assert row.length_m == pytest.approx(3.0, abs=0.03)
+    assert play_both(scene(net, row.edge), model, sumo) > 6
+    # 1.8 m in the middle of 2.5 m leave 0.35 m, and 2.1 m leave 0.2 m: less than a body's 0.25 m.
+    geometry = {"length_m": 2.5, "oncoming_lanes": 0}
+    validate({"crossing": geometry}, "test")
+    with pytest.raises(InputError, match=r"leaves 0\.20 m to a kerb.*at least 0\.25 m"):
+        validate({"crossing": geometry, "ego": {"width_m": 2.1}}, "test")
+
+
+def test_a_written_trigger_lies_on_a_lane(tmp_path: Path) -> None:
+    # Six seconds at 13.89 m/s are 83.3 m; the junction of the bend ends short of that.
+    net = built(Road(straight_m=83.3, arm_deg=90.0), tmp_path)
+    (row,) = list_crossings(read_network(net))
+    path = tmp_path / "written.toml"
+    path.write_text(scenario_text(net, row), encoding="utf-8")
+    assert 30.0 < load_scenario(path).ego.trigger_range_m <= 83.34
+
+
+# --- random geometries ---------------------------------------------------------------------------
+
+
+def random_road(seed: int) -> Road:
+    rng = random.Random(seed)
+    return Road(
+        lanes=rng.randint(1, 3),
+        oncoming=rng.randint(0, 3),
+        lane_m=rng.choice([2.8, 3.2, 3.65]),
+        width_m=rng.choice([2.0, 3.0, 4.0, 6.0]),
+        bearing_deg=rng.uniform(0, 360),
+        straight_m=rng.uniform(60, 160),
+        turn_deg=rng.choice([0.0, rng.uniform(15, 90), -rng.uniform(15, 90)]),
+        arm_deg=rng.choice([None, None, rng.uniform(60, 120), -rng.uniform(60, 120)]),
+        left_hand=rng.random() < 0.3,
+    )
+
+
+def try_road(seed: int, folder: Path, model, sumo) -> bool:
+    """Whether a random road's crosswalk is usable; then it is run, and its row is true."""
+    road = random_road(seed)
+    net = built(road, folder)
+    (row,) = list_crossings(read_network(net))
+    if not row.usable:
+        # Whatever the reason is, it has a figure.
+        assert any(char.isdigit() for char in row.problem or ""), (road, row.problem)
+        return False
+    assert (row.lanes, row.oncoming_lanes) == (road.lanes, road.oncoming), road
+    assert row.straight_m is not None
+    if abs(road.turn_deg) > 1:
+        assert row.straight_m < road.straight_m + 20, road
+    range_m = min(60.0, math.floor(row.straight_m))
+    scenario = scene(net, row.edge, ego={"trigger_range_m": range_m, "initial_speed_mps": 8.0})
+    assert play_both(scenario, model, sumo) > 0, road
+    return True
+
+
+def test_a_few_random_roads(tmp_path: Path, model, sumo) -> None:
+    assert sum(try_road(seed, tmp_path / str(seed), model, sumo) for seed in range(3, 8)) >= 4
+
+
+@pytest.mark.slow
+def test_a_hundred_random_roads(tmp_path: Path, model, sumo) -> None:
+    used = sum(try_road(seed, tmp_path / str(seed), model, sumo) for seed in range(100, 220))
+    assert used >= 100
+
+
+# --- what is refused, with its figure ------------------------------------------------------------
+
+
+def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
+    turn = built(Road(turn_deg=60.0, straight_m=50.0), tmp_path / "turn")
+    assert "bends by" in (text := refused(turn, ":cross_c0", ego={"trigger_range_m": 70.0}))
+    assert "at most 4" in text or "at most 5" in text
+    signal = built(Road(signal=True), tmp_path / "signal")
+    assert "traffic light cross rules it" in refused(signal, ":cross_c0")
+    tree = {"crossing": {"net": str(signal), "edge": ":cross_c0", "ignore_signal": True}}
+    assert validate(tree, "test").crosswalk().length_m == pytest.approx(9.0, abs=0.03)
+    net = built(Road(), tmp_path / "plain")
+    assert "one of its 1 crossings" in (text := refused(net, ":cross_c7"))
+    assert "did you mean ':cross_c0'" in text
+    both = {"net": str(net), "edge": ":cross_c0", "length_m": 9.0}
+    with pytest.raises(InputError, match=r"crossing\.length_m: is given beside crossing\.net"):
+        validate({"crossing": both}, "test")
+    lane = {"net": str(net), "edge": ":cross_c0", "approach": "exit_1"}
+    with pytest.raises(InputError, match=r"'exit_1' does not lead there; allowed: approach_1"):
+        validate({"crossing": lane}, "test")
+    with pytest.raises(InputError, match=r"crossing\.edge: is not given"):
+        validate({"crossing": {"net": str(net)}}, "test")
+    narrow = built(Road(lane_m=1.0, lanes=3, oncoming=3), tmp_path / "narrow")
+    assert "1.8 m does not fit the lane" in refused(narrow, ":cross_c0")
+
+
+def test_a_light_that_is_ignored_changes_nothing(tmp_path: Path, model, sumo) -> None:
+    net = built(Road(signal=True), tmp_path)
+    crossing = {"net": str(net), "edge": ":cross_c0", "ignore_signal": True}
+    assert play_both(validate({"crossing": crossing, "pedestrians": PEOPLE}, "test"), model, sumo)
+
+
+def test_a_network_that_has_changed_is_refused(tmp_path: Path) -> None:
+    net = built(Road(), tmp_path)
+    planned = scene(net, ":cross_c0")
+    recalled = validate(planned.model_dump(), "manifest.json")
+    assert recalled == planned
+    assert network_of(recalled) == net
+    net.write_text(net.read_text() + "<!-- changed -->\n")
+    with pytest.raises(InputError, match=r"crossing\.net: .* has changed \(sha256"):
+        network_of(recalled)
+    net.unlink()
+    # What needs no simulation, a report of the run, needs no network.
+    assert validate(planned.model_dump(), "manifest.json") == planned
+
+
+def test_hostile_networks_get_one_line(tmp_path: Path) -> None:
+    text = built(Road(), tmp_path).read_text()
+    hostile = {
+        "cut": text[: len(text) // 2],
+        "word": "nothing of that",
+        "other": "<edges/>",
+        "garbage": '<net><edge id="a"/></net>',
+        "number": text.replace('width="4.00"', 'width="four"'),
+        "markup": text.replace(":cross_c0", ":cross_&lt;b&gt;[31m_c0"),
+    }
+    for name, content in hostile.items():
+        path = tmp_path / f"{name}.net.xml"
+        path.write_text(content)
+        if name in ("cut", "word", "other", "garbage"):
+            with pytest.raises(InputError) as caught:
+                read_network(path)
+            assert "\n" not in str(caught.value)
+        else:
+            (row,) = list_crossings(read_network(path))
+            assert not row.usable
+            assert "\n" not in (row.problem or "")
+    done = shell("crossings", tmp_path / "cut.net.xml")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    done = shell("crossings", tmp_path / "city.net.xml", "--json")
+    (row,) = json.loads(done.stdout)["crossings"]
+    assert (row["edge"], row["usable"], row["longitude_deg"]) == (":cross_c0", True, None)
+
+
+# --- maps and grids ------------------------------------------------------------------------------
+
+
+def test_a_mid_block_zebra_of_a_map(tmp_path: Path, model, sumo) -> None:
+    converted = convert(MAPS / "zebra.osm", tmp_path)
+    (row,) = list_crossings(read_network(converted.net))
+    assert row.usable
+    assert row.pedestrian_priority
+    assert row.streets == ("Main Street",)
+    assert (row.latitude_deg, row.longitude_deg) == pytest.approx((42.3, -83.7), abs=3e-5)
+    assert row.speed_limit_mps == pytest.approx(30 / 3.6, abs=1e-3)
+    path = tmp_path / "zebra.toml"
+    path.write_text(scenario_text(converted.net, row), encoding="utf-8")
+    scenario = load_scenario(path)
+    assert scenario.arms.human == "human_yield"  # 30 km/h is above 8 m/s
+    assert play_both(scenario, model, sumo) > 0
+
+
+def test_the_tags_of_a_map_decide_priority(tmp_path: Path) -> None:
+    converted = convert(MAPS / "four_arms.osm", tmp_path)
+    rows = {row.junction: row for row in list_crossings(read_network(converted.net))}
+    assert rows["6"].pedestrian_priority  # marked
+    assert not rows["7"].pedestrian_priority  # unmarked
+    assert "8" not in rows  # no crossing
+    assert rows["9"].pedestrian_priority  # uncontrolled, with an island
+    assert [remark for remark in converted.remarks if "island" in remark]
+    script = (tmp_path / "four_arms.commands.sh").read_text()
+    assert script.count("netconvert ") == 2
+    with pytest.raises(InputError, match="no such extract"):
+        convert(tmp_path / "none.osm", tmp_path)
+
+
+def test_a_grid_is_listed_and_run(tmp_path: Path, model, sumo) -> None:
+    program = Path(sumo_package.SUMO_HOME) / "bin" / "netgenerate"
+    words = "--grid --grid.number 3 --grid.length 150 --default.lanenumber 2 --sidewalks.guess"
+    net = tmp_path / "grid.net.xml"
+    subprocess.run(
+        [program, *words.split(), "--crossings.guess", "-o", net], check=True, capture_output=True
+    )
+    rows = list_crossings(read_network(net))
+    assert len(rows) == 20
+    assert [row.usable for row in rows] == sorted((row.usable for row in rows), reverse=True)
+    middle = [row for row in rows if row.junction == "B1"]
+    assert [row.usable for row in middle] == [True] * 4
+    for row in middle[:2]:
+        # Lanes of 3.2 m, two each way; the junctions are 150 m apart, the crosswalk 18.8 m from
+        # the far edge of its own and 10.4 m from the other's lane ends.
+        assert row.length_m == pytest.approx(12.8, abs=0.02)
+        assert play_both(scene(net, row.edge), model, sumo) > 0
+
+
+def test_a_network_is_built_and_read_in_the_same_way(tmp_path: Path) -> None:
+    crossing = CrossingSection(length_m=14.0, lanes=2, oncoming_lanes=2, bearing_deg=77.0)
+    net = build_network(crossing, tmp_path, "four").net
+    site = read_site(Place(net, lane=1))
+    assert site.length_m == pytest.approx(14.0, abs=1e-6)
+    assert site.ego.centre_m == pytest.approx(5.25, abs=1e-6)
+    assert [way.centre_m for way in site.ways] == pytest.approx([1.75, 5.25, 12.25, 8.75], abs=1e-6)

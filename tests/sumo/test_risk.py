@@ -1,0 +1,104 @@
+"""``harness risk`` from the shell: the same bytes on any number of workers, resumed, met again."""
+
+import json
+import subprocess
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from harness.encounter import Arm
+from harness.errors import InterruptedRunError
+from harness.risk.folder import RESULT, Settings, estimate_risk, resume_risk
+from harness.scenario import read_scenario_file
+from tests.batches import CHECKOUT, HARNESS, Inline
+
+FILES = ("result.json", "failures.parquet", "critical.toml")
+
+
+def settings(**changes: object) -> Settings:
+    scenario = read_scenario_file("cctc").scenario().model_copy(deep=True)
+    tree = scenario.model_dump()
+    tree["arms"]["av"] = "constant_speed"
+    return Settings("cctc", type(scenario).model_validate(tree), target_cv=0.3, **changes)
+
+
+class Broken(Inline):
+    """Is interrupted at the 30th task."""
+
+    submitted = 0
+
+    def submit(self, function, argument):  # type: ignore[no-untyped-def]
+        type(self).submitted += 1
+        if type(self).submitted == 30:
+            raise KeyboardInterrupt
+        return super().submit(function, argument)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("risk") / "whole"
+    return estimate_risk(settings(), out=out, make_executor=Inline)
+
+
+def test_the_interval_holds_the_quadrature(finished: Path) -> None:
+    result = json.loads((finished / RESULT).read_text())
+    # docs/method.md: κ of constant_speed by quadrature.
+    assert result["ci_low"] <= 0.2146 <= result["ci_high"]
+    assert result["failed"] == 0
+    assert result["compared_with_other_engine"] >= result["events"]
+    assert result["differences"] == []
+
+
+def test_same_bytes_after_an_interruption_and_in_processes(finished: Path, tmp_path: Path) -> None:
+    with pytest.raises(InterruptedRunError, match="harness resume"):
+        estimate_risk(settings(), out=tmp_path / "again", make_executor=Broken)
+    assert not (tmp_path / "again" / RESULT).exists()
+    resume_risk(tmp_path / "again", workers=2)
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (finished / name).read_bytes()
+    assert not (tmp_path / "again" / "batches").exists()
+
+
+def test_its_critical_episodes_crash_again_in_sumo(finished: Path, tmp_path: Path) -> None:
+    command = ["run", str(finished / "critical.toml"), "--out", str(tmp_path / "run"), "--quiet"]
+    subprocess.run([*HARNESS, *command], cwd=CHECKOUT, check=True, timeout=300)
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
+    assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
+    assert len(episodes) >= 2
+
+
+def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
+    asked = settings(arm=Arm.HUMAN, event="min_gap_m<1000", most_episodes=60)
+    result = json.loads(
+        (estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline) / RESULT).read_text()
+    )
+    # Everybody who steps off is nearer than a kilometre.
+    assert result["probability"] == 1.0
+    assert result["strategy"] == "human_gmm"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["cctc", "--event", "crush"], "--event crush: is no event"),
+        (["cctc", "--event", "min_tcc_s<1"], "did you mean 'min_ttc_s'?"),
+        (["cctc", "--arm", "humans"], "did you mean 'human'?"),
+        (["cctc", "--target-cv", "0"], "--target-cv"),
+        (["euro_ncap_vru"], "44 cells"),
+        (["cctc", "--set", "arms.av=sumo_driver"], "--engine sumo"),
+        (["cctc_flow", "--set", 'pedestrians.behaviour="sumo"'], "cannot be sampled"),
+    ],
+)
+def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [*HARNESS, "risk", *arguments, "--out", str(tmp_path / "risk")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert words in ended.stderr
+    assert not (tmp_path / "risk").exists()

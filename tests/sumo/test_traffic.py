@@ -1,0 +1,435 @@
+"""Hours of traffic in SUMO: against the encounter, by hand, and what must always hold."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arrival, Side
+from harness.engine.shared import close_engine, engine_for, road_for
+from harness.episode.arms import make_strategy
+from harness.episode.cell_constants import constants_of
+from harness.episode.loop import run_episode
+from harness.episode.walking_speeds import WalkingSpeeds
+from harness.interaction import load_model
+from harness.measures import measure
+from harness.results.hour_tables import hour_rows
+from harness.scenario import Scenario, validate
+from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
+from harness.traffic.demand import Scheduled, scheduled_vehicles
+from harness.traffic.hour import Hour, HourLog
+from harness.traffic.lanes import lanes_of
+from harness.traffic.pairing import HourOutcome, HourRunner
+from harness.traffic.passages import Passage, passages_of
+from harness.traffic.vehicles import LaneOnRoad
+
+MODEL = load_model("dut", None)
+pytestmark = pytest.mark.usefixtures("no_simulation")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _closed_afterwards() -> Iterator[None]:
+    yield
+    close_engine()
+
+
+def scenario_of(traffic: Mapping[str, Any], **sections: Any) -> Scenario:
+    tree: dict[str, Any] = {
+        "arms": {"av": "gap_yield", "human": "constant_speed"},
+        "pedestrians": {"flow_per_hour": 0.0, "kerb_wait_s": 0.0},
+        "traffic": {"duration_s": 60.0, "warm_up_s": 0.0, **traffic},
+    }
+    for section, values in sections.items():
+        tree[section] = {**tree.get(section, {}), **values}
+    return validate(tree, "test")
+
+
+def hour_of(
+    scenario: Scenario,
+    steps: Sequence[Sequence[int]],
+    arrivals: Sequence[Arrival] = (),
+    strategy: str | None = None,
+) -> tuple[Hour, HourLog, list[Passage]]:
+    """An hour with vehicles due at those steps of each lane, and those people."""
+    name = strategy or scenario.arms.av
+    rules = constants_of(scenario)
+    base = {side: rules.crossing.to_lane_m(side) for side in Side}
+    roads = lanes_of(scenario)
+    lanes = [
+        LaneOnRoad(
+            number,
+            lane,
+            iter(
+                [
+                    Scheduled(count * len(roads) + number, lane, step, 0.0)
+                    for count, step in enumerate(due)
+                ]
+            ),
+            base,
+        )
+        for number, (lane, due) in enumerate(zip(roads, steps, strict=True))
+    ]
+    choose = WalkingSpeeds(scenario, MODEL)
+    road = road_for(scenario)
+    assert scenario.traffic is not None
+    hour = Hour(
+        road,
+        lanes,
+        tuple(arrivals),
+        choose,
+        lambda planned: (name, make_strategy(scenario, name, 0, MODEL, planned.number)),
+        rules,
+        scenario.traffic,
+    )
+    log = hour.run()
+    ends = {number: lane.ends_x_m for number, lane in enumerate(road.lanes)}
+    return hour, log, passages_of(log, rules, ends, scenario.traffic.saturated)
+
+
+@pytest.mark.parametrize("people", [0, 3])
+@pytest.mark.parametrize(
+    "strategy",
+    ["constant_speed", "gap_yield", "hard_yield", "soft_yield", "human_gmm", "emergency_brake"],
+)
+def test_one_vehicle_is_the_single_ego(strategy: str, people: int) -> None:
+    """With kerb wait 0 even the rule for stopping vehicles says what the encounter's says."""
+    scenario = scenario_of({"duration_s": 120.0})
+    _, _, empty = hour_of(scenario, [[100], []], strategy="constant_speed")
+    begins = empty[0].moving.first_step
+    assert begins is not None
+    rng = np.random.default_rng(people)
+    times = np.sort(rng.uniform(0.0, 4.0, people)).tolist()
+    own = tuple(
+        Arrival(number, time, [Side.NEAR, Side.FAR][number % 2], float(rng.random()))
+        for number, time in enumerate(times)
+    )
+    later = tuple(person._replace(arrival_s=person.arrival_s + begins * 0.1) for person in own)
+    _, _, (passage,) = hour_of(scenario, [[100], []], later, strategy)
+    rules = constants_of(scenario)
+    trace = run_episode(
+        engine_for(scenario),
+        make_strategy(scenario, strategy, 0, MODEL),
+        own,
+        WalkingSpeeds(scenario, MODEL),
+        rules,
+    )
+    (record,) = measure([trace])
+    np.testing.assert_allclose(passage.trace.x_m, trace.x_m, atol=1e-6)
+    np.testing.assert_allclose(passage.trace.speed_mps, trace.speed_mps, atol=1e-6)
+    assert passage.record.ending == record.ending
+    assert passage.record.pedestrians == record.pedestrians
+    for mine, theirs in zip(passage.record.values, record.values, strict=True):
+        if theirs is None or mine is None:
+            assert mine is theirs
+        else:
+            assert mine == pytest.approx(theirs, abs=1e-6)
+    if record.delay_s is not None:
+        assert passage.delay_s == pytest.approx(record.delay_s, abs=1e-6)
+
+
+def test_oncoming_is_the_ego_turned_round() -> None:
+    """The same person, named from the other kerb, before a vehicle from the other side."""
+    scenario = scenario_of({"duration_s": 120.0})
+    begins = 10.0 + 270 / 5.0
+    people = [Arrival(0, begins + 1.0, Side.NEAR, 0.4)]
+    turned = [people[0]._replace(side=Side.FAR)]
+    _, _, (forward,) = hour_of(scenario, [[100], []], people)
+    _, _, (oncoming,) = hour_of(scenario, [[], [100]], turned)
+    assert forward.record.pedestrians == 1
+    assert forward.delay_s is not None
+    assert forward.delay_s > 0.1
+    np.testing.assert_allclose(oncoming.trace.x_m, forward.trace.x_m, atol=1e-6)
+    np.testing.assert_allclose(oncoming.record.values[0], forward.record.values[0], atol=1e-6)
+    walks = [passage.trace.walks[0] for passage in (forward, oncoming)]
+    assert walks[0].arrival.side is walks[1].arrival.side is Side.NEAR
+
+
+def run_pair(scenario: Scenario, pair: int = 0) -> dict[str, Any]:
+    """Both arms' outcomes of a pair, and their rows."""
+    runner = HourRunner(scenario, MODEL, lambda: road_for(scenario))
+    outcomes = {outcome.arm: outcome for outcome in runner.run([pair])}
+    return {"outcomes": outcomes, "rows": hour_rows(0, outcomes.values())}
+
+
+def busy(**traffic: Any) -> dict[str, Any]:
+    return {
+        "flow_per_hour": 500.0,
+        "oncoming_per_hour": 500.0,
+        "duration_s": 180.0,
+        "warm_up_s": 60.0,
+        **traffic,
+    }
+
+
+def test_shares_0_and_1_and_the_reference_are_what_they_should_be() -> None:
+    """No AVs: both arms are one. A greater share only adds AVs. The reference never changes."""
+    people = {"flow_per_hour": 600.0, "kerb_wait_s": 2.0}
+    rows, automated = {}, {}
+    for share in (0.0, 0.4, 1.0):
+        scenario = scenario_of(
+            busy(av_share=share, flow_per_hour=400.0, oncoming_per_hour=300.0, duration_s=60.0),
+            pedestrians=people,
+            arms={"av": "gap_yield", "human": "constant_speed"},
+        )
+        passages = run_pair(scenario)["rows"]["passages"]
+        by_arm: dict[str, list[Any]] = {"av": [], "human": []}
+        for number, arm in enumerate(passages["arm"]):
+            values = [passages[name][number] for name in passages if name != "arm"]
+            by_arm[arm].append(values)
+        rows[share] = by_arm
+        chosen = zip(passages["arm"], passages["vehicle"], passages["strategy"], strict=True)
+        automated[share] = {v for arm, v, name in chosen if arm == "av" and name == "gap_yield"}
+    assert rows[0.0]["av"] == rows[0.0]["human"]
+    assert rows[0.0]["human"] == rows[0.4]["human"] == rows[1.0]["human"]
+    assert automated[0.0] == set()
+    assert 0 < len(automated[0.4]) < len(automated[1.0]) == len(rows[1.0]["av"])
+    assert automated[0.4] < automated[1.0]
+
+
+def followers(outcome: HourOutcome) -> float:
+    """The smallest gap between two vehicles of a lane over all their recorded states."""
+    least = math.inf
+    length = outcome.scenario.ego.length_m
+    by_lane: dict[str, list[Passage]] = {}
+    for passage in outcome.passages:
+        by_lane.setdefault(passage.moving.plan.lane.name, []).append(passage)
+    for passages in by_lane.values():
+        ordered = sorted(passages, key=lambda passage: passage.moving.plan.number)
+        for ahead, behind in pairwise(ordered):
+            if ahead.moving.first_step is None or behind.moving.first_step is None:
+                continue
+            begin = behind.moving.first_step - ahead.moving.first_step
+            count = min(len(ahead.trace.x_m) - begin, len(behind.trace.x_m))
+            if count > 0:
+                front = ahead.trace.x_m[begin : begin + count] - length
+                least = min(least, float((front - behind.trace.x_m[:count]).min()))
+    return least
+
+
+@pytest.mark.parametrize("strategy", ["hard_yield", "gap_yield", "human_yield"])
+def test_nobody_is_lost_and_nobody_comes_too_near(strategy: str) -> None:
+    """minGap less 0.2 m; every vehicle scheduled has one passage; the road is empty afterwards."""
+    scenario = scenario_of(
+        busy(), pedestrians={"flow_per_hour": 600.0, "kerb_wait_s": 2.0}, arms={"av": strategy}
+    )
+    found = run_pair(scenario)
+    outcome = found["outcomes"]["av"]
+    due = {
+        planned.number
+        for lane in lanes_of(scenario)
+        for planned in scheduled_vehicles(scenario, 0, lane)
+    }
+    assert {passage.moving.plan.number for passage in outcome.passages} == due
+    assert len(outcome.passages) == len(due)
+    assert all(passage.passed_s is not None for passage in outcome.passages)
+    assert all(passage.moving.gone_step is not None for passage in outcome.passages[:-20])
+    assert followers(outcome) > 2.0 - 0.2
+    api = road_for(scenario)._api
+    assert api.vehicle.getIDList() == ()
+    assert api.person.getIDList() == ()
+    assert api.simulation.getStartingTeleportNumber() == 0
+
+
+@pytest.mark.slow
+def test_waits_are_the_integral_over_the_blocked_times() -> None:
+    """Drivers who ignore waiting people: mean wait = Σ blocked²/2 / time, at any flow.
+
+    A vehicle blocks from kerb_wait before its front is at the near edge until its rear has left
+    the far one; who waits goes at the next step's beginning.
+    """
+    wait_s, step_s, speed = 2.0, 0.1, 8.0
+    scenario = scenario_of(
+        busy(duration_s=600.0),
+        ego={"initial_speed_mps": speed},
+        pedestrians={"flow_per_hour": 2000.0, "kerb_wait_s": wait_s},
+        arms={"av": "constant_speed"},
+    )
+    found = run_pair(scenario)
+    outcome = found["outcomes"]["human"]
+    half = scenario.crossing.width_m / 2
+    spans = []
+    for passage in outcome.passages:
+        first = passage.moving.first_step
+        assert first is not None
+        edge_s = first * step_s + (-half - passage.trace.x_m[0]) / speed
+        rear_s = edge_s + (scenario.crossing.width_m + scenario.ego.length_m) / speed
+        spans.append((edge_s - wait_s, math.ceil(rear_s / step_s - 1e-6) * step_s))
+    merged: list[list[float]] = []
+    for begin, end in sorted(spans):
+        if merged and begin <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], end)
+        else:
+            merged.append([begin, end])
+    total = 600.0
+    inside = [(max(b, 60.0), min(e, 60.0 + total)) for b, e in merged]
+    lengths = np.array([end - begin for begin, end in inside if end > begin])
+    expected = float((lengths**2).sum()) / 2 / total
+    waits = [
+        walk.start_s - walk.arrival.arrival_s
+        for walk in outcome.log.walks
+        if walk.start_s is not None and 60.0 <= walk.arrival.arrival_s < 60.0 + total
+    ]
+    error = float(np.std(waits)) / math.sqrt(len(waits))
+    assert len(waits) > 280
+    assert abs(float(np.mean(waits)) - expected) < 3 * error
+
+
+@pytest.mark.slow
+def test_capacity_under_absolute_priority() -> None:
+    """λ e^{−λτ} Σ_k e^{−λ d_k} of a saturated lane, τ and d_k from a queue let go once, by itself.
+
+    Hard-Yield waits for everyone on the crossing; with kerb wait 0 it never keeps anybody waiting
+    long. τ is how long one person blocks it; d_k when the k-th queued vehicle commits itself.
+    """
+    scenario = scenario_of(
+        {"duration_s": 2400.0, "warm_up_s": 60.0, "saturated": True},
+        ego={"initial_speed_mps": 8.0},
+        crossing={"oncoming_lanes": 0, "length_m": 4.5},
+        pedestrians={"flow_per_hour": 0.0, "kerb_wait_s": 0.0},
+        arms={"av": "hard_yield"},
+    )
+    lane = lanes_of(scenario)[0]
+    choose_s = 4.5 / 1.2
+
+    def through(people: Sequence[Arrival]) -> tuple[Hour, HourLog]:
+        rules = constants_of(scenario)
+        base = {side: rules.crossing.to_lane_m(side) for side in Side}
+        lanes = [LaneOnRoad(0, lane, scheduled_vehicles(scenario, 0, lane), base)]
+        assert scenario.traffic is not None
+        hour = Hour(
+            road_for(scenario),
+            lanes,
+            people,
+            lambda *_: 1.2,
+            lambda p: ("hard_yield", make_strategy(scenario, "hard_yield", 0, MODEL, p.number)),
+            rules,
+            scenario.traffic,
+        )
+        return hour, hour.run()
+
+    # One long stop, then the queue goes: a platoon of people who follow each other closely.
+    platoon = [Arrival(i, 100.0 + 2.0 * i, Side.NEAR, 0.5) for i in range(30)]
+    _, log = through(platoon)
+    free_s = platoon[-1].arrival_s + choose_s
+    # A vehicle is committed once it can no longer stop before somebody who steps off: its front is
+    # within v²/2b of the crosswalk's near edge.
+    commits = []
+    for moving in log.vehicles:
+        if moving.first_step is None:
+            continue
+        for number, (x, v) in enumerate(zip(moving.xs, moving.speeds, strict=True)):
+            if -x - 0.25 < v**2 / (2 * 4.5) or x > -2.0:
+                commits.append((moving.first_step + number) * 0.1)
+                break
+    after = np.array(sorted(time for time in commits if time >= free_s)) - free_s
+    rate = 400.0 / 3600.0
+    expected = 3600 * priority_capacity_per_s(rate, choose_s, after[:400].tolist())
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.exponential(1 / rate, 600))
+    people = [Arrival(i, float(t), Side.NEAR, 0.5) for i, t in enumerate(times) if t < 2500]
+    _, log = through(people)
+    begin = round(60.0 / 0.1)
+    passed = [m.first_step + len(m.xs) - 1 for m in log.vehicles if m.passed and m.first_step]
+    seen = sum(begin <= step < begin + 24000 for step in passed) / 2400 * 3600
+    assert seen == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("crossing", "steps", "goes_s"),
+    [
+        ({"oncoming_lanes": 0}, [[100]], 71.4),
+        ({"lanes": 2, "oncoming_lanes": 0}, [[100], [120]], 73.4),
+        ({}, [[100], [125]], 73.9),
+    ],
+)
+def test_waiting_worked_out_by_hand(
+    crossing: dict[str, int], steps: list[list[int]], goes_s: float
+) -> None:
+    """At 5 m/s from 300 m: due at step 100, the front is at the near edge at 10 + 298/5 = 69.6 s.
+
+    The rear leaves the far edge at 10 + 307/5 = 71.4 s, so with a kerb wait of 2 s this vehicle
+    blocks from 67.6 s to 71.4 s; one due 2 s later, in another lane, to 73.4 s, and one that comes
+    the other way 2.5 s later to 73.9 s.
+    """
+    scenario = scenario_of(
+        {"duration_s": 90.0, "flow_per_hour": 0.0, "oncoming_per_hour": 0.0},
+        crossing=crossing,
+        pedestrians={"kerb_wait_s": 2.0},
+    )
+    people = [Arrival(0, 67.5, Side.NEAR, 0.5), Arrival(1, 67.7, Side.FAR, 0.5)]
+    _, log, _ = hour_of(scenario, steps, people, "constant_speed")
+    starts = [walk.start_s for walk in log.walks]
+    assert starts[0] == 67.5
+    assert starts[1] == pytest.approx(goes_s, abs=1e-9)
+    assert log.let_go == {1: False}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(12))
+def test_random_demand_loses_nobody(seed: int) -> None:
+    """Random flows, lanes, strategies and car following: as above."""
+    rng = np.random.default_rng(seed)
+    lanes = int(rng.integers(1, 3))
+    scenario = scenario_of(
+        busy(
+            flow_per_hour=float(rng.uniform(0, 700) * lanes),
+            oncoming_per_hour=float(rng.uniform(0, 700)),
+            following=["Krauss", "IDM"][seed % 2],
+            duration_s=300.0,
+        ),
+        crossing={"lanes": lanes, "length_m": 4.5 * (lanes + 1)},
+        ego={"initial_speed_mps": float(rng.uniform(4, 12)), "trigger_range_m": 60.0},
+        pedestrians={"flow_per_hour": float(rng.uniform(0, 900)), "kerb_wait_s": 2.0},
+        arms={"av": ["hard_yield", "gap_yield", "human_yield", "soft_yield"][seed % 4]},
+        experiment={"seed": seed},
+    )
+    outcome = run_pair(scenario)["outcomes"]["av"]
+    due = {
+        planned.number
+        for lane in lanes_of(scenario)
+        for planned in scheduled_vehicles(scenario, 0, lane)
+    }
+    assert {passage.moving.plan.number for passage in outcome.passages} == due
+    assert followers(outcome) > 2.0 - 0.2
+
+
+@pytest.mark.slow
+def test_delay_of_a_lone_vehicle_under_absolute_priority() -> None:
+    """(e^{λτ} − λτ − 1)/λ where nobody needs time to speed up: all accelerations are 20 m/s²."""
+    walking, rate = 0.6, 1000.0
+    scenario = scenario_of(
+        {
+            "flow_per_hour": 20.0,
+            "oncoming_per_hour": 0.0,
+            "duration_s": 40_000.0,
+            "warm_up_s": 100.0,
+        },
+        crossing={"oncoming_lanes": 0, "length_m": 4.5},
+        ego={
+            "initial_speed_mps": 3.0,
+            "detection_range_m": 3.6,
+            "max_acceleration_mps2": 20.0,
+            "max_deceleration_mps2": 20.0,
+            "resume_acceleration_mps2": 20.0,
+        },
+        pedestrians={
+            "flow_per_hour": rate,
+            "kerb_wait_s": 0.0,
+            "walking_speed": {"mean_mps": walking, "std_mps": 1e-6},
+        },
+        arms={"av": "hard_yield"},
+    )
+    delays = np.array(
+        [
+            passage.delay_s
+            for passage in run_pair(scenario)["outcomes"]["av"].passages
+            if passage.delay_s is not None
+        ]
+    )
+    # Alone: nobody waits behind another one.
+    expected = gap_wait_s(rate / 3600, 4.5 / walking)
+    error = float(delays.std()) / math.sqrt(len(delays))
+    assert abs(float(delays.mean()) - expected) < 0.03 * expected + 3 * error

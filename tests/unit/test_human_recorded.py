@@ -1,0 +1,101 @@
+"""Human-Recorded: whom it answers, when it brakes, that it drives into nobody it can avoid.
+
+v0 = 5 m/s from R = 30 m, steps of 0.1 s, so R = 30 − 0.5 k at step k.  The path, with 5 cm to
+spare, is 1.05 to 3.45 m from the near kerb and 5.55 to 7.95 m from the far one.
+"""
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arm, Side
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.scenario import Setting, load_scenario
+from harness.strategies.human_recorded import HumanRecorded
+from tests.scenes import outcome_of, play
+
+
+def first_braking_range(trace) -> float:
+    step = int(np.flatnonzero(np.diff(trace.speed_mps) < -1e-9)[0])
+    return -float(trace.x_m[step])
+
+
+def test_goes_before_somebody_who_comes_long_after_it_is_gone() -> None:
+    # At 4 s it is 10 m away and gone after 15.3 m, 3.06 s later; she is in its path after 5.55 s.
+    trace = play(HumanRecorded(horizon_s=20.0, go_first_s=3.0), [(4.0, Side.FAR, 1.0)])
+    assert trace.speed_mps.min() == 5.0
+    assert outcome_of(trace).record.contact is None
+
+
+def test_stops_comfortably_before_somebody_who_counts_and_goes_on_behind_them() -> None:
+    # At 0.3 m/s he is in its path from 3.5 s to 11.5 s.  2 m/s² stops from 5 m/s in 6.25 m, before
+    # R = 0.3 m; the step in which it begins starts at most 0.5 m earlier.
+    driver = HumanRecorded(
+        horizon_s=20.0,
+        reaction_time_s=0.0,
+        comfortable_deceleration_mps2=2.0,
+        speed_among_people_mps=5.0,
+    )
+    trace = play(driver, [(0.0, Side.NEAR, 0.3)])
+    assert 6.55 <= first_braking_range(trace) <= 7.05 + 1e-9
+    assert np.diff(trace.speed_mps).min() / 0.1 > -2.2
+    assert -trace.x_m[110] == pytest.approx(0.3, abs=1e-6)
+    assert -trace.x_m[120] < 0.3
+    assert outcome_of(trace).record.contact is None
+
+
+def test_whom_it_has_not_yet_seen_long_enough_is_braked_for_at_the_last_moment() -> None:
+    # Full braking, 4.5 m/s², takes 25/9 = 2.78 m and a step's rest.
+    driver = HumanRecorded(reaction_time_s=100.0, speed_among_people_mps=5.0)
+    trace = play(driver, [(0.0, Side.NEAR, 0.3)])
+    assert 3.08 <= first_braking_range(trace) <= 3.6
+    assert outcome_of(trace).record.contact is None
+
+
+def test_a_reaction_time_delays_yielding_alone() -> None:
+    # 1 m/s² needs 12.5 m before R = 0.3 m; he is seen from 0 s on, so 4 s cost nothing, 5 s do.
+    def begins(reaction_s: float) -> float:
+        driver = HumanRecorded(
+            horizon_s=20.0,
+            reaction_time_s=reaction_s,
+            comfortable_deceleration_mps2=1.0,
+            speed_among_people_mps=5.0,
+        )
+        return first_braking_range(play(driver, [(0.0, Side.NEAR, 0.3)]))
+
+    assert begins(0.0) == begins(3.0) > 12.8
+    assert begins(4.0) == pytest.approx(10.0)
+
+
+@pytest.mark.parametrize("flow", [250.0, 1000.0])
+def test_no_avoidable_crash_in_flows(flow, model) -> None:
+    assert crashes(flow, range(60), model) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("flow", [250.0, 1000.0])
+def test_no_avoidable_crash_in_20_000_pairs(flow, model) -> None:
+    assert crashes(flow, range(20_000), model) == []
+
+
+def crashes(flow, pairs, model) -> list[int]:
+    """Pairs in which it had an avoidable crash with pedestrians of constant speed."""
+    cell = load_scenario(
+        "cctc_flow",
+        [
+            Setting("pedestrians.flow_per_hour", flow),
+            Setting("arms.human", "human_recorded"),
+        ],
+    )
+    runner = PairRunner(cell, model, lambda: PlainEngine(cell.vehicle(), cell.experiment.step_s))
+    return [pair for pair in pairs if runner.run_arm(pair, Arm.HUMAN).record.avoidable]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"horizon_s": 0.0}, {"reaction_time_s": -0.1}, {"pulling_away_mps2": -1.0}],
+)
+def test_values_outside_their_range_are_refused(wrong) -> None:
+    with pytest.raises(InputError, match=f"human_recorded.{next(iter(wrong))}"):
+        HumanRecorded(**wrong)

@@ -1,0 +1,212 @@
+"""Human-Yield: whom it yields to, when it brakes, that it drives into nobody it can avoid.
+
+v0 = 5 m/s from R = 30 m, steps of 0.1 s, so R = 30 − 0.5 k at step k; stop line at R = 3 m.  With
+3 m/s² a stop takes 25/6 = 4.17 m.  The path is 1.1 to 3.4 m from the near kerb, the lane ends,
+disc and all, at 4.75 m.
+"""
+
+import math
+
+import numpy as np
+import pytest
+
+from harness.encounter import (
+    Arm,
+    EgoView,
+    Ending,
+    Observation,
+    PedestrianView,
+    Side,
+    Strategy,
+    Trace,
+)
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.measures import measure
+from harness.measures.ego import crossing_time
+from harness.seeding import stream
+from harness.strategies.gap_yield import GapYield
+from harness.strategies.hard_yield import HardYield
+from harness.strategies.human_yield import HumanYield
+from tests.scenes import play, scenario
+
+STEP = 0.1
+WAITS = {"kerb_wait_s": 100.0}
+"""Nobody steps off before a car that moves."""
+
+
+def driver(*, yields: bool, **parameters: float) -> HumanYield:
+    return HumanYield(rng=np.random.default_rng(1), yield_rate=float(yields), **parameters)
+
+
+def braking_steps(trace: Trace) -> list[int]:
+    return np.flatnonzero(np.diff(trace.speed_mps) < -1e-9).tolist()
+
+
+def test_one_vehicle_in_four_does_not_yield() -> None:
+    # A stream of its own for each pair; 0.74 ± four standard errors of 4,000 vehicles.
+    scene = scenario(pedestrians=WAITS)
+    kinds = [HumanYield(rng=stream(7, "strategy", pair))._yields for pair in range(4000)]
+    assert np.mean(kinds) == pytest.approx(0.74, abs=4 * math.sqrt(0.74 * 0.26 / 4000))
+    for pair in range(12):
+        trace = play(HumanYield(rng=stream(7, "strategy", pair)), [(0.0, Side.NEAR, 1.0)], scene)
+        assert bool(braking_steps(trace)) is kinds[pair]
+
+
+def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
+    # After step k the room is 27 − 0.5 (k + 1), which has to be 4.17 m: k ≤ 44.  From k = 45 on
+    # 25/(2 · 4.5) m/s² for 1.8 s.  He steps off at 6.3 s, is out of the lane 4.75 s later, and
+    # 1 m at a0 takes sqrt(2) s: it starts at the first step from 9.636 s on.
+    trace = play(driver(yields=True), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
+    np.testing.assert_array_equal(trace.speed_mps[:46], 5.0)
+    np.testing.assert_allclose(np.diff(trace.speed_mps)[45:63] / STEP, -25 / 9, atol=1e-9)
+    np.testing.assert_allclose(-trace.x_m[63:98], 3.0, atol=1e-9)
+    assert trace.walks[0].start_s == pytest.approx(6.3)
+    np.testing.assert_allclose(np.diff(trace.speed_mps)[97:120] / STEP, 1.0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("deceleration", "stops"), [(3.0, True), (1.9, True), (1.7, False)])
+def test_goes_on_where_stopping_would_not_be_comfortable(deceleration: float, stops: bool) -> None:
+    # He arrives at R = 10 m: 25/14 = 1.786 m/s² from there to the line.
+    strategy = driver(yields=True, comfortable_deceleration_mps2=deceleration)
+    trace = play(strategy, [(4.0, Side.FAR, 1.0)], scenario(pedestrians=WAITS))
+    assert bool(braking_steps(trace)) is stops
+    assert (trace.walks[0].start_s is not None) is stops
+
+
+def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
+    # 4.75 m at 1 m/s; it is at the near edge, R = 2 m, after 5.6 s.
+    trace = play(driver(yields=True), [(0.0, Side.NEAR, 1.0)])
+    assert braking_steps(trace) == []
+    # At 0.8 m/s it takes 5.94 s: it brakes until going on gets it there no sooner.
+    slow = play(driver(yields=True), [(0.0, Side.NEAR, 0.8)])
+    assert braking_steps(slow)[0] == 45
+    assert slow.speed_mps.min() > 1.0
+    assert crossing_time(slow, -2.0) == pytest.approx(4.75 / 0.8, abs=0.1)
+
+
+@pytest.mark.parametrize("yields", [True, False])
+@pytest.mark.parametrize(
+    ("arrival", "first", "deceleration"),
+    [
+        # Off the kerb at R = 10 m at 0.8 m/s: in the path from 1.25 to 4.5 s (with 0.1 m to spare),
+        # while it is there from 1.93 s on.  It need not stop yet; from R = 7.5 m on it must.
+        (4.0, 45, 25 / 9),
+        # At R = 5.5 m: the line is too near for comfort, so to 0.1 m before his disc, 5.15 m.
+        (4.9, 49, 25 / 10.3),
+        # At R = 3.5 m: 3.15 m.
+        (5.3, 53, 25 / 6.3),
+    ],
+)
+def test_whoever_is_in_its_path_is_braked_for(
+    yields: bool, arrival: float, first: int, deceleration: float
+) -> None:
+    trace = play(driver(yields=yields), [(arrival, Side.NEAR, 0.8)])
+    assert braking_steps(trace)[0] == first
+    # Held but for what the time grid takes, 1/(4 n (n − 1)).
+    assert -np.diff(trace.speed_mps)[first] / STEP == pytest.approx(deceleration, rel=0.01)
+    assert measure([trace])[0].contact is None
+
+
+@pytest.mark.parametrize(("walking", "brakes"), [(2.5, True), (1.3, False)])
+def test_where_no_stop_helps_it_brakes_for_the_front_alone(walking: float, brakes: bool) -> None:
+    # Off the kerb at R = 2.5 m, 2.25 m before his line, where a stop takes 2.78 m: braked, it is
+    # there after (5 − sqrt(25 − 9 · 2.25))/4.5 = 0.627 s.  His path begins 1 m away.
+    trace = play(driver(yields=False), [(5.5, Side.NEAR, walking)])
+    assert (braking_steps(trace)[:1] == [55]) is brakes
+    assert measure([trace])[0].contact == ("front" if brakes else "side")
+
+
+def test_one_that_does_not_yield_passes_who_waits_and_who_is_far() -> None:
+    waits = play(driver(yields=False), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
+    assert braking_steps(waits) == []
+    # 5.5 m to the path with 0.1 m to spare, at 0.7 m/s 7.86 s; its rear is gone after 7.07 s.
+    far = [(0.0, Side.FAR, 0.7)]
+    assert braking_steps(play(driver(yields=False), far)) == []
+    assert braking_steps(play(driver(yields=True), far))[0] == 45
+
+
+@pytest.mark.parametrize("make", [
+    lambda: driver(yields=True),
+    lambda: HardYield(yield_to_waiting=True),
+    lambda: GapYield(yield_to_waiting=True),
+])  # fmt: skip
+@pytest.mark.parametrize("limit", [2.0, 4.5])
+def test_never_waits_for_each_other(make, limit: float) -> None:
+    # Whenever people come, on both sides and while it brakes, passes or stands.
+    scene = scenario(pedestrians=WAITS, ego={"max_deceleration_mps2": limit})
+    for arrival in np.arange(0.0, 7.0, 0.13):
+        people = [(arrival + 0.8 * i, (*Side,)[i % 2], 1.0 + 0.2 * i) for i in range(4)]
+        trace = play(make(), people, scene)
+        assert trace.ending is Ending.CROSSED
+        assert measure([trace])[0].contact is None
+        # It crosses when everybody has, or without having stood.
+        assert {walk.start_s is None for walk in trace.walks} != {True} or trace.speed_mps.min() > 0
+
+
+@pytest.mark.parametrize(("range_m", "goes"), [(2.01, False), (1.99, True), (0.5, True)])
+def test_at_rest_it_waits_for_those_who_wait_only_before_the_edge(
+    range_m: float, goes: bool
+) -> None:
+    # Nobody steps off before a car whose bumper is over the near edge, R = 2 m.
+    scene = scenario()
+    people = (PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False),)
+    seen = Observation(
+        9.0, STEP, EgoView(range_m, 0.0, 0.0), scene.vehicle(), scene.crosswalk(), people
+    )
+    makers = (HardYield, GapYield)
+    drivers = [driver(yields=True), *(make(yield_to_waiting=True) for make in makers)]
+    assert [strategy.decide(seen) > 0 for strategy in drivers] == [goes] * 3
+
+
+@pytest.mark.parametrize("strategy", [HardYield, GapYield])
+def test_the_others_yield_to_who_waits_where_asked(strategy: type[Strategy]) -> None:
+    scene = scenario(pedestrians=WAITS)
+    person = [(0.0, Side.NEAR, 1.0)]
+    assert play(strategy(), person, scene).walks[0].start_s is None
+    trace = play(strategy(yield_to_waiting=True), person, scene)
+    assert -trace.x_m[trace.speed_mps < 1e-9] == pytest.approx(3.0, abs=1e-3)
+    assert trace.walks[0].start_s is not None
+    # At R = 7 m a stop would take more than 3 m/s²: too late for both.
+    late = [(4.6, Side.NEAR, 1.0)]
+    np.testing.assert_array_equal(
+        play(strategy(yield_to_waiting=True), late, scene).speed_mps,
+        play(strategy(), late, scene).speed_mps,
+    )
+
+
+@pytest.mark.parametrize(
+    ("rate", "changes"),
+    [
+        (0.74, {}),
+        (0.0, {"pedestrians": {"flow_per_hour": 2000.0, "kerb_wait_s": 2.0}}),
+        (
+            0.74,
+            {
+                "ego": {"initial_speed_mps": 13.9, "trigger_range_m": 80.0},
+                "model": {"extrapolate": True},
+            },
+        ),
+    ],
+)
+def test_no_crash_that_it_could_have_avoided_in_flows(rate: float, changes, model) -> None:
+    scene = scenario(
+        arms={"av": "human_yield", "human": "constant_speed"},
+        strategies={"human_yield": {"yield_rate": rate}},
+        experiment={"timeout_s": 300.0},
+        **{"pedestrians": {"flow_per_hour": 1000.0, "kerb_wait_s": 2.0}, **changes},
+    )
+    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    records = [o.record for o in runner.run(range(80)) if o.arm is Arm.AV]
+    assert [record.ending for record in records] == ["crossed"] * 80
+    assert sum(record.pedestrians for record in records) > 150
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("yield_rate", -0.1), ("yield_rate", 1.1), ("comfortable_deceleration_mps2", 0.0)],
+)
+def test_refuses_what_is_no_rate_or_deceleration(key: str, value: float) -> None:
+    with pytest.raises(InputError, match=rf"human_yield\.{key}"):
+        HumanYield(rng=np.random.default_rng(1), **{key: value})

@@ -1,0 +1,186 @@
+"""Lanes of a road, and what strategies make of them: every place is added up by hand."""
+
+import math
+from typing import Any
+
+import pytest
+
+from harness.encounter import Arm, Side
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.measures import measure
+from harness.measures.ego import crossing_time
+from harness.scenario import (
+    Setting,
+    parse_variation,
+    read_scenario_file,
+    remarks,
+    study_of,
+    validate,
+)
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.gap_yield import GapYield
+from tests.scenes import play, scenario
+
+
+def road(lane: int = 0, **crossing: Any):
+    return scenario(crossing=crossing, ego={"lane": lane})
+
+
+@pytest.mark.parametrize(
+    ("crossing", "lane", "centre", "borders"),
+    [
+        # Two lanes of 4.5 m: the paper's.
+        ({}, 0, 2.25, (4.5,)),
+        # Two and one of 3.5 m.
+        ({"lanes": 2, "length_m": 10.5}, 1, 5.25, (3.5, 7.0)),
+        # A median of 2 m between lanes of 3 m: 0-3-6 | 8-11.
+        ({"lanes": 2, "length_m": 11.0, "lane_width_m": 3.0}, 1, 4.5, (3.0, 6.0, 8.0)),
+        # One way, three lanes, no rest.
+        ({"lanes": 3, "oncoming_lanes": 0, "length_m": 9.0}, 2, 7.5, (3.0, 6.0)),
+        # One way, 1 m at each kerb: 1-4-7 of 8.
+        (
+            {"lanes": 2, "oncoming_lanes": 0, "length_m": 8.0, "lane_width_m": 3.0},
+            0,
+            2.5,
+            (1.0, 4.0, 7.0),
+        ),
+    ],
+)
+def test_where_a_lane_lies(crossing: Any, lane: int, centre: float, borders: Any) -> None:
+    scene = road(lane, **crossing)
+    seen = scene.crosswalk()
+    assert (seen.lane, seen.lane_centre_m) == (lane, pytest.approx(centre))
+    assert scene.crossing.lane_borders_m() == pytest.approx(borders)
+    assert seen.to_lane_m(Side.NEAR) == pytest.approx(centre)
+    assert seen.to_lane_m(Side.FAR) == pytest.approx(scene.crossing.length_m - centre)
+
+
+@pytest.mark.parametrize(
+    ("crossing", "ego", "key", "allowed"),
+    [
+        ({"lanes": 2, "lane_width_m": 3.5}, {}, "crossing.lane_width_m", "= 3 m"),
+        ({"lanes": 2}, {"lane": 2}, "ego.lane", "crossing.lanes = 2"),
+        ({"lanes": 3, "oncoming_lanes": 3}, {}, "ego.width_m", "1.5 m"),
+        ({"lanes": 0}, {}, "crossing.lanes", "1"),
+    ],
+)
+def test_what_does_not_fit_is_refused(crossing: Any, ego: Any, key: str, allowed: str) -> None:
+    with pytest.raises(InputError, match=rf"{key}.*{allowed}"):
+        validate({"crossing": crossing, "ego": ego}, "test")
+
+
+def test_a_lane_of_two_lanes_width_is_remarked_upon() -> None:
+    assert remarks(road(length_m=12.0)) == []
+    (line,) = remarks(road(length_m=14.0))
+    assert line.startswith("lanes of 7 m: ")
+    assert remarks(road(length_m=14.0, lanes=2, oncoming_lanes=2)) == []
+    assert remarks(road(length_m=14.0, lane_width_m=3.5)) == []
+
+
+def test_contact_is_in_the_egos_lane() -> None:
+    # Lane 1 of 3 m, centre 4.5 m: its path is 3.35 to 5.65 m from the near kerb.  The ego is over
+    # the line from 5.95 to 7.05 s.
+    crossing = {"lanes": 2, "oncoming_lanes": 1, "length_m": 9.0}
+    for walking, hit in (
+        (5.65 / 5.9, False),
+        (5.65 / 6.0, True),
+        (3.35 / 7.0, True),
+        (0.47, False),
+    ):
+        trace = play(ConstantSpeed(), [(0.0, Side.NEAR, walking)], road(1, **crossing))
+        assert (measure([trace])[0].contact is not None) is hit
+
+
+def test_gap_yield_waits_until_its_own_lane_is_free() -> None:
+    # Lane 1 of 3 m ends, disc and all, 6.25 m from the near kerb; from the far one, 3 m of the
+    # oncoming lane, its lane and 0.25 m.  It arrives at the near edge, R = 2 m, just then.
+    scene = road(1, lanes=2, oncoming_lanes=1, length_m=9.0)
+    for side, free_m in ((Side.NEAR, 6.25), (Side.FAR, 6.25)):
+        trace = play(GapYield(), [(0.0, side, 0.8)], scene)
+        free = free_m / 0.8
+        assert (trace.speed_mps[1] - 5) / 0.1 == pytest.approx(2 * (28 - 5 * free) / free**2)
+        assert crossing_time(trace, -2.0) == pytest.approx(free, abs=0.1)
+
+
+def test_lanes_and_widths_can_be_swept() -> None:
+    file = read_scenario_file("cctc", [Setting("crossing.oncoming_lanes", 0)])
+    found = study_of(file, [parse_variation("crossing.lanes=1,2"), _lengths()])
+    centres = [cell.scenario.crosswalk().lane_centre_m for cell in found.cells]
+    assert centres == [3.0, 4.5, 1.5, 2.25]
+    assert [dict(cell.varied) for cell in found.cells][1] == {
+        "crossing.lanes": 1,
+        "crossing.length_m": 9.0,
+    }
+
+
+def _lengths() -> Any:
+    return parse_variation("crossing.length_m=6.0,9.0")
+
+
+@pytest.mark.parametrize("name", ["cctc", "cctc_flow", "euro_ncap_vru"])
+@pytest.mark.parametrize(
+    "layout",
+    [
+        {"lanes": 2, "oncoming_lanes": 2, "length_m": 14.0},
+        {"lanes": 2, "oncoming_lanes": 0, "length_m": 7.5},
+        {"oncoming_lanes": 1, "length_m": 12.0, "lane_width_m": 3.25},
+    ],
+)
+def test_shipped_scenarios_run_on_other_roads(name: str, layout: dict[str, float], model) -> None:
+    settings = [Setting(f"crossing.{key}", value) for key, value in layout.items()]
+    file = read_scenario_file(name, [*settings, Setting("experiment.timeout_s", 300.0)])
+    for cell in study_of(file).cells[:: 9 if name == "euro_ncap_vru" else 1]:
+        scene = cell.scenario
+        engine = PlainEngine(scene.vehicle(), scene.experiment.step_s)
+        outcomes = list(PairRunner(scene, model, lambda engine=engine: engine).run(range(3)))
+        assert {outcome.record.ending for outcome in outcomes} <= {"crossed", "crashed"}
+        if name == "euro_ncap_vru":
+            # Whoever never brakes hits them, where the case says: on any road.
+            hit = [outcome.record for outcome in outcomes if outcome.arm is Arm.HUMAN]
+            assert {record.contact for record in hit} == {"front"}
+            reached = (scene.ego.trigger_range_m - 0.25) / scene.ego.initial_speed_mps
+            assert hit[0].contact_time_s == pytest.approx(reached)
+
+
+# --- units ---------------------------------------------------------------------------------------
+
+
+def test_a_speed_takes_a_unit_wherever_it_is_said(tmp_path) -> None:
+    file = tmp_path / "fast.toml"
+    file.write_text('[ego]\ninitial_speed_mps = "36 km/h"\n[crossing]\nroad_speed_limit_mps = 8\n')
+    assert read_scenario_file(file).scenario().ego.initial_speed_mps == 10.0
+    # 1 mile is 1,609.344 m and 1 foot 0.3048 m, exactly.
+    settings = [Setting("ego.initial_speed_mps", "30mph"), Setting("strategies.x.a_mps", "10 ft/s")]
+    scene = read_scenario_file(file, settings).scenario()
+    assert scene.ego.initial_speed_mps == pytest.approx(30 * 1609.344 / 3600, rel=1e-15)
+    assert scene.strategies == {"x": {"a_mps": pytest.approx(3.048)}}
+    study = study_of(
+        read_scenario_file(file), [parse_variation("ego.initial_speed_mps=50 km/h,20 mph,7")]
+    )
+    speeds = [cell.varied["ego.initial_speed_mps"] for cell in study.cells]
+    assert speeds == pytest.approx([50 / 3.6, 20 * 0.44704, 7.0])
+    assert speeds == [cell.scenario.ego.initial_speed_mps for cell in study.cells]
+    timed = {"side": "near", "start_lateral_m": 4.0, "speed_mps": "5 km/h", "impact_share": 0.5}
+    found = validate({"pedestrians": {"timed": [timed]}}, "test").pedestrians.timed[0]
+    assert math.isclose(found.speed_mps, 5 / 3.6)
+
+
+@pytest.mark.parametrize(
+    "text", ["50 knots", "50", "fast", "km/h", "1e400 m/s", "nan km/h", "5 m/s s"]
+)
+def test_what_is_no_speed_is_refused_with_the_units(text: str) -> None:
+    with pytest.raises(InputError, match=r"--set ego\.initial_speed_mps: .*m/s, km/h, mph, ft/s"):
+        read_scenario_file("cctc", [Setting("ego.initial_speed_mps", text)]).scenario()
+
+
+def test_records_are_what_they_claim() -> None:
+    trace = play(ConstantSpeed(), [(0.0, Side.NEAR, 1.0)])
+    with pytest.raises(ValueError, match="read-only"):
+        trace.x_m[0] = 1.0
+    with pytest.raises(AttributeError):
+        trace.walks[0].start_s = 1.0  # type: ignore[misc]
+    (cell,) = study_of(read_scenario_file("cctc")).cells
+    with pytest.raises(TypeError):
+        cell.varied["ego.lane"] = 1  # type: ignore[index]

@@ -1,0 +1,132 @@
+"""Outside the interaction model's box: refused or counted, and the ways to do without it."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.encounter import Arm, Arrival, Side
+from harness.engine.plain import PlainEngine
+from harness.episode.arms import check_arms
+from harness.episode.pairing import PairRunner
+from harness.episode.walking_speeds import WalkingSpeeds
+from harness.errors import InputError
+from harness.interaction import Asked
+from harness.measures import Outcome
+from harness.report.words import caveats
+from harness.results.summaries import summarise_cell
+from harness.results.tables import episode_rows, table_of
+from harness.scenario import Cell, Scenario, load_scenario
+from tests.scenes import scenario
+
+FAST = {"initial_speed_mps": 13.89, "trigger_range_m": 80.0}
+ISSUE = {"ego": FAST, "crossing": {"length_m": 14.0}, "pedestrians": {"flow_per_hour": 120.0}}
+NO_MODEL = {"pedestrians": {"flow_per_hour": 120.0, "walking_speed": {"mean_mps": 1.34}}}
+YIELDS = {"arms": {"av": "hard_yield", "human": "human_yield"}}
+
+
+def run(scene: Scenario, model, pairs: int = 20) -> list[Outcome]:
+    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    return list(runner.run(range(pairs)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        (ISSUE, "ego.initial_speed_mps"),
+        ({"ego": {"trigger_range_m": 61.0}}, "ego.trigger_range_m"),
+        # The walkers do without the model, the human driver does not; and the other way round.
+        ({**NO_MODEL, "ego": FAST}, "ego.initial_speed_mps"),
+        ({**YIELDS, "ego": FAST}, "ego.initial_speed_mps"),
+    ],
+)
+def test_a_trigger_outside_the_box_is_refused(changes, key: str, model) -> None:
+    scene = scenario(**changes)
+    with pytest.raises(InputError, match=key) as refused:
+        check_arms(scene, model)
+    assert "model.extrapolate" in str(refused.value)
+    assert "\n" not in str(refused.value)
+    check_arms(scenario(**changes, model={"extrapolate": True}), model)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"ego": {"initial_speed_mps": 8.0, "trigger_range_m": 60.0}},
+        {**YIELDS, **NO_MODEL, "ego": FAST},
+        {**YIELDS, "ego": FAST, "model": {"pedestrian_reading": "unconditional"}},
+        {**YIELDS, "ego": FAST, "pedestrians": {"flow_per_hour": 0.0}},
+    ],
+)
+def test_what_never_asks_outside_the_box_is_accepted(changes, model) -> None:
+    check_arms(scenario(**changes), model)
+
+
+def test_the_protocol_of_timed_people_asks_no_model(model) -> None:
+    check_arms(load_scenario("euro_ncap_vru"), model)
+
+
+def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> None:
+    scene = scenario(**ISSUE, model={"extrapolate": True})
+    outcomes = run(scene, model)
+    # Every walker who saw the car beyond the box's 60 m or faster than its 8 m/s, by hand.
+    for outcome in outcomes:
+        looks = [
+            (walk.range_m, walk.vehicle_speed_mps)
+            for walk in outcome.trace.walks
+            if walk.start_s is not None and walk.range_m > 0
+        ]
+        outside = [look for look in looks if look[0] > 60.0 or look[1] > 8.0]
+        record = outcome.record
+        if outcome.arm is Arm.AV:
+            assert (record.conditionings, record.clamped) == (len(looks), len(outside))
+        else:
+            # The human driver asks too, once a decision and pedestrian.
+            assert record.conditionings >= len(looks)
+            assert record.clamped >= len(outside)
+        if outside:
+            assert record.clamped_speed_excess_mps >= max(v for _, v in outside) - 8.0 - 1e-9
+            assert record.clamped_range_excess_m >= max(r for r, _ in outside) - 60.0 - 1e-9
+        else:
+            assert outcome.arm is Arm.HUMAN or record.clamped_speed_excess_mps is None
+    episodes = table_of("episodes", episode_rows(0, outcomes))
+    summary = summarise_cell(episodes, Cell(0, {}, scene), 0.95)
+    assert summary.clamped_share is not None
+    assert summary.clamped_share > 0.5
+    assert summary.clamped_speed_excess_mps == pytest.approx(13.89 - 8.0, abs=0.01)
+    said = " ".join(caveats("hard_yield", summary))
+    assert "asked outside its data" in said
+    assert "5.89 m/s too fast" in said
+
+
+def test_near_and_standing_cars_are_counted_apart(model) -> None:
+    asked = Asked(model)
+    states = [(30.0, 5.0), (1.0, 3.0), (20.0, 0.0), (60.0, 8.0), (61.0, 5.0), (30.0, 9.0)]
+    for state in states:
+        asked.note(*state)
+    assert asked.counts == (6, 2, 2, pytest.approx(1.0), pytest.approx(1.0))
+    outcomes = run(scenario(pedestrians={"flow_per_hour": 600.0}), model)
+    assert sum(outcome.record.near_clamped for outcome in outcomes) > 0
+    assert sum(outcome.record.clamped for outcome in outcomes) == 0
+
+
+def speeds(scene: Scenario, model, quantiles: np.ndarray, *state: float) -> np.ndarray:
+    choose = WalkingSpeeds(scene, model)
+    return np.array([choose(Arrival(0, 0.0, Side.NEAR, u), *state) for u in quantiles.tolist()])
+
+
+def test_a_normal_distribution_in_the_models_place(model) -> None:
+    scene = scenario(pedestrians={"walking_speed": {"mean_mps": 0.9, "std_mps": 0.5}})
+    quantiles = np.array([0.0, 0.01, 0.3, 0.5, 0.97])
+    wanted = stats.truncnorm((0.3 - 0.9) / 0.5, np.inf, 0.9, 0.5).ppf(quantiles)
+    for state in ((30.0, 5.0), (80.0, 13.9), (-1.0, 3.0)):
+        np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, atol=1e-12)
+
+
+def test_the_unconditional_reading_is_the_models_marginal(model) -> None:
+    scene = scenario(model={"pedestrian_reading": "unconditional"})
+    quantiles = np.linspace(0.05, 0.95, 7)
+    wanted = model.mixture.conditional(2, ()).ppf(quantiles, np.empty((7, 0)))
+    for state in ((30.0, 5.0), (80.0, 13.9)):
+        np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, rtol=1e-12)
+    # Given the car they walk at another speed.
+    assert np.abs(speeds(scenario(), model, quantiles, 30.0, 5.0) - wanted).max() > 1e-3

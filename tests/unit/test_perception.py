@@ -1,0 +1,449 @@
+"""What a driver is shown: late, in part, with errors, and not through walls; by hand."""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from harness.encounter import Arm, Arrival, Observation, Side, Trace
+from harness.engine.plain import PlainEngine
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
+from harness.episode.loop import run_episode
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.interaction import load_model
+from harness.measures import measure
+from harness.perception.occlusion import Rectangle, is_hidden
+from harness.perception.perception import Perception
+from harness.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
+from harness.perception.track import Track, updates_until_found
+from harness.results.tables import trace_rows
+from harness.scenario import Scenario, load_scenario, remarks, validate
+from harness.scenario.file import Setting
+from tests.scenes import outcome_of, scenario
+
+FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
+"""An obstacle that hides nobody, but lets everything go through the sensor."""
+
+
+class Recorder:
+    """Keeps what it is shown and never brakes."""
+
+    def __init__(self) -> None:
+        self.seen: list[Observation] = []
+
+    def decide(self, observation: Observation, /) -> float:
+        self.seen.append(observation)
+        return 0.0
+
+
+def play(
+    scene: Scenario, walkers: Sequence[tuple[float, Side, float]], arm: Arm = Arm.AV
+) -> tuple[list[Observation], Trace]:
+    """One episode of an ego that never brakes; walkers: when, from where, how fast."""
+    driver = Recorder()
+    arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
+    sensor = sensor_of(scene, arm)
+    trace = run_episode(
+        PlainEngine(scene.vehicle(), scene.experiment.step_s),
+        driver,
+        arrivals,
+        lambda who, _range, _speed, _lateral=None: walkers[who.index][2],
+        constants_of(scene),
+        None if sensor is None else Perception(sensor, arrivals, 0),
+    )
+    return driver.seen, trace
+
+
+# --- latency and update --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("latency", [0.1, 0.3, 1.0])
+def test_what_is_shown_is_exactly_that_old(latency: float) -> None:
+    walkers = [(0.33, Side.NEAR, 1.3), (1.0, Side.FAR, 2.0)]
+    now, _ = play(scenario(), walkers)
+    late, trace = play(scenario(perception={"latency_s": latency}), walkers)
+    steps = round(latency / 0.1)
+    assert [o.pedestrians for o in late] == [()] * steps + [o.pedestrians for o in now[:-steps]]
+    # The ego's own state is current.
+    assert [o.ego for o in late] == [o.ego for o in now]
+    assert trace.shown == tuple(o.pedestrians for o in late)
+
+
+def test_between_updates_nothing_new_is_shown() -> None:
+    walkers = [(0.0, Side.NEAR, 1.0)]
+    now, _ = play(scenario(), walkers)
+    scene = scenario(perception={"update_s": 0.4, "latency_s": 0.2})
+    late, _ = play(scene, walkers)
+    # Looks at 0, 0.4, 0.8 …, told 0.2 s later: at step n the look at 4 ⌊(n − 2)/4⌋.
+    for step, observation in enumerate(late):
+        looked = 4 * ((step - 2) // 4)
+        expected = now[looked].pedestrians if looked >= 0 else ()
+        assert observation.pedestrians == expected
+
+
+def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
+    poor = {"latency_s": 0.3, "detection_probability": 0.5}
+    scene = scenario(perception=poor)
+    assert sensor_of(scene, Arm.AV) is not None
+    assert sensor_of(scene, Arm.HUMAN) is None
+    both = scenario(perception={**poor, "human": True})
+    assert sensor_of(both, Arm.HUMAN) == sensor_of(both, Arm.AV)
+    # Obstacles hide from both, unless the AV's sensor sees through them.
+    walled = scenario(crossing={"obstacles": [FAR_AWAY]}, perception={"occlusion": False})
+    human = sensor_of(walled, Arm.HUMAN)
+    assert sensor_of(walled, Arm.AV) is None
+    assert human is not None
+    assert len(human.obstacles) == 1
+
+
+# --- detection, dropout --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("probability", [0.9, 0.5, 0.1])
+def test_updates_until_found_are_geometric(probability: float) -> None:
+    uniforms = np.random.default_rng(4).random(20_000)
+    found = [updates_until_found(float(u), probability) for u in uniforms]
+    # Classes that expect at least 20 each, the tail in one.
+    most = int(stats.geom.ppf(1 - 20 / len(found), probability)) or 1
+    counts = [found.count(n) for n in range(1, most + 1)]
+    expected = stats.geom.pmf(range(1, most + 1), probability) * len(found)
+    rest = len(found) - sum(counts)
+    p = stats.chisquare([*counts, rest], [*expected, len(found) - expected.sum()]).pvalue
+    assert p > 1e-3
+    assert updates_until_found(0.3, 1.0) == 1
+    assert updates_until_found(0.3, 0.0) == math.inf
+
+
+def sensor_with(**keys: float) -> Sensor:
+    sensor = sensor_of(scenario(perception=keys, crossing={"obstacles": [FAR_AWAY]}), Arm.AV)
+    assert sensor is not None
+    return sensor
+
+
+def test_the_first_detection_in_an_episode_is_that_of_its_quantile() -> None:
+    # u = 0.999, p = 0.5: ⌈ln 0.001 / ln 0.5⌉ = ⌈9.97⌉ = 10 updates; he comes at 0.55 s, so the
+    # first update is at 0.6 s and the tenth at 1.5 s.
+    sensor = sensor_with(detection_probability=0.5)
+    arrivals = [Arrival(0, 0.55, Side.NEAR, 0.5, detection_quantile=0.999)]
+    driver, scene = Recorder(), scenario()
+    run_episode(
+        PlainEngine(scene.vehicle(), 0.1),
+        driver,
+        arrivals,
+        lambda *_: 1.0,
+        constants_of(scene),
+        Perception(sensor, arrivals, 0),
+    )
+    shown = [o.time_s for o in driver.seen if o.pedestrians]
+    assert shown[0] == pytest.approx(1.5)
+    # Then they are tracked, until they have left at 9.55 s or the episode ends.
+    assert np.diff(shown) == pytest.approx(0.1)
+
+
+def test_out_of_sight_no_look_counts_and_a_track_is_lost() -> None:
+    track = Track(sensor_with(detection_probability=0.5), 0, 0, 0.7)  # ⌈1.737⌉ = 2 looks
+    looks = [True, False, False, True, True, False]
+    assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
+
+
+def test_share_of_updates_shown_with_dropouts() -> None:
+    # Found with p, dropped with q at each update: a Markov chain of two states, in the found one
+    # p/(p + q) of the time; a run in it is geometric with mean 1/q.
+    p, q = 0.6, 0.2
+    sensor = sensor_with(detection_probability=p, dropout_probability=q)
+    track, updates = Track(sensor, 0, 0, 0.0), 40_000
+    shown = np.array([track.update(True) for _ in range(updates)])
+    # Its correlation in time, 1 − p − q = 0.2, makes (1 + 0.2)/(1 − 0.2) = 1.5 times the variance.
+    mean = p / (p + q)
+    error = math.sqrt(1.5 * mean * (1 - mean) / updates)
+    assert abs(shown.mean() - mean) < 4 * error
+    change = np.diff(shown.astype(int))
+    began, ended = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
+    began = began[: len(ended)] if began[0] < ended[0] else began[: len(ended) - 1]
+    lengths = ended[-len(began) :] - began
+    assert abs(lengths.mean() - 1 / q) < 4 * math.sqrt((1 - q) / len(lengths)) / q
+
+
+# --- errors --------------------------------------------------------------------------------------
+
+
+def test_errors_have_their_variance_and_correlation() -> None:
+    # Updates of 0.1 s, correlation time 0.5 s: φ = exp(−0.2), after k updates exp(−0.2 k).
+    sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.2, correlation_s=0.5)
+    track = Track(sensor, 3, 0, None)
+    errors = np.array([track.next_errors() for _ in range(60_000)])
+    for column, sd in zip(errors.T, (0.3, 0.2), strict=True):
+        # Effective sample size n (1 − φ²)/(1 + φ²) for a variance; 4 standard errors.
+        assert column.std() == pytest.approx(sd, rel=4 * math.sqrt(1 / (2 * 60_000 * 0.1974)))
+        for lag in (1, 5, 10):
+            correlation = np.corrcoef(column[:-lag], column[lag:])[0, 1]
+            assert correlation == pytest.approx(math.exp(-0.2 * lag), abs=0.03)
+    assert abs(np.corrcoef(errors.T)[0, 1]) < 0.03
+    # Stationary from the first update on: over pedestrians too.
+    first = [Track(sensor, pair, 0, None).next_errors()[0] for pair in range(2_000)]
+    assert np.std(first) == pytest.approx(0.3, rel=4 / math.sqrt(2 * 2_000))
+
+
+def test_errors_shift_place_and_speed_together() -> None:
+    walkers = [(0.0, Side.NEAR, 1.3), (2.0, Side.FAR, 1.0)]
+    now, _ = play(scenario(), walkers)
+    errs, _ = play(scenario(perception={"position_sd_m": 0.2, "speed_sd_mps": 0.1}), walkers)
+    shifts = []
+    for exact, shown in zip(now, errs, strict=True):
+        for true, told in zip(exact.pedestrians, shown.pedestrians, strict=True):
+            shift = true.remaining_m - told.remaining_m
+            assert true.lateral_m - told.lateral_m == pytest.approx(shift, abs=1e-12)
+            assert (told.index, told.side, told.on_crossing) == (
+                true.index,
+                true.side,
+                true.on_crossing,
+            )
+            assert told.remaining_m >= 0
+            shifts.append((shift, told.speed_mps - true.speed_mps))
+    # Everybody has errors of their own, of the stated size.
+    assert 0.05 < np.std(shifts, axis=0)[0] < 0.5
+    assert 0.02 < np.std(shifts, axis=0)[1] < 0.25
+
+
+# --- occlusion -----------------------------------------------------------------------------------
+
+
+WALL = Rectangle(4.0, 5.0, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("centre", "hidden"),
+    [
+        ((10.0, 0.0), True),
+        # Behind the wall's near corner (4, 1) the shadow's edge is y = x/4: a disc of radius 0.25
+        # at x = 10 is hidden whole while its centre is 0.25 · √(1 + 1/16) = 0.2577 below 2.5.
+        ((10.0, 2.242), True),
+        ((10.0, 2.243), False),
+        ((10.0, 4.0), False),
+        ((3.5, 0.0), False),  # before the wall
+        ((-10.0, 0.0), False),  # behind the eye
+        ((0.1, 0.1), False),  # over the eye
+    ],
+)
+def test_a_disc_is_hidden_when_the_whole_of_it_is(
+    centre: tuple[float, float], hidden: bool
+) -> None:
+    assert is_hidden((0.0, 0.0), centre, [WALL]) is hidden
+    # Turned by a right angle about the eye, nothing changes.
+    turned = Rectangle(-1.0, 1.0, 4.0, 5.0)
+    assert is_hidden((0.0, 0.0), (-centre[1], centre[0]), [turned]) is hidden
+
+
+def test_two_obstacles_hide_together_what_neither_hides_alone() -> None:
+    lower, upper = Rectangle(4.0, 5.0, -1.0, 0.0), Rectangle(6.0, 7.0, 0.0, 1.5)
+    centre = (10.0, 0.0)
+    assert not is_hidden((0.0, 0.0), centre, [lower])
+    assert not is_hidden((0.0, 0.0), centre, [upper])
+    assert is_hidden((0.0, 0.0), centre, [lower, upper])
+    # A slit of 1 mm lets somebody be seen.
+    apart = upper._replace(y_low_m=0.001)
+    assert not is_hidden((0.0, 0.0), centre, [lower, apart])
+
+
+def test_occlusion_against_rays() -> None:
+    """Each disc is hidden exactly where no ray to it is free, by marching many rays."""
+    rng = np.random.default_rng(8)
+    for _ in range(300):
+        eye = (0.0, 0.0)
+        boxes = []
+        for _box in range(rng.integers(1, 4)):
+            x, y = rng.uniform(-8, 8, 2)
+            box = Rectangle(x, x + rng.uniform(0.3, 4), y, y + rng.uniform(0.3, 4))
+            if not (box[0] <= 0.05 and box[1] >= -0.05 and box[2] <= 0.05 and box[3] >= -0.05):
+                boxes.append(box)
+        centre = tuple(rng.uniform(-12, 12, 2))
+        nearest = [
+            math.hypot(
+                max(b[0] - centre[0], 0, centre[0] - b[1]),
+                max(b[2] - centre[1], 0, centre[1] - b[3]),
+            )
+            for b in boxes
+        ]
+        if any(gap < 0.25 for gap in nearest) or math.hypot(*centre) < 0.3:
+            continue
+        assert is_hidden(eye, centre, boxes) == _no_ray_reaches(centre, boxes)
+
+
+def _no_ray_reaches(centre: tuple[float, float], boxes: list[Rectangle]) -> bool:
+    distance = math.hypot(*centre)
+    half = math.asin(0.25 / distance)
+    for angle in np.linspace(-half, half, 401)[1:-1] + math.atan2(centre[1], centre[0]):
+        way = distance * math.cos(angle - math.atan2(centre[1], centre[0]))
+        along = np.linspace(0, way, 800)
+        x, y = along * math.cos(angle), along * math.sin(angle)
+        blocked = [((b[0] < x) & (x < b[1]) & (b[2] < y) & (y < b[3])).any() for b in boxes]
+        if not any(blocked):
+            return False
+    return True
+
+
+def test_an_obstacle_hides_until_the_eye_sees_past_it() -> None:
+    # A parked car from x = −10 to −2, its side at y = −0.5; they walk from the near kerb, seen from
+    # an eye at y = 2.25 once the disc's upper edge is above the line of sight over (−2, −0.5).
+    obstacle = {"x_m": -6.0, "y_m": -1.5, "length_m": 8.0, "width_m": 2.0}
+    scene = scenario(crossing={"obstacles": [obstacle]})
+    seen, trace = play(scene, [(0.0, Side.NEAR, 0.31)])
+    assert trace.shown is not None
+    first = next(o for o in seen if o.pedestrians)
+    eye_x = -first.ego.range_m - EYE_BEHIND_BUMPER_M
+    assert eye_x < 0
+    hidden = [o for o in seen if not o.pedestrians and o.time_s < first.time_s]
+    for observation in (*hidden, first):
+        eye = (-observation.ego.range_m - EYE_BEHIND_BUMPER_M, 2.25)
+        y = 0.31 * observation.time_s
+        # Free above the corner: the angle to the disc's top is larger than to the corner.
+        top = math.atan2(y - eye[1], -eye[0]) + math.asin(0.25 / math.hypot(eye[0], y - eye[1]))
+        corner = math.atan2(-0.5 - eye[1], -2 - eye[0])
+        assert (top > corner) is bool(observation.pedestrians)
+
+
+@pytest.mark.parametrize("speed", [2.7778, 10.0, 16.6667])
+def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None:
+    # Seen from the eye, d before the child's line and at y = 2.25, the smaller car ends at its
+    # corner (-1, 0.35).  That line of sight reaches x = 0 at 0.35 + m with the slope
+    # m = -1.9/(d - 1); the disc is seen once its centre is above 0.35 + m - 0.25 sqrt(1 + m²).
+    changes = {"pedestrians.timed_case": "CPNCO-50", "ego.initial_speed_mps": speed}
+    scene = load_scenario("euro_ncap_vru", [Setting(key, value) for key, value in changes.items()])
+    driver, arrivals = Recorder(), planned_arrivals(scene, 0)
+    sensor = sensor_of(scene, Arm.HUMAN)
+    assert sensor is not None
+    run_episode(
+        PlainEngine(scene.vehicle(), 0.1),
+        driver,
+        arrivals,
+        lambda *_: 0.0,
+        constants_of(scene),
+        Perception(sensor, arrivals, 0),
+    )
+    # They start 4 m from the lane's centre at a = v²/2 over 1 m and are hit at 69.75 m/v.
+    contact_s = 69.75 / speed
+    start_s = contact_s - 2 / 1.3889 - 3 / 1.3889
+    expected = None
+    for step in range(int(contact_s / 0.1) + 1):
+        walked_s = max(0.0, step * 0.1 - start_s)
+        fast_s = min(walked_s, 2 / 1.3889)
+        walked_m = 1.3889**2 / 4 * fast_s**2 + 1.3889 * (walked_s - fast_s)
+        slope = -1.9 / (70.0 - speed * step * 0.1 + 2.4 - 1)
+        if -1.75 + walked_m > 0.35 + slope - 0.25 * math.sqrt(1 + slope**2):
+            expected = step * 0.1
+            break
+    assert expected is not None
+    first = next(o for o in driver.seen if o.pedestrians)
+    assert first.time_s == pytest.approx(expected)
+    # Some 1.5 s before the contact, where an adult without the cars is in sight all the time.
+    assert 1.2 < contact_s - first.time_s < 1.9
+
+
+# --- all together --------------------------------------------------------------------------------
+
+
+def outcomes(scene: Scenario, pairs: int = 6) -> list[object]:
+    model = load_model(scene.model.name)
+    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    return list(runner.run(range(pairs)))
+
+
+def flow(*settings: tuple[str, object]) -> Scenario:
+    base = [("pedestrians.flow_per_hour", 1000.0), ("arms.av", "gap_yield")]
+    return load_scenario("cctc_flow", [Setting(key, value) for key, value in (*base, *settings)])
+
+
+def test_a_sensor_without_faults_changes_no_record() -> None:
+    through = outcomes(flow(("crossing.obstacles", [FAR_AWAY])))
+    without = outcomes(flow())
+    assert [o.record for o in through] == [o.record for o in without]
+    assert all(o.trace.shown is not None for o in through)
+    assert all(o.trace.shown is None for o in without)
+
+
+def test_cells_share_their_draws_and_pairs_do_not() -> None:
+    poor = [("perception.detection_probability", 0.3), ("perception.position_sd_m", 0.2)]
+    one = planned_arrivals(flow(*poor), 0)
+    assert [a.detection_quantile for a in one] == [
+        a.detection_quantile
+        for a in planned_arrivals(flow(*poor, ("perception.latency_s", 0.5)), 0)
+    ]
+    assert one[0].detection_quantile != planned_arrivals(flow(*poor), 1)[0].detection_quantile
+    # Given uniforms take the place of the first draws, as `harness risk` gives them.
+    given = planned_arrivals(flow(*poor), 0, {"detection": (0.25,)})
+    assert given[0] == one[0]._replace(detection_quantile=0.25)
+    assert given[1:] == one[1:]
+    again = flow(
+        *poor,
+        ("experiment.pairs", 8),
+        ("pedestrians.drawn", [{"episode": 0, "detection": [0.25]}] * 8),
+    )
+    assert planned_arrivals(again, 7) == given
+    # Old results keep their draws.
+    assert [a._replace(detection_quantile=None) for a in one] == list(planned_arrivals(flow(), 0))
+    sensor = sensor_of(flow(*poor), Arm.AV)
+    assert sensor is not None
+    draws = [
+        Track(sensor, pair, index, 0.5).next_errors()[0] for pair in (0, 1) for index in (0, 1)
+    ]
+    assert len(set(draws)) == 4
+
+
+def test_what_was_shown_is_kept_in_the_traces() -> None:
+    walkers = [(0.0, Side.NEAR, 1.0)]
+    seen, trace = play(scenario(perception={"latency_s": 0.5}), walkers)
+    rows = trace_rows(0, [outcome_of(trace)])
+    shown = [i for i, name in enumerate(rows["object"]) if name == "shown-0"]
+    told = {o.time_s: o.pedestrians[0] for o in seen if o.pedestrians}
+    end_s = measure([trace])[0].end_s
+    times = [rows["time_s"][i] for i in shown]
+    assert times == pytest.approx([t for t in told if t <= end_s])
+    for i in shown:
+        time_s = rows["time_s"][i]
+        # From the near kerb at 1 m/s, half a second ago.
+        assert rows["y_m"][i] == pytest.approx(time_s - 0.5, abs=1e-9)
+        assert (rows["x_m"][i], rows["speed_mps"][i]) == (0.0, 1.0)
+    assert all(b > a for a, b in pairwise(times))
+
+
+# --- what is refused -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("crossing", "perception", "where"),
+    [
+        ({}, {"latency_s": 0.25}, "perception.latency_s"),
+        ({}, {"update_s": 0.05}, "perception.update_s"),
+        ({}, {"detection_probability": 1.5}, "perception.detection_probability"),
+        # The ego drives in y = 1.35 … 3.15.
+        ({"y_m": 0.5}, {}, "crossing.obstacles.0.y_m"),
+        ({"x_m": -2.2}, {}, "crossing.obstacles.0.x_m"),
+        ({"case": "CPNCO-50"}, {}, "crossing.obstacles.0.case"),
+        ({"lenght_m": 1.0}, {}, "crossing.obstacles.0.lenght_m"),
+    ],
+)
+def test_refused(crossing: dict[str, object], perception: dict[str, object], where: str) -> None:
+    obstacle = {"x_m": -4.0, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8, **crossing}
+    tree = {"perception": perception, "crossing": {"obstacles": [obstacle]}}
+    with pytest.raises(InputError) as refused:
+        validate(tree, "my.toml")
+    assert refused.value.where == f"my.toml: {where}"
+
+
+def test_obstacles_beside_all_ways_are_taken() -> None:
+    # It ends 0.25 m before the centre line, and 1 nm beside the ego's path.
+    touching = {"x_m": -2.25, "y_m": 0.45, "length_m": 4.0, "width_m": 1.8}
+    assert scenario(crossing={"obstacles": [touching]}).obstacles()
+    beyond = {"x_m": 0.0, "y_m": -5.0, "length_m": 4.0, "width_m": 1.8}
+    assert scenario(crossing={"obstacles": [beyond]}).obstacles()
+
+
+def test_sumos_own_driver_is_said_to_see_everything() -> None:
+    scene = scenario(perception={"latency_s": 0.3}, arms={"av": "sumo_driver"})
+    assert any("sumo_driver" in line for line in remarks(scene))
+    assert remarks(scenario(perception={"latency_s": 0.3})) == []

@@ -1,0 +1,262 @@
+"""Drivers held against made-up recordings whose driver is one of ours, so the truth is known."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.cli.app import app
+from harness.encounter import Arrival, Leg, Side, Vehicle
+from harness.engine.plain import PlainEngine
+from harness.episode.cell_constants import CellConstants
+from harness.episode.loop import run_episode
+from harness.errors import InputError
+from harness.scenario import load_scenario
+from harness.strategies.emergency_brake import EmergencyBrake
+from harness.strategies.gap_yield import GapYield
+from harness.strategies.hard_yield import HardYield
+from harness.trajectories import Clip, Track, VehicleTrack
+from harness.validation import LEFT_OUT, figures, validate
+from harness.validation.figures import pass_time_score
+from harness.validation.passages import crossing_about, find_passages
+
+RATE_HZ = 10.0
+LENGTH_M = 4.5
+DRIVERS = {"hard_yield": HardYield, "gap_yield": GapYield, "emergency_brake": EmergencyBrake}
+
+
+@pytest.fixture(autouse=True)
+def _few_resamples(monkeypatch) -> None:
+    monkeypatch.setattr(figures, "RESAMPLES", 50)
+
+
+@dataclass(frozen=True)
+class Person:
+    """Walks straight across at x from t = 0; starts at y, negative on the near footpath."""
+
+    x_m: float
+    y_m: float
+    y_mps: float
+
+    def at(self, time_s):
+        return self.x_m + 0 * time_s, self.y_m + self.y_mps * time_s
+
+
+def crossing_of(people):
+    return crossing_about(max(4.0, float(np.ptp([person.x_m for person in people]))))
+
+
+def driven(strategy, people, speed_mps):
+    """Times, front bumper and speed of a strategy that meets these people, simulated anew."""
+    vehicle = Vehicle(speed_mps, 30.0, 30.0, LENGTH_M, 1.8, 3.0, 4.5, 1.0)
+    crossing = crossing_of(people)
+    rules = CellConstants(vehicle, crossing, 0.0, 0.1, 60.0, "constant")
+    arrivals = []
+    for person in people:
+        side = Side.NEAR if person.y_mps > 0 else Side.FAR
+        path = (Leg(0.0, person.x_m, person.y_m, 0.0, person.y_mps, 0.0),)
+        arrivals.append(Arrival(len(arrivals), 0.0, side, None, path=path))
+    trace = run_episode(PlainEngine(vehicle, 0.1), strategy, arrivals, lambda *_: 0.0, rules)
+    return np.arange(len(trace.x_m)) * 0.1, trace.x_m
+
+
+SCENES = (
+    (5.0, [Person(0.0, -1.0, 1.3), Person(0.0, 11.0, -1.1)]),
+    (6.5, [Person(-0.5, -0.5, 0.9), Person(0.0, 1.0, 1.4), Person(1.0, 9.0, -1.5)]),
+    (5.0, [Person(0.0, 12.0, -0.8)]),
+    (7.0, [Person(0.0, -4.0, 1.2), Person(0.2, -5.5, 1.2)]),
+)
+
+
+def write_set(folder, strategy, *, mirrored=False, shift_frames=0, turn=0.0):
+    """The scenes as recordings at 10 Hz of one strategy, in the format of DUT."""
+    target = folder / "trajectories_filtered"
+    target.mkdir(parents=True)
+    for number, (speed, people) in enumerate(SCENES):
+        time_s, front = driven(strategy(), people, speed)
+        tracks = {"veh": [(front - LENGTH_M / 2, 0 * front)], "ped": []}
+        for person in people:
+            x, y = person.at(time_s)
+            tracks["ped"].append((x, y - 4.5))
+        for kind, found in tracks.items():
+            lines = ["id,frame,label,x_est,y_est"]
+            for key, (x, y) in enumerate(found):
+                y = -y if mirrored else y
+                x, y = x * np.cos(turn) - y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
+                lines += [
+                    f"{key},{frame + shift_frames},{kind},{a!r},{b!r}"
+                    for frame, (a, b) in enumerate(zip(x.tolist(), y.tolist(), strict=True))
+                ]
+            name = f"clip_{number:02d}_traj_{kind}_filtered.csv"
+            (target / name).write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def held(folder: Path, drivers=tuple(DRIVERS)):
+    return validate(
+        [folder],
+        "vci",
+        list(drivers),
+        load_scenario("cctc"),
+        folds=0,
+        options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M},
+    )
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_the_strategy_that_drove_is_ranked_first(tmp_path, driver) -> None:
+    found = held(write_set(tmp_path, DRIVERS[driver]))
+    assert len(found.passages.used) == len(SCENES)
+    assert found.ranked[0].driver == driver
+    measured = found.figures[driver]
+    errors = [
+        one.pass_time_s - real.pass_time_s
+        for (one,), real in zip(found.outcomes[driver], found.recorded, strict=True)
+    ]
+    assert np.abs(errors).max() < 0.05
+    assert measured.values["order_right"] == 1.0
+    assert measured.values["position_rmse_4s_m"] < 0.05
+    others = [found.figures[name].values["pass_time_score_s"] for name in DRIVERS if name != driver]
+    assert min(others) > 0.05
+
+
+def test_a_recording_mirrored_turned_or_shifted_in_time_gives_the_same_figures(tmp_path) -> None:
+    plain = held(write_set(tmp_path / "plain", HardYield))
+    for name, change in {
+        "mirrored": {"mirrored": True},
+        "shifted": {"shift_frames": 1234},
+        "turned": {"turn": 2.0},
+    }.items():
+        other = held(write_set(tmp_path / name, HardYield, **change))
+        for driver in DRIVERS:
+            for figure, value in plain.figures[driver].values.items():
+                assert other.figures[driver].values[figure] == pytest.approx(value, abs=1e-6), (
+                    name,
+                    driver,
+                    figure,
+                )
+
+
+def clip_of(vehicles, pedestrians):
+    return Clip(
+        "made up",
+        "clip",
+        {key: VehicleTrack(t, xy, LENGTH_M, LENGTH_M / 2) for key, (t, xy) in vehicles.items()},
+        {key: Track(t, xy) for key, (t, xy) in pedestrians.items()},
+    )
+
+
+def straight(speed_mps, until_s=14.0, start_m=-30.0, *, y_m=0.0, gap=None):
+    time_s = np.arange(0, until_s, 0.1)
+    if gap is not None:
+        time_s = time_s[(time_s < gap[0]) | (time_s > gap[1])]
+    return time_s, np.column_stack([start_m + speed_mps * time_s, y_m + 0 * time_s])
+
+
+def walking(x_m, start_m, speed_mps, until_s=14.0):
+    time_s = np.arange(0, until_s, 0.1)
+    return time_s, np.column_stack([x_m + 0 * time_s, start_m + speed_mps * time_s])
+
+
+@pytest.mark.parametrize(
+    ("reason", "vehicle", "people"),
+    [
+        ("parked_vehicle", straight(0.0), [walking(0.0, -8.0, 1.3)]),
+        ("no_pedestrian", straight(4.0), []),
+        ("only_standing_pedestrians", straight(4.0), [walking(0.0, -3.0, 0.0)]),
+        ("nobody_crosses", straight(4.0), [walking(0.0, -9.0, -1.0)]),
+        ("begins_too_near", straight(2.0, start_m=-6.0), [walking(0.0, -8.0, 1.3)]),
+        ("gap", straight(4.0, gap=(3.0, 4.0)), [walking(0.0, -8.0, 1.3)]),
+        ("pass_not_recorded", straight(4.0, until_s=6.0), [walking(0.0, -8.0, 1.3)]),
+        ("nobody_left", straight(4.0, 22.0, -60.0), [walking(0.0, -8.0, 1.4)]),
+    ],
+)
+def test_what_is_no_passage_is_counted_and_left_out(reason, vehicle, people) -> None:
+    clip = clip_of({"0": vehicle}, {str(number): one for number, one in enumerate(people)})
+    found = find_passages([clip], load_scenario("cctc").vehicle(), 0.1)
+    assert found.used == ()
+    assert {name: count for name, count in found.left_out.items() if count} == {reason: 1}
+    assert set(found.left_out) == set(LEFT_OUT)
+
+
+def test_the_frame_of_a_passage_is_its_groups() -> None:
+    # Three cross at x = -3, 0 and 1 after the car has come from far; a fourth crosses 20 m later.
+    people = [walking(x, -20.0, 1.3, 30.0) for x in (-3.0, 0.0, 1.0, 21.0)]
+    clip = clip_of({"0": straight(4.0, 25.0, -60.0)}, dict(zip("abcd", people, strict=True)))
+    one, other = find_passages([clip], load_scenario("cctc").vehicle(), 0.1).used
+    assert one.crossing.width_m == pytest.approx(4.0)
+    assert sorted(one.conflict_x_m) == pytest.approx([-3.0, 0.0, 1.0])
+    assert other.conflict_x_m == pytest.approx([0.0])
+    # The front bumper, 2.25 m ahead of the recorded centre, is first at most 30.05 m away here:
+    # -60 + 2.25 + 4 t, t = 7.0 s.
+    assert one.vehicle.trigger_range_m == pytest.approx(29.75)
+    assert one.start_speed_mps == pytest.approx(4.0)
+    # They pass the path at y = 0 after 20/1.3 s, 7 s of which lie before the start.
+    assert one.passing_s == pytest.approx(20 / 1.3 - 7.0)
+    assert one.vehicle.initial_speed_mps == pytest.approx(4.0)
+    # Rear over the far edge: 29.75 + 2 + 4.5 m at 4 m/s.
+    assert (len(one.x_m) - 1) * 0.1 == pytest.approx(36.25 / 4, abs=0.1)
+
+
+def test_walks_go_on_before_and_after_their_records() -> None:
+    # Seen only from y = -2 to 2: on the path at y = 0 when the whole walk would be.
+    time_s, place = walking(0.0, -6.0, 1.0, 12.0)
+    seen = (time_s >= 4.0) & (time_s <= 8.0)
+    clip = clip_of({"0": straight(4.0, 14.0, -30.0)}, {"p": (time_s[seen], place[seen])})
+    whole = clip_of({"0": straight(4.0, 14.0, -30.0)}, {"p": (time_s, place)})
+    limits = load_scenario("cctc").vehicle()
+    (cut,), (full,) = (find_passages([one], limits, 0.1).used for one in (clip, whole))
+    assert cut.passing_s == pytest.approx(full.passing_s)
+    assert cut.arrivals[0].arrival_s == pytest.approx(full.arrivals[0].arrival_s)
+    assert cut.extended == (True,)
+    assert full.extended == (False,)
+
+
+def test_score_of_a_random_model_is_the_integral_over_its_distribution() -> None:
+    # CRPS = integral of (F(x) - 1{x >= y})²; F of the draws themselves is the biased version, so
+    # many draws are held against the closed form for the uniform distribution on 0 … 1, y = 0.3:
+    # y³/3 + (1 - y)³/3.
+    draws = (np.arange(1000) + 0.5) / 1000
+    assert pass_time_score(draws, 0.3) == pytest.approx(0.3**3 / 3 + 0.7**3 / 3, abs=1e-3)
+
+
+def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path, capsys) -> None:
+    # A set of the name of that on which human_recorded was fitted.
+    folder = write_set(tmp_path / "dut", HardYield)
+    drivers = "emergency_brake,hard_yield,human_recorded"
+    words = ["validate", str(folder), "--format", "vci", "--set", f"frame_rate_hz={RATE_HZ:g}"]
+    words += ["--set", f"vehicle_length_m={LENGTH_M}", "--drivers", drivers]
+    app([*words, "--json", "--out", str(tmp_path / "out")], standalone_mode=False)
+    told = json.loads(capsys.readouterr().out)
+    first = told[0]
+    assert {one["driver"] for one in told} == set(drivers.split(","))
+    assert [one["driver"] for one in told if one["fitted_on_these_data"]] == ["human_recorded"]
+    assert first["driver"] == "hard_yield"
+    assert (first["rank"], first["passages"], first["contacts"]) == (1, len(SCENES), 0)
+    assert first["pass_time_error_median_s"] < 0.05
+    assert {"pass_time_error_mean_s", "pass_time_error_p90_s", "order_right"} <= first.keys()
+    page = (tmp_path / "out" / "validation.html").read_text(encoding="utf-8")
+    assert "Nearest to the recorded drivers is hard_yield" in page
+    assert "human_recorded was fitted on these very data" in page
+    assert page.count("<svg") == 2
+    assert json.loads((tmp_path / "out" / "validation.json").read_text()) == told
+
+
+def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None:
+    folder = write_set(tmp_path, HardYield)
+    with pytest.raises(InputError, match="hard_yield"):
+        held(folder, ["hard_yeild"])
+    with pytest.raises(InputError, match="twice"):
+        held(folder, ["hard_yield", "hard_yield"])
+    with pytest.raises(InputError, match="SUMO"):
+        held(folder, ["sumo_driver"])
+    with pytest.raises(InputError, match="begins_too_near: 4"):
+        validate(
+            [folder],
+            "vci",
+            ["hard_yield"],
+            load_scenario("cctc"),
+            options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": 60.0},
+        )

@@ -1,0 +1,104 @@
+"""People who are on the crosswalk at the trigger, since they came before it."""
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arm, Observation, Side
+from harness.engine.plain import PlainEngine
+from harness.episode.arrivals import already_walking, planned_arrivals
+from harness.episode.pairing import PairRunner
+from harness.episode.walking_speeds import WalkingSpeeds
+from harness.errors import InputError
+from harness.scenario import Scenario
+from harness.strategies.constant_speed import ConstantSpeed
+from tests.scenes import scenario
+
+FLOW = 900.0
+PAIRS = 500
+
+
+def scene(warm_up_s: float, **pedestrians: object) -> Scenario:
+    people = {"flow_per_hour": FLOW, "warm_up_s": warm_up_s, **pedestrians}
+    return scenario(pedestrians=people, arms={"human": "constant_speed"})
+
+
+def present(warm_up_s: float, model, pairs: int = PAIRS):
+    of = scene(warm_up_s)
+    walking = WalkingSpeeds(of, model).unconditional
+    return [already_walking(of, pair, walking, 0) for pair in range(pairs)]
+
+
+@pytest.fixture(scope="module")
+def sample(model) -> np.ndarray:
+    """Walking speeds of whole rows drawn from the model: its marginal."""
+    return model.mixture.sample(10_000, np.random.default_rng(1))[:, 2]
+
+
+@pytest.mark.parametrize("warm_up_s", [4.0, 60.0])
+def test_as_many_as_littles_law_says(warm_up_s: float, model, sample) -> None:
+    # A Poisson number with mean λ E[min(L0/v_p, warm-up)].
+    mean = FLOW / 3600 * np.minimum(9.0 / sample, warm_up_s).mean()
+    counts = np.array([len(people) for people in present(warm_up_s, model)])
+    assert counts.mean() == pytest.approx(mean, abs=4 * np.sqrt(mean / PAIRS))
+    assert counts.var() == pytest.approx(mean, rel=4 * np.sqrt(2 / PAIRS))
+
+
+def test_they_are_spread_over_the_crosswalk_slow_ones_more_often(model, sample) -> None:
+    legs = [(p.side, *p.path) for people in present(60.0, model) for p in people]
+    progress = np.array([leg.y_m if side is Side.NEAR else 9.0 - leg.y_m for side, leg in legs])
+    speeds = np.array([abs(leg.y_mps) for _, leg in legs])
+    assert ((progress >= 0) & (progress < 9.0)).all()
+    # In a steady flow those present are spread evenly, and weighed by their time on it, 1/v_p.
+    assert progress.mean() == pytest.approx(4.5, abs=4 * 9 / np.sqrt(12 * len(legs)))
+    assert speeds.mean() == pytest.approx(1 / (1 / sample).mean(), abs=0.04)
+    assert {side for side, _ in legs} == set(Side)
+    assert all((leg.y_mps > 0) == (side is Side.NEAR) for side, leg in legs)
+
+
+def test_those_who_come_later_stay_the_same_people() -> None:
+    for pair in range(5):
+        assert planned_arrivals(scene(0.0), pair) == planned_arrivals(scene(60.0), pair)
+
+
+class Watching(ConstantSpeed):
+    """Keeps the first observation of each episode."""
+
+    first: list[Observation] = []  # noqa: RUF012
+
+    def decide(self, observation: Observation, /) -> float:
+        if observation.time_s == 0:
+            self.first.append(observation)
+        return super().decide(observation)
+
+
+def test_they_walk_on_and_are_seen_from_the_trigger_on_in_both_arms(model, monkeypatch) -> None:
+    of = scene(60.0, flow_per_hour=1800.0)
+    monkeypatch.setattr(
+        "harness.episode.pairing.make_strategy", lambda *_: Watching(), raising=True
+    )
+    Watching.first.clear()
+    runner = PairRunner(of, model, lambda: PlainEngine(of.vehicle(), of.experiment.step_s))
+    outcomes = list(runner.run(range(10)))
+    walking = WalkingSpeeds(of, model).unconditional
+    met = 0
+    for outcome, seen in zip(outcomes, Watching.first, strict=True):
+        wanted = already_walking(of, outcome.pair, walking, len(planned_arrivals(of, outcome.pair)))
+        views = {view.index: view for view in seen.pedestrians}
+        for person in wanted:
+            (leg,), view = person.path, views[person.index]
+            assert view.on_crossing
+            left = 9.0 - leg.y_m if person.side is Side.NEAR else leg.y_m
+            assert view.remaining_m == pytest.approx(left)
+            assert view.speed_mps == pytest.approx(abs(leg.y_mps))
+            met += 1
+        assert outcome.record.pedestrians >= len(wanted) or outcome.record.contact
+    assert met > 50
+    pairs = {arm: [o.trace.walks[:3] for o in outcomes if o.arm is arm] for arm in Arm}
+    assert [[w.arrival for w in walks] for walks in pairs[Arm.AV]] == [
+        [w.arrival for w in walks] for walks in pairs[Arm.HUMAN]
+    ]
+
+
+def test_none_beside_traffic() -> None:
+    with pytest.raises(InputError, match=r"pedestrians\.warm_up_s"):
+        scenario(pedestrians={"warm_up_s": 10.0}, traffic={})
