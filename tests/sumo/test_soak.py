@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks.soak import COMMAND, Soak, soak
-from tests.batches import QUICK
+from tests.batches import QUICK, options_of
 
-SETTINGS = [f"{key}={value}" for key, value in QUICK.items()]
+SETTINGS = [text for text in options_of(QUICK) if text != "--set"]
 
 PROCESSES = (COMMAND, "worker 1", "worker 2")
 
