@@ -1,4 +1,4 @@
-"""Commands on a run folder: ``replay``, ``score``, ``compare``, ``export``."""
+"""Commands on run folders: ``replay``, ``score``, ``compare``, ``worst``, ``export``."""
 
 from pathlib import Path
 from typing import Annotated
@@ -144,9 +144,14 @@ def score(
         print_line(folder)
 
 
-@reads("run_folder")
+@reads("run_folders")
 def compare(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished sweep.")],
+    run_folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN…", help="A finished sweep, or several finished runs of the same people."
+        ),
+    ],
     mu0: Annotated[
         float | None, typer.Option(help="μ has to lie below; default: limits.mu0 of the scenario.")
     ] = None,
@@ -160,7 +165,7 @@ def compare(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare the strategies of a sweep pair by pair; with limits, find the allowed values."""
+    """Compare the strategies of a sweep, or of several runs, pair by pair; with limits, judge."""
     from harness.runs.compare import compare as compare_run
 
     if out is not None:
@@ -169,7 +174,7 @@ def compare(
         if not out.parent.is_dir():
             raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
     with progress_bar("comparisons", hidden=quiet or as_json) as advance:
-        result = compare_run(run_folder, mu0, kappa0, advance)
+        result = compare_run(*run_folders, mu0=mu0, kappa0=kappa0, progress=advance)
     if out is not None:
         from harness.files import write_csv
         from harness.report.comparison_document import comparison_rows

@@ -12,13 +12,13 @@ from harness.runs.strategy_groups import StrategyCell
 def comparison_document(result: RunComparison) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
-        "folder": str(result.folder),
+        "folders": [str(folder) for folder in result.folders],
         "confidence": result.confidence,
         "groups": [
             {
                 "shared": group.group.shared,
                 "cells": [
-                    _cell_document(*of, group)
+                    _cell_document(*of, group, result)
                     for of in zip(
                         group.group.cells, group.summaries, group.standings(), strict=True
                     )
@@ -49,8 +49,8 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
     a, b = (group.group.cells[position] for position in (item.a, item.b))
     crashes = item.crashes
     return {
-        "cell_a": a.cell.number,
-        "cell_b": b.cell.number,
+        "cell_a": a.number,
+        "cell_b": b.number,
         "a": a.label,
         "b": b.label,
         "defined_in_both": item.defined_in_both,
@@ -69,13 +69,19 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
 
 
 def _cell_document(
-    cell: StrategyCell, summary: Summary, standing: Standing, group: GroupResult
+    cell: StrategyCell,
+    summary: Summary,
+    standing: Standing,
+    group: GroupResult,
+    result: RunComparison,
 ) -> dict[str, Any]:
     def numbers(positions: tuple[int, ...]) -> list[int]:
-        return [group.group.cells[position].cell.number for position in positions]
+        return [group.group.cells[position].number for position in positions]
 
     return {
-        "cell": cell.cell.number,
+        "cell": cell.number,
+        "folder": str(result.folders[cell.run]),
+        "cell_in_folder": cell.cell.number,
         "label": av_label(cell.label, summary),
         "strategy": cell.strategy,
         "parameters": cell.parameters,
@@ -102,7 +108,7 @@ def _sweep_document(result: SweepResult, group: GroupResult) -> dict[str, Any]:
             {
                 "value": sweep.values[position],
                 "aggressiveness": bold[position] if bold else None,
-                "cell": group.group.cells[sweep.cells[position]].cell.number,
+                "cell": group.group.cells[sweep.cells[position]].number,
                 "verdict": judgement.verdict.value,
                 "pairs": judgement.swept.pairs,
                 "pairs_needed": judgement.pairs_needed,

@@ -36,7 +36,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
 def comparison_caveats(result: RunComparison) -> list[str]:
     """What has to be known before any number of the comparison is read."""
     of_cells = {
-        cell.cell.number: caveats(cell.strategy, summary)
+        cell.number: caveats(cell.strategy, summary)
         for group in result.groups
         for cell, summary in zip(group.group.cells, group.summaries, strict=True)
     }
@@ -50,7 +50,7 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
     ):
         rows.append(
             (
-                count_cell(cell.cell.number),
+                count_cell(cell.number),
                 TableCell(av_label(cell.label, summary)),
                 count_cell(summary.pairs),
                 count_cell(summary.defined_pairs),
@@ -68,7 +68,7 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
 
 
 def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
-    numbers = [cell.cell.number for cell in result.group.cells]
+    numbers = [cell.number for cell in result.group.cells]
     rows = []
     for item in result.comparisons:
         star = {key: "*" if key in item.indicative else "" for key in _STARRED}
@@ -106,7 +106,7 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
             (
                 value_cell(sweep.values[position]),
                 *([value_cell(bold[position])] if bold else []),
-                count_cell(group.group.cells[sweep.cells[position]].cell.number),
+                count_cell(group.group.cells[sweep.cells[position]].number),
                 count_cell(judgement.swept.pairs),
                 interval_cell(judgement.swept.mu, 4, star),
                 share_cell(judgement.swept.kappa),
@@ -164,7 +164,7 @@ def comparison_lines(result: RunComparison) -> list[str]:
     ]
     notes += [
         f"Intervals: {level(result.confidence)} each. p: exact McNemar test of the crash rates; "
-        f"Holm: within the family of all {tests} of this run.",
+        f"Holm: within the family of all {tests} of this comparison.",
         f"(μ, κ): told apart where an interval leaves out 0 or p (Holm) is below {error}; alike "
         "where no pair differs.",
     ]
@@ -193,6 +193,6 @@ def _words(standing: Standing, result: GroupResult) -> str:
 
 def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
     """Of these cells, the first few."""
-    shown = [str(result.group.cells[position].cell.number) for position in positions]
+    shown = [str(result.group.cells[position].number) for position in positions]
     more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
     return ", ".join(shown[:_NAMED]) + more

@@ -13,7 +13,7 @@ from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel
 from harness.measures import EpisodeRecord
-from harness.measures.catalogue import COLUMNS
+from harness.measures.agreement import difference
 from harness.risk.event import Event
 from harness.risk.space import Space
 from harness.scenario import Scenario
@@ -21,9 +21,6 @@ from harness.workers.watchdog import watchdog
 
 _scene = ""
 _runners: dict[bool, PairRunner] = {}
-
-TOLERANCE = 1e-6
-"""Numbers of two engines that differ by no more are equal."""
 
 
 @dataclass(frozen=True)
@@ -89,22 +86,6 @@ def run_episodes(task: Episodes) -> Scores:
         tuple(record.reason for record in records),
         tuple(differs),
     )
-
-
-def difference(one: EpisodeRecord, other: EpisodeRecord) -> str | None:
-    """What differs between two records of an episode, None where they are equal.
-
-    Equal means: the same ending and contact, and numbers within ``TOLERANCE``.
-    """
-    for name in ("ending", "contact", "contact_index"):
-        if getattr(one, name) != getattr(other, name):
-            return f"{name} {getattr(one, name)} and {getattr(other, name)}"
-    for measure, a, b in zip(COLUMNS, one.values, other.values, strict=True):
-        if (a is None) != (b is None):
-            return f"{measure} {a} and {b}"
-        if a is not None and b is not None and abs(a - b) > TOLERANCE * max(1.0, abs(a)):
-            return f"{measure} {a} and {b}"
-    return None
 
 
 def _records(

@@ -1,11 +1,11 @@
-"""Compares the strategies of a sweep from its run folder: pair by pair, within each group.
+"""Compares the strategies of a sweep, or of several runs, pair by pair within each group.
 
-Nothing is simulated.  The arithmetic is in ``harness.comparison``; what is comparable with what,
-in ``harness.runs.strategy_groups``.
+Nothing is simulated.  The arithmetic is in ``harness.comparison``.  What is comparable with what
+is in ``strategy_groups``, whether several runs met the same people in ``same_pairs``.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
@@ -25,11 +25,12 @@ from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.runs.run_data import RunData, finished_run
+from harness.runs.same_pairs import check_same_pairs, names_of
 from harness.runs.strategy_groups import (
     ParameterSweep,
     StrategyGroup,
+    groups_over,
     parameter_sweeps,
-    strategy_groups,
 )
 from harness.seeding import resampling
 
@@ -38,38 +39,47 @@ Progress = Callable[[int, int], None]
 
 
 def compare(
-    run: RunData | str | Path,
+    *runs: RunData | str | Path,
     mu0: float | None = None,
     kappa0: float | None = None,
     progress: Progress = lambda _done, _planned: None,
 ) -> RunComparison:
-    """Compare every two cells of a run that differ in the AV's strategy alone.
+    """Compare every two cells that differ in the AV's strategy alone, of one run or of several.
+
+    Runs made at different times are compared over the pairs that they have in common.
 
     Args:
-        run: a finished run of several cells, or its folder.
-        mu0: limit of μ for the allowed interval; default: the scenario's ``limits.mu0``.
-        kappa0: limit of κ; default: the scenario's ``limits.kappa0``.
+        runs: finished runs, or their folders: one with several cells, or several with the same
+            seed, pedestrians, ego and reference.
+        mu0: limit of μ for the allowed interval; default: the first scenario's ``limits.mu0``.
+        kappa0: limit of κ; default: the first scenario's ``limits.kappa0``.
         progress: told (comparisons done, comparisons planned).
 
     Raises:
-        InputError: the run is not finished, a limit is out of range, or no two cells of it can be
-            compared.
+        InputError: a run is not finished, a limit is out of range, no two cells can be compared,
+            or the reference arm did not meet the same people in all runs.
     """
-    data = run if isinstance(run, RunData) else finished_run(run)
-    groups = strategy_groups(data.study)
-    if all(len(group.cells) == 1 for group in groups):
+    opened = [run if isinstance(run, RunData) else finished_run(run) for run in runs]
+    several = len(opened) > 1
+    names = names_of(opened) if several else [""]
+    groups = groups_over([run.study for run in opened], names)
+    if several:
+        check_same_pairs(opened, groups)
+    elif all(len(group.cells) == 1 for group in groups):
         raise InputError(
-            str(data.path),
+            str(opened[0].path),
             "has no two cells that differ in the AV's strategy alone",
-            "a sweep over arms.av or over parameters of its strategy",
+            "a sweep over arms.av or over parameters of its strategy, or a second run",
         )
+    confidence = max(run.confidence for run in opened)
     limits = [_limits(group, mu0, kappa0) for group in groups]
     steps = _Steps(sum(math.comb(len(group.cells), 2) for group in groups), progress)
     results = [
-        _compare_group(data, group, limit, steps)
+        _compare_group(opened, group, limit, confidence, steps)
         for group, limit in zip(groups, limits, strict=True)
     ]
-    return RunComparison(data.path, data.name, data.confidence, _as_one_family(results))
+    paths = tuple(run.path for run in opened)
+    return RunComparison(paths, opened[0].name, confidence, _as_one_family(results))
 
 
 def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[SweepResult, ...]:
@@ -80,10 +90,15 @@ def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[
         group: some of its cells.
         limits: μ0 and κ0.
     """
-    columns = [run.pair_columns_of(member.cell.number) for member in group.cells]
+    columns = _columns_of([run], group)
     seed = group.cells[0].cell.scenario.experiment.seed
     level = 1 - run.confidence
     return tuple(_judge(sweep, columns, limits, seed, level) for sweep in parameter_sweeps(group))
+
+
+def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
+    """The columns of every member of a group."""
+    return [runs[member.run].pair_columns_of(member.cell.number) for member in group.cells]
 
 
 def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Limits | None:
@@ -128,21 +143,25 @@ def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
 
 
 def _compare_group(
-    run: RunData, group: StrategyGroup, limits: Limits | None, steps: _Steps
+    runs: Sequence[RunData],
+    group: StrategyGroup,
+    limits: Limits | None,
+    confidence: float,
+    steps: _Steps,
 ) -> GroupResult:
     seed = group.cells[0].cell.scenario.experiment.seed
-    columns = [run.pair_columns_of(member.cell.number) for member in group.cells]
+    columns = _columns_of(runs, group)
     comparisons = []
     for a, b in combinations(range(len(columns)), 2):
-        comparisons.append(_compare(a, b, group, columns, seed, run.confidence))
+        comparisons.append(_compare(a, b, group, columns, seed, confidence))
         steps.one_more()
-    level = 1 - run.confidence
+    level = 1 - confidence
     sweeps = [] if limits is None else parameter_sweeps(group)
-    summaries = {result.cell.number: result.summary for result in run.results}
+    summaries = [{result.cell.number: result.summary for result in run.results} for run in runs]
     return GroupResult(
         group,
         level,
-        tuple(summaries[member.cell.number] for member in group.cells),
+        tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
         tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
     )

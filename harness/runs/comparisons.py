@@ -89,9 +89,12 @@ class GroupResult:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """All of a run; ``confidence`` is that of each interval."""
+    """All of a run, or of several; ``confidence`` is that of each interval.
 
-    folder: Path
+    ``name`` is the first one's.
+    """
+
+    folders: tuple[Path, ...]
     name: str
     confidence: float
     groups: tuple[GroupResult, ...]

@@ -1,12 +1,13 @@
-"""Cells of a study that differ in the AV's strategy alone, and sweeps of one parameter among them.
+"""Cells that differ in the AV's strategy alone, and sweeps of one parameter among them.
 
-What makes two cells comparable: everything but ``arms.av``, the parameters of the AV's strategy and
-its perception is the same.  A parameter of a strategy that also drives the reference arm changes
-that arm, and so does perception that the human shares: cells that differ in it stand apart.
+What makes two cells comparable, of one study or of several: everything but ``arms.av``, the
+parameters of the AV's strategy and its perception is the same.  A parameter of a strategy that also
+drives the reference arm changes that arm, and so does perception that the human shares: cells that
+differ in it stand apart.
 """
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,9 +23,12 @@ class StrategyCell:
     """A cell with its AV's strategy, all its parameters, and a name that tells it in its group.
 
     Where the group's perception is not all default its keys count as parameters, by their dotted
-    names.
+    names.  ``run`` is the place of its run among those compared, ``number`` its own among the
+    cells of all of them.
     """
 
+    run: int
+    number: int
     cell: Cell
     strategy: str
     parameters: dict[str, Any]
@@ -78,12 +82,30 @@ class ParameterSweep:
         return None if sign is None else tuple(sign * value + 0.0 for value in self.values)
 
 
+_Numbered = tuple[int, int, Cell]
+"""Place of the run, number among the cells of all runs, the cell."""
+
+
 def strategy_groups(study: Study) -> list[StrategyGroup]:
     """The groups of a study, in order of their first cells; also those of one cell."""
-    members: dict[str, list[Cell]] = {}
-    for cell in study.cells:
-        members.setdefault(_all_but_the_strategy(cell.scenario), []).append(cell)
-    return [_group(cells) for cells in members.values()]
+    return groups_over([study])
+
+
+def groups_over(studies: Sequence[Study], names: Sequence[str] = ("",)) -> list[StrategyGroup]:
+    """The groups of the cells of several studies; see ``strategy_groups``.
+
+    Args:
+        studies: in order of their numbers.
+        names: of each, to end its cells' labels with.
+    """
+    members: dict[str, list[_Numbered]] = {}
+    number = 0
+    for run, study in enumerate(studies):
+        for cell in study.cells:
+            key = _frozen(all_but_the_strategy(cell.scenario))
+            members.setdefault(key, []).append((run, number, cell))
+            number += 1
+    return [_group(cells, names) for cells in members.values()]
 
 
 def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
@@ -97,7 +119,8 @@ def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
             for position, parameters in own.items():
                 if _is_number(parameters.get(parameter)):
                     others = {name: parameters.get(name) for name in varied if name != parameter}
-                    lines.setdefault(_frozen(others), []).append(position)
+                    key = _frozen([group.cells[position].run, others])
+                    lines.setdefault(key, []).append(position)
             for positions in lines.values():
                 if len(positions) > 1:
                     sweeps.append(_sweep(strategy, parameter, varied, positions, own))
@@ -122,42 +145,53 @@ def _sweep(
     )
 
 
-def _group(cells: list[Cell]) -> StrategyGroup:
-    distinct: dict[str, tuple[Cell, str, dict[str, Any]]] = {}
-    limited = any(cell.scenario.perception != PerceptionSection() for cell in cells)
-    for cell in cells:
+def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
+    distinct: dict[str, tuple[_Numbered, str, dict[str, Any]]] = {}
+    limited = any(cell.scenario.perception != PerceptionSection() for _, _, cell in cells)
+    for numbered in cells:
+        run, _, cell = numbered
         strategy = cell.scenario.arms.av
         parameters = _parameters(cell.scenario, strategy)
         if limited:
             seen = cell.scenario.perception.model_dump()
             parameters |= {f"{_PERCEPTION}{key}": value for key, value in seen.items()}
-        distinct.setdefault(_frozen([strategy, parameters]), (cell, strategy, parameters))
+        distinct.setdefault(_frozen([run, strategy, parameters]), (numbered, strategy, parameters))
     members = []
-    for cell, strategy, parameters in distinct.values():
+    for (run, number, cell), strategy, parameters in distinct.values():
         alike = (other for _, name, other in distinct.values() if name == strategy)
         varied = _varied(alike)
         told = {name.removeprefix(_PERCEPTION): parameters.get(name) for name in varied}
         words = [strategy, *(f"{name}={_word(value)}" for name, value in told.items())]
-        members.append(StrategyCell(cell, strategy, parameters, " ".join(words)))
-    scenario = cells[0].scenario
-    human = table_key(scenario.arms.human)
-    own = ("arms.av", "strategies.", *(() if scenario.perception.human else (_PERCEPTION,)))
+        if names[run]:
+            words.append(f"({names[run]})")
+        members.append(StrategyCell(run, number, cell, strategy, parameters, " ".join(words)))
+    _, _, first = cells[0]
+    human = table_key(first.scenario.arms.human)
+    sees = first.scenario.perception.human
+    own = ("arms.av", "strategies.", *(() if sees else (_PERCEPTION,)))
     shared = {
         key: value
-        for key, value in cells[0].varied.items()
+        for key, value in first.varied.items()
         if not key.startswith(own) or key.startswith(f"{human}.")
     }
     return StrategyGroup(shared, tuple(members), len(cells) - len(members))
 
 
-def _all_but_the_strategy(scenario: Scenario) -> str:
+_SAYS_NO_MORE = (("experiment", "pairs"), ("experiment", "decide_limit_s"))
+"""Keys that change nothing of a pair; nor do ``conflicts`` and ``limits``."""
+
+
+def all_but_the_strategy(scenario: Scenario) -> dict[str, Any]:
+    """Nested tables of what two cells must share to be compared pair by pair."""
     tree = scenario.model_dump()
     human = tree["arms"]["human"]
-    del tree["arms"]["av"]
+    del tree["arms"]["av"], tree["conflicts"], tree["limits"]
+    for section, key in _SAYS_NO_MORE:
+        del tree[section][key]
     if not scenario.perception.human:
         del tree["perception"]
-    tree["strategies"] = _parameters(scenario, human)
-    return _frozen(tree)
+    tree["strategies"] = {human: _parameters(scenario, human)}
+    return tree
 
 
 def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:

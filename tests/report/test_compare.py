@@ -179,7 +179,7 @@ def test_allowed_values(tmp_path: Path) -> None:
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     run = margins(tmp_path / "run", {}, bolder_with_less)
     assert compare(run).groups[0].sweeps == ()
-    assert only(compare(run, 1.0, 0.05)).found.verdict is SweepVerdict.SOME
+    assert only(compare(run, mu0=1.0, kappa0=0.05)).found.verdict is SweepVerdict.SOME
 
 
 def shell(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
@@ -227,7 +227,7 @@ def test_tables(
     assert "pedestrians.flow_per_hour = 50" in text
     assert "dominated by 0" in text
     assert "0 / 10" in text
-    assert "family of all 6 of this run" in text
+    assert "family of all 6 of this comparison" in text
     assert max(len(line) for line in text.splitlines()) <= 120
 
 
@@ -293,3 +293,91 @@ def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
     manifest.write_text(json.dumps(unfinished))
     with pytest.raises(InputError, match="is not finished"):
         compare(tmp_path / "flows")
+
+
+def version(folder: Path, seconds: float, **changes: object) -> Path:
+    """A run of one strategy that takes so long in every pair."""
+    keys = {"experiment.pairs": 30, "arms.av": "gap_yield", **changes}
+    return made_up(folder, one_cell("cctc", keys), lambda _task, pair: seconds + 0.1 * (pair % 3))
+
+
+def test_runs_made_at_different_times(tmp_path: Path) -> None:
+    yesterday = version(tmp_path / "yesterday", 9.0)
+    today = version(tmp_path / "today", 8.0, **{"experiment.pairs": 20, "conflicts.ttc_s": 2.0})
+    (group,) = compare(yesterday, today).groups
+    assert [member.label for member in group.group.cells] == [
+        "gap_yield (yesterday)",
+        "gap_yield (today)",
+    ]
+    assert [(member.run, member.number) for member in group.group.cells] == [(0, 0), (1, 1)]
+    (item,) = group.comparisons
+    # Over the 20 pairs that both have; the human takes 10 s in all of them.
+    assert (item.defined_in_both, item.crashes.pairs) == (20, 20)
+    assert item.mu_difference.value == pytest.approx(0.1)
+    assert item.mu_difference.low == pytest.approx(0.1)
+
+
+def test_several_runs_are_compared_as_a_sweep_is(tmp_path: Path) -> None:
+    changes = {"experiment.pairs": 60}
+    swept = made_up(
+        tmp_path / "swept", sweep("cctc", changes, "arms.av=soft_yield,hard_yield"), noisy
+    )
+    apart = [
+        made_up(tmp_path / name, one_cell("cctc", {**changes, "arms.av": name}), noisy)
+        for name in ("soft_yield", "hard_yield")
+    ]
+    (inside,), (between,) = (
+        result.groups[0].comparisons for result in (compare(swept), compare(*apart))
+    )
+    assert inside == between
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"experiment.seed": 2}, "experiment.seed 2 instead of 1"),
+        (
+            {"pedestrians.flow_per_hour": 500, "ego.initial_speed_mps": 6.0},
+            "pedestrians.flow_per_hour 500 instead of",
+        ),
+        ({"strategies.human_gmm.speed": "sampled"}, "strategies.human_gmm.speed sampled"),
+    ],
+)
+def test_runs_of_other_people_are_refused(
+    tmp_path: Path, changes: dict[str, object], said: str
+) -> None:
+    one, other = version(tmp_path / "one", 9.0), version(tmp_path / "other", 8.0, **changes)
+    with pytest.raises(InputError, match=said):
+        compare(one, other)
+
+
+def test_another_reference_is_refused(tmp_path: Path) -> None:
+    one = version(tmp_path / "one", 9.0)
+    study = one_cell("cctc", {"experiment.pairs": 30, "arms.av": "gap_yield"})
+    slower = made_up(tmp_path / "other", study, lambda _, pair: (8.0, 10.0 + (pair == 7)))
+    with pytest.raises(InputError, match=r"pair 7 has pass_time_s 11\.0 instead of 10\.0"):
+        compare(one, slower)
+    with pytest.raises(InputError, match="is named twice"):
+        compare(one, one)
+    manifest = slower / "manifest.json"
+    document = json.loads(manifest.read_text())
+    document["models"][0]["sha256"] = "0" * 64
+    manifest.write_text(json.dumps(document))
+    with pytest.raises(InputError, match="its model dut is another one"):
+        compare(one, slower)
+
+
+def test_several_runs_in_the_shell(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = [version(tmp_path / "yesterday", 9.0), version(tmp_path / "today", 8.0)]
+    assert shell(monkeypatch, *runs, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["folders"] == [str(run) for run in runs]
+    cells = document["groups"][0]["cells"]
+    assert [(cell["cell"], cell["folder"]) for cell in cells] == [
+        (0, str(runs[0])),
+        (1, str(runs[1])),
+    ]
+    assert shell(monkeypatch, *runs) == 0
+    assert "(today)" in capsys.readouterr().out
