@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 WORKERS ?= 2
 
-.PHONY: run test test-all check coverage
+.PHONY: run test test-all check coverage docs
 
 run: $(READY)
 	$(BIN)/harness run scenarios/cctc.toml
@@ -29,6 +29,9 @@ coverage: $(READY)
 	$(BIN)/coverage run -m pytest -n $(WORKERS) -m "not slow"
 	$(BIN)/coverage combine --quiet
 	$(BIN)/coverage report
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 
 $(READY): pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=python3.11")'

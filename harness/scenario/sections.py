@@ -35,10 +35,15 @@ class ObstacleSection(_Section):
     """
 
     x_m: Annotated[float, Field(ge=-1000, le=1000)]
+    """Its centre along the road; 0 at the crosswalk's centre line."""
     y_m: Annotated[float, Field(ge=-1000, le=1000)]
+    """Its centre across the road; 0 at the near kerb."""
     length_m: Annotated[float, Field(gt=0, le=1000)]
+    """Its extent along the road."""
     width_m: Annotated[float, Field(gt=0, le=1000)]
+    """Its extent across the road."""
     case: str | None = None
+    """The timed case it stands in; without it, all of them."""
 
     @property
     def x_bounds_m(self) -> tuple[float, float]:
@@ -58,33 +63,57 @@ class ReadSection(_Section):
     """
 
     net: str
+    """The network's file."""
     sha256: str
+    """Of that file."""
     edge: str
+    """The crossing's id."""
     approach: str | None
+    """The lane's id."""
     lane: int
+    """The lane's number from the near kerb."""
     lane_centre_m: float
+    """From the near kerb to the lane's centre."""
     angle_deg: float
+    """Between road and crosswalk."""
 
 
 class CrossingSection(_Section):
     """``[crossing]``: the place and shape of the crosswalk, or where its network says them."""
 
     net: str | None = None
+    """A SUMO network of your own, which then says length, width, lanes, bearing and place."""
     edge: str | None = None
+    """The id of a crossing in ``net``."""
     approach: str | None = None
+    """The ego's lane in ``net``; without it, the outermost car lane that leads there."""
     ignore_signal: bool = False
+    """Keep a traffic light that rules the crossing in ``net`` green."""
     read: ReadSection | None = None
+    """What the harness read in ``net``; it fills this in itself."""
     latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = 42.278415
+    """Of the crosswalk's centre."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = -83.735580
+    """Of the crosswalk's centre."""
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
+    """The ego's direction, clockwise from true north."""
     length_m: Annotated[float, Field(ge=2.5, le=40)] = 9.0
+    """L0, from kerb to kerb; 0.25 m are left between the ego and each kerb."""
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
+    """Extent of the crosswalk along the road."""
     pedestrian_priority: bool = True
+    """A marked crosswalk; what SUMO's own driver and pedestrians go by."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 1
+    """In the ego's direction."""
     oncoming_lanes: Annotated[int, Field(ge=0, le=6)] = 1
+    """Towards the ego; 0 is a one-way road."""
     lane_width_m: Annotated[float, Field(ge=1, le=20)] | None = None
+    """Of each lane; without it, the lanes share ``length_m`` evenly.  What they leave is a
+    median, or half at each kerb of a one-way road."""
     road_speed_limit_mps: Annotated[float, Field(gt=0, le=100)] | None = None
+    """What SUMO's own driver and outputs go by; without it, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
+    """Parked cars and hedges that hide people."""
 
     @property
     def width_of_lane_m(self) -> float:
@@ -121,33 +150,53 @@ class EgoSection(_Section):
     """``[ego]``: the vehicle, the same in both arms."""
 
     lane: Annotated[int, Field(ge=0)] = 0
+    """The ego's, counted from the near kerb; below ``crossing.lanes``."""
     initial_speed_mps: Annotated[float, Field(gt=0, le=60)] = 5.0
+    """v0."""
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
+    """R0: t = 0 when the front bumper is this far from the centre line; at least half the
+    crosswalk's width and 1.5 m."""
     detection_range_m: Positive | None = None
+    """How far pedestrians are perceived; without it, the trigger range."""
     length_m: Annotated[float, Field(ge=1, le=25)] = 5.0
+    """Of the vehicle."""
     width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
+    """Of the vehicle; at most the lane's."""
     max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 3.0
+    """Limit of every strategy's command."""
     max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 4.5
+    """Limit of every strategy's command."""
     resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 1.0
+    """a0: back to v0 once the crossing is clear."""
 
 
 class TimedSection(_Section):
     """``[[pedestrians.timed]]``: someone whom a car that never brakes would hit."""
 
     name: str = ""
+    """By which ``timed_case`` picks it."""
     side: Literal["near", "far"]
+    """The kerb they come from."""
     start_lateral_m: Positive
+    """From the centre line of the car to where they stand; clear of the car, at most 8 m before
+    the kerb."""
     acceleration_distance_m: NonNegative = 0.0
+    """Over which they reach their speed."""
     speed_mps: Annotated[float, Field(gt=0, le=10)]
+    """At which they walk."""
     impact_share: Share
+    """Where a car that never brakes hits them: 0 at the edge they reach first, 1 at the other."""
 
 
 class GapAcceptanceSection(_Section):
     """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
 
     distribution: Literal["lognormal", "logistic"] = "lognormal"
+    """Of critical gaps."""
     mean_s: Positive = 4.0
+    """Of the critical gaps."""
     std_s: NonNegative = 2.5
+    """Standard deviation of the critical gaps."""
 
 
 Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
@@ -161,11 +210,17 @@ class DrawnSection(_Section):
     """
 
     episode: Annotated[int, Field(ge=0)]
+    """The number of the episode."""
     arrival: Uniforms = ()
+    """Of the times between arrivals."""
     side: Uniforms = ()
+    """Of the kerbs."""
     quantile: Uniforms = ()
+    """Of the walking speeds."""
     critical_gap: Uniforms = ()
+    """Of the critical gaps."""
     detection: Uniforms = ()
+    """Of the looks until the first detection."""
 
     @property
     def uniforms(self) -> dict[Purpose, tuple[float, ...]]:
@@ -186,7 +241,9 @@ class WalkingSpeedSection(_Section):
     """
 
     mean_mps: Annotated[float, Field(ge=0.5, le=3)]
+    """Before the cut at 0.3 m/s."""
     std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
+    """Standard deviation before the cut."""
 
     def at(self, quantile: float) -> float:
         """The walking speed at a quantile in [0, 1), in m/s."""
@@ -200,17 +257,29 @@ class PedestriansSection(_Section):
     """``[pedestrians]``: who comes, from where, how they decide and walk."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
+    """λ, both kerbs together."""
     max_count: Annotated[int, Field(ge=0)] | None = None
+    """At most so many come; without it, no limit."""
     first_at_trigger: bool = False
+    """The first is at the kerb at t = 0."""
     near_side_share: Share = 0.5
+    """Share of people who come from the near kerb."""
     kerb_wait_s: NonNegative = 2.0
+    """Nobody steps off when the ego would reach the crosswalk within this time."""
     warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
+    """The flow begins so long before the trigger; 0 beside ``[traffic]``."""
     behaviour: Behaviour = "constant"
+    """How they decide and walk."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
+    """Who waits for a gap: with behaviour ``gap_acceptance``."""
     walking_speed: WalkingSpeedSection | None = None
+    """A normal distribution in the interaction model's place; without it, the model."""
     timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
+    """People whom a car that never brakes would hit."""
     timed_case: str | None = None
+    """A ``name`` of ``timed``: only those come; without it, all."""
     drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False)] = ()
+    """The people of each pair by their uniforms; ``harness risk`` writes them."""
 
 
 class PerceptionSection(_Section):
@@ -220,14 +289,23 @@ class PerceptionSection(_Section):
     """
 
     latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """How old it is what the strategy is told of pedestrians; whole steps."""
     update_s: Annotated[float, Field(gt=0, le=60)] | None = None
+    """How often that is renewed; whole steps; without it, every step."""
     detection_probability: Share = 1.0
+    """At each update, until somebody is first seen; then they are tracked."""
     dropout_probability: Share = 0.0
+    """At each update: a track is lost and must be found again."""
     position_sd_m: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """Standard deviation of the error of the place."""
     speed_sd_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
+    """Standard deviation of the error of the speed."""
     correlation_s: NonNegative = 1.0
+    """How long errors stay alike."""
     occlusion: bool = True
+    """What an obstacle hides is not seen."""
     human: bool = False
+    """The human's arm is shown the same way."""
 
     def is_perfect(self, step_s: float) -> bool:
         """Whether it shows what is so at every step, but for what obstacles hide."""
@@ -240,9 +318,13 @@ class ModelSection(_Section):
     """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
 
     name: str = "dut"
+    """A shipped interaction model."""
     path: str | None = None
+    """A model file of your own, in the place of ``name``."""
     pedestrian_reading: Literal["marginal", "curve", "unconditional"] = "marginal"
+    """What walking speeds are drawn given."""
     extrapolate: bool = False
+    """Clamp a v0 or R0 outside the model's data, which is else refused."""
 
 
 def _strategy_name(strategy: Any) -> Any:
@@ -266,33 +348,46 @@ class ArmsSection(_Section):
     """``[arms]``: which strategy drives in each arm; in Python also as a class."""
 
     av: StrategyName = "soft_yield"
+    """What drives in the AV's arm."""
     human: StrategyName = "human_gmm"
+    """What drives in the reference's arm."""
 
 
 class ConflictsSection(_Section):
     """``[conflicts]``: thresholds of the measures beyond which an episode counts as a conflict."""
 
     ttc_s: NonNegative = 1.5
+    """A smaller least time to collision is a conflict."""
     time_advantage_s: NonNegative = 1.5
+    """A smaller least time advantage is a conflict."""
     pet_s: NonNegative = 1.5
+    """A smaller post-encroachment time is a conflict."""
     drac_mps2: NonNegative = 3.35
+    """A greater deceleration rate to avoid a crash is a conflict."""
 
 
 class ExperimentSection(_Section):
     """``[experiment]``: how many pairs, from which seed, at which step."""
 
     pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
+    """N; in traffic, hours."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    """Root of every random number."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
+    """Simulation step; whole milliseconds."""
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
+    """An episode that has not crossed by then is timed out; whole milliseconds."""
     decide_limit_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
+    """Wall time a strategy may take for one answer."""
 
 
 class LimitsSection(_Section):
     """``[limits]``: below which a strategy is allowed; for comparing, no part of a simulation."""
 
     mu0: Positive | None = None
+    """Limit of μ, for ``harness compare``."""
     kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
+    """Limit of κ, for ``harness compare``."""
 
 
 SLOWEST_MPS = 0.3
@@ -311,15 +406,25 @@ class TrafficSection(_Section):
     """
 
     flow_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
+    """Vehicles in the first direction; a list has one value for each quarter of an hour."""
     oncoming_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
+    """Vehicles in the other direction, likewise."""
     av_share: Share = 1.0
+    """Share of the vehicles that ``arms.av`` drives in the AV's arm."""
     duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
+    """How long vehicles and people are counted; whole steps."""
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
+    """How long both come before that; whole steps."""
     following: Literal["Krauss", "IDM"] = "Krauss"
+    """SUMO's car-following model."""
     tau_s: Positive = 1.0
+    """Its headway; at least a step."""
     min_gap_m: NonNegative = 2.0
+    """Its least gap to a leader that stands."""
     occupancy: Positive = 1.5
+    """Persons in a vehicle, for the delay of all persons."""
     saturated: bool = False
+    """A vehicle waits in every lane at all times: measures the capacity."""
 
 
 class Scenario(_Section):
@@ -332,6 +437,7 @@ class Scenario(_Section):
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
     strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
+    """Parameters of each strategy by its name."""
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     limits: LimitsSection = LimitsSection()

@@ -1,0 +1,306 @@
+"""The pages of the site that follow from the code: keys, columns, commands, Python."""
+
+import ast
+import inspect
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import typer.main
+from pydantic import BaseModel
+
+import harness
+from harness.cli.app import app
+from harness.measures import MEASURES
+from harness.results import tables
+from harness.results.summaries import summary_columns
+from harness.scenario import Scenario, sections
+
+UNITS = {
+    "_per_hour": "1/h",
+    "_mps2": "m/s²",
+    "_mps": "m/s",
+    "_deg": "°",
+    "_m": "m",
+    "_s": "s",
+    "_h": "h",
+}
+"""Units by how a name ends, the longer endings first."""
+
+TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
+BOUNDS = {
+    "minimum": "≥ {}",
+    "exclusiveMinimum": "> {}",
+    "maximum": "≤ {}",
+    "exclusiveMaximum": "< {}",
+}
+COLUMN_TYPES = {
+    pa.string(): "text",
+    pa.bool_(): "true or false",
+    pa.int32(): "whole number",
+    pa.int64(): "whole number",
+    pa.float64(): "number",
+}
+
+
+def unit_of(name: str) -> str:
+    """The unit that a key or column says by its ending; nothing where it says none."""
+    base = name.removesuffix("_ci_low").removesuffix("_ci_high").removesuffix("_human")
+    return next((unit for ending, unit in UNITS.items() if base.endswith(ending)), "")
+
+
+def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Lines of a table in Markdown."""
+    names = [*head]
+    lines = [names, ["---"] * len(names), *rows]
+    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+
+
+def keys_page() -> str:
+    """Every key of a scenario: type and range, unit, default, meaning."""
+    lines = [
+        "# Keys of a scenario",
+        "",
+        "Every key has a default, and a scenario file says only what differs; unknown keys are",
+        "refused. A key that ends in `_mps` also takes text with a unit, in files, `--set` and",
+        '`--vary`: `"50 km/h"`, `"30 mph"`, `"12 ft/s"`, `"8 m/s"`. How files and `--set` are',
+        "read: [Files](../files.md#scenario-toml). The keys of `[strategies]` are the parameters",
+        "of [strategies](../strategies.md).",
+    ]
+    documented = meanings_of_keys()
+    for path, section in sections_of(Scenario):
+        lines += ["", f"## {path}", "", summary_of(section), ""]
+        lines += table(
+            ("key", "values", "unit", "default", "meaning"),
+            (
+                [f"`{name}`", values_of(schema), unit_of(name), default_of(section, name), meaning]
+                for name, schema in properties(section).items()
+                if not is_section(schema)
+                for meaning in [documented[section.__name__, name]]
+            ),
+        )
+    return "\n".join(lines) + "\n"
+
+
+def sections_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Every section of a scenario by the heading its table has in a file."""
+    for name, schema in properties(model).items():
+        found = section_in(schema)
+        if found is None:
+            continue
+        own = f"{path}.{name}" if path else name
+        many = "items" in schema
+        yield (f"[[{own}]]" if many else f"[{own}]"), found
+        yield from sections_of(found, own)
+
+
+def properties(model: type[BaseModel]) -> dict[str, dict[str, Any]]:
+    """The JSON schemas of a section's keys, what is optional without its null."""
+    found = {}
+    for name, schema in model.model_json_schema()["properties"].items():
+        choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
+        found[name] = choices[0] if len(choices) == 1 else schema
+    return found
+
+
+def section_in(schema: Mapping[str, Any]) -> type[BaseModel] | None:
+    """The section that a key holds, or a list of which it holds."""
+    name = schema.get("items", schema).get("$ref", "").rpartition("/")[2]
+    return getattr(sections, name) if name else None
+
+
+def is_section(schema: Mapping[str, Any]) -> bool:
+    """Whether a key is a table with a heading of its own."""
+    return section_in(schema) is not None
+
+
+def values_of(schema: Mapping[str, Any]) -> str:
+    """What a key takes, in words."""
+    if "anyOf" in schema:
+        return ", or ".join(values_of(choice) for choice in schema["anyOf"])
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    if "items" in schema:
+        return f"a list: {values_of(schema['items'])}"
+    bounds = [form.format(number(schema[key])) for key, form in BOUNDS.items() if key in schema]
+    kind = TYPES.get(schema.get("type", ""), "text")
+    return " ".join([kind, ", ".join(bounds)]) if bounds else kind
+
+
+def number(bound: float) -> str:
+    """A bound in digits."""
+    return "2⁶³" if bound == 2**63 else f"{bound:,}".removesuffix(".0")
+
+
+def default_of(section: type[BaseModel], name: str) -> str:
+    """A key's default as a file would write it."""
+    field = section.model_fields[name]
+    if field.is_required():
+        return "needed"
+    value = field.get_default(call_default_factory=True)
+    if value in (None, (), ""):
+        return "none"
+    return f"`{str(value).lower() if isinstance(value, bool) else value}`"
+
+
+def meanings_of_keys() -> dict[tuple[str, str], str]:
+    """The docstring below each key, by its section's class and its name."""
+    found = {}
+    for node in ast.parse(inspect.getsource(sections)).body:
+        if not isinstance(node, ast.ClassDef):
+            continue
+        for key, text in zip(node.body, node.body[1:], strict=False):
+            if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
+                name, value = ast.unparse(key.target), ast.literal_eval(text.value)
+                found[node.name, name] = in_markdown(value)
+    return found
+
+
+def summary_of(section: type[BaseModel]) -> str:
+    """A section's docstring, without the heading it begins with."""
+    text = in_markdown(inspect.getdoc(section) or "")
+    summary = text.split("`: ", 1)[-1]
+    return summary[:1].upper() + summary[1:]
+
+
+def in_markdown(text: str) -> str:
+    """A docstring's text on one line, with Markdown's marks for code."""
+    return " ".join(text.split()).replace("``", "`")
+
+
+def columns_page() -> str:
+    """Every column of every table of a run."""
+    meanings = meanings_of_columns()
+    lines = [
+        "# Columns",
+        "",
+        "What each file of a run folder holds: [Files](../files.md#run-folder). A missing value is",
+        "null in Parquet and empty in CSV. A column with an interval has its ends beside it, named",
+        "`_ci_low` and `_ci_high`, two-sided with the `confidence` of the row. Definitions:",
+        "[Method](../method.md), [Measures](../measures.md).",
+    ]
+    for name, schema in tables.TABLES.items():
+        lines += ["", f"## {name}.parquet", ""]
+        lines += table(
+            ("column", "type", "unit", "meaning"),
+            ([f"`{c}`", kind_of(schema.field(c).type), u, m] for c, u, m in told(name, meanings)),
+        )
+    lines += ["", "## summary.csv", "", "One row per cell: the varied keys, then these.", ""]
+    kinds = {name: kind for name, kind in summary_columns().items() if "_ci_" not in name}
+    lines += table(
+        ("column", "interval", "unit", "meaning"),
+        (
+            [f"`{n}`", "yes" if f"{n}_ci_low" in summary_columns() else "", unit_of(n), text]
+            for n in kinds
+            for text in [meanings["summary"][n]]
+        ),
+    )
+    return "\n".join(lines) + "\n"
+
+
+def told(name: str, meanings: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
+    """Name, unit and meaning of each column of a table."""
+    measures = {measure.column: measure for measure in MEASURES}
+    own = meanings[name]
+    if name == "passages":
+        own = meanings["episodes"] | own
+    for column in tables.TABLES[name].names:
+        if column in own:
+            yield column, unit_of(column), own[column]
+        elif column in meanings["keys"]:
+            yield column, "", meanings["keys"][column]
+        else:
+            measure = measures[column]
+            undefined = "" if measure.undefined_when == "never" else measure.undefined_when
+            text = f"{measure.formula}; null: {undefined}" if undefined else measure.formula
+            yield column, measure.unit, text
+
+
+def kind_of(kind: pa.DataType) -> str:
+    """A column's type in words."""
+    return COLUMN_TYPES.get(kind, "list of legs")
+
+
+def meanings_of_columns() -> dict[str, dict[str, str]]:
+    """By table and column, from the file beside this one."""
+    text = Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def commands_page() -> str:
+    """Every command with its arguments and options, as ``--help`` has them."""
+    lines = [
+        "# Commands",
+        "",
+        "`harness COMMAND --help` says the same on the terminal. A command ends with exit code 0;",
+        "with 1 where something failed on the way, with 2 where the input was refused, with 130",
+        "(Ctrl-C) or 143 (SIGTERM) where it was interrupted.",
+    ]
+    for name, command in commands(typer.main.get_command(app)):
+        lines += ["", f"## harness {name}", "", in_markdown(command.help or ""), ""]
+        rows = [
+            [said(option), (option.help or "").strip(), shown_default(option)]
+            for option in command.params
+            if "--help" not in option.opts
+        ]
+        lines += table(("argument or option", "meaning", "default"), rows)
+    return "\n".join(lines) + "\n"
+
+
+def commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command by its whole name, those of groups too."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", command
+
+
+def said(option: Any) -> str:
+    """An argument or option as it is written in the shell."""
+    if option.param_type_name == "argument":
+        word = option.metavar or option.name.upper()
+        return f"`{word}`" if option.required else f"`[{word}]`"
+    value = "" if option.is_flag else f" {(option.metavar or option.name).strip('_').upper()}"
+    return ", ".join(f"`{text}{value}`" for text in option.opts)
+
+
+def shown_default(option: Any) -> str:
+    """An option's default, where it has one that says something."""
+    if option.required:
+        return "needed"
+    silent = option.default is None or option.default is False or option.default == ()
+    return "" if silent else f"`{option.default}`"
+
+
+def python_page() -> str:
+    """Every public name with its docstring, by mkdocstrings."""
+    stub = Path(harness.__file__).with_suffix(".pyi")
+    lines = [
+        "# Python",
+        "",
+        "What `import harness` names, with shapes, units, ranges and when something is undefined.",
+        "How the names go together: [In Python](../python.md).",
+    ]
+    found = {}
+    for node in ast.parse(stub.read_text(encoding="utf-8")).body:
+        assert isinstance(node, ast.ImportFrom)
+        for alias in node.names:
+            place = f"harness.{node.module}.{alias.name}"
+            found[alias.name] = place
+    for name, place in sorted(found.items(), key=lambda item: item[0].lower()):
+        own = f"harness.{name}"
+        lines += ["", f"::: {place}", "    options:", f"      heading: {own}"]
+        lines += [f"      toc_label: {own}"]
+    return "\n".join(lines) + "\n"
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    "reference/keys.md": keys_page,
+    "reference/columns.md": columns_page,
+    "reference/commands.md": commands_page,
+    "reference/names.md": python_page,
+}
+"""Generated pages by their place in the site."""

@@ -1,0 +1,57 @@
+"""Makes the site of the Markdown in docs/: adds what is generated, and holds it to no outside."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+from mkdocs.exceptions import PluginError
+from mkdocs.structure.files import File, Files
+
+from docs.hooks.reference import PAGES
+
+ROOT = Path(__file__).resolve().parents[2]
+
+SHOWN = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "scenarios/*.toml", "examples/*.*")
+"""Files of the project that pages lead to; the site has a copy of each."""
+
+LOADED = re.compile(
+    r"""<(?:script|img|iframe|source|video|audio)\b[^>]*\bsrc=["']?((?:https?:)?//[^"'\s>]+)"""
+    r"""|<link\b(?![^>]*rel=["']?canonical)[^>]*\bhref=["']?((?:https?:)?//[^"'\s>]+)"""
+    r"""|url\(["']?((?:https?:)?//[^"')]+)|@import ["']((?:https?:)?//[^"']+)""",
+    re.IGNORECASE,
+)
+"""What a page loads from elsewhere, as against what it links to."""
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the generated pages, and the files of the project that pages lead to."""
+    for path, make in PAGES.items():
+        files.append(File.generated(config, path, content=make()))
+    for pattern in SHOWN:
+        for found in sorted(ROOT.glob(pattern)):
+            name = found.relative_to(ROOT).as_posix()
+            if found.suffix == ".md":
+                text = found.read_text(encoding="utf-8")
+                files.append(File.generated(config, name.lower(), content=text))
+            else:
+                files.append(File.generated(config, name, abs_src_path=str(found)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
+    """Let links that leave docs/ lead to the site's copies."""
+    if page.file.src_uri in ("changelog.md", "contributing.md"):
+        return markdown.replace("](docs/", "](")
+    for name in ("CHANGELOG.md", "CONTRIBUTING.md"):
+        markdown = markdown.replace(f"](../{name}", f"](../{name.lower()}")
+    return markdown if "/" in page.file.src_uri else markdown.replace("](../", "](")
+
+
+def on_post_build(config: Any) -> None:
+    """Refuse a site that loads anything from elsewhere: it is read offline, too."""
+    for path in sorted(Path(config["site_dir"]).rglob("*")):
+        if path.suffix not in (".html", ".css"):
+            continue
+        outside = LOADED.search(path.read_text(encoding="utf-8"))
+        if outside:
+            raise PluginError(f"{path} loads {outside[0]}")

@@ -1,0 +1,57 @@
+"""The generated pages say something of everything there is."""
+
+import pytest
+import typer.main
+
+from docs.hooks import reference
+from harness.cli.app import app
+from harness.measures import MEASURES
+from harness.results.summaries import summary_columns
+from harness.results.tables import TABLES
+from harness.scenario import Scenario
+
+SECTIONS = dict(reference.sections_of(Scenario))
+
+
+def test_every_section_is_found() -> None:
+    assert {"[crossing]", "[[crossing.obstacles]]", "[pedestrians.walking_speed]"} <= {*SECTIONS}
+    names = {name.strip("[]").partition(".")[0] for name in SECTIONS}
+    assert names == {*Scenario.model_fields} - {"strategies"}
+
+
+@pytest.mark.parametrize("section", SECTIONS.values(), ids=lambda section: section.__name__)
+def test_every_key_says_what_it_is(section: type) -> None:
+    said = {key for name, key in reference.meanings_of_keys() if name == section.__name__}
+    assert said == {*section.model_fields}  # type: ignore[attr-defined]
+
+
+def test_a_key_as_the_page_has_it() -> None:
+    row = "| `duration_s` | number > 0, ≤ 604,800 | s | `3600.0` | "
+    assert row in reference.keys_page()
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_every_column_has_a_meaning_and_no_other(name: str) -> None:
+    meanings = reference.meanings_of_columns()
+    measures = {measure.column for measure in MEASURES}
+    own = {*meanings[name]} | ({*meanings["episodes"]} if name == "passages" else set())
+    assert own - {*TABLES[name].names} - {*meanings["episodes"]} == set()
+    assert {*TABLES[name].names} <= own | {*meanings["keys"]} | measures
+
+
+def test_every_column_of_the_summary_has_a_meaning_and_no_other() -> None:
+    columns = {name for name in summary_columns() if "_ci_" not in name}
+    assert {*reference.meanings_of_columns()["summary"]} == columns
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("mean_mps", "m/s"), ("person_delay_h", "h"), ("kappa", "")]
+)
+def test_units(name: str, unit: str) -> None:
+    assert reference.unit_of(name) == unit
+
+
+def test_every_option_says_what_it_does() -> None:
+    for name, command in reference.commands(typer.main.get_command(app)):
+        for option in command.params:
+            assert option.help or "--help" in option.opts, f"harness {name}: {option.name}"
