@@ -1,10 +1,8 @@
 """The generated pages say something of everything there is."""
 
 import pytest
-import typer.main
 
 from docs.hooks import reference
-from harness.cli.app import app
 from harness.measures import MEASURES
 from harness.results.summaries import summary_columns
 from harness.results.tables import TABLES
@@ -49,9 +47,3 @@ def test_every_column_of_the_summary_has_a_meaning_and_no_other() -> None:
 )
 def test_units(name: str, unit: str) -> None:
     assert reference.unit_of(name) == unit
-
-
-def test_every_option_says_what_it_does() -> None:
-    for name, command in reference.commands(typer.main.get_command(app)):
-        for option in command.params:
-            assert option.help or "--help" in option.opts, f"harness {name}: {option.name}"
