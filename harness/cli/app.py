@@ -21,6 +21,7 @@ COMMANDS = (
     review.replay,
     review.score,
     review.compare,
+    review.worst,
     review.export,
     about.network,
     crossings.crossings,

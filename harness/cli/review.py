@@ -9,7 +9,7 @@ from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption, settings_of
 from harness.cli.output import print_json, print_line, progress_bar, say, say_traceback
-from harness.errors import InputError, one_line
+from harness.errors import InputError, one_line, reading
 
 
 @reads("run_folder")
@@ -191,6 +191,52 @@ def compare(
         from harness.report.terminal import print_comparison
 
         print_comparison(result)
+
+
+@reads("run_folder")
+def worst(
+    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
+    by: Annotated[
+        str,
+        typer.Option(help="pet_s, min_ttc_s (crashes first), delay_s or contact_speed_mps."),
+    ] = "pet_s",
+    most: Annotated[int, typer.Option("-n", help="How many.", metavar="N")] = 20,
+    diff: Annotated[
+        Path | None,
+        typer.Option(
+            help="Another finished run of the same people: those that are worse there than in RUN.",
+            metavar="RUN_B",
+        ),
+    ] = None,
+    arm: Annotated[str, typer.Option(help="av or human.")] = "av",
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print the commands that replay them alone.")
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """List the episodes to look at, each with the command that replays it."""
+    from harness.encounter import Arm
+    from harness.report.worst_tables import worst_document, worst_tables
+    from harness.runs.worst import got_worse, worst as worst_of
+
+    if arm not in (*Arm,):
+        raise InputError(f"--arm {arm}", "no such arm", "av or human")
+    if diff is None:
+        found = worst_of(run_folder, by, most, Arm(arm))
+    else:
+        with reading(diff):
+            found = got_worse(diff, run_folder, by, most, Arm(arm))
+    if as_json:
+        print_json(worst_document(found, by))
+    elif quiet:
+        print_line("\n".join(episode.command for episode in found))
+    else:
+        from harness.report.console import make_console, print_table
+
+        console = make_console()
+        print_table(console, worst_tables(found, by))
+        for episode in found:
+            console.print(episode.command, soft_wrap=True)
 
 
 @reads("run_folder")

@@ -1,0 +1,202 @@
+"""The episodes of a run to look at: the worst by a measure, or those that got worse since a run."""
+
+import math
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from harness.encounter import Arm, Ending
+from harness.errors import InputError, unknown_name
+from harness.measures.agreement import TOLERANCE
+from harness.runs.run_data import RunData, finished_run
+from harness.runs.same_pairs import check_same_pairs, names_of
+from harness.runs.strategy_groups import StrategyCell, groups_over
+
+FIRST = ("pet_s", "min_ttc_s", "delay_s", "contact_speed_mps")
+"""What episodes are ranked by."""
+
+CONFLICT_S = 5.0
+"""A PET or TTC above this counts as this: no conflict (SSAM's largest PET, FHWA-HRT-08-051)."""
+
+_NO_CONTACT_MPS = 0.0
+
+_BEFORE = "_before"
+"""Ends the columns of the earlier run."""
+
+
+@dataclass(frozen=True)
+class WorstEpisode:
+    """An episode, and how bad it was.
+
+    ``value`` is that of the measure, None where it is undefined: then ``ending`` says more.
+    ``before`` is the same in the other run, ``ending_before`` its ending there; both None where
+    runs are not compared.
+    """
+
+    run: Path
+    cell: int
+    pair: int
+    arm: Arm
+    ending: Ending
+    value: float | None
+    before: float | None = None
+    ending_before: Ending | None = None
+
+    @property
+    def command(self) -> str:
+        """What shows it in sumo-gui, as it can be pasted into a shell."""
+        cell = f" --cell {self.cell}" if self.cell else ""
+        where = shlex.quote(str(self.run))
+        return f"harness replay {where}{cell} --pair {self.pair} --arm {self.arm.value} --gui"
+
+
+def worst(
+    run: RunData | str | Path, by: str = "pet_s", most: int = 20, arm: Arm = Arm.AV
+) -> list[WorstEpisode]:
+    """The worst episodes of a run.
+
+    By PET, TTC and contact speed crashes come first, the fastest before the others.  By delay
+    time-outs do, which have none; a crash has no delay either and is left out.
+
+    Args:
+        run: a finished run, or its folder.
+        by: one of ``FIRST``.
+        most: how many, 1 or more.
+        arm: whose episodes.
+
+    Raises:
+        InputError: no finished run of encounters, no such measure, or ``most`` is less than 1.
+    """
+    _check(by, most)
+    data = run if isinstance(run, RunData) else finished_run(run)
+    rows = _episodes(data, by, arm)
+    bad = rows[rows["badness"] > _least(by)].nlargest(most, "badness", keep="all")
+    return _ranked(data, bad, "badness", by, arm)[:most]
+
+
+def got_worse(
+    run: RunData | str | Path,
+    since: RunData | str | Path,
+    by: str = "pet_s",
+    most: int = 20,
+    arm: Arm = Arm.AV,
+) -> list[WorstEpisode]:
+    """The episodes of a run that are worse than in an earlier one, the greatest change first.
+
+    Cells are matched as ``compare`` groups them: the same strategy and parameters in both runs,
+    or the only cell of each in a group.  PET and TTC beyond 5 s, and where there is none, count
+    as 5 s; no contact counts as 0 m/s.  A new crash (by delay, a new time-out) comes before all
+    others.
+
+    Args:
+        run: a finished run, or its folder.
+        since: the earlier one, of the same people.
+        by: one of ``FIRST``.
+        most: how many, 1 or more.
+        arm: whose episodes; the human's are the same in both.
+
+    Raises:
+        InputError: as ``worst``, or the runs cannot be compared pair by pair.
+    """
+    _check(by, most)
+    now, then = (of if isinstance(of, RunData) else finished_run(of) for of in (run, since))
+    groups = groups_over([then.study, now.study], names_of([then, now]))
+    check_same_pairs([then, now], groups)
+    old, new = (_episodes(of, by, arm) for of in (then, now))
+    parts = []
+    for before, after in [match for group in groups for match in _matches(group.cells)]:
+        past = old.loc[old["cell"] == before.cell.number, ["pair", "badness", by, "ending"]]
+        own = new[new["cell"] == after.cell.number]
+        parts.append(own.merge(past, on="pair", suffixes=("", _BEFORE)))
+    if not parts:
+        allowed = "the same strategy and parameters in both, or one cell of each"
+        raise InputError(
+            str(now.path), f"no cell of it has one counterpart in {then.path}", allowed
+        )
+    rows = pd.concat(parts)
+    rows["change"] = rows["badness"] - rows[f"badness{_BEFORE}"]
+    worse = rows[rows["change"] > TOLERANCE].nlargest(most, "change", keep="all")
+    return _ranked(now, worse, "change", by, arm)[:most]
+
+
+def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> list[WorstEpisode]:
+    order = rows.sort_values([key, "cell", "pair"], ascending=[False, True, True], kind="stable")
+    return [_episode(run, row, by, arm) for _, row in order.iterrows()]
+
+
+def _check(by: str, most: int) -> None:
+    if by not in FIRST:
+        raise unknown_name("--by", "measure", by, FIRST)
+    if most < 1:
+        raise InputError("-n", f"{most}", "1 or more")
+
+
+def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, StrategyCell]]:
+    """Cells of the first run with their counterparts in the second."""
+    first, second = ([cell for cell in cells if cell.run == run] for run in (0, 1))
+    same = [
+        (a, b)
+        for a in first
+        for b in second
+        if (a.strategy, a.parameters) == (b.strategy, b.parameters)
+    ]
+    return same or ([(first[0], second[0])] if len(first) == len(second) == 1 else [])
+
+
+def _episodes(run: RunData, by: str, arm: Arm) -> pd.DataFrame:
+    """The arm's episodes that ran, with a column ``badness``: the larger, the worse."""
+    episodes = run.episodes
+    if by not in episodes:
+        raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
+    kept = (episodes["arm"] == arm.value) & (episodes["ending"] != Ending.ENGINE_FAILED)
+    rows = episodes[kept].copy()
+    rows["badness"] = [
+        _badness(by, *values)
+        for values in zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
+    ]
+    return rows
+
+
+_FINAL = 1_000.0
+"""Worse than every value: a crash or, by delay, a time-out."""
+
+
+def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
+    known = value is not None and not math.isnan(value)
+    if by == "delay_s":
+        if ending == Ending.TIMED_OUT:
+            return _FINAL * _FINAL
+        return value if known else math.nan
+    if ending == Ending.CRASHED:
+        return _FINAL + contact_speed_mps
+    if by == "contact_speed_mps":
+        return _NO_CONTACT_MPS
+    return -min(value, CONFLICT_S) if known else -CONFLICT_S
+
+
+def _least(by: str) -> float:
+    """Nothing of an episode of this badness is worth a look."""
+    if by == "delay_s":
+        return -math.inf
+    return _NO_CONTACT_MPS if by == "contact_speed_mps" else -CONFLICT_S
+
+
+def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpisode:
+    compared = f"ending{_BEFORE}" in row
+    return WorstEpisode(
+        run.path,
+        int(row["cell"]),
+        int(row["pair"]),
+        arm,
+        Ending(row["ending"]),
+        _known(row[by]),
+        _known(row[f"{by}{_BEFORE}"]) if compared else None,
+        Ending(row[f"ending{_BEFORE}"]) if compared else None,
+    )
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else float(value)

@@ -1,0 +1,133 @@
+"""``harness worst`` on runs made by hand: which episodes, and in which order."""
+
+import json
+import shlex
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import app
+from harness.encounter import Arm, Ending
+from harness.errors import InputError
+from harness.runs.worst import got_worse, worst
+from tests.batches import one_cell
+from tests.made_up import Fate, made_up
+
+
+def crossed(**measures: float) -> Fate:
+    return {"pass_time_s": 9.0, **measures}
+
+
+def crash(speed_mps: float) -> Fate:
+    return {"ending": "crashed", "contact_speed_mps": speed_mps}
+
+
+BEFORE: list[Fate] = [
+    crossed(pet_s=3.0, delay_s=1.0),
+    crossed(pet_s=0.5, delay_s=2.0),
+    crossed(delay_s=9.0),  # nobody came near
+    crash(2.0),
+    crash(6.0),
+    crossed(pet_s=8.0, delay_s=4.0),
+    "timed_out",
+]
+AFTER: list[Fate] = [
+    crossed(pet_s=1.0, delay_s=1.5),
+    crossed(pet_s=0.6, delay_s=1.0),
+    crossed(pet_s=4.5, delay_s=9.0),
+    crossed(pet_s=0.2, delay_s=1.0),
+    crash(6.5),
+    crossed(pet_s=6.0, delay_s=4.0),
+    crash(1.0),
+]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    study = one_cell("cctc", {"experiment.pairs": len(BEFORE)})
+    one, other = (
+        made_up(folder / name, study, lambda _, pair, fates=fates: fates[pair])  # type: ignore[misc]
+        for name, fates in (("before", BEFORE), ("after", AFTER))
+    )
+    return one, other
+
+
+@pytest.mark.parametrize(
+    ("by", "pairs"),
+    [
+        # Crashes first, the fastest before the other; beyond 5 s and none are no conflicts.
+        ("pet_s", [4, 3, 1, 0]),
+        ("contact_speed_mps", [4, 3]),
+        # A time-out is the longest delay there is.
+        ("delay_s", [6, 2, 5, 1, 0]),
+        ("min_ttc_s", [4, 3]),
+    ],
+)
+def test_the_worst_by_each_measure(runs: tuple[Path, Path], by: str, pairs: list[int]) -> None:
+    assert [episode.pair for episode in worst(runs[0], by)] == pairs
+    assert [episode.pair for episode in worst(runs[0], by, most=2)] == pairs[:2]
+
+
+def test_what_got_worse(runs: tuple[Path, Path]) -> None:
+    found = got_worse(runs[1], runs[0])
+    # A new crash; 3 → 1; 6 → 6.5 m/s at the contact and none → 4.5 s alike, by cell and pair.
+    assert [episode.pair for episode in found] == [6, 0, 2, 4]
+    assert (found[0].ending_before, found[0].ending) == (Ending.TIMED_OUT, Ending.CRASHED)
+    assert (found[1].before, found[1].value) == (3.0, 1.0)
+    assert [episode.pair for episode in got_worse(runs[1], runs[0], "delay_s")] == [0]
+    # A crash has no delay: whoever crashed in one of them is not ranked by it.
+    assert [episode.pair for episode in got_worse(runs[0], runs[1], "delay_s")] == [1]
+
+
+def test_the_reference_is_the_same_in_both(runs: tuple[Path, Path]) -> None:
+    assert got_worse(runs[1], runs[0], "delay_s", arm=Arm.HUMAN) == []
+
+
+def shell(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
+    monkeypatch.setattr(sys, "argv", ["harness", *map(str, arguments)])
+    with pytest.raises(SystemExit) as caught:
+        app.main()
+    assert isinstance(caught.value.code, int)
+    return caught.value.code
+
+
+def test_in_the_shell(
+    runs: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert shell(monkeypatch, "worst", runs[0], "--diff", runs[1], "-n", 2, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [episode["pair"] for episode in document["episodes"]] == [6, 0]
+    assert document["episodes"][1]["pet_s"] == 1.0
+    assert shell(monkeypatch, "worst", runs[0], "-n", 1, "--quiet") == 0
+    words = shlex.split(capsys.readouterr().out)
+    assert words[1:] == ["replay", str(runs[0]), "--pair", "4", "--arm", "av", "--gui"]
+    assert shell(monkeypatch, "worst", runs[0]) == 0
+    assert "worst by pet_s" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--by", "pet"], "did you mean 'pet_s'?"),
+        (["-n", "0"], "-n: 0; allowed: 1 or more"),
+        (["--arm", "car"], "--arm car"),
+        (["--diff", "nowhere"], "nowhere: is no run folder"),
+    ],
+)
+def test_refused(
+    runs: tuple[Path, Path],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    options: list[str],
+    said: str,
+) -> None:
+    assert shell(monkeypatch, "worst", runs[0], *options) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_runs_without_counterparts(runs: tuple[Path, Path], tmp_path: Path) -> None:
+    other = one_cell("cctc", {"experiment.pairs": 3, "experiment.seed": 5})
+    with pytest.raises(InputError, match=r"experiment\.seed 5 instead of 1"):
+        got_worse(made_up(tmp_path / "other", other, lambda *_: 9.0), runs[0])
