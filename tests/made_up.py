@@ -30,7 +30,12 @@ class MadeUp:
     def __init__(self, fates: Fates) -> None:
         self.fates = fates
 
-    def submit(self, _function: object, task: Task) -> "Future[TaskResult]":
+    def submit(self, _function: object, task: Task) -> "Future[tuple[TaskResult, ...]]":
+        future: Future[tuple[TaskResult, ...]] = Future()
+        future.set_result(tuple(map(self._result, task.each)))
+        return future
+
+    def _result(self, task: Task) -> TaskResult:
         rows: dict[str, list[Any]] = {name: [] for name in EPISODES.names}
         for pair in range(task.first_pair, task.first_pair + task.count):
             fate = self.fates(task, pair)
@@ -39,9 +44,7 @@ class MadeUp:
                 known = {"pair": pair, "arm": arm.value} | _episode(task, arm, own)
                 for name, column in rows.items():
                     column.append(known.get(name))
-        future: Future[TaskResult] = Future()
-        future.set_result(TaskResult({"episodes": rows, "pedestrians": NOBODY}))
-        return future
+        return TaskResult({"episodes": rows, "pedestrians": NOBODY})
 
     def stop(self) -> None:
         """Nothing runs any more."""

@@ -1,7 +1,7 @@
 """A study from scenario to run folder: begun, interrupted, resumed, finished."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from harness.results.manifest import refuse_other_versions
 from harness.results.reading import MANIFEST, read_manifest
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.runs.run_data import RunData, load_run
-from harness.scenario import Cell, Options, Study, hang_limit_s
+from harness.scenario import Cell, Options, Scenario, Study, hang_limit_s
 from harness.workers.execution import run_tasks
 from harness.workers.pool import LocalPool, workers_for
 from harness.workers.tasks import Executor, ExecutorLostError, Task
@@ -186,17 +186,27 @@ class _Work:
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
         """Runs of consecutive pairs, smaller towards the end, so that no worker ends late."""
         most = 1 if self.plan.study.in_traffic else self.plan.options.task_pairs
-        for cell in self.plan.study.cells:
-            pairs = missing[cell.number]
+        for cells in self._twins(missing):
+            pairs = missing[cells[0].number]
             begin = 0
             while begin < len(pairs):
-                size = min(most, max(FEWEST_PAIRS, left // (4 * workers)))
+                size = min(most, max(FEWEST_PAIRS, left // (4 * workers * len(cells))))
                 end = begin + 1
                 while end < len(pairs) and end - begin < size and pairs[end] == pairs[end - 1] + 1:
                     end += 1
-                yield self._task(cell, pairs[begin], end - begin)
-                left -= end - begin
+                first, *others = (self._task(cell, pairs[begin], end - begin) for cell in cells)
+                yield replace(first, twins=tuple(others))
+                left -= (end - begin) * len(cells)
                 begin = end
+
+    def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
+        """The cells by what differs in their arms alone, and misses the same pairs."""
+        groups: dict[object, list[Cell]] = {}
+        for cell in self.plan.study.cells:
+            if pairs := missing.get(cell.number):
+                same = cell.number if self.plan.study.in_traffic else _but_for_arms(cell.scenario)
+                groups.setdefault((same, tuple(pairs)), []).append(cell)
+        return groups.values()
 
     def _task(self, cell: Cell, first: int, count: int) -> Task:
         options = self.plan.options
@@ -210,3 +220,8 @@ class _Work:
             hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
         )
+
+
+def _but_for_arms(scenario: Scenario) -> str:
+    """Two cells with the same text meet the same pedestrians, with the same parameters."""
+    return repr(scenario.model_copy(update={"arms": None}))

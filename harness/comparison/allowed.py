@@ -11,9 +11,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from scipy import stats
 
-from harness.comparison.intervals import Interval, Proportion, bootstrap_mean, proportion
+from harness.comparison.intervals import (
+    Interval,
+    Proportion,
+    bootstrap_mean,
+    clopper_pearson,
+    proportion,
+)
 from harness.encounter import FloatArray
 
 MOST_PAIRS = 10**9
@@ -193,9 +198,9 @@ def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None
     if rate is None or rate == limit:
         return None
     if rate < limit:
-        passes: Callable[[int], bool] = lambda n: _upper(rate, n, tail) < limit  # noqa: E731
+        passes: Callable[[int], bool] = lambda n: _bounds(rate, n, tail)[1] < limit  # noqa: E731
     else:
-        passes = lambda n: _lower(rate, n, tail) >= limit  # noqa: E731
+        passes = lambda n: _bounds(rate, n, tail)[0] >= limit  # noqa: E731
     if not passes(MOST_PAIRS):
         return None
     few, enough = 0, 1
@@ -207,12 +212,8 @@ def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None
     return _named(enough * swept.pairs / trials)
 
 
-def _upper(rate: float, n: int, tail: float) -> float:
-    return float(stats.beta.ppf(1 - tail, rate * n + 1, n - rate * n)) if rate < 1 else 1.0
-
-
-def _lower(rate: float, n: int, tail: float) -> float:
-    return float(stats.beta.ppf(tail, rate * n, n - rate * n + 1)) if rate > 0 else 0.0
+def _bounds(rate: float, n: int, tail: float) -> tuple[float, float]:
+    return clopper_pearson(rate * n, n, 1 - 2 * tail)
 
 
 def _named(pairs: float) -> int | None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import special
 
 from harness.encounter import FloatArray
 
@@ -180,10 +180,19 @@ def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> P
     """A proportion with its Clopper–Pearson interval; undefined for no trials."""
     if trials == 0:
         return Proportion(None, None, None, 0, 0)
-    interval = stats.binomtest(successes, trials).proportion_ci(confidence, method="exact")
     return Proportion(
-        successes / trials, float(interval.low), float(interval.high), successes, trials
+        successes / trials, *clopper_pearson(successes, trials, confidence), successes, trials
     )
+
+
+def clopper_pearson(
+    successes: float, trials: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """The exact interval of a proportion (Clopper and Pearson 1934), by quantiles of the beta."""
+    tail, failures = (1 - confidence) / 2, trials - successes
+    low = special.betaincinv(successes, failures + 1, tail) if successes else 0.0
+    high = special.betaincinv(successes + 1, failures, 1 - tail) if failures else 1.0
+    return float(low), float(high)
 
 
 def zero_bound(trials: int) -> float:
@@ -217,7 +226,9 @@ def _bca(
     estimate: float, resampled: FloatArray, left_out: FloatArray, confidence: float
 ) -> Interval:
     """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
-    below = (np.mean(resampled < estimate) + np.mean(resampled <= estimate)) / 2
+    # A resample of the same values summed in another order is the same, whatever its last bit.
+    same = 1e-9 * np.ptp(resampled)
+    below = (np.mean(resampled < estimate - same) + np.mean(resampled <= estimate + same)) / 2
     bias = special.ndtri(below)
     influence = np.mean(left_out) - left_out
     scale = np.sum(influence**2) ** 1.5

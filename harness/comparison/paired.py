@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
+from scipy import special
 
 from harness.comparison.intervals import CONFIDENCE, Interval, bootstrap_mean
 from harness.encounter import FloatArray
@@ -70,7 +70,7 @@ def mcnemar(
     only_a = int((ran & crashed_a & ~crashed_b).sum())
     only_b = int((ran & crashed_b & ~crashed_a).sum())
     discordant = only_a + only_b
-    p = float(stats.binomtest(only_a, discordant, 0.5).pvalue) if discordant else 1.0
+    p = min(1.0, 2 * float(special.bdtr(min(only_a, only_b), discordant, 0.5)))
     return CrashTest(int(ran.sum()), only_a, only_b, p)
 
 

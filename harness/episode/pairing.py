@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from itertools import islice
+from types import MappingProxyType
 
 from harness.encounter import Arm, Arrival, Ending, Trace
 from harness.engine.protocol import Engine
@@ -21,6 +22,9 @@ from harness.strategies.human_gmm import HumanDriver
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
+
+EpisodeKey = tuple[Arm, str, int]
+"""Arm, its strategy's name, pair."""
 
 Begins = Callable[[int, Arm, Episode], None]
 """Takes pair, arm and the episode that begins."""
@@ -54,6 +58,7 @@ class PairRunner:
         pairs: Iterable[int],
         begins: Begins = lambda _pair, _arm, _episode: None,
         on_pair: Callable[[], None] = lambda: None,
+        known: Mapping[EpisodeKey, Outcome] = MappingProxyType({}),
     ) -> Iterator[Outcome]:
         """Both arms of every pair, AV first, in the order asked for.
 
@@ -61,18 +66,26 @@ class PairRunner:
             pairs: their indices.
             begins: told of every episode before its strategy is asked.
             on_pair: called whenever a pair has been simulated: outcomes come a chunk at a time.
+            known: episodes of a cell that differs from this one in its arms alone; those that both
+                have are not simulated again.
         """
         remaining = iter(pairs)
         self._engine = None
         while chunk := list(islice(remaining, CHUNK_PAIRS)):
-            episodes = []
+            traces: dict[EpisodeKey, Trace] = {}
             for pair in chunk:
                 arrivals = self._arrivals(pair)
-                episodes += [(pair, arm, self._run_arm(arm, pair, arrivals, begins)) for arm in Arm]
+                for arm in Arm:
+                    key = (arm, self._strategy_name(arm), pair)
+                    if key not in known:
+                        traces[key] = self._run_arm(arm, pair, arrivals, begins)
                 on_pair()
-            records = measure([trace for _, _, trace in episodes])
-            for (pair, arm, trace), record in zip(episodes, records, strict=True):
-                yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+            records = dict(zip(traces, measure(list(traces.values())), strict=True))
+            for pair in chunk:
+                for arm in Arm:
+                    name = self._strategy_name(arm)
+                    key = (arm, name, pair)
+                    yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
     def run_arm_given(
         self, arm: Arm, pairs: Mapping[int, Given], on_episode: Callable[[], None]

@@ -35,7 +35,7 @@ class Asked:
             clamped += 1
             speed_excess = max(speed_excess, beyond_mps)
             range_excess = max(range_excess, beyond_m)
-        elif range_m < nearest or speed_mps < slowest:
+        elif nearest - range_m > _ROUNDING * nearest or slowest - speed_mps > _ROUNDING * fastest:
             near += 1
         self.counts = Conditionings(asked + 1, clamped, near, speed_excess, range_excess)
 

@@ -16,10 +16,6 @@ from harness.mixture.em import Evaluation, Parameters, Problem
 Array = NDArray[np.float64]
 
 _FIRST_STEPS = 15
-_SHORTENINGS = 20
-# Part of the gain a straight slope would give that a step must bring.
-_ENOUGH = 1e-4
-_LEAST_BEND = 1e-10
 _CLUSTER_ROUNDS = 10
 _CLUSTER_ROWS = 20_000
 _FIRST_EIGENVALUE = 1e-3
@@ -135,54 +131,28 @@ class _Path:
 
 
 def _quasi_newton(path: _Path) -> None:
-    """BFGS with a backtracking line search, until two gains in a row are below tol."""
+    """BFGS until two gains in a row are below tol."""
+    # Imported here: episodes load this package too and fit nothing.
+    from scipy import optimize
+
     coordinates = Coordinates(path.problem, path.at)
-    z = np.zeros(coordinates.size)
-    gradient = coordinates.gradient(z, path.at)
-    inverse = np.eye(z.size)
+    evaluated: dict[bytes, Evaluation] = {}
     small = 0
-    while small < 2 and not path.full:
-        direction = inverse @ gradient
-        found = _uphill(path, coordinates, z, direction, float(gradient @ direction))
+
+    def below(z: Array) -> tuple[float, Array]:
+        found = path.problem.evaluate(coordinates.parameters(z))
         if found is None:
-            return
-        step, at = found
-        path.go(at)
-        z = z + step
-        before, gradient = gradient, coordinates.gradient(z, at)
-        _learn(inverse, step, before - gradient)
+            return np.inf, np.zeros_like(z)
+        evaluated[z.tobytes()] = found
+        return -found.objective, -coordinates.gradient(z, found)
+
+    def accepted(intermediate_result: optimize.OptimizeResult) -> None:
+        nonlocal small
+        path.go(evaluated[intermediate_result.x.tobytes()])
+        evaluated.clear()
         small = small + 1 if path.gain < path.tol else 0
+        if small == 2 or path.full:
+            raise StopIteration
 
-
-def _uphill(
-    path: _Path, coordinates: Coordinates, z: Array, direction: Array, slope: float
-) -> tuple[Array, Evaluation] | None:
-    """A step along the direction that gains enough (Armijo), or None."""
-    if not slope > 0.0:
-        return None
-    length = 1.0
-    for _ in range(_SHORTENINGS):
-        step = length * direction
-        found = path.problem.evaluate(coordinates.parameters(z + step))
-        if found is None:
-            length *= 0.2
-            continue
-        gain = found.objective - path.at.objective
-        if gain >= _ENOUGH * length * slope:
-            return step, found
-        # The top of the parabola through what is known.
-        best = 0.5 * slope * length**2 / (slope * length - gain)
-        length = min(max(best, 0.1 * length), 0.5 * length)
-    return None
-
-
-def _learn(inverse: Array, step: Array, change: Array) -> None:
-    """The BFGS update, in place, of the inverse of minus the Hessian; none where it bends up."""
-    bend = float(step @ change)
-    if not bend > _LEAST_BEND * np.sqrt(float(step @ step) * float(change @ change)):
-        return
-    seen = inverse @ change
-    outer = np.outer(seen, step / bend)
-    inverse -= outer
-    inverse -= outer.T
-    inverse += np.outer(step * ((1.0 + float(change @ seen) / bend) / bend), step)
+    at = np.zeros(coordinates.size)
+    optimize.minimize(below, at, jac=True, method="BFGS", callback=accepted)

@@ -45,7 +45,8 @@ def run_tasks(
 ) -> Iterator[tuple[Task, TaskResult]]:
     """Run all tasks; yields each as it finishes, in whatever order.
 
-    A task that had to be taken apart comes out as its single pairs.
+    A task with twins comes out as ``task.each``, one that had to be taken apart as its single
+    pairs.
 
     Args:
         executor: where they run.
@@ -66,12 +67,17 @@ def run_tasks(
 
     for task, future in call_each(executor, run_task, take, waits):
         try:
-            yield task, future.result()
+            yield from zip(task.each, future.result(), strict=True)
         except ExecutorLostError:
             raise
         except (Exception, CancelledError) as error:
             hang = hang_of(task.stack_file) if isinstance(error, WorkerDiedError) else None
             reason = reason_of(error, task.hang_after_s, task.stack_file)
+            if task.twins:
+                # Only one of the cells may be to blame.
+                note("task failed", task=task.name, reason=reason, stack=_stack(task))
+                again += task.each
+                continue
             if hang is not None and hang.in_decide and hang.episode is not None:
                 # Its pair is known, and another attempt would wait as long: the others go on.
                 pair, arm = hang.episode

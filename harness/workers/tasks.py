@@ -6,7 +6,7 @@ imports what it needs.
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
@@ -27,6 +27,9 @@ Result = TypeVar("Result")
 class Task:
     """Some pairs of one cell.
 
+    ``twins`` are tasks of the same pairs of cells that differ in their arms alone: an episode that
+    several of them have is simulated once.
+
     ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
     stack before it ends itself; None, or a path it cannot open, drops the stack.
     """
@@ -39,6 +42,12 @@ class Task:
     traces: bool
     hang_after_s: float
     stack_file: Path | None
+    twins: "tuple[Task, ...]" = ()
+
+    @property
+    def each(self) -> "tuple[Task, ...]":
+        """The task of every cell, on its own."""
+        return replace(self, twins=()), *self.twins
 
     @property
     def name(self) -> str:

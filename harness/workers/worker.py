@@ -8,7 +8,7 @@ from typing import Any
 
 from harness.encounter import Ending
 from harness.engine.shared import close_engine, engine_for, road_for
-from harness.episode.pairing import PairRunner
+from harness.episode.pairing import EpisodeKey, PairRunner
 from harness.errors import in_one_line
 from harness.measures import Outcome
 from harness.results.hour_tables import hour_rows
@@ -43,20 +43,27 @@ def serve(connection: Connection, module: str) -> None:
             connection.send(answer)
 
 
-def run_task(task: Task) -> TaskResult:
-    """Run every pair of a task."""
+def run_task(task: Task) -> tuple[TaskResult, ...]:
+    """Run every pair of a task; the results of ``task.each``."""
     try:
         if task.scenario.traffic is not None:
-            return _run_hours(task)
-        runner = _runner_for(task)
-        limit_s = task.scenario.experiment.decide_limit_s
-        with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
-            outcomes = list(runner.run(task.pairs, watch.begins, watch.alive))
+            return (_run_hours(task),)
+        return tuple(_run_encounters(task))
     except BaseException:
         # Nothing of an episode that was broken off may reach the next one.
         close_engine()
         raise
-    return _result_of(task, outcomes)
+
+
+def _run_encounters(task: Task) -> Iterator[TaskResult]:
+    known: dict[EpisodeKey, Outcome] = {}
+    limit_s = task.scenario.experiment.decide_limit_s
+    with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
+        for each in task.each:
+            runner = _runner_for(each)
+            outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
+            known |= {(of.arm, of.strategy, of.pair): of for of in outcomes}
+            yield _result_of(each, outcomes)
 
 
 def _run_hours(task: Task) -> TaskResult:

@@ -16,7 +16,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.batch.experiment import resume, run_study
+from harness.encounter import Trace
 from harness.engine.shared import close_engine
+from harness.episode import pairing
+from harness.episode.loop import Episode, drive
 from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.results import summaries
 from harness.results.reading import read_manifest
@@ -100,7 +103,31 @@ def test_pedestrians_at_the_trigger_do_not_depend_on_the_task(tmp_path: Path) ->
     assert content(tmp_path / "5") == content(tmp_path / "24")
 
 
-@pytest.mark.parametrize("tasks", [2, 9])
+def test_an_arm_that_cells_share_is_simulated_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driven = []
+
+    def counted(episode: Episode, strategy: object) -> Trace:
+        driven.append(strategy)
+        return drive(episode, strategy)
+
+    monkeypatch.setattr(pairing, "drive", counted)
+    changes = {**FLOW, "experiment.pairs": 4}
+    humans = ("human_gmm", "gap_yield")
+    run(sweep("cctc_flow", changes, f"arms.human={','.join(humans)}"), tmp_path / "both")
+    # The AV's arm once, the human's of each cell.
+    assert len(driven) == (1 + 2) * 4
+    for cell, human in enumerate(humans):
+        run(one_cell("cctc_flow", {**changes, "arms.human": human}), tmp_path / human)
+        for table in ("episodes", "pedestrians"):
+            own = pq.read_table(tmp_path / human / f"{table}.parquet").drop_columns("cell")
+            both = pq.read_table(tmp_path / "both" / f"{table}.parquet")
+            mine = both.filter(pa.compute.equal(both["cell"], cell)).drop_columns("cell")
+            assert mine.equals(own)
+
+
+@pytest.mark.parametrize("tasks", [2, 7])
 def test_same_bytes_after_resume(plain: Path, tmp_path: Path, tasks: int) -> None:
     interrupted(flow_study(), tmp_path / "run", tasks, task_pairs=3, traces=True)
     assert read_manifest(tmp_path / "run")["counts"] is None
