@@ -204,7 +204,7 @@ def test_intervals_are_as_long_as_their_estimates_are_uncertain() -> None:
 
 
 HEAVY_TAILED = ("soft: mu", f"soft: {BAND}all", "mu_difference")
-"""Few pairs do not show the tail of τ: 93 % at N = 200 (docs/method.md, Audit)."""
+"""Few pairs do not show the tail of τ: 93 % at N = 200 (docs/audits.md)."""
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_interval_holds_the_quadrature(finished: Path) -> None:
     result = json.loads((finished / RESULT).read_text())
-    # docs/method.md: κ of constant_speed by quadrature.
+    # docs/audits.md: κ of constant_speed by quadrature.
     assert result["ci_low"] <= 0.2146 <= result["ci_high"]
     assert result["failed"] == 0
     assert result["compared_with_other_engine"] >= result["events"]
