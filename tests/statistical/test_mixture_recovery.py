@@ -22,7 +22,7 @@ def truth():
     )
 
 
-@pytest.mark.parametrize("n", [2_973, 30_000])
+@pytest.mark.parametrize("n", [2_973, pytest.param(30_000, marks=pytest.mark.slow)])
 def test_held_out_divergence(n):
     """KL per point at most twice the theory's p/2n, and scikit-learn's over ten times ours."""
     mixtures = pytest.importorskip("sklearn.mixture")

@@ -117,6 +117,7 @@ def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     assert enough(holds, trials), f"{holds} of {trials}"
 
 
+@pytest.mark.slow
 def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 50)
     monkeypatch.setattr(summary, "bootstrap_mean_and_cv", lambda *_: (intervals.UNDEFINED,) * 2)

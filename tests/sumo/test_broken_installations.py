@@ -48,7 +48,9 @@ LIBRARIES = {
 }
 
 
-@pytest.mark.parametrize("fault", LIBRARIES)
+@pytest.mark.parametrize(
+    "fault", ["does not load", pytest.param("other version", marks=pytest.mark.slow)]
+)
 def test_a_library_that_is_of_no_use(tmp_path: Path, finished: Path, fault: str) -> None:
     source, reason = LIBRARIES[fault]
     env = broken(tmp_path, "libsumo", source)
@@ -111,7 +113,7 @@ def test_packages_of_another_version_are_refused(
     assert "pip install eclipse-sumo==1.28.0" in str(caught.value)
 
 
-@pytest.fixture(params=["read-only", "full"])
+@pytest.fixture(params=[pytest.param("read-only", marks=pytest.mark.slow), "full"])
 def disk(request: pytest.FixtureRequest, tmp_path: Path, finished: Path) -> Iterator[Path]:
     """A small file system with a finished run on it, which takes no more."""
     place = tmp_path / "disk"

@@ -189,6 +189,7 @@ def test_a_strategy_in_a_module_is_uploaded(cluster: str, tmp_path: Path) -> Non
     assert there == own(None, "mine:Mine", tmp_path, "here")
 
 
+@pytest.mark.slow
 def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
     cluster: str, tmp_path: Path
 ) -> None:
@@ -247,7 +248,14 @@ def test_workers_with_several_threads_are_refused(
         assert word in line
 
 
-@pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "nonsense://x:{port}", "127.0.0.1"])
+@pytest.mark.parametrize(
+    "address",
+    [
+        pytest.param("tcp://127.0.0.1:{port}", marks=pytest.mark.slow),  # ten seconds are waited
+        "nonsense://x:{port}",
+        "127.0.0.1",
+    ],
+)
 def test_nobody_there(tmp_path: Path, address: str) -> None:
     with socket.socket() as free:
         # Bound but not listening: whoever calls is turned away.

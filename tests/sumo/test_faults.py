@@ -24,6 +24,8 @@ from harness.scenario import Options
 from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
+pytestmark = pytest.mark.xdist_group("faults")
+
 CULPRITS = {
     "raises": 1,
     "nan": 2,
@@ -237,6 +239,7 @@ def mount(folder: Path, *options: str) -> bool:
         return False
 
 
+@pytest.mark.slow
 def test_a_small_file_system_from_the_shell(tmp_path: Path) -> None:
     disk = tmp_path / "disk"
     disk.mkdir()

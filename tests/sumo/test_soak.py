@@ -61,6 +61,7 @@ class Leaky:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("no_simulation")
 def test_a_leak_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "leaky.py").write_text(LEAKY, encoding="utf-8")
