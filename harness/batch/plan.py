@@ -54,7 +54,6 @@ def _refuse_for_hours(options: Options) -> None:
     for option, asked in (
         ("--traces", options.traces),
         ("--until", options.until),
-        ("--sumo-outputs", options.sumo_outputs),
     ):
         if asked:
             raise InputError(option, "of hours of traffic", "a scenario without [traffic]")

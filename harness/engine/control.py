@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site
 from harness.roads.site import Signal
@@ -16,15 +17,6 @@ SPEED_MODE_EXTERNAL = 32
 
 SPEED_MODE_OWN = 31
 """SUMO's own driver with all his cares: safe speed, acceleration, deceleration, right of way."""
-
-WAITING_M = 0.3
-"""Where SUMO's driver is shown someone who waits: this far behind the kerb, off the crossing."""
-
-ON_CROSSING_M = 0.1
-"""Who is shown on the crossing is at least so far from its far kerb."""
-
-COMING_M = 5.0
-"""Where someone is held who has not arrived yet: on his footpath, which SUMO's driver ignores."""
 
 COLLISION_REACH_M = 5.0
 """SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
@@ -101,14 +93,13 @@ class SumoEngine:
             Side.FAR: site.frame.to_network(0.0, crossing.length_m),
         }
         self._to_network, self._to_road = site.frame.to_network, site.frame.to_road
-        self._length_m, self._lane_centre_m = crossing.length_m, crossing.lane_centre_m
+        self._shown = Shown(crossing.lane_centre_m, crossing.length_m, site.crossing_from)
         # Network coordinates of (0, y) are origin + y · across.
         self._origin, self._across = (
             self._kerbs[Side.NEAR],
             (site.frame.across_x, site.frame.across_y),
         )
         self._footpaths = {side: site.footpath(side) for side in Side}
-        self._walks_on = site.crossing_from
         api.route.add("drive", departure.edges)
         if crossing.speed_limit_mps is not None:
             limit_speed(api, departure.edges, crossing.speed_limit_mps)
@@ -246,32 +237,8 @@ class SumoEngine:
         self._own_driver = False
 
     def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
-        """Where SUMO's driver is shown those who are held.
-
-        SUMO takes everyone who is placed on its crossing for one who walks from the far side, and
-        at the kerb itself for one on the crossing.  So who waits is shown behind his kerb, and who
-        comes from the near side mirrored at the centre of the ego's lane: as far from its path, on
-        his way to it or away from it, until he has left the lane.
-        """
-        shown = []
-        for index, y in pedestrians:
-            if self._waits(index, y):
-                y = -WAITING_M if self._sides[index] is Side.NEAR else y + WAITING_M
-            elif self._sides[index] is not self._walks_on:
-                y = self._mirrored(y)
-            shown.append((index, y))
-        return shown
-
-    def _waits(self, index: int, y: float) -> bool:
-        """Whether somebody at a kerb has not walked yet."""
-        return y <= 0 if self._sides[index] is Side.NEAR else y >= self._length_m
-
-    def _mirrored(self, y: float) -> float:
-        """As far on the other side of the ego's lane, on the crossing."""
-        y = 2 * self._lane_centre_m - y
-        if self._walks_on is Side.FAR:
-            return min(max(0.0, y), self._length_m - ON_CROSSING_M)
-        return min(max(ON_CROSSING_M, y), self._length_m)
+        """Where SUMO's driver is shown those who are held."""
+        return [(index, self._shown.y_of(self._sides[index], y)) for index, y in pedestrians]
 
     def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
         """Add everyone who arrives by then; returns where they will have to be held."""
@@ -283,8 +250,7 @@ class SumoEngine:
             self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side].inside_m)
             place = self._kerbs[arrival.side]
             if self._own_driver:
-                near = arrival.side is Side.NEAR
-                place = self._to_network(0.0, -COMING_M if near else self._length_m + COMING_M)
+                place = self._to_network(0.0, self._shown.coming_y(arrival.side))
             if arrival.path is not None:
                 place = self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
             coming[arrival.index] = place

@@ -1,10 +1,15 @@
 """Pedestrians in SUMO who are held where they are told to be, at every step."""
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from typing import Any
 
 from harness.encounter import Arrival, Crossing, Side
+from harness.engine.shown import Shown
 from harness.roads import Site
+
+WALKER = "walker"
+"""SUMO's type of a pedestrian."""
 
 _KEEP_ROUTE_FREE = 2
 _MATCH_THRESHOLD_M = 1.0
@@ -18,10 +23,25 @@ class HeldPeople:
     A person exists only after the step that follows its insertion, and moving one that does not
     exist ends the process: each is announced some steps ahead and held at their kerb until they
     are placed for the first time.
+
+    Args:
+        api: the module ``libsumo``, connected to a simulation.
+        site: its crosswalk.
+        crossing: the crosswalk's constants.
+        copy: ends their type and their names, where everybody is there more than once.
+        shown: where they are put for the eyes of SUMO's own driver; None: where they are.
     """
 
-    def __init__(self, api: Any, site: Site, crossing: Crossing) -> None:
+    def __init__(
+        self,
+        api: Any,
+        site: Site,
+        crossing: Crossing,
+        copy: str = "",
+        shown: Shown | None = None,
+    ) -> None:
         self._person, self._move = api.person, api.person.moveToXY
+        self._copy, self._shown = copy, shown
         self._footpaths = {
             side: (site.footpath(side).edge, site.footpath(side).inside_m) for side in Side
         }
@@ -31,33 +51,41 @@ class HeldPeople:
             (site.frame.across_x, site.frame.across_y),
         )
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
+        if shown is not None:
+            self._kerb_m = {side: shown.coming_y(side) for side in Side}
         self._ids: dict[int, str] = {}
         self._waiting: dict[int, float] = {}
         self._coming: list[Arrival] = []
 
-    def begin(self, arrivals: Sequence[Arrival], prefix: str) -> None:
-        """Take the people of an episode or an hour, by arrival time; ``prefix`` of their names."""
-        self._arrivals, self._prefix, self._announced = arrivals, prefix, 0
+    def begin(self, arrivals: Sequence[Arrival], hour: int) -> None:
+        """Take the people of an hour, by arrival time; its number is in their names."""
+        self._arrivals, self._hour, self._announced = arrivals, hour, 0
+        self._next_s = arrivals[0].arrival_s if arrivals else math.inf
 
     @property
     def present(self) -> bool:
         """Whether anybody is there."""
         return bool(self._ids)
 
-    def announce_until(self, time_s: float) -> None:
-        """Add everyone who arrives by then; the next step is to follow."""
-        while self._announced < len(self._arrivals):
+    def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> None:
+        """Put everyone where they are at the step's end, and add everyone who comes by then."""
+        if places or self._waiting:
+            self._place(places)
+        while self._next_s <= until_s:
             arrival = self._arrivals[self._announced]
-            if arrival.arrival_s > time_s:
-                break
-            name = f"{self._prefix}-{arrival.index}"
+            self._announced += 1
+            self._next_s = (
+                self._arrivals[self._announced].arrival_s
+                if self._announced < len(self._arrivals)
+                else math.inf
+            )
+            name = f"pedestrian{self._copy}-{self._hour}-{arrival.index}"
             origin, start_m = self._footpaths[arrival.side]
             goal, goal_m = self._footpaths[Side.FAR if arrival.side is Side.NEAR else Side.NEAR]
-            self._person.add(name, origin, start_m, typeID="walker")
+            self._person.add(name, origin, start_m, typeID=WALKER + self._copy)
             self._person.appendWalkingStage(name, [origin, goal], goal_m)
             self._ids[arrival.index] = name
             self._coming.append(arrival)
-            self._announced += 1
 
     def after_step(self) -> None:
         """Whoever was announced exists from now on."""
@@ -65,10 +93,13 @@ class HeldPeople:
             self._waiting[arrival.index] = self._kerb_m[arrival.side]
         self._coming.clear()
 
-    def place(self, places: Iterable[tuple[int, float]]) -> None:
-        """Put everyone where they are at the step's end; the others wait at their kerbs."""
+    def _place(self, places: Sequence[tuple[int, float]]) -> None:
+        """Those with a place there; those announced wait at their kerbs."""
         (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
         move, ids, waiting = self._move, self._ids, self._waiting
+        if self._shown is not None:
+            arrivals, y_of = self._arrivals, self._shown.y_of
+            places = [(index, y_of(arrivals[index].side, y)) for index, y in places]
         for index, y in places:
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
             move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)

@@ -10,7 +10,8 @@ from typing import Any
 
 from harness.encounter import Arrival, Crossing
 from harness.engine.control import limit_speed
-from harness.engine.people import HeldPeople
+from harness.engine.people import WALKER, HeldPeople
+from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site
 
@@ -78,10 +79,13 @@ class SumoRoad:
         step_s: float,
     ) -> None:
         self._api, self._close, self._step_s = api, close, step_s
+        self._site, self._crossing = site, crossing
         self.closed = False
         self.lanes = tuple(lanes)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
-        self._people = HeldPeople(api, site, crossing)
+        self._everyone = [HeldPeople(api, site, crossing)]
+        self._people = self._everyone
+        self._ignored: list[str] = []
         self._advance, self._arrived = api.simulationStep, api.simulation.getArrivedIDList
         self._steps, self._hours = 0, 0
         self._names: set[str] = set()
@@ -105,15 +109,29 @@ class SumoRoad:
         except self._lost as error:
             raise EngineError(f"SUMO lost the hour: {error}") from None
 
-    def begin(self, arrivals: Sequence[Arrival]) -> None:
-        """Begin an hour; ``arrivals`` are all who come, by time."""
+    def begin(
+        self, arrivals: Sequence[Arrival], shown_lanes_m: Sequence[float] | None = None
+    ) -> None:
+        """Begin an hour.
+
+        Args:
+            arrivals: all who come, by time; numbered from 0 on.
+            shown_lanes_m: y of every lane's centre, if SUMO's own driver may be asked to drive
+                (``hand_over``): everybody is then put there once for each lane, as its drivers are
+                to be shown them.  None: he is not, and everybody is where they are.
+        """
         self._hours += 1
         self._steps = 0
-        self._people.begin(arrivals, f"pedestrian-{self._hours}")
-        # Announced a step before they arrive, with a step to exist in.
-        self._people.announce_until(2 * self._step_s)
+        self._people, self._ignored = self._everyone, []
+        if shown_lanes_m is not None:
+            self._people = self._shown_people(shown_lanes_m)
+        for people in self._people:
+            people.begin(arrivals, self._hours)
+            # Announced a step before they arrive, with a step to exist in.
+            people.before_step((), 2 * self._step_s)
         self._advance()
-        self._people.after_step()
+        for people in self._people:
+            people.after_step()
 
     def name_of(self, vehicle: int) -> str:
         """What SUMO calls a vehicle of this hour."""
@@ -136,18 +154,22 @@ class SumoRoad:
         )
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
         self._api.vehicle.setLaneChangeMode(name, 0)
+        if self._ignored:
+            self._api.vehicle.setParameter(name, "junctionModel.ignoreTypes", self._ignored[lane])
         self._names.add(name)
 
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
         """Advance one step; ``places`` as in ``Engine.step``.  Returns who has left the road."""
-        people = self._people
-        people.place(places)
-        people.announce_until((self._steps + 3) * self._step_s)
+        until_s = (self._steps + 3) * self._step_s
+        for people in self._people:
+            people.before_step(places, until_s)
         self._advance()
         self._steps += 1
-        people.after_step()
+        for people in self._people:
+            people.after_step()
         gone: Sequence[str] = self._arrived()
-        self._names.difference_update(gone)
+        if gone:
+            self._names.difference_update(gone)
         return gone
 
     def hand_over(self, name: str) -> None:
@@ -162,18 +184,20 @@ class SumoRoad:
 
     def collided(self) -> set[str]:
         """The vehicles that SUMO itself saw hit a pedestrian in the last step."""
-        if not self._people.present:
+        if not self._people[0].present:
             return set()
         return {collision.collider for collision in self._api.simulation.getCollisions()}
 
     def remove(self, index: int) -> None:
         """Take away a pedestrian who has reached the other kerb."""
-        self._people.remove(index)
+        for people in self._people:
+            people.remove(index)
 
     def end(self) -> None:
         """Clear the road."""
         with self.watched():
-            self._people.clear()
+            for people in self._people:
+                people.clear()
             for name in self._names:
                 self._api.vehicle.remove(name)
             self._names.clear()
@@ -183,3 +207,18 @@ class SumoRoad:
         """End the simulation."""
         self.closed = True
         self._close()
+
+    def _shown_people(self, lanes_m: Sequence[float]) -> list[HeldPeople]:
+        """Everybody once for each lane, of a type that vehicles of other lanes ignore."""
+        api, crossing, crossing_from = self._api, self._crossing, self._site.crossing_from
+        copies = [f"-{number}" for number in range(len(lanes_m))]
+        for copy in copies:
+            if WALKER + copy not in api.vehicletype.getIDList():
+                api.vehicletype.copy(WALKER, WALKER + copy)
+        self._ignored = [" ".join(WALKER + of for of in copies if of != own) for own in copies]
+        return [
+            HeldPeople(
+                api, self._site, crossing, copy, Shown(y_m, crossing.length_m, crossing_from)
+            )
+            for copy, y_m in zip(copies, lanes_m, strict=True)
+        ]

@@ -30,9 +30,7 @@ def engine_for(scenario: Scenario) -> Engine:
 
 def road_for(scenario: Scenario) -> SumoRoad:
     """The same for hours of traffic; the car following is another reason to start again."""
-    traffic = scenario.traffic
-    assert traffic is not None
-    following = Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
+    following = following_of(scenario)
 
     def start() -> SumoRoad:
         from harness.engine.sumo import libsumo_road
@@ -42,6 +40,13 @@ def road_for(scenario: Scenario) -> SumoRoad:
         return libsumo_road(place, vehicle, crossing, step_s, following)
 
     return _started(repr(following), scenario, start)
+
+
+def following_of(scenario: Scenario) -> Following:
+    """How the vehicles of a scenario with traffic keep their distance."""
+    traffic = scenario.traffic
+    assert traffic is not None
+    return Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
 
 
 def close_engine() -> None:

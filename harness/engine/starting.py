@@ -3,7 +3,7 @@
 The choices are explained, with the measurements behind them, in docs/sumo.md.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,12 +77,10 @@ def types_file(vehicle: Vehicle, speed_limit_mps: float | None) -> str:
         "accel": vehicle.resume_acceleration_mps2,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    return _written({"ego": ego, "driven": driven, "walker": _WALKER})
+    return additional_file(_written({"ego": ego, "driven": driven, "walker": _WALKER}))
 
 
-def traffic_types_file(
-    vehicle: Vehicle, speed_limit_mps: float | None, following: Following
-) -> str:
+def traffic_types(vehicle: Vehicle, speed_limit_mps: float | None, following: Following) -> str:
     """The types of an hour of traffic: vehicles that follow each other, and pedestrians."""
     car = {
         "vClass": "passenger",
@@ -108,9 +106,25 @@ def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
     return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
 
 
+def e2_detectors(lanes: Iterable[str], file: Path) -> str:
+    """A lane area detector over the whole of each lane, named like it, a row for each minute.
+
+    A vehicle is in its jam as soon as it is slower than 5 km/h, as in SUMO's queue output.
+    """
+    return "".join(
+        f'<laneAreaDetector id="{lane}" lane="{lane}" pos="0" endPos="-0.01" period="60" '
+        f'timeThreshold="0" speedThreshold="{5 / 3.6!r}" file={quoteattr(str(file))}/>'
+        for lane in lanes
+    )
+
+
+def additional_file(elements: str) -> str:
+    """A SUMO additional file."""
+    return f"<additional>{elements}</additional>\n"
+
+
 def _written(types: Mapping[str, Mapping[str, Any]]) -> str:
-    written = "".join(
+    return "".join(
         f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
         for type_ in ({"id": name, **attributes} for name, attributes in types.items())
     )
-    return f"<additional>{written}</additional>\n"

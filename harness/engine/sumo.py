@@ -16,9 +16,11 @@ from harness.engine.control import SumoEngine
 from harness.engine.road import SumoRoad, road_lanes
 from harness.engine.starting import (
     Following,
+    additional_file,
+    e2_detectors,
     scratch_prefix,
     start_command,
-    traffic_types_file,
+    traffic_types,
     types_file,
 )
 from harness.errors import EngineError
@@ -75,28 +77,33 @@ def libsumo_road(
     step_s: float,
     following: Following,
     outputs: Mapping[str, str] | None = None,
+    detectors: Path | None = None,
 ) -> SumoRoad:
     """Start SUMO in this process for hours of traffic; see ``libsumo_engine``.
 
     Args:
         following: how its vehicles keep their distance.
+        detectors: SUMO writes what E2 detectors on the approaching lanes saw there.
     """
-    types = traffic_types_file(vehicle, crossing.speed_limit_mps, following)
-    _start(place.net, types, step_s, 1, outputs)
     site = read_site(place)
-    road = SumoRoad(libsumo, _close, site, crossing, road_lanes(site), step_s)
+    lanes = road_lanes(site)
+    added = traffic_types(vehicle, crossing.speed_limit_mps, following)
+    if detectors is not None:
+        added += e2_detectors((f"{lane.approach_edge}_{lane.index}" for lane in lanes), detectors)
+    _start(place.net, additional_file(added), step_s, 1, outputs)
+    road = SumoRoad(libsumo, _close, site, crossing, lanes, step_s)
     _running.append(road)
     return road
 
 
 def _start(
-    net: Path, types: str, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None
+    net: Path, added: str, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None
 ) -> None:
     if _running:
         raise EngineError("only one SUMO simulation can run in a process; close the first")
     with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
         path = Path(folder) / "types.add.xml"
-        path.write_text(types, encoding="utf-8")
+        path.write_text(added, encoding="utf-8")
         try:
             libsumo.start(start_command(net, path, step_s, sumo_seed, outputs))
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:

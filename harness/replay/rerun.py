@@ -2,7 +2,7 @@
 
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,15 +10,16 @@ from typing import NamedTuple
 
 from harness.encounter import Arm, Crossing
 from harness.engine.installation import check_packages
-from harness.engine.shared import close_engine, engine_for
+from harness.engine.shared import close_engine, engine_for, following_of, road_for
 from harness.episode.pairing import PairRunner
 from harness.errors import HarnessError, InputError
 from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.network import network_of, place_of
-from harness.replay.stored import Row, StoredCell, record_differences
+from harness.replay.stored import Rows, StoredCell, record_differences
 from harness.scenario import Cell, Scenario, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
+from harness.traffic.pairing import HourOutcome, HourRunner
 from harness.workers.execution import reason_of
 from harness.workers.pool import LocalPool
 from harness.workers.watchdog import watchdog
@@ -29,6 +30,11 @@ SUMO_FILES = {
     "--collision-output": "collisions.xml",
 }
 
+HOUR_FILES = SUMO_FILES | {"--queue-output": "queues.xml"}
+"""What SUMO writes of an hour of traffic, beside ``DETECTORS``."""
+
+DETECTORS = "e2.xml"
+
 _FURTHER_OPTIONS = {
     "--fcd-output.acceleration": "true",
     "--tripinfo-output.write-unfinished": "true",
@@ -37,10 +43,13 @@ _FURTHER_OPTIONS = {
     "--personinfo-output": os.devnull,
 }
 
+_HOUR_PERIOD_S = 1.0
+"""How often SUMO writes places and queues of an hour; at every step they would be too long."""
+
 
 @dataclass(frozen=True)
 class Replayed:
-    """One episode run again: its folder, and how its record differs from the stored one.
+    """One episode or hour run again: its folder, and how its record differs from the stored one.
 
     ``problem`` says why there is no record; SUMO's files are then cut off.  ``traceback`` is that
     of a strategy that raised.
@@ -62,13 +71,13 @@ class Repeated(NamedTuple):
 
 @dataclass(frozen=True)
 class Repetition:
-    """A stored episode to be run again in a worker process: all that is needed for it."""
+    """A stored episode, or arm of an hour, to be run again in a worker: all that it needs."""
 
     cell: Cell
     model: InteractionModel
     pair: int
     arm: Arm
-    rows: tuple[list[Row], list[Row]]
+    rows: Rows
     folder: Path
     hang_after_s: float
 
@@ -89,6 +98,7 @@ def replay(
     """Run one pair's arms again; each gets a folder with SUMO's outputs.
 
     Times in SUMO's files are the episode's plus one step: SUMO inserts the ego in its second step.
+    Those of an hour count from the beginning of the warm-up, plus one step.
 
     Args:
         run: a finished run folder.
@@ -144,17 +154,24 @@ def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm,
     stored = StoredCell(run, cell)
     stored.check_pair(pair)
     scenario = stored.cell.scenario
-    runner = PairRunner(scenario, stored.model, lambda: engine_for(scenario))
+    runner: PairRunner | HourRunner
+    if stored.in_traffic:
+        runner = HourRunner(scenario, stored.model, lambda: road_for(scenario))
+    else:
+        runner = PairRunner(scenario, stored.model, lambda: engine_for(scenario))
     try:
-        return {arm: _repeated(runner.run_arm(pair, arm), stored, pair, arm) for arm in arms}
+        return {
+            arm: _repeated(runner.run_arm(pair, arm), stored.cell, stored.rows_of(pair, arm))
+            for arm in arms
+        }
     finally:
         close_engine()
 
 
-def _repeated(outcome: Outcome, stored: StoredCell, pair: int, arm: Arm) -> Repeated:
-    rows = stored.rows_of(pair, arm)
-    found = record_differences(outcome, stored.cell.number, *rows)
-    return Repeated(tuple(found), outcome.trace.traceback)
+def _repeated(outcome: Outcome | HourOutcome, cell: Cell, rows: Rows) -> Repeated:
+    found = record_differences(outcome, cell.number, rows)
+    traceback = outcome.traceback if isinstance(outcome, HourOutcome) else outcome.trace.traceback
+    return Repeated(tuple(found), traceback)
 
 
 def _replayed(job: Repetition, future: "Future[Repeated]") -> Replayed:
@@ -187,12 +204,17 @@ def repetition(
 
 
 def run_again(job: Repetition) -> Repeated:
-    """Run an episode in a fresh SUMO, in this process."""
+    """Run an episode, or one arm of an hour, in a fresh SUMO, in this process."""
+    close_engine()
+    in_traffic = job.cell.scenario.traffic is not None
+    outcome = _hour(job) if in_traffic else _episode(job)
+    return _repeated(outcome, job.cell, job.rows)
+
+
+def _episode(job: Repetition) -> Outcome:
     from harness.engine.sumo import libsumo_engine
 
-    close_engine()
-    scenario, folder = job.cell.scenario, job.folder
-    outputs = {option: str(folder / name) for option, name in SUMO_FILES.items()}
+    scenario = job.cell.scenario
     limit_s = scenario.experiment.decide_limit_s
     with watchdog(job.hang_after_s, job.stack_file, limit_s) as watch:
         engine = libsumo_engine(
@@ -200,17 +222,42 @@ def run_again(job: Repetition) -> Repeated:
             scenario.vehicle(),
             _with_speed_limit(scenario),
             scenario.experiment.step_s,
-            outputs={**outputs, **_FURTHER_OPTIONS},
+            outputs={**_files(SUMO_FILES, job.folder), **_FURTHER_OPTIONS},
         )
         try:
-            outcome = PairRunner(scenario, job.model, lambda: engine).run_arm(
-                job.pair, job.arm, watch.begins
-            )
+            runner = PairRunner(scenario, job.model, lambda: engine)
+            return runner.run_arm(job.pair, job.arm, watch.begins)
         finally:
             if not engine.closed:
                 engine.close()
-    found = record_differences(outcome, job.cell.number, *job.rows)
-    return Repeated(tuple(found), outcome.trace.traceback)
+
+
+def _hour(job: Repetition) -> HourOutcome:
+    from harness.engine.sumo import libsumo_road
+
+    scenario = job.cell.scenario
+    step_s = scenario.experiment.step_s
+    period = {"--device.fcd.period": f"{_HOUR_PERIOD_S:g}", "--device.fcd.begin": f"{step_s:.3f}"}
+    period["--queue-output.period"] = f"{_HOUR_PERIOD_S:g}"
+    with watchdog(job.hang_after_s, job.stack_file):
+        road = libsumo_road(
+            place_of(scenario),
+            scenario.vehicle(),
+            _with_speed_limit(scenario),
+            step_s,
+            following_of(scenario),
+            outputs={**_files(HOUR_FILES, job.folder), **_FURTHER_OPTIONS, **period},
+            detectors=job.folder / DETECTORS,
+        )
+        try:
+            return HourRunner(scenario, job.model, lambda: road).run_arm(job.pair, job.arm)
+        finally:
+            if not road.closed:
+                road.close()
+
+
+def _files(names: Mapping[str, str], folder: Path) -> dict[str, str]:
+    return {option: str(folder / name) for option, name in names.items()}
 
 
 def _with_speed_limit(scenario: Scenario) -> Crossing:

@@ -10,12 +10,16 @@ from harness.encounter import Arm
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
+from harness.results.hour_tables import hour_rows
 from harness.results.manifest import recall_study
 from harness.results.reading import read_finished_manifest, read_table
-from harness.results.tables import episode_rows, pedestrian_rows
+from harness.results.tables import HOUR_TABLES, episode_rows, pedestrian_rows
 from harness.scenario import Cell
+from harness.traffic.pairing import HourOutcome
 
 Row = dict[str, Any]
+Rows = dict[str, list[Row]]
+"""By table."""
 
 
 class StoredCell:
@@ -36,42 +40,51 @@ class StoredCell:
         self.cell: Cell = cells[number]
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(section.name, section.path)
-        self._episodes, self._pedestrians = (
-            _by_episode(read_table(run, name, number)) for name in ("episodes", "pedestrians")
-        )
+        names = HOUR_TABLES if self.in_traffic else ("episodes", "pedestrians")
+        self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
+
+    @property
+    def in_traffic(self) -> bool:
+        """Whether its pairs are hours of traffic."""
+        return self.cell.scenario.traffic is not None
 
     def check_pair(self, pair: int) -> None:
         """Refuse a pair that was not run."""
-        if (pair, Arm.AV.value) not in self._episodes:
-            last = max((pair for pair, _ in self._episodes), default=0)
+        ran = self._rows["hours" if self.in_traffic else "episodes"]
+        if (pair, Arm.AV.value) not in ran:
+            last = max((pair for pair, _ in ran), default=0)
             raise InputError("--pair", f"{pair}", f"0 to {last}")
 
-    def rows_of(self, pair: int, arm: Arm) -> tuple[list[Row], list[Row]]:
-        """An episode's rows of ``episodes`` and of ``pedestrians``."""
+    def rows_of(self, pair: int, arm: Arm) -> Rows:
+        """The stored rows of an episode, or of an arm of an hour, by table."""
         key = (pair, arm.value)
-        return self._episodes.get(key, []), self._pedestrians.get(key, [])
+        return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
-    def differences(self, outcome: Outcome) -> Iterator[str]:
-        """What of an episode is not exactly as stored, in words."""
+    def differences(self, outcome: Outcome | HourOutcome) -> Iterator[str]:
+        """What of an episode or an hour is not exactly as stored, in words."""
         rows = self.rows_of(outcome.pair, outcome.arm)
-        return record_differences(outcome, self.cell.number, *rows)
+        return record_differences(outcome, self.cell.number, rows)
 
 
 def record_differences(
-    outcome: Outcome,
-    cell: int,
-    episodes: Sequence[Row],
-    pedestrians: Sequence[Row],
+    outcome: Outcome | HourOutcome, cell: int, stored: Mapping[str, Sequence[Row]]
 ) -> Iterator[str]:
-    """What of an episode run again is not exactly as stored, in words.
+    """What of an episode or an hour run again is not exactly as stored, in words.
 
     Args:
-        outcome: the episode.
+        outcome: what came out.
         cell: its cell.
-        episodes, pedestrians: its stored rows of the two tables.
+        stored: its stored rows by table.
     """
-    yield from differences_of("episodes", episode_rows(cell, [outcome]), episodes)
-    yield from differences_of("pedestrians", pedestrian_rows(cell, [outcome]), pedestrians)
+    if isinstance(outcome, HourOutcome):
+        columns = hour_rows(cell, [outcome])
+    else:
+        columns = {
+            "episodes": episode_rows(cell, [outcome]),
+            "pedestrians": pedestrian_rows(cell, [outcome]),
+        }
+    for name, rows in stored.items():
+        yield from differences_of(name, columns[name], rows)
 
 
 def differences_of(

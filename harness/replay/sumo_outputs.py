@@ -1,7 +1,8 @@
 """SUMO's own outputs for a whole run: ``--sumo-outputs``.
 
-Each episode that is asked for runs again, one SUMO for each, into ``RUN/sumo/CELL-PAIR-ARM/``.  A
-folder appears complete or not at all, so what is there after an interruption is not done again.
+Each episode, or arm of an hour, that is asked for runs again, one SUMO for each, into
+``RUN/sumo/CELL-PAIR-ARM/``.  A folder appears complete or not at all, so what is there after an
+interruption is not done again.
 """
 
 import shutil
@@ -81,17 +82,26 @@ def _wanted(run: Path, study: Study, whose: str | None) -> dict[int, list[tuple[
 
     An episode that failed is never among them: SUMO's files are complete only after a good end.
     """
+    ran = _hours_that_ran if study.in_traffic else _episodes_that_ran
+    return {cell.number: list(ran(run, cell.number, whose)) for cell in study.cells}
+
+
+def _episodes_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tuple[int, Arm]]:
     endings = {Ending.CRASHED} if whose == "crashed" else set(Ending) - {Ending.ENGINE_FAILED}
-    found: dict[int, list[tuple[int, Arm]]] = {}
-    for cell in study.cells:
-        episodes = read_table(run, "episodes", cell.number)
-        columns = (episodes[name].to_pylist() for name in ("pair", "arm", "ending"))
-        found[cell.number] = [
-            (pair, Arm(arm))
-            for pair, arm, ending in zip(*columns, strict=True)
-            if ending in endings
-        ]
-    return found
+    episodes = read_table(run, "episodes", cell)
+    columns = (episodes[name].to_pylist() for name in ("pair", "arm", "ending"))
+    for pair, arm, ending in zip(*columns, strict=True):
+        if ending in endings:
+            yield pair, Arm(arm)
+
+
+def _hours_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tuple[int, Arm]]:
+    """Hours with a crash, or all."""
+    hours = read_table(run, "hours", cell)
+    columns = (hours[name].to_pylist() for name in ("pair", "arm", "reason", "crashes"))
+    for pair, arm, reason, crashes in zip(*columns, strict=True):
+        if reason is None and (whose != "crashed" or crashes > 0):
+            yield pair, Arm(arm)
 
 
 def _repetitions(

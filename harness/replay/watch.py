@@ -60,6 +60,9 @@ def watch(
     if screenshots is not None and _in_use(screenshots):
         raise InputError(f"--screenshots {screenshots}", "is not empty", "a new or empty folder")
     stored = StoredCell(run, cell)
+    if stored.in_traffic:
+        what, allowed = "of hours of traffic", "the player in the page of `harness report`"
+        raise InputError("--gui", what, allowed)
     stored.check_pair(pair)
     _require_display()
     scenario = stored.cell.scenario

@@ -179,11 +179,6 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> N
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):
         raise InputError(f"{where}.{key}", "beside [traffic], which has no one trigger", "none")
-    for arm in ("av", "human"):
-        if getattr(scenario.arms, arm) == "sumo_driver":
-            # It is shown people where its own direction understands them (docs/sumo.md).
-            why = "'sumo_driver' beside [traffic]: it would misread people from one of the kerbs"
-            raise InputError(where.replace("pedestrians", f"arms.{arm}"), why, "another strategy")
     where = where.replace("pedestrians", "traffic")
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would run into each other"

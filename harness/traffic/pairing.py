@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
-from harness.encounter import Arm, Side, Strategy
+from harness.encounter import Arm, Strategy
 from harness.engine.road import SumoRoad
 from harness.episode.arms import check_arms, make_strategy
 from harness.episode.arrivals import planned_arrivals
@@ -13,10 +13,14 @@ from harness.errors import EngineError, StrategyError, in_one_line
 from harness.interaction import InteractionModel
 from harness.scenario import Scenario
 from harness.traffic.demand import Scheduled, scheduled_vehicles
-from harness.traffic.hour import Hour, HourLog, clearing_s
+from harness.traffic.hour import Hour
 from harness.traffic.lanes import lanes_of
+from harness.traffic.log import HourLog, clearing_s
 from harness.traffic.passages import Passage, passages_of
 from harness.traffic.vehicles import LaneOnRoad
+
+SUMO_DRIVER = "sumo_driver"
+"""The strategy that leaves the driving to SUMO."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,17 +43,22 @@ class HourRunner:
         scenario: the cell.
         model: the interaction model.
         get_road: gives an open road for this scenario; asked for each arm.
+        paths: whether to note where vehicles are outside of their passages.
 
     Raises:
         InputError: an arm names no strategy, or its parameters are refused.
     """
 
     def __init__(
-        self, scenario: Scenario, model: InteractionModel, get_road: Callable[[], SumoRoad]
+        self,
+        scenario: Scenario,
+        model: InteractionModel,
+        get_road: Callable[[], SumoRoad],
+        paths: bool = False,
     ) -> None:
         assert scenario.traffic is not None
         self._scenario, self._model, self._get_road = scenario, model, get_road
-        self._traffic = scenario.traffic
+        self._traffic, self._paths = scenario.traffic, paths
         self._rules = constants_of(scenario)
         self._speeds = WalkingSpeeds(scenario, model)
         check_arms(scenario, model)
@@ -73,9 +82,8 @@ class HourRunner:
         horizon_s = traffic.warm_up_s + traffic.duration_s + clearing_s(traffic)
         arrivals = planned_arrivals(scenario, pair, horizon_s=horizon_s)
         road = self._get_road()
-        base = {side: rules.crossing.to_lane_m(side) for side in Side}
         lanes = [
-            LaneOnRoad(number, lane, scheduled_vehicles(scenario, pair, lane), base)
+            LaneOnRoad(number, lane, scheduled_vehicles(scenario, pair, lane), rules)
             for number, lane in enumerate(lanes_of(scenario))
         ]
 
@@ -88,7 +96,17 @@ class HourRunner:
                 what = f"the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None
 
-        hour = Hour(road, lanes, arrivals, self._speeds, make, rules, traffic)
+        hour = Hour(
+            road,
+            lanes,
+            arrivals,
+            self._speeds,
+            make,
+            rules,
+            traffic,
+            sumo_drives=SUMO_DRIVER in (scenario.arms.av, scenario.arms.human),
+            paths=self._paths,
+        )
         try:
             log = hour.run()
         except EngineError as error:

@@ -10,8 +10,8 @@ from harness.encounter import Crossing, Ending, Trace, Walk
 from harness.episode.cell_constants import CellConstants
 from harness.measures import EpisodeRecord, measure
 from harness.measures.ego import crossing_time
-from harness.traffic.hour import HourLog
 from harness.traffic.lanes import Direction, Lane
+from harness.traffic.log import HourLog
 from harness.traffic.vehicles import Moving
 
 CHUNK = 200

@@ -5,6 +5,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from harness.encounter import PedestrianView, Side, Strategy
+from harness.engine.road import SumoRoad
+from harness.episode.cell_constants import CellConstants
+from harness.episode.deciding import ROUNDING_M
 from harness.episode.walkers import Walker
 from harness.traffic.demand import Scheduled
 from harness.traffic.lanes import Lane
@@ -14,9 +17,10 @@ from harness.traffic.lanes import Lane
 class Moving:
     """A vehicle from its schedule until it has left the road; times are steps of the hour.
 
-    ``x_m``, ``speed_mps``: the state at the beginning of the step; ``acceleration_mps2``: of the
-    last step.  ``xs``, ``speeds``: the states from ``first_step`` on, when its strategy took over,
-    ``late_s`` after its bumper was at R0, until its rear has left the crosswalk.
+    ``x_m``, ``speed_mps``: the state at the beginning of the step; ``next_x_m``,
+    ``next_speed_mps``: at its end, once it is read, with ``acceleration_mps2``, which until then is
+    the last step's.  ``xs``, ``speeds``: the states from ``first_step`` on, when its strategy took
+    over, ``late_s`` after its bumper was at R0, until its rear has left the crosswalk.
     """
 
     plan: Scheduled
@@ -41,46 +45,64 @@ class Moving:
     standing: bool = False
     xs: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
+    path: list[tuple[int, float, float]] = field(default_factory=list)
+    """Step, x and speed at the samples before ``first_step`` and after it has passed, if noted."""
     met: list[Walker] = field(default_factory=list)
     """Who was at the crosswalk when its strategy took over."""
     came_from: int = 0
     came_until: int = 0
     """Those of the hour's walks who came while it drove: numbers in order of arrival."""
 
-    def moved(self) -> None:
-        """The step is over."""
-        self.x_m, self.speed_mps = self.next_x_m, self.next_speed_mps
-
 
 class LaneOnRoad:
     """One lane during an hour.
 
     ``due``: scheduled, not yet on the road; ``coming``: upstream of R0, driven by SUMO; ``driven``:
-    from R0 until past the crosswalk, driven by their strategies.  Each in order.
+    from R0 until past the crosswalk, driven by their strategies.  Each in order.  ``passed_at_m``:
+    x at which the rear has left the crosswalk.
     """
 
     def __init__(
-        self, number: int, lane: Lane, schedule: Iterator[Scheduled], base: dict[Side, float]
+        self, number: int, lane: Lane, schedule: Iterator[Scheduled], rules: CellConstants
     ) -> None:
         self.number, self.lane, self.schedule = number, lane, schedule
+        self.passed_at_m = rules.vehicle.length_m + rules.crossing.width_m / 2 - ROUNDING_M
         self.next_scheduled = next(schedule, None)
         self.due: deque[Moving] = deque()
         self.coming: deque[Moving] = deque()
         self.driven: list[Moving] = []
-        self._views = [
-            (side, lane.own_side(side), lane.crossing.to_lane_m(lane.own_side(side)) - base[side])
+        self._shift = {
+            side: (
+                lane.own_side(side),
+                lane.crossing.to_lane_m(lane.own_side(side)) - rules.crossing.to_lane_m(side),
+            )
             for side in Side
-        ]
-        self._shift = {side: (own, ahead) for side, own, ahead in self._views}
-        self.own_frame = any(own is not side or ahead != 0 for side, own, ahead in self._views)
+        }
+        self._own_frame = any(
+            own is not side or ahead != 0 for side, (own, ahead) in self._shift.items()
+        )
 
     def waiting(self) -> int:
         """Vehicles that have not yet passed, upstream of the road included."""
         return len(self.due) + len(self.coming) + len(self.driven)
 
+    def first(self, elapsed_s: float) -> tuple[float, float, Moving] | None:
+        """x, speed and vehicle of the first that has not passed, so far into the step."""
+        for moving in self.driven:
+            gain = moving.acceleration_mps2
+            x = moving.x_m + moving.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+            if x < self.passed_at_m:
+                return x, moving.speed_mps + gain * elapsed_s, moving
+        if not self.coming:
+            return None
+        head = self.coming[0]
+        gain = head.acceleration_mps2
+        x = head.x_m + head.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+        return x, head.speed_mps + gain * elapsed_s, head
+
     def seen_from(self, views: tuple[PedestrianView, ...]) -> tuple[PedestrianView, ...]:
         """What this lane's vehicles see, of views from the ego's lane."""
-        if not self.own_frame:
+        if not self._own_frame:
             return views
         shift = self._shift
         seen = []
@@ -88,3 +110,9 @@ class LaneOnRoad:
             side, ahead_m = shift[view.side]
             seen.append(view._replace(side=side, lateral_m=view.lateral_m + ahead_m))
         return tuple(seen)
+
+
+def state_of(road: SumoRoad, moving: Moving) -> tuple[float, float]:
+    """x and speed of a vehicle on the road."""
+    x = moving.insert_x_m + road.distance_of(moving.name)
+    return x, road.speed_of(moving.name)

@@ -20,9 +20,10 @@ from harness.results.hour_tables import hour_rows
 from harness.scenario import Scenario, validate
 from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.traffic.demand import Scheduled, scheduled_vehicles
-from harness.traffic.hour import Hour, HourLog
+from harness.traffic.hour import Hour
 from harness.traffic.lanes import lanes_of
-from harness.traffic.pairing import HourOutcome, HourRunner
+from harness.traffic.log import HourLog
+from harness.traffic.pairing import SUMO_DRIVER, HourOutcome, HourRunner
 from harness.traffic.passages import Passage, passages_of
 from harness.traffic.vehicles import LaneOnRoad
 
@@ -56,7 +57,6 @@ def hour_of(
     """An hour with vehicles due at those steps of each lane, and those people."""
     name = strategy or scenario.arms.av
     rules = constants_of(scenario)
-    base = {side: rules.crossing.to_lane_m(side) for side in Side}
     roads = lanes_of(scenario)
     lanes = [
         LaneOnRoad(
@@ -68,7 +68,7 @@ def hour_of(
                     for count, step in enumerate(due)
                 ]
             ),
-            base,
+            rules,
         )
         for number, (lane, due) in enumerate(zip(roads, steps, strict=True))
     ]
@@ -83,6 +83,7 @@ def hour_of(
         lambda planned: (name, make_strategy(scenario, name, 0, MODEL, planned.number)),
         rules,
         scenario.traffic,
+        sumo_drives=name == SUMO_DRIVER,
     )
     log = hour.run()
     ends = {number: lane.ends_x_m for number, lane in enumerate(road.lanes)}
@@ -296,8 +297,7 @@ def test_capacity_under_absolute_priority() -> None:
 
     def through(people: Sequence[Arrival]) -> tuple[Hour, HourLog]:
         rules = constants_of(scenario)
-        base = {side: rules.crossing.to_lane_m(side) for side in Side}
-        lanes = [LaneOnRoad(0, lane, scheduled_vehicles(scenario, 0, lane), base)]
+        lanes = [LaneOnRoad(0, lane, scheduled_vehicles(scenario, 0, lane), rules)]
         assert scenario.traffic is not None
         hour = Hour(
             road_for(scenario),

@@ -94,7 +94,6 @@ def test_one_vehicle_that_fails_fails_its_arm(
         ("traffic.flow_per_hour = [1, 2]", "2 values; allowed: 4"),
         ("traffic.tau_s = 0.05", "traffic.tau_s"),
         ("traffic.folowing = 'IDM'", "did you mean 'following'"),
-        ("arms.human = 'sumo_driver'", "arms.human"),
         ("pedestrians.behaviour = 'sumo'", "pedestrians.behaviour"),
         ("pedestrians.first_at_trigger = true", "pedestrians.first_at_trigger"),
     ],

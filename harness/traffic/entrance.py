@@ -1,0 +1,83 @@
+"""Where vehicles enter the road: when there is room, and no faster than is safe."""
+
+import math
+from collections.abc import Callable
+
+from harness.encounter import Strategy, Vehicle
+from harness.engine.road import SumoRoad
+from harness.scenario import TrafficSection
+from harness.traffic.demand import Scheduled
+from harness.traffic.vehicles import LaneOnRoad, Moving, state_of
+
+MakeStrategy = Callable[[Scheduled], tuple[str, Strategy]]
+"""The name and a fresh object of a vehicle's strategy."""
+
+
+class Entrance:
+    """Lets the vehicles of an hour in, lane by lane.
+
+    ``x_m`` is where they enter, by lane: as far upstream as there is road, whole steps at v0
+    before R0.
+    """
+
+    def __init__(
+        self,
+        road: SumoRoad,
+        vehicle: Vehicle,
+        traffic: TrafficSection,
+        step_s: float,
+        make: MakeStrategy,
+    ) -> None:
+        self._road, self._vehicle, self._traffic = road, vehicle, traffic
+        self._step_s, self._make = step_s, make
+        per_step, trigger = vehicle.initial_speed_mps * step_s, vehicle.trigger_range_m
+        self.x_m = [
+            -trigger - math.floor((-lane.begins_x_m - trigger) / per_step + 1e-6) * per_step
+            for lane in road.lanes
+        ]
+
+    def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> Moving | None:
+        """Put a lane's next vehicle on the road for the end of this step, if due and with room.
+
+        Where there always is another one, nobody comes after ``until_step``.
+        """
+        saturated = self._traffic.saturated
+        while (planned := lane.next_scheduled) is not None and planned.step <= step:
+            if saturated and lane.due:
+                break
+            name, strategy = self._make(planned)
+            x_m = self.x_m[lane.number]
+            lane.due.append(
+                Moving(planned, self._road.name_of(planned.number), name, strategy, x_m)
+            )
+            lane.next_scheduled = next(lane.schedule, None)
+        if not lane.due or (saturated and step > until_step):
+            return None
+        moving = lane.due[0]
+        speed = self._entry_speed(lane, moving.insert_x_m)
+        if speed is None:
+            return None
+        lane.due.popleft()
+        moving.inserted_step = step
+        moving.x_m, moving.speed_mps = moving.insert_x_m, speed
+        self._road.add(moving.name, lane.number, moving.insert_x_m, speed)
+        lane.coming.append(moving)
+        return moving
+
+    def _entry_speed(self, lane: LaneOnRoad, x_m: float) -> float | None:
+        """v0, or what is safe behind a slow leader; None while there is no room.
+
+        Room is a length, minGap and tau at v0.  Safe: v = −bτ + sqrt(b²τ² + v_l² + 2 b g), g the
+        gap less minGap (Krauss 1998).
+        """
+        vehicle, traffic = self._vehicle, self._traffic
+        top = vehicle.initial_speed_mps
+        if not lane.coming and not lane.driven:
+            return top
+        x, speed = state_of(self._road, lane.coming[-1] if lane.coming else lane.driven[-1])
+        gap = x + speed * self._step_s - vehicle.length_m - x_m - traffic.min_gap_m
+        if gap < top * traffic.tau_s - 1e-6:
+            return None
+        braking = vehicle.max_deceleration_mps2 * traffic.tau_s
+        safe = -braking + math.sqrt(braking**2 + speed**2 + 2 * vehicle.max_deceleration_mps2 * gap)
+        return min(top, safe)

@@ -1,0 +1,32 @@
+"""What is kept of an hour while it is simulated."""
+
+from dataclasses import dataclass, field
+
+from harness.encounter import Walk
+from harness.scenario import TrafficSection
+from harness.traffic.vehicles import Moving
+
+LEAST_CLEARING_S = 900.0
+
+
+@dataclass(slots=True)
+class HourLog:
+    """What became of an hour; times are steps from the beginning of the warm-up.
+
+    ``queues`` has, for each second of the counted time, the queued vehicles of each lane.
+    ``let_go``: of each who had to wait, whether the first vehicle that kept them waiting let them
+    go.  ``in_system``: the vehicles that had not passed at half of the counted time, and at its
+    end.
+    """
+
+    vehicles: list[Moving] = field(default_factory=list)
+    walks: list[Walk] = field(default_factory=list)
+    queues: list[list[int]] = field(default_factory=list)
+    let_go: dict[int, bool] = field(default_factory=dict)
+    last_step: int = 0
+    in_system: list[int] = field(default_factory=list)
+
+
+def clearing_s(traffic: TrafficSection) -> float:
+    """How long after the counted time the road may take to empty; a permanent queue never does."""
+    return 0.0 if traffic.saturated else max(traffic.duration_s, LEAST_CLEARING_S)
