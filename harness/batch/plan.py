@@ -35,8 +35,8 @@ def plan_of(study: Study, options: Options) -> Plan:
     Raises:
         InputError: a model, a strategy or a network is refused.
     """
-    if study.in_traffic:
-        _refuse_for_hours(options)
+    if study.in_traffic and options.until:
+        raise InputError("--until", "of hours of traffic", "a scenario without [traffic]")
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
     models = {}
     for cell in study.cells:
@@ -48,15 +48,6 @@ def plan_of(study: Study, options: Options) -> Plan:
         check_arms(cell.scenario, models[cell.number])
         network_of(cell.scenario)
     return Plan(study, models, options)
-
-
-def _refuse_for_hours(options: Options) -> None:
-    for option, asked in (
-        ("--traces", options.traces),
-        ("--until", options.until),
-    ):
-        if asked:
-            raise InputError(option, "of hours of traffic", "a scenario without [traffic]")
 
 
 def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:

@@ -9,8 +9,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.batch.finish import finish
+from harness.batch.hour_scoring import score_hours
 from harness.batch.plan import recall_plan
-from harness.encounter import Arm, Arrival, Ending, Leg, Side, Trace, Walk
+from harness.encounter import Arm, Ending, Trace, Walk
 from harness.errors import InputError, nearest_name
 from harness.measures import Outcome, measure
 from harness.measures.catalogue import COLUMNS
@@ -18,6 +19,7 @@ from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.shards import DamagedShardError
 from harness.results.tables import ASKED, TABLES, episode_rows
+from harness.results.walk_rows import stored_walk
 from harness.scenario import Cell, ConflictsSection, Scenario, Setting, validate
 from harness.scenario.file import apply_setting
 
@@ -51,15 +53,9 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     try:
         folder.drop_shards()
         for cell in plan.study.cells:
-            names = ("episodes", "pedestrians", *(["traces"] if traced else []))
-            # Measures are worked out anew: those added since the run need not be there.
-            tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
-            pairs = _pairs(run, tables["episodes"])
-            for first in range(0, pairs, _PART_PAIRS):
-                last = min(first + _PART_PAIRS, pairs) - 1
-                part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
-                rows = _score(run, part, cell) if traced else _all_columns(part)
-                folder.write_shard(cell.number, first, last - first + 1, rows)
+            scored = score_hours if plan.study.in_traffic else _score_encounters
+            for first, count, rows in scored(run, cell, traced):
+                folder.write_shard(cell.number, first, count, rows)
         finish(folder, plan)
     except BaseException as error:
         # Nothing here can go on: what is half done would only be in the way.
@@ -70,6 +66,20 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     finally:
         folder.close()
     return out
+
+
+def _score_encounters(
+    run: Path, cell: Cell, traced: bool
+) -> Iterator[tuple[int, int, dict[str, dict[str, Any]]]]:
+    """First pair, number of pairs and all rows of some pairs, one part after another."""
+    names = ("episodes", "pedestrians", *(["traces"] if traced else []))
+    # Measures are worked out anew: those added since the run need not be there.
+    tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
+    pairs = _pairs(run, tables["episodes"])
+    for first in range(0, pairs, _PART_PAIRS):
+        last = min(first + _PART_PAIRS, pairs) - 1
+        part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
+        yield first, last - first + 1, _score(run, part, cell) if traced else _all_columns(part)
 
 
 def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:
@@ -179,15 +189,5 @@ def _ego_states(traces: pa.Table) -> dict[tuple[int, str], tuple[np.ndarray, np.
 def _walks(pedestrians: pa.Table) -> dict[tuple[int, str], list[Walk]]:
     walks: dict[tuple[int, str], list[Walk]] = {}
     for row in pedestrians.to_pylist():
-        arrival = Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"])
-        legs = row["legs"]
-        walk = Walk(
-            arrival,
-            row["start_s"],
-            row["speed_mps"],
-            row["range_m"],
-            row["vehicle_speed_mps"],
-            None if legs is None else tuple(Leg(**leg) for leg in legs),
-        )
-        walks.setdefault((row["pair"], row["arm"]), []).append(walk)
+        walks.setdefault((row["pair"], row["arm"]), []).append(stored_walk(row))
     return walks

@@ -67,10 +67,16 @@ class HeldPeople:
         """Whether anybody is there."""
         return bool(self._ids)
 
-    def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> None:
-        """Put everyone where they are at the step's end, and add everyone who comes by then."""
+    def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> bool:
+        """Put everyone where they are at the step's end, and add everyone who comes by then.
+
+        Returns:
+            Whether somebody was added: ``after_step`` is then due.
+        """
         if places or self._waiting:
             self._place(places)
+        if self._next_s > until_s:
+            return False
         while self._next_s <= until_s:
             arrival = self._arrivals[self._announced]
             self._announced += 1
@@ -86,6 +92,7 @@ class HeldPeople:
             self._person.appendWalkingStage(name, [origin, goal], goal_m)
             self._ids[arrival.index] = name
             self._coming.append(arrival)
+        return True
 
     def after_step(self) -> None:
         """Whoever was announced exists from now on."""

@@ -161,12 +161,14 @@ class SumoRoad:
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
         """Advance one step; ``places`` as in ``Engine.step``.  Returns who has left the road."""
         until_s = (self._steps + 3) * self._step_s
+        announced = False
         for people in self._people:
-            people.before_step(places, until_s)
+            announced |= people.before_step(places, until_s)
         self._advance()
         self._steps += 1
-        for people in self._people:
-            people.after_step()
+        if announced:
+            for people in self._people:
+                people.after_step()
         gone: Sequence[str] = self._arrived()
         if gone:
             self._names.difference_update(gone)

@@ -43,7 +43,7 @@ _FURTHER_OPTIONS = {
     "--personinfo-output": os.devnull,
 }
 
-_HOUR_PERIOD_S = 1.0
+_HOUR_PERIOD_S = "1"
 """How often SUMO writes places and queues of an hour; at every step they would be too long."""
 
 
@@ -98,7 +98,7 @@ def replay(
     """Run one pair's arms again; each gets a folder with SUMO's outputs.
 
     Times in SUMO's files are the episode's plus one step: SUMO inserts the ego in its second step.
-    Those of an hour count from the beginning of the warm-up, plus one step.
+    Those of an hour count from the beginning of the warm-up.
 
     Args:
         run: a finished run folder.
@@ -236,15 +236,13 @@ def _hour(job: Repetition) -> HourOutcome:
     from harness.engine.sumo import libsumo_road
 
     scenario = job.cell.scenario
-    step_s = scenario.experiment.step_s
-    period = {"--device.fcd.period": f"{_HOUR_PERIOD_S:g}", "--device.fcd.begin": f"{step_s:.3f}"}
-    period["--queue-output.period"] = f"{_HOUR_PERIOD_S:g}"
+    period = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _HOUR_PERIOD_S)
     with watchdog(job.hang_after_s, job.stack_file):
         road = libsumo_road(
             place_of(scenario),
             scenario.vehicle(),
             _with_speed_limit(scenario),
-            step_s,
+            scenario.experiment.step_s,
             following_of(scenario),
             outputs={**_files(HOUR_FILES, job.folder), **_FURTHER_OPTIONS, **period},
             detectors=job.folder / DETECTORS,

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +12,8 @@ from harness.encounter import Arm, Ending, Walk
 from harness.measures import EpisodeRecord
 from harness.motion.walking import cleared_s
 from harness.results.measure_tables import CONFLICTS
-from harness.results.tables import HOURS, PASSAGES, PEDESTRIANS, QUEUES, pedestrian_row
+from harness.results.tables import HOURS, PASSAGES, PEDESTRIANS, QUEUES
+from harness.results.walk_rows import pedestrian_row
 from harness.scenario import ConflictsSection
 from harness.traffic.lanes import lanes_of
 from harness.traffic.pairing import HourOutcome
@@ -52,11 +53,14 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
             _append(rows["hours"], keys | {"reason": outcome.reason})
             continue
         counted = _counted(outcome)
-        _append(rows["hours"], keys | _numbers(outcome, counted))
-        for passage in counted.passages:
-            _append(rows["passages"], keys | _passage_row(passage, counted.begin_s))
+        passages = [_passage_row(passage, counted.begin_s) for passage in counted.passages]
+        limits = outcome.scenario.conflicts
+        numbers = _numbers(outcome, counted) | passage_counts(passages, limits)
+        _append(rows["hours"], keys | numbers)
+        for row in passages:
+            _append(rows["passages"], keys | row)
         for walk in counted.walks:
-            _append(rows["pedestrians"], keys | _walk_row(outcome, walk, counted.begin_s))
+            _append(rows["pedestrians"], keys | walk_row(outcome, walk, counted.begin_s))
         for row in _queue_rows(outcome):
             _append(rows["queues"], keys | row)
     return rows
@@ -93,7 +97,6 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
     through = [p for p in outcome.passages if p.passed_s is not None]
     hours = traffic.duration_s / 3600.0
     in_time = sum(counted.begin_s <= (p.passed_s or 0.0) < counted.end_s for p in through)
-    records = [passage.record for passage in passages]
     queues = np.array(log.queues, dtype=float)
     speeds = [walk.speed_mps for walk in walks if walk.speed_mps is not None]
     numbers: dict[str, Any] = {
@@ -101,7 +104,6 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
         "automated": sum(_automated(outcome, passage) for passage in passages),
         "not_through": sum(passage.passed_s is None for passage in passages),
         "throughput_per_hour": in_time / hours,
-        "stops_per_vehicle": _mean([float(p.moving.stops + p.record.stops) for p in passages]),
         "queue_mean": float(queues.mean()) if queues.size else None,
         "queue_p95": float(np.quantile(queues, 0.95)) if queues.size else None,
         "queue_longest": int(queues.max()) if queues.size else None,
@@ -113,8 +115,7 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
         "walking_mps": _mean(speeds),
         "had_to_wait": len(let_go),
         "let_go": sum(let_go),
-        "crashes": sum(record.ending is Ending.CRASHED for record in records),
-        "crossed": len(records),
+        "crossed": len(passages),
     }
     if not traffic.saturated:
         vehicle, insert_x = scenario.vehicle(), {p.moving.insert_x_m for p in passages}
@@ -133,7 +134,7 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
             "travel_time_s": sum(delays) + sum(ways),
             "person_delay_h": (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0,
         }
-    return numbers | _conflicts(records, scenario.conflicts)
+    return numbers
 
 
 def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
@@ -151,25 +152,32 @@ def _automated(outcome: HourOutcome, passage: Passage) -> bool:
     return outcome.arm is Arm.AV and passage.moving.plan.uniform < traffic.av_share
 
 
-def _conflicts(records: Sequence[EpisodeRecord], limits: ConflictsSection) -> dict[str, int]:
-    """Passages with a conflict of each kind; a crash counts as one of every kind."""
-    counts = {}
+def passage_counts(
+    passages: Sequence[Mapping[str, Any]], limits: ConflictsSection
+) -> dict[str, float | None]:
+    """What ``hours`` says of its rows of ``passages``: stops, crashes and conflicts of each kind.
+
+    A crash counts as a conflict of every kind.
+    """
+    stops = [float(row["approach_stops"] + row["stops"]) for row in passages]
+    crashed = [row["ending"] == Ending.CRASHED for row in passages]
+    counts = {"stops_per_vehicle": _mean(stops), "crashes": sum(crashed)}
     for conflict in CONFLICTS:
         threshold: float = getattr(limits, conflict.threshold)
         count = 0
-        for record in records:
-            value = getattr(record, conflict.column)
+        for row, crash in zip(passages, crashed, strict=True):
+            value = row[conflict.column]
             beyond = value is not None and (
                 value > threshold if conflict.above else value < threshold
             )
-            count += beyond or record.ending is Ending.CRASHED
+            count += beyond or crash
         counts[f"conflicts_{conflict.name}"] = count
     return counts
 
 
 def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
     moving, record = passage.moving, passage.record
-    row = {name: getattr(record, name) for name in _RECORD}
+    row = record_row(record)
     first = moving.first_step
     return row | {
         "vehicle": moving.plan.number,
@@ -182,10 +190,18 @@ def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
         "passed_s": _since(passage.passed_s, begin_s),
         "delay_s": passage.delay_s,
         "control_delay_s": passage.control_delay_s,
+        "late_s": moving.late_s,
+        "approach_stops": moving.stops,
     }
 
 
-def _walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]:
+def record_row(record: EpisodeRecord) -> dict[str, Any]:
+    """The columns of ``passages`` that are a record's."""
+    return {name: getattr(record, name) for name in _RECORD}
+
+
+def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]:
+    """A pedestrian of an hour whose counted time begins at ``begin_s``, but for the keys."""
     arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - begin_s)
     start_s = _since(walk.start_s, begin_s)
     legs = walk.legs and tuple(leg._replace(time_s=leg.time_s - begin_s) for leg in walk.legs)

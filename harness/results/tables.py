@@ -11,11 +11,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.encounter import Arm, FloatArray, Leg, Side, Trace, Walk
+from harness.encounter import Arm, FloatArray, Leg, Side, Trace
 from harness.errors import InputError
 from harness.files import cannot_write, whole_file
 from harness.measures import MEASURES, Outcome
 from harness.motion.walking import cleared_s, states_at
+from harness.results.walk_rows import pedestrian_row
 
 SCHEMA = 2
 """Version of the run folder's format."""
@@ -109,6 +110,8 @@ PASSAGES = pa.schema(
         *((name, pa.float64()) for name in ("scheduled_s", "inserted_s", "trigger_s", "passed_s")),
         ("delay_s", pa.float64()),
         ("control_delay_s", pa.float64()),
+        ("late_s", pa.float64()),
+        ("approach_stops", pa.int32()),
         *((name, kind) for name, kind in (_FACTS | _MEASURES).items() if name not in _OWN_COLUMNS),
     ]
 )
@@ -151,11 +154,15 @@ TABLES = {
     "pedestrians": PEDESTRIANS,
     "pairs": PAIRS,
     "traces": TRACES,
+    "walks": PEDESTRIANS,
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
 
 HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 """What a run of traffic holds."""
+
+HOUR_TRACES = ("traces", "walks")
+"""What it holds besides with ``--traces``."""
 
 _KEY = ("cell", "pair", "arm")
 NEEDED = {
@@ -167,6 +174,7 @@ NEEDED = {
     "pedestrians": {*_KEY, "index", "arrival_s", "start_s", "side", "quantile", "speed_mps"}
     | {"range_m", "vehicle_speed_mps", "cleared_s", "legs"},
     "pairs": {"cell", "pair", "av_time_s", "human_time_s", "tau"},
+    "walks": {*PEDESTRIANS.names},
     "traces": {*_KEY, "time_s", "object", "x_m", "y_m", "speed_mps", "acceleration_mps2"},
 }
 """Columns without which a run cannot be read.
@@ -262,28 +270,6 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
             for name, value in (keys | row).items():
                 rows[name].append(value)
     return rows
-
-
-def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
-    """What is kept of one pedestrian of a record that ends at ``end_s``, but for the keys."""
-    arrival, start_s = walk.arrival, walk.start_s
-    went = start_s is not None and start_s < end_s
-    legs = walk.legs if went else None
-    return {
-        "index": arrival.index,
-        "arrival_s": arrival.arrival_s,
-        "start_s": start_s if went else None,
-        "side": arrival.side.value,
-        "quantile": arrival.quantile,
-        "critical_gap_s": arrival.critical_gap_s,
-        "speed_mps": walk.speed_mps if went else None,
-        "range_m": walk.range_m if went else None,
-        "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,
-        "cleared_s": cleared if went and cleared is not None and cleared <= end_s else None,
-        "legs": legs and [leg._asdict() for leg in legs],
-        "delay_s": start_s - arrival.arrival_s if went and start_s is not None else None,
-        "let_go": None,
-    }
 
 
 def pair_rows(cell: int, episodes: pa.Table) -> dict[str, list[Any]]:

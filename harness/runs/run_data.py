@@ -32,7 +32,7 @@ from harness.results.summaries import (
     summary_from,
     summary_row,
 )
-from harness.results.tables import HOUR_TABLES, TABLES, pair_rows, table_of
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, TABLES, pair_rows, table_of
 from harness.runs.run_tables import RunTables, read_summary, readable_shards
 from harness.scenario import Cell, Scenario, Study
 from harness.workers.tasks import Failure
@@ -243,7 +243,8 @@ class RunData:
         """One row per step and object; big: ``traces_of`` reads one pair.
 
         ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
-        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre).
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre); of a run in traffic
+        ``vehicle-<number>`` in place of ``ego``.
 
         Raises:
             InputError: the run keeps no traces.
@@ -353,7 +354,7 @@ def load_run(path: str | Path) -> RunData:
     expected = {"cells": len(study.cells), **counts}
     names = ("cells", "episodes", "pairs", "pedestrians", *(["traces"] * document["traces"]))
     if study.in_traffic:
-        names = ("cells", *HOUR_TABLES)
+        names = ("cells", *HOUR_TABLES, *(HOUR_TRACES if document["traces"] else ()))
         expected.pop("pairs", None)
     for name in names:
         found = count_rows(folder, name)

@@ -42,26 +42,25 @@ class Crowd:
         self._choose_speed, self._leave = choose_speed, leave
         self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
         self._next_look_s = math.inf
+        self.next_s = self._next_arrival_s
+        """When somebody next comes, or looks again by themselves."""
         self._blockers: dict[int, Moving] = {}
         self._half_width_m = rules.crossing.width_m / 2
         across = sorted(lanes, key=lambda lane: lane.lane.centre_m)
         self._on_way = {Side.NEAR: across, Side.FAR: across[::-1]}
 
-    @property
-    def next_s(self) -> float:
-        """When somebody next comes or looks again by themselves."""
-        return min(self._next_arrival_s, self._next_look_s)
-
     def begin_step(self, now: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
-        for walker in tuple(self.walkers):
-            if walker.due_s > now:
-                continue
-            if walker.start_s is None:
-                self._look(walker, now, 0.0)
-            else:
-                self.walkers.remove(walker)
-                self._leave(walker.index)
+        gone = []
+        for walker in self.walkers:
+            if walker.due_s <= now:
+                if walker.start_s is None:
+                    self._look(walker, now, 0.0)
+                else:
+                    gone.append(walker)
+        for walker in gone:
+            self.walkers.remove(walker)
+            self._leave(walker.index)
 
     def end_step(self, now: float, then: float) -> None:
         """Everyone who arrives or looks again in (now, then] sees the vehicles where they are."""
@@ -74,15 +73,15 @@ class Crowd:
             self._next_arrival_s = self._arrivals[len(self.came)].arrival_s if coming else math.inf
             self._look(walker, arrival.arrival_s, arrival.arrival_s - now)
             walker.walk_until(then)
-        if self._next_look_s > then:
-            return
-        for walker in self.walkers:
-            if walker.look_s > then:
-                continue
-            while walker.look_s <= then:
-                self._look_again(walker, walker.look_s - now)
-            walker.walk_until(then)
-        self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
+        if self._next_look_s <= then:
+            for walker in self.walkers:
+                if walker.look_s > then:
+                    continue
+                while walker.look_s <= then:
+                    self._look_again(walker, walker.look_s - now)
+                walker.walk_until(then)
+            self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
+        self.next_s = min(self._next_arrival_s, self._next_look_s)
 
     def walk_until(self, then: float) -> list[tuple[int, float]]:
         """Everyone walks on to that time: index and y of each."""
@@ -148,7 +147,9 @@ class Crowd:
         else:
             walking_mps = self._choose_speed(arrival, -1.0, 0.0, None)
             walker.step_off(time_s, walking_mps, (None, None))
-        self._next_look_s = min(self._next_look_s, walker.look_s)
+        if walker.look_s < self._next_look_s:
+            self._next_look_s = walker.look_s
+            self.next_s = min(self._next_arrival_s, walker.look_s)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
         """A reactive pedestrian, before the first lane still ahead of them that has a vehicle."""

@@ -50,7 +50,7 @@ class Entrance:
             lane.due.append(
                 Moving(planned, self._road.name_of(planned.number), name, strategy, x_m)
             )
-            lane.next_scheduled = next(lane.schedule, None)
+            lane.plan_next()
         if not lane.due or (saturated and step > until_step):
             return None
         moving = lane.due[0]

@@ -69,22 +69,23 @@ class Hour:
     def run(self) -> HourLog:
         """Simulate warm-up, counted time, and whatever it takes until the road is empty.
 
-        Who has not passed after ``clearing_s`` has not passed.
+        Who has not passed after ``clearing_s`` has not passed; the others have left the road.
 
         Raises:
             EngineError: SUMO lost the hour; StrategyError: a strategy failed in one vehicle.
         """
         road = self.road
         last = self.end_step + round(clearing_s(self.traffic) / self.step_s)
-        centres_m = [lane.lane.centre_m for lane in self.lanes] if self.sumo_drives else None
+        lanes = self.lanes
+        centres_m = [lane.lane.centre_m for lane in lanes] if self.sumo_drives else None
         with road.watched():
             road.begin(self.arrivals, centres_m)
             for n in range(last):
-                if n >= self.end_step and not any(lane.waiting() for lane in self.lanes):
+                if n >= self.end_step and not self.on_road and not any(lane.due for lane in lanes):
                     break
                 self._step(n)
         road.end()
-        for lane in self.lanes:
+        for lane in lanes:
             for vehicle in lane.driven:
                 vehicle.came_until = len(self.crowd.came)
             if not self.traffic.saturated:
@@ -94,35 +95,34 @@ class Hour:
 
     def _step(self, n: int) -> None:
         now, then, after = n * self.step_s, (n + 1) * self.step_s, n + 1
-        crowd, road = self.crowd, self.road
+        crowd, road, lanes = self.crowd, self.road, self.lanes
         if crowd.walkers:
             crowd.begin_step(now)
         self._drive(now, n)
-        for lane in self.lanes:
-            if lane.due or (lane.next_scheduled and lane.next_scheduled.step <= after):
+        for lane in lanes:
+            if lane.due or lane.next_step <= after:
                 self._let_in(lane, after)
-        for name in road.step(crowd.walk_until(then)):
-            self.on_road.pop(name).gone_step = after
+        gone = road.step(crowd.walk_until(then))
+        if gone:
+            for name in gone:
+                self.on_road.pop(name).gone_step = after
         self._read()
         if crowd.walkers:
             self._note_collisions()
         if crowd.next_s <= then:
             crowd.end_step(now, then)
-        for lane in self.lanes:
-            self._move(lane, after)
+        for lane in lanes:
+            if lane.driven or lane.coming:
+                self._move(lane, after)
         self.log.last_step = after
         if after in self.looks_in:
-            self.log.in_system.append(sum(lane.waiting() for lane in self.lanes))
+            self.log.in_system.append(sum(lane.waiting() for lane in lanes))
         if (after - self.begin_step) % self.sample_steps == 0:
-            queues = queued_in(road, self.lanes)
-            if self.begin_step < after <= self.end_step:
-                self.log.queues.append(queues)
-            if self.paths:
-                note_paths(road, self.on_road.values(), after)
+            self._look_around(after)
 
     def _drive(self, now: float, n: int) -> None:
         """Every strategy decides on what it sees at the beginning of the step."""
-        step, road, vehicle = self.step_s, self.road, self.rules.vehicle
+        step, vehicle, drive = self.step_s, self.rules.vehicle, self.road.drive
         detection, everyone = self.detection_m, None
         for lane in self.lanes:
             if not lane.driven:
@@ -132,28 +132,27 @@ class Hour:
             seen, crossing = lane.seen_from(everyone), lane.lane.crossing
             for moving in lane.driven:
                 x, speed = moving.x_m, moving.speed_mps
-                assert moving.first_step is not None
-                time_s = (n - moving.first_step) * step
+                time_s = (n - moving.first_step) * step  # type: ignore[operator]  # it is driven
                 view = EgoView(-x, speed, moving.acceleration_mps2)
-                visible = seen if abs(x) <= detection else ()
+                visible = seen if -detection <= x <= detection else ()
                 observation = Observation(time_s, step, view, vehicle, crossing, visible)
                 try:
                     answer = moving.strategy.decide(observation)
                 except Exception as error:
                     raise _of_vehicle(moving, now, strategy_raised(error, time_s)) from error
+                if answer is None and self.sumo_drives:
+                    if not moving.by_engine:
+                        self.road.hand_over(moving.name)
+                        moving.by_engine = True
+                    continue
                 try:
-                    if answer is None and self.sumo_drives:
-                        if not moving.by_engine:
-                            road.hand_over(moving.name)
-                            moving.by_engine = True
-                        continue
                     target = speed + limited(answer, vehicle, time_s) * step
                 except StrategyError as error:
                     raise _of_vehicle(moving, now, error) from None
                 if moving.by_engine:
-                    road.release(moving.name)
+                    self.road.release(moving.name)
                     moving.by_engine = False
-                road.drive(moving.name, target if target > 0 else 0.0)
+                drive(moving.name, target if target > 0 else 0.0)
 
     def _let_in(self, lane: LaneOnRoad, step: int) -> None:
         moving = self.entrance.let_in(lane, step, self.end_step)
@@ -168,12 +167,14 @@ class Hour:
             for moving in lane.driven:
                 name = moving.name
                 moving.next_x_m = moving.insert_x_m + distance_of(name)
-                after = moving.next_speed_mps = speed_of(name)
-                moving.acceleration_mps2 = (after - moving.speed_mps) / step
+                speed = moving.next_speed_mps = speed_of(name)
+                moving.acceleration_mps2 = (speed - moving.speed_mps) / step
             if lane.coming:
-                moving = lane.coming[0]
-                moving.next_x_m, moving.next_speed_mps = state_of(self.road, moving)
-                moving.acceleration_mps2 = (moving.next_speed_mps - moving.speed_mps) / step
+                head = lane.coming[0]
+                name = head.name
+                head.next_x_m = head.insert_x_m + distance_of(name)
+                speed = head.next_speed_mps = speed_of(name)
+                head.acceleration_mps2 = (speed - head.speed_mps) / step
 
     def _move(self, lane: LaneOnRoad, step: int) -> None:
         """After a step: who has passed leaves, who has come to R0 is taken over."""
@@ -215,10 +216,22 @@ class Hour:
 
     def _note_collisions(self) -> None:
         """SUMO reports hits only of vehicles whose front is on the junction, or beyond."""
-        if any(lane.driven and lane.driven[0].next_x_m > self.hits_from_m for lane in self.lanes):
-            for name in self.road.collided():
-                if name in self.on_road:
-                    self.on_road[name].collided = True
+        for lane in self.lanes:
+            if lane.driven and lane.driven[0].next_x_m > self.hits_from_m:
+                break
+        else:
+            return
+        for name in self.road.collided():
+            if name in self.on_road:
+                self.on_road[name].collided = True
+
+    def _look_around(self, step: int) -> None:
+        """What is looked at every second."""
+        queues = queued_in(self.road, self.lanes)
+        if self.begin_step < step <= self.end_step:
+            self.log.queues.append(queues)
+        if self.paths:
+            note_paths(self.road, self.on_road.values(), step)
 
 
 def _of_vehicle(moving: Moving, now: float, error: StrategyError) -> StrategyError:

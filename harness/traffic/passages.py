@@ -97,7 +97,7 @@ def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Tr
         step_s=rules.step_s,
         x_m=np.array(moving.xs),
         speed_mps=np.array(moving.speeds),
-        walks=tuple(_as_seen(walk, lane, begin_s, rules.crossing) for walk in walks),
+        walks=tuple(as_seen(walk, lane, begin_s, rules.crossing) for walk in walks),
         ending=Ending.CROSSED if moving.passed else Ending.TIMED_OUT,
         reason=None,
         sumo_collision=moving.collided,
@@ -106,7 +106,7 @@ def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Tr
     )
 
 
-def _as_seen(walk: Walk, lane: Lane, begin_s: float, crossing: Crossing) -> Walk:
+def as_seen(walk: Walk, lane: Lane, begin_s: float, crossing: Crossing) -> Walk:
     """A walk in a passage's own time, and from its lane's direction."""
     turned = lane.direction is Direction.ONCOMING
     arrival = walk.arrival._replace(

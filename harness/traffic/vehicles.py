@@ -1,5 +1,6 @@
 """A vehicle on its way, and a lane with its vehicles in order."""
 
+import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -67,7 +68,7 @@ class LaneOnRoad:
     ) -> None:
         self.number, self.lane, self.schedule = number, lane, schedule
         self.passed_at_m = rules.vehicle.length_m + rules.crossing.width_m / 2 - ROUNDING_M
-        self.next_scheduled = next(schedule, None)
+        self.plan_next()
         self.due: deque[Moving] = deque()
         self.coming: deque[Moving] = deque()
         self.driven: list[Moving] = []
@@ -81,6 +82,11 @@ class LaneOnRoad:
         self._own_frame = any(
             own is not side or ahead != 0 for side, (own, ahead) in self._shift.items()
         )
+
+    def plan_next(self) -> None:
+        """Look up who is scheduled next, and in which step; nobody ever: in an infinite one."""
+        self.next_scheduled = next(self.schedule, None)
+        self.next_step = math.inf if self.next_scheduled is None else self.next_scheduled.step
 
     def waiting(self) -> int:
         """Vehicles that have not yet passed, upstream of the road included."""

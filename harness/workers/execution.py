@@ -14,7 +14,7 @@ from typing import Any
 
 from harness.encounter import Arm, Ending, FailedIn
 from harness.errors import HarnessError
-from harness.results.tables import EPISODES, HOUR_TABLES, PEDESTRIANS, TABLES, TRACES
+from harness.results.tables import EPISODES, HOUR_TABLES, HOUR_TRACES, PEDESTRIANS, TABLES, TRACES
 from harness.workers.tasks import (
     Argument,
     Executor,
@@ -180,7 +180,8 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
     if task.scenario.traffic is not None:
         which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
         tables: dict[str, dict[str, list[Any]]] = {
-            name: {column: [] for column in TABLES[name].names} for name in HOUR_TABLES
+            name: {column: [] for column in TABLES[name].names}
+            for name in (*HOUR_TABLES, *(HOUR_TRACES if task.traces else ()))
         }
         for arm in Arm:
             for name, column in tables["hours"].items():

@@ -12,6 +12,7 @@ from harness.episode.pairing import EpisodeKey, PairRunner
 from harness.errors import in_one_line
 from harness.measures import Outcome
 from harness.results.hour_tables import hour_rows
+from harness.results.hour_traces import hour_trace_rows
 from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
 from harness.traffic.pairing import HourRunner
 from harness.workers.tasks import Task, TaskResult
@@ -68,7 +69,9 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
 
 def _run_hours(task: Task) -> TaskResult:
     """Every pair of a task in traffic; one hour is what has to be done before it hangs."""
-    runner = HourRunner(task.scenario, task.model, lambda: road_for(task.scenario))
+    runner = HourRunner(
+        task.scenario, task.model, lambda: road_for(task.scenario), paths=task.traces
+    )
     with watchdog(task.hang_after_s, task.stack_file) as watch:
         outcomes = list(runner.run(task.pairs, watch.alive))
     failures = tuple(
@@ -82,7 +85,10 @@ def _run_hours(task: Task) -> TaskResult:
         for outcome in outcomes
         if outcome.reason is not None
     )
-    return TaskResult(dict(hour_rows(task.cell, outcomes)), failures)
+    rows = hour_rows(task.cell, outcomes)
+    if task.traces:
+        rows |= hour_trace_rows(task.cell, outcomes)
+    return TaskResult(rows, failures)
 
 
 def _result_of(task: Task, outcomes: list[Outcome]) -> TaskResult:

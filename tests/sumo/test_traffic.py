@@ -93,10 +93,22 @@ def hour_of(
 @pytest.mark.parametrize("people", [0, 3])
 @pytest.mark.parametrize(
     "strategy",
-    ["constant_speed", "gap_yield", "hard_yield", "soft_yield", "human_gmm", "emergency_brake"],
+    [
+        "constant_speed",
+        "gap_yield",
+        "hard_yield",
+        "soft_yield",
+        "human_gmm",
+        "emergency_brake",
+        "sumo_driver",
+    ],
 )
 def test_one_vehicle_is_the_single_ego(strategy: str, people: int) -> None:
-    """With kerb wait 0 even the rule for stopping vehicles says what the encounter's says."""
+    """With kerb wait 0 even the rule for stopping vehicles says what the encounter's says.
+
+    SUMO's driver makes more of the last bits, in which places 300 m up the road differ.
+    """
+    within = 1e-5 if strategy == "sumo_driver" else 1e-6
     scenario = scenario_of({"duration_s": 120.0})
     _, _, empty = hour_of(scenario, [[100], []], strategy="constant_speed")
     begins = empty[0].moving.first_step
@@ -118,34 +130,45 @@ def test_one_vehicle_is_the_single_ego(strategy: str, people: int) -> None:
         rules,
     )
     (record,) = measure([trace])
-    np.testing.assert_allclose(passage.trace.x_m, trace.x_m, atol=1e-6)
-    np.testing.assert_allclose(passage.trace.speed_mps, trace.speed_mps, atol=1e-6)
+    np.testing.assert_allclose(passage.trace.x_m, trace.x_m, atol=within)
+    np.testing.assert_allclose(passage.trace.speed_mps, trace.speed_mps, atol=within)
     assert passage.record.ending == record.ending
     assert passage.record.pedestrians == record.pedestrians
     for mine, theirs in zip(passage.record.values, record.values, strict=True):
         if theirs is None or mine is None:
             assert mine is theirs
         else:
-            assert mine == pytest.approx(theirs, abs=1e-6)
+            assert mine == pytest.approx(theirs, abs=within)
     if record.delay_s is not None:
-        assert passage.delay_s == pytest.approx(record.delay_s, abs=1e-6)
+        assert passage.delay_s == pytest.approx(record.delay_s, abs=within)
 
 
-def test_oncoming_is_the_ego_turned_round() -> None:
-    """The same person, named from the other kerb, before a vehicle from the other side."""
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("strategy", ["gap_yield", "sumo_driver"])
+def test_oncoming_is_the_ego_turned_round(strategy: str, side: Side) -> None:
+    """The same person, named from the other kerb, before a vehicle from the other side.
+
+    SUMO's driver too, though SUMO takes everyone on its crossing for one from the far side.
+    """
     scenario = scenario_of({"duration_s": 120.0})
     begins = 10.0 + 270 / 5.0
-    people = [Arrival(0, begins + 1.0, Side.NEAR, 0.4)]
-    turned = [people[0]._replace(side=Side.FAR)]
-    _, _, (forward,) = hour_of(scenario, [[100], []], people)
-    _, _, (oncoming,) = hour_of(scenario, [[], [100]], turned)
+    other = Side.FAR if side is Side.NEAR else Side.NEAR
+    people = [Arrival(0, begins + 3.0, side, 0.4)]
+    turned = [people[0]._replace(side=other)]
+    _, _, (forward,) = hour_of(scenario, [[100], []], people, strategy)
+    _, _, (oncoming,) = hour_of(scenario, [[], [100]], turned, strategy)
     assert forward.record.pedestrians == 1
     assert forward.delay_s is not None
     assert forward.delay_s > 0.1
-    np.testing.assert_allclose(oncoming.trace.x_m, forward.trace.x_m, atol=1e-6)
-    np.testing.assert_allclose(oncoming.record.values[0], forward.record.values[0], atol=1e-6)
+    if strategy == "sumo_driver":
+        # It starts again within a step of one another: what it is shown is mirrored for one side.
+        assert oncoming.delay_s == pytest.approx(forward.delay_s, abs=0.1 + 1e-6)
+        assert min(oncoming.trace.speed_mps) == min(forward.trace.speed_mps) == 0.0
+    else:
+        np.testing.assert_allclose(oncoming.trace.x_m, forward.trace.x_m, atol=1e-6)
+        np.testing.assert_allclose(oncoming.record.values[0], forward.record.values[0], atol=1e-6)
     walks = [passage.trace.walks[0] for passage in (forward, oncoming)]
-    assert walks[0].arrival.side is walks[1].arrival.side is Side.NEAR
+    assert walks[0].arrival.side is walks[1].arrival.side is side
 
 
 def run_pair(scenario: Scenario, pair: int = 0) -> dict[str, Any]:
@@ -382,6 +405,7 @@ def test_random_demand_loses_nobody(seed: int) -> None:
         ),
         crossing={"lanes": lanes, "length_m": 4.5 * (lanes + 1)},
         ego={"initial_speed_mps": float(rng.uniform(4, 12)), "trigger_range_m": 60.0},
+        model={"extrapolate": True},
         pedestrians={"flow_per_hour": float(rng.uniform(0, 900)), "kerb_wait_s": 2.0},
         arms={"av": ["hard_yield", "gap_yield", "human_yield", "soft_yield"][seed % 4]},
         experiment={"seed": seed},

@@ -1,15 +1,21 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
+import pandas as pd
 import pytest
 
 import harness
 from harness.batch.experiment import run_study
+from harness.batch.scoring import score
+from harness.encounter import Arm
 from harness.errors import InputError
+from harness.replay.rerun import replay
 from harness.report.page import write_report
 from harness.results.tables import HOUR_TABLES
-from harness.scenario import Options, read_scenario_file, study_of
+from harness.scenario import Options, parse_setting, read_scenario_file, study_of
 from harness.workers.pool import LocalPool
 
 SCENARIO = """
@@ -19,6 +25,8 @@ pedestrians = {flow_per_hour = 600}
 traffic = {flow_per_hour = 300, oncoming_per_hour = 200, duration_s = 60, warm_up_s = 20}
 experiment = {pairs = 2}
 """
+
+WARM_UP_S, STEP_S, QUEUED_MPS = 20.0, 0.1, 5 / 3.6
 
 FAULTY = """
 class Faulty:
@@ -34,7 +42,7 @@ class Faulty:
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The same study on one worker and on two."""
+    """The same study on one worker and on two, the second with traces."""
     folder = tmp_path_factory.mktemp("hours")
     (folder / "busy.toml").write_text(SCENARIO, encoding="utf-8")
     file = read_scenario_file(folder / "busy.toml")
@@ -42,7 +50,8 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     found = []
     for workers in (1, 2):
         out = folder / f"run-{workers}"
-        run_study(study, Options(workers=workers), out=out, make_executor=LocalPool)
+        options = Options(traces=workers == 2, workers=workers)
+        run_study(study, options, out=out, make_executor=LocalPool)
         found.append(out)
     return found
 
@@ -66,6 +75,104 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert float(through) == pytest.approx(row["throughput_per_hour"] / 60)
     written = write_report(run, tmp_path / "report.html")
     assert "Hours of traffic" in written.page.read_text(encoding="utf-8")
+
+
+def test_traces_give_all_measures_again(runs: list[Path], tmp_path: Path) -> None:
+    """Times are kept from the end of the warm-up, so the last bits of sums may differ."""
+    stored = harness.load_run(runs[1])
+    scored = harness.load_run(score(runs[1], tmp_path / "scored"))
+    for name in ("passages", "hours"):
+        ours, theirs = getattr(stored, name), getattr(scored, name)
+        assert len(ours) >= 4
+        pd.testing.assert_frame_equal(ours, theirs, check_exact=False, rtol=0, atol=1e-8)
+    assert stored.passages["min_time_advantage_s"].notna().sum() > 5
+    # Everybody is there, from where they enter on.
+    own = stored.traces_of(0, 0)
+    first = own[own["object"].str.startswith("vehicle")].groupby(["arm", "object"])["x_m"]
+    assert (first.agg(lambda x: abs(x.iloc[0])) > 290.0).all()
+    came = own[own["object"].str.startswith("pedestrian")]
+    assert came["y_m"].between(0.0, 9.0).all()
+
+
+def test_other_thresholds_count_anew(runs: list[Path], tmp_path: Path) -> None:
+    """Without traces too; a time advantage below 100 s is a conflict of whoever has one."""
+    setting = parse_setting("conflicts.time_advantage_s=100")
+    scored = harness.load_run(score(runs[0], tmp_path / "scored", [setting]))
+    with_one = scored.passages[scored.passages["min_time_advantage_s"].notna()]
+    expected = with_one.groupby(["pair", "arm"]).size()
+    counted = scored.hours.set_index(["pair", "arm"])["conflicts_time_advantage"]
+    assert expected.sum() > 0
+    assert counted[expected.index].tolist() == expected.tolist()
+
+
+@pytest.fixture(scope="module")
+def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Both arms of the first pair, with SUMO's own outputs."""
+    out = tmp_path_factory.mktemp("again") / "0"
+    for replayed in replay(runs[0], 0, list(Arm), 0, out):
+        assert replayed.problem is None
+        assert replayed.differences == ()
+    return out
+
+
+def rows_of(run: Path, table: str, arm: str) -> list[dict[str, Any]]:
+    """Those of the first pair."""
+    rows = getattr(harness.load_run(run), table)
+    found: list[dict[str, Any]] = rows[(rows["arm"] == arm) & (rows["pair"] == 0)].to_dict(
+        "records"
+    )
+    return found
+
+
+@pytest.mark.parametrize("arm", ["av", "human"])
+def test_sumos_trips_agree_with_the_passages(runs: list[Path], again: Path, arm: str) -> None:
+    """Delay to the road's end: timeLoss + inserted − scheduled, each to a step, all to 1 %."""
+    file = ElementTree.parse(again / arm / "tripinfo.xml")
+    trips = {trip.get("id"): trip for trip in file.iter("tripinfo")}
+    ours, sumos = [], []
+    for row in rows_of(runs[0], "passages", arm):
+        trip = trips[f"vehicle-1-{row['vehicle']}"]
+        late_s = row["inserted_s"] - row["scheduled_s"]
+        ours.append(row["control_delay_s"])
+        sumos.append(float(trip.get("timeLoss")) + late_s)
+        # Its first state is at the end of the step that SUMO says it departs in.
+        assert float(trip.get("depart")) == pytest.approx(row["inserted_s"] + WARM_UP_S)
+        assert float(trip.get("departDelay")) == 0.0
+    assert len(ours) >= 6
+    assert sum(ours) > 10.0
+    assert ours == pytest.approx(sumos, abs=STEP_S + 1e-6)
+    assert sum(ours) == pytest.approx(sum(sumos), rel=0.01)
+
+
+@pytest.mark.parametrize("arm", ["av", "human"])
+def test_sumos_places_agree_with_the_queues(runs: list[Path], again: Path, arm: str) -> None:
+    """Who is slower than 5 km/h and has not passed, at each second of the minute.
+
+    E2 detectors count who enters their lane as often as SUMO's places have somebody new there.
+    """
+    passed = {
+        f"vehicle-1-{row['vehicle']}": row["passed_s"] for row in rows_of(runs[0], "passages", arm)
+    }
+    slow, seen = 0, set()
+    for step in ElementTree.parse(again / arm / "fcd.xml").iter("timestep"):
+        time_s = float(step.get("time", "")) - WARM_UP_S
+        for vehicle in step.iter("vehicle"):
+            name, lane = vehicle.get("id", ""), vehicle.get("lane", "")
+            queued = float(vehicle.get("speed", "")) < QUEUED_MPS
+            # Those of the warm-up have no row: SUMO's lane says where they are.
+            before = time_s < passed[name] if name in passed else "exit" not in lane
+            slow += queued and before and 0.5 < time_s < 60.5
+            if "approach" in lane:
+                seen.add((lane, name))
+    means = [row["mean"] for row in rows_of(runs[0], "queues", arm)]
+    assert sum(means) * 60 == pytest.approx(slow)
+    assert slow > 0
+    e2 = ElementTree.parse(again / arm / "e2.xml")
+    entered = {}
+    for interval in e2.iter("interval"):
+        lane = interval.get("id")
+        entered[lane] = entered.get(lane, 0) + int(interval.get("nVehEntered"))
+    assert entered == {lane: sum(lane == other for other, _ in seen) for lane in entered}
 
 
 def test_one_vehicle_that_fails_fails_its_arm(
