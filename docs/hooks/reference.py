@@ -36,6 +36,9 @@ BOUNDS = {
     "maximum": "≤ {}",
     "exclusiveMaximum": "< {}",
 }
+LIKE = {"passages": "episodes", "walks": "pedestrians"}
+"""Tables that have the columns of another one."""
+
 COLUMN_TYPES = {
     pa.string(): "text",
     pa.bool_(): "true or false",
@@ -203,9 +206,7 @@ def columns_page() -> str:
 def told(name: str, meanings: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
     """Name, unit and meaning of each column of a table."""
     measures = {measure.column: measure for measure in MEASURES}
-    own = meanings[name]
-    if name == "passages":
-        own = meanings["episodes"] | own
+    own = meanings.get(LIKE.get(name, ""), {}) | meanings[name]
     for column in tables.TABLES[name].names:
         if column in own:
             yield column, unit_of(column), own[column]
