@@ -137,7 +137,7 @@ def _simulate(run: RunData, keys: Iterable[Key]) -> Iterator[ShownPair]:
 
     In processes of their own: an episode may kill or hang the one it runs in.
     """
-    tasks = [_task(run, cell, pair) for cell, pair in sorted(keys)]
+    tasks = [task_of(run, cell, pair) for cell, pair in sorted(keys)]
     pool = LocalPool(min(_WORKERS, default_workers(), max(1, len(tasks))))
     try:
         for task, result in run_tasks(pool, tasks, _ignore):
@@ -146,7 +146,8 @@ def _simulate(run: RunData, keys: Iterable[Key]) -> Iterator[ShownPair]:
         pool.stop()
 
 
-def _task(run: RunData, cell: int, pair: int) -> Task:
+def task_of(run: RunData, cell: int, pair: int) -> Task:
+    """A stored pair as a task that is to keep its traces."""
     scenario = run.scenario_of(cell)
     return Task(
         cell=cell,

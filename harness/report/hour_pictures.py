@@ -9,6 +9,8 @@ from matplotlib.axes import Axes
 from harness.comparison import Interval
 from harness.encounter import Arm
 from harness.report import style
+from harness.report.hour_figures import time_space
+from harness.report.shown_hour import ShownHour
 from harness.report.style import Picture
 from harness.report.sweep_pictures import across_key, axis_label
 from harness.report.tables import plain
@@ -25,14 +27,16 @@ _OVER = (
 Points = list[tuple[float, Interval]]
 
 
-def hour_pictures(run: RunData) -> Iterator[Picture]:
-    """The figures of a run in traffic; made inside ``style.styled``."""
+def hour_pictures(run: RunData, hour: ShownHour | None) -> Iterator[Picture]:
+    """The figures of a run in traffic and of the hour shown; made inside ``style.styled``."""
     key = across_key(run) if run.varied_keys else None
     if key is not None:
         for name, up, title in _OVER:
             yield from _over(run, key, name, up, title)
     elif not run.varied_keys:
         yield _queues(run)
+    if hour is not None:
+        yield time_space(run, hour)
 
 
 def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:

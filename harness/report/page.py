@@ -19,12 +19,14 @@ from harness.report import style
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
 from harness.report.hour_pictures import hour_pictures
+from harness.report.hour_player import hour_player
 from harness.report.hour_words import hour_lines, hour_tables
 from harness.report.pictures import pictures_of
 from harness.report.player_data import player_document
 from harness.report.plots import save
 from harness.report.reference_words import reference_lines, references_compared
 from harness.report.result_tables import result_tables, statistics_table, tiles
+from harness.report.shown_hour import ShownHour, shown_hour
 from harness.report.svg import inline_svg
 from harness.report.tables import Table, counted, plain
 from harness.report.words import (
@@ -78,12 +80,14 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Whatever is damaged is found before anything is written.
     context = _context(run)
-    shown, chosen, no_player = _shown(run)
+    shown, chosen, no_player = ([], {}, "") if run.in_traffic else _shown(run)
+    hour, no_hour = _hour(run) if run.in_traffic else (None, "")
     model, no_model = (None, "") if run.in_traffic else _model(run)
     written: list[Path] = []
     drawn_pictures = []
     with style.styled():
-        pictures = hour_pictures(run) if run.in_traffic else pictures_of(run, model, shown)
+        of_traffic = run.in_traffic
+        pictures = hour_pictures(run, hour) if of_traffic else pictures_of(run, model, shown)
         for picture in pictures:
             drawn_pictures.append(drawn(picture))
             if figures is not None:
@@ -91,20 +95,20 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
                 written += save(picture.figure, figures, picture.name)
     context |= {
         "player": _player(run, chosen, shown) if shown else None,
-        "no_player": no_player,
+        "hour": None if hour is None else hour_player(run, hour),
+        "no_player": no_player or no_hour,
         "pictures": drawn_pictures,
         "figure_remarks": [no_model] if no_model else [],
     }
     text = filled(context)
     # A file may hold what is no text; a page must be.
     write_file(page, text.encode("utf-8", errors="replace"))
-    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
+    again: list[ShownPair | ShownHour] = [*shown, *([] if hour is None else [hour])]
+    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in again if p.differences)
     return Written(page, tuple(written), tuple(differing))
 
 
 def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int]]], str]:
-    if run.in_traffic:
-        return [], {}, "Hours of traffic have no player: passages.parquet has every vehicle."
     chosen = choose_pairs(run)
     if run.kept_traces:
         return shown_pairs(run, chosen), chosen, ""
@@ -113,6 +117,13 @@ def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int
     except HarnessError as error:
         # A model or a strategy may have gone since; the numbers are still there.
         return [], chosen, nothing_to_show(error)
+
+
+def _hour(run: RunData) -> tuple[ShownHour | None, str]:
+    try:
+        return shown_hour(run), "No hour ran in both arms."
+    except HarnessError as error:
+        return None, nothing_to_show(error)
 
 
 def _model(run: RunData) -> tuple[InteractionModel | None, str]:
@@ -141,9 +152,10 @@ def filled(context: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    player = "hour.js" if context["hour"] else "player.js"
     shared = {
         "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "scripts": [_script(name) for name in ("page.js", "player.js")],
+        "scripts": [_script(name) for name in ("page.js", player)],
         "version": versions_of_runs()["harness"],
     }
     return environment.get_template(PAGE).render(context | shared)

@@ -64,7 +64,7 @@ def _scene(run: RunData, cell: int) -> dict[str, Any]:
     return {
         "length": scenario.crossing.length_m,
         "width": scenario.crossing.width_m,
-        "borders": _rounded(scenario.crossing.lane_borders_m()),
+        "borders": rounded(scenario.crossing.lane_borders_m()),
         "laneWidth": scenario.crossing.width_of_lane_m,
         "lane": scenario.crosswalk().lane_centre_m,
         "carLength": scenario.ego.length_m,
@@ -73,7 +73,7 @@ def _scene(run: RunData, cell: int) -> dict[str, Any]:
         "speed": scenario.ego.initial_speed_mps,
         "radius": PEDESTRIAN_RADIUS_M,
         "obstacles": [
-            _rounded((*obstacle.x_bounds_m, *obstacle.y_bounds_m))
+            rounded((*obstacle.x_bounds_m, *obstacle.y_bounds_m))
             for obstacle in scenario.obstacles()
         ],
     }
@@ -122,14 +122,14 @@ def _arm(
         "strategy": record["strategy"],
         "ending": record["ending"],
         "words": _words(record),
-        "pet": _short(record.get("pet_s")),
-        "ttc": _short(record.get("min_ttc_s")),
-        "drac": _short(record.get("max_drac_mps2")),
+        "pet": short(record.get("pet_s")),
+        "ttc": short(record.get("min_ttc_s")),
+        "drac": short(record.get("max_drac_mps2")),
         "lane": crossing.lane_centre_m,
-        "t": _rounded(times),
-        "x": _rounded(ego["x_m"].to_numpy()[kept]),
-        "v": _rounded(ego["speed_mps"].to_numpy()[kept]),
-        "gap": _rounded(time_advantage(rows, crossing)[kept]),
+        "t": rounded(times),
+        "x": rounded(ego["x_m"].to_numpy()[kept]),
+        "v": rounded(ego["speed_mps"].to_numpy()[kept]),
+        "gap": rounded(time_advantage(rows, crossing)[kept]),
         "contact": _contact(record),
         "walkers": [
             _walker(walker, objects.get(f"pedestrian-{walker['index']}", rows.iloc[:0]), times)
@@ -155,15 +155,15 @@ def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> di
     """
     seen, y = rows["time_s"].to_numpy(), rows["y_m"].to_numpy()
     on = np.flatnonzero(np.isin(times, seen))
-    x = _rounded(rows["x_m"].to_numpy()[np.searchsorted(seen, times[on])])
+    x = rounded(rows["x_m"].to_numpy()[np.searchsorted(seen, times[on])])
     return {
         "index": walker["index"],
         "side": walker["side"],
-        "arrival": _short(walker["arrival_s"]),
-        "start": _short(walker["start_s"]),
-        "speed": _short(walker["speed_mps"]),
+        "arrival": short(walker["arrival_s"]),
+        "start": short(walker["start_s"]),
+        "speed": short(walker["speed_mps"]),
         "from": int(on[0]) if len(on) else None,
-        "y": _rounded(y[np.searchsorted(seen, times[on])]),
+        "y": rounded(y[np.searchsorted(seen, times[on])]),
         **({"x": x} if any(x) else {}),
     }
 
@@ -172,7 +172,7 @@ def _shown(index: int, rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
     """Where the strategy was shown a pedestrian: y at the states kept, ``at`` their numbers."""
     on = np.flatnonzero(np.isin(times, rows["time_s"].to_numpy()))
     y = rows["y_m"].to_numpy()[np.searchsorted(rows["time_s"].to_numpy(), times[on])]
-    return {"index": index, "at": on.tolist(), "y": _rounded(y)}
+    return {"index": index, "at": on.tolist(), "y": rounded(y)}
 
 
 def _words(record: dict[str, Any]) -> str:
@@ -199,14 +199,15 @@ def _words(record: dict[str, Any]) -> str:
 def _contact(record: dict[str, Any]) -> dict[str, Any] | None:
     if record["contact_time_s"] is None:
         return None
-    return {"time": _short(record["contact_time_s"]), "index": record["contact_index"]}
+    return {"time": short(record["contact_time_s"]), "index": record["contact_index"]}
 
 
-def _rounded(values: Iterable[float]) -> list[float | None]:
-    return [_short(value) for value in values]
+def rounded(values: Iterable[float]) -> list[float | None]:
+    """Each to three decimals; None where it is undefined."""
+    return [short(value) for value in values]
 
 
-def _short(value: float | None) -> float | None:
+def short(value: float | None) -> float | None:
     """To three decimals; None where it is undefined."""
     if value is None or not math.isfinite(value):
         return None

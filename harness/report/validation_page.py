@@ -71,6 +71,7 @@ def _context(validation: Validation) -> dict[str, Any]:
         ],
         "failures": None,
         "player": _player(validation),
+        "hour": None,
         "no_player": "",
         "figure_remarks": [],
         "facts": [("data", sources), ("drivers", ", ".join(validation.figures))],

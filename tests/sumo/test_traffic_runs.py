@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -13,7 +14,9 @@ from harness.batch.scoring import score
 from harness.encounter import Arm
 from harness.errors import InputError
 from harness.replay.rerun import replay
+from harness.report.hour_player import hour_document
 from harness.report.page import write_report
+from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
 from harness.scenario import Options, parse_setting, read_scenario_file, study_of
 from harness.workers.pool import LocalPool
@@ -74,7 +77,32 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     through = run.queues[run.queues["arm"] == "av"]["let_through"].sum() / 2
     assert float(through) == pytest.approx(row["throughput_per_hour"] / 60)
     written = write_report(run, tmp_path / "report.html")
-    assert "Hours of traffic" in written.page.read_text(encoding="utf-8")
+    text = written.page.read_text(encoding="utf-8")
+    assert "Hours of traffic" in text
+    assert "Simulated again for this page; the records are identical to the stored ones." in text
+    assert 'id="figure-time-space"' in text
+    assert written.differing == ()
+
+
+def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
+    """As it passes: the rear at the crosswalk's far edge, the front its length and 2 m beyond."""
+    run = harness.load_run(runs[1])
+    hour = shown_hour(run)
+    assert hour is not None
+    assert (hour.begin_s, hour.end_s) == (0.0, 60.0)
+    for arm in hour_document(run, hour)["arms"]:
+        shown = {vehicle["number"]: vehicle for vehicle in arm["vehicles"]}
+        rows = rows_of(runs[1], "passages", arm["arm"], hour.pair)
+        through = [row for row in rows if row["passed_s"] < 60.0]
+        assert len(through) >= 1
+        for row in through:
+            vehicle = shown[row["vehicle"]]
+            x = float(np.interp(row["passed_s"], vehicle["t"], vehicle["x"]))
+            assert vehicle["oncoming"] == (row["direction"] == "oncoming")
+            assert x == pytest.approx(-7.0 if vehicle["oncoming"] else 7.0, abs=0.3)
+        people = rows_of(runs[1], "pedestrians", arm["arm"], hour.pair)
+        there = {walker["index"] for walker in arm["walkers"]}
+        assert {person["index"] for person in people} <= there
 
 
 def test_traces_give_all_measures_again(runs: list[Path], tmp_path: Path) -> None:
@@ -115,10 +143,9 @@ def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def rows_of(run: Path, table: str, arm: str) -> list[dict[str, Any]]:
-    """Those of the first pair."""
+def rows_of(run: Path, table: str, arm: str, pair: int = 0) -> list[dict[str, Any]]:
     rows = getattr(harness.load_run(run), table)
-    found: list[dict[str, Any]] = rows[(rows["arm"] == arm) & (rows["pair"] == 0)].to_dict(
+    found: list[dict[str, Any]] = rows[(rows["arm"] == arm) & (rows["pair"] == pair)].to_dict(
         "records"
     )
     return found
