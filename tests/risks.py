@@ -5,16 +5,35 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
+from harness.risk.layout import Layout
+from harness.risk.outcomes import Evaluate, Outcomes
+
 DIMENSIONS = 18
 
-Case = tuple[Callable[[np.ndarray, str], np.ndarray], float]
+Case = tuple[Evaluate, float]
+
+LAYOUT = Layout(DIMENSIONS)
+
+
+def scored(score: Callable[[np.ndarray], np.ndarray]) -> Evaluate:
+    """Episodes that are nothing but their score, shape (n,)."""
+
+    def evaluate(
+        z: np.ndarray,
+        what: str,  # noqa: ARG001
+        numbers: np.ndarray | None = None,
+    ) -> Outcomes:
+        of = np.arange(len(z)) if numbers is None else numbers
+        return Outcomes(score(z)[:, None], np.full(len(z), np.nan), of)
+
+    return evaluate
 
 
 def half_space(p: float) -> Case:
     """Beyond a plane at distance Φ⁻¹(1 − p) from the origin, oblique to every axis."""
     distance = stats.norm.isf(p)
     normal = np.ones(DIMENSIONS) / np.sqrt(DIMENSIONS)
-    return lambda z, _: (distance - z @ normal)[:, None], p
+    return scored(lambda z: distance - z @ normal), p
 
 
 def union(p: float) -> Case:
@@ -23,7 +42,7 @@ def union(p: float) -> Case:
     normal = np.zeros(DIMENSIONS)
     normal[1:3] = -0.6, 0.8
 
-    def score(z: np.ndarray, _: str) -> np.ndarray:
-        return np.minimum(stats.norm.isf(one) - z[:, 0], stats.norm.isf(two) - z @ normal)[:, None]
+    def score(z: np.ndarray) -> np.ndarray:
+        return np.minimum(stats.norm.isf(one) - z[:, 0], stats.norm.isf(two) - z @ normal)
 
-    return score, 1 - (1 - one) * (1 - two)
+    return scored(score), 1 - (1 - one) * (1 - two)

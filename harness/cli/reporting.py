@@ -28,13 +28,20 @@ def report(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a run as one page that opens anywhere: results, figures, episodes to watch."""
+    """Write a run or a risk as one page that opens anywhere: results, figures, episodes."""
     if out is not None and out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}", "is no page", "a file that ends in .html")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
     if figures is not None and figures.exists() and not figures.is_dir():
         raise InputError(f"--figures {figures}", "is a file", "a folder")
+    from harness.cli.risk import is_risk, report_risk
+
+    if is_risk(run_folder):
+        page = report_risk(run_folder, out, figures, quiet, as_json)
+        if open_page:
+            _open(page)
+        return
     from harness.report.page import write_report
     from harness.report.tables import counted
     from harness.runs.run_data import load_run

@@ -93,6 +93,23 @@ def go_on_with_risk(
     show(folder, quiet, as_json)
 
 
+def report_risk(
+    folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
+) -> Path:
+    """Write the page of a finished risk."""
+    from harness.report.risk_page import write_risk_page
+    from harness.risk.folder import ASKED, read_risk
+
+    if figures is not None:
+        raise InputError(f"--figures {figures}", "a risk has no figures", "no --figures")
+    page = write_risk_page(folder, read_risk(folder, ASKED), read_risk(folder), out)
+    if as_json:
+        print_json({"page": str(page)})
+    else:
+        print_line(str(page) if quiet else f"Report: {page}")
+    return page
+
+
 def show(folder: Path, quiet: bool, as_json: bool) -> None:
     """What a finished risk came to."""
     from harness.report.risk_terminal import print_risk

@@ -1,6 +1,6 @@
 """Runs pairs of one cell: lets both arms meet the same pedestrians."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import islice
 from types import MappingProxyType
@@ -88,22 +88,22 @@ class PairRunner:
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
     def run_arm_given(
-        self, arm: Arm, pairs: Mapping[int, Given], on_episode: Callable[[], None]
+        self, arm: Arm, pairs: Sequence[tuple[int, Given]], on_episode: Callable[[], None]
     ) -> Iterator[Outcome]:
         """One arm of every pair, with people of whom some uniforms are given.
 
         Args:
             arm: which arm.
-            pairs: by the pair's index, which keys the streams of everything not given.
+            pairs: the pair's index, which keys the streams of everything not given, and the rest.
             on_episode: called whenever an episode has been simulated.
         """
         self._engine = None
         traces = []
-        for pair, given in pairs.items():
+        for pair, given in pairs:
             arrivals = self._arrivals(pair, given)
             traces.append(self._run_arm(arm, pair, arrivals))
             on_episode()
-        for pair, trace, record in zip(pairs, traces, measure(traces), strict=True):
+        for (pair, _), trace, record in zip(pairs, traces, measure(traces), strict=True):
             yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
 
     def begin(self, pair: int) -> Episode:
@@ -125,8 +125,13 @@ class PairRunner:
     def _arrivals(self, pair: int, given: Given | None = None) -> tuple[Arrival, ...]:
         """Everyone of a pair: those who are on the crosswalk at the trigger, and who comes then."""
         coming = planned_arrivals(self._scenario, pair, given)
-        walking = self._speeds.unconditional
-        return (*already_walking(self._scenario, pair, walking, len(coming)), *coming)
+        walking, number = self._speeds.unconditional, self._number(pair)
+        return (*already_walking(self._scenario, number, walking, len(coming)), *coming)
+
+    def _number(self, pair: int) -> int:
+        """What keys the streams of a pair: the episode that it repeats, or its own index."""
+        drawn = self._scenario.pedestrians.drawn
+        return drawn[pair].episode if drawn else pair
 
     def _run_arm(
         self,
@@ -139,7 +144,7 @@ class PairRunner:
             self._engine = self._get_engine()
         name = self._strategy_name(arm)
         try:
-            strategy = make_strategy(self._scenario, name, pair, self._model)
+            strategy = make_strategy(self._scenario, name, self._number(pair), self._model)
         except Exception as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
@@ -162,8 +167,7 @@ class PairRunner:
         sensor = self._sensors[arm]
         if sensor is None:
             return None
-        drawn = self._scenario.pedestrians.drawn
-        return Perception(sensor, arrivals, drawn[pair].episode if drawn else pair)
+        return Perception(sensor, arrivals, self._number(pair))
 
     def _strategy_name(self, arm: Arm) -> str:
         arms = self._scenario.arms

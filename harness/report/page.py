@@ -191,7 +191,7 @@ def _context(run: RunData) -> dict[str, Any]:
         ],
         "failures": _failures(run),
         "facts": list(_facts(run)),
-        "scenario": list(_flat(scenario.model_dump())),
+        "scenario": list(flat(scenario.model_dump())),
         "kind": "run report",
         "where": "Run folder",
         "maker": "harness report",
@@ -307,11 +307,11 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     yield "traces", "kept" if run.kept_traces else "not kept"
 
 
-def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+def flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Every key of the scenario with its value."""
     for key, value in tree.items():
         if isinstance(value, dict) and value:
-            yield from _flat(value, f"{prefix}{key}.")
+            yield from flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", "" if value is None else plain(value)
 

@@ -1,18 +1,19 @@
 """Runs the episodes of a risk: points in standard normal space to scores, in a worker process."""
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from harness.encounter import Arm, Ending, FloatArray
+from harness.encounter import Arm, Ending, FloatArray, Trace
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.engine.shared import engine_for
 from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel
-from harness.measures import EpisodeRecord
+from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.risk.event import Event
 from harness.risk.space import Space
@@ -37,12 +38,13 @@ class Question:
 
 @dataclass(frozen=True)
 class Episodes:
-    """Some episodes by their numbers, with ``z`` of shape (n, d).
+    """Some episodes of a batch from its ``first``-th on: their numbers and states (n, width).
 
     ``compare``: the other engine runs them too, and the answer says which records differ.
     """
 
     question: Question
+    first: int
     numbers: tuple[int, ...]
     z: FloatArray
     compare: bool
@@ -53,11 +55,13 @@ class Episodes:
 class Scores:
     """What became of them: ``score`` of shape (n, gradings), NaN where the episode failed.
 
+    ``passed_s`` (n,) is when the ego's front reached the centre line, NaN where it did not.
     ``timed_out`` and ``reasons`` (of a failure, None where there was none) have an entry for each
     episode; ``differs`` says which records of two engines are not equal, and in what.
     """
 
     score: FloatArray
+    passed_s: FloatArray
     timed_out: tuple[bool, ...]
     reasons: tuple[str | None, ...]
     differs: tuple[str, ...]
@@ -66,33 +70,50 @@ class Scores:
 def run_episodes(task: Episodes) -> Scores:
     """Run every episode of a task, in its order."""
     question = task.question
-    given = {
-        number: question.space.given(z) for number, z in zip(task.numbers, task.z, strict=True)
-    }
+    given = [
+        (number, question.space.given(z, number))
+        for number, z in zip(task.numbers, task.z, strict=True)
+    ]
     with watchdog(task.hang_after_s, None) as watch:
         alive = watch.alive
-        records = _records(question, given, alive, in_sumo=question.in_sumo)
+        outcomes = _outcomes(question, given, alive, in_sumo=question.in_sumo)
+        records = [outcome.record for outcome in outcomes]
         differs: list[str] = []
         if task.compare:
-            others = _records(question, given, alive, in_sumo=not question.in_sumo)
+            others = _outcomes(question, given, alive, in_sumo=not question.in_sumo)
             differs = [
                 f"episode {number}: {words}"
                 for number, one, other in zip(task.numbers, records, others, strict=True)
-                if (words := difference(one, other)) is not None
+                if (words := difference(one, other.record)) is not None
             ]
     return Scores(
         np.array([question.event.scores(record) for record in records]),
+        np.array([_passed_s(outcome.trace) for outcome in outcomes]),
         tuple(record.ending is Ending.TIMED_OUT for record in records),
         tuple(record.reason for record in records),
         tuple(differs),
     )
 
 
-def _records(
-    question: Question, given: Mapping[int, Given], alive: Callable[[], None], *, in_sumo: bool
-) -> list[EpisodeRecord]:
+def _passed_s(trace: Trace) -> float:
+    """When the ego's front reached the centre line, between steps by interpolation."""
+    beyond = np.flatnonzero(trace.x_m >= 0.0)
+    if len(beyond) == 0 or beyond[0] == 0:
+        return math.nan
+    after = int(beyond[0])
+    before_m, after_m = trace.x_m[after - 1], trace.x_m[after]
+    return float(trace.step_s * (after - 1 - before_m / (after_m - before_m)))
+
+
+def _outcomes(
+    question: Question,
+    given: Sequence[tuple[int, Given]],
+    alive: Callable[[], None],
+    *,
+    in_sumo: bool,
+) -> list[Outcome]:
     runner = _runner_of(question, in_sumo)
-    return [outcome.record for outcome in runner.run_arm_given(question.arm, given, alive)]
+    return list(runner.run_arm_given(question.arm, given, alive))
 
 
 def _runner_of(question: Question, in_sumo: bool) -> PairRunner:

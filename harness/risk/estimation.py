@@ -15,8 +15,11 @@ from scipy import stats
 from threadpoolctl import threadpool_limits
 
 from harness.encounter import FloatArray
-from harness.risk.exploring import LEVEL_SHARE, POINTS, Evaluate, Exploration, explore
-from harness.risk.proposal import NOMINAL_SHARE, Proposal, fit_proposal, nominal
+from harness.risk.exploring import LEVEL_SHARE, POINTS, Exploration, explore
+from harness.risk.fitting import first_components, fit_components, spread
+from harness.risk.layout import Layout
+from harness.risk.outcomes import Evaluate, Outcomes
+from harness.risk.proposal import NOMINAL_SHARE, Cases, Proposal, cases_of, keys_of, nominal
 
 CONFIDENCE = 0.95
 
@@ -25,6 +28,12 @@ EXPLORATIONS = 3
 
 _REFITS = 3
 _POINTS_OF_REFIT = 2_000
+
+_WORTH = 20.0
+"""The states found are worth so many independent ones: many descend from the same few."""
+
+_LOOKED_AT = 600
+"""Of so many of the states found it is asked who of the crowd matters."""
 
 _FEWEST_EVENTS = 10
 """Effective events below which a batch says nothing about a proposal's worth."""
@@ -68,9 +77,9 @@ class Estimate:
 class Findings:
     """The estimate and how it came about.
 
-    ``z`` (n, d), ``weights`` (n,) and ``draws`` (n,), their places among the last draws, are those
-    of the last draws that were in the event.  ``first_draw`` is the number of episodes before them,
-    ``failed_weight`` the probability that failed episodes would add if all were in the event.
+    ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
+    ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
+    ``failed_weight`` is the probability that failed episodes would add if all were in the event.
     """
 
     estimate: Estimate
@@ -78,10 +87,27 @@ class Findings:
     proposal: Proposal
     z: FloatArray
     weights: FloatArray
-    draws: NDArray[np.intp]
-    first_draw: int
+    numbers: NDArray[np.int64]
+    keys: FloatArray
+    episodes: int
     failed_weight: float
     warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Draws:
+    """Draws from a proposal.
+
+    ``event`` and ``failed`` (n,) tell what became of them; ``weight`` (n,) is that of both kinds, 0
+    of the others, or 1 where the proposal is the nominal density.  ``cases`` are of the event.
+    """
+
+    z: FloatArray
+    numbers: NDArray[np.int64]
+    event: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
+    weight: FloatArray
+    cases: Cases
 
 
 class _Counted:
@@ -91,14 +117,16 @@ class _Counted:
         self._evaluate = evaluate
         self.episodes = 0
 
-    def __call__(self, z: FloatArray, what: str) -> FloatArray:
+    def __call__(
+        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+    ) -> Outcomes:
         self.episodes += len(z)
-        return self._evaluate(z, what)
+        return self._evaluate(z, what, numbers)
 
 
 def estimate_probability(
     evaluate: Evaluate,
-    dimensions: int,
+    layout: Layout,
     rng: np.random.Generator,
     target_cv: float = 0.1,
     most_draws: int = 200_000,
@@ -107,50 +135,47 @@ def estimate_probability(
 
     Args:
         evaluate: runs episodes.
-        dimensions: d, the number of sampled uniforms.
+        layout: of the states.
         rng: draws everything.
         target_cv: wanted coefficient of variation of the estimate.
         most_draws: bound on the draws of the last stage.
     """
     # Small matrices are slower on several threads, and their last bits depend on the number.
     with threadpool_limits(1, user_api="blas"):
-        return _estimate(_Counted(evaluate), dimensions, rng, target_cv, most_draws)
+        return _estimate(_Counted(evaluate), layout, rng, target_cv, most_draws)
 
 
 def _estimate(
     counted: _Counted,
-    dimensions: int,
+    layout: Layout,
     rng: np.random.Generator,
     target_cv: float,
     most_draws: int,
 ) -> Findings:
-    explorations = [explore(counted, dimensions, rng)]
+    explorations = [explore(counted, layout, rng)]
     common = explorations[0].nominal_events >= LEVEL_SHARE * POINTS
     if not common:
-        explorations += [explore(counted, dimensions, rng, n) for n in range(1, EXPLORATIONS)]
+        explorations += [explore(counted, layout, rng, n) for n in range(1, EXPLORATIONS)]
     found = np.concatenate([exploration.failures for exploration in explorations])
     if common:
         share = explorations[0].nominal_events / POINTS
-        proposal, squared_cv = nominal(dimensions), (1 - share) / share
+        proposal, squared_cv = nominal(layout), (1 - share) / share
     elif len(found):
         rough = float(np.mean([exploration.rough for exploration in explorations]))
-        proposal, squared_cv = _refit(counted, found, rough, rng)
+        proposal, squared_cv = _refit(counted, layout, found, rough, rng)
     else:
         # Nothing is known of where the event might be: more nominal draws only bound it.
-        proposal, squared_cv = nominal(dimensions), 0.0
+        proposal, squared_cv = nominal(layout), 0.0
     wanted = math.ceil(_RESERVE * squared_cv / target_cv**2)
     draws = min(max(wanted, _LEAST_DRAWS), most_draws)
-    first_draw = counted.episodes
-    z = proposal.draw(draws, rng)
-    score = counted(z, "estimating")[:, 0]
-    event, lost = score <= 0, np.isnan(score)
-    weight = np.exp(proposal.log_weight(z))
-    estimate = estimate_of(weight, event)
+    drawn = _drawn(proposal, counted, draws, rng, "estimating")
+    event, weights = drawn.event, drawn.weight[drawn.event]
+    estimate = estimate_of(drawn.weight, event)
     if not len(found) and not event.any():
         # The first points of every exploration were nominal draws too.
         estimate = estimate_of(*_nothing(draws + POINTS * len(explorations)))
-    warnings = list(_warnings(estimate, explorations, weight[event], proposal))
-    if len(found) and not common and len(proposal.shares) == 1:
+    warnings = list(_warnings(estimate, explorations, weights, proposal))
+    if len(found) and not common and not proposal.components:
         warnings.append("no proposal was better than brute force, which the estimate is")
     if wanted > most_draws:
         warnings.append(
@@ -161,43 +186,96 @@ def _estimate(
         estimate,
         tuple(explorations),
         proposal,
-        z[event],
-        weight[event],
-        np.flatnonzero(event),
-        first_draw,
-        float(weight[lost].sum() / draws),
+        drawn.z[event],
+        weights,
+        drawn.numbers[event],
+        keys_of(proposal, drawn.cases),
+        counted.episodes,
+        float(drawn.weight[drawn.failed].sum() / draws),
         tuple(warnings),
     )
 
 
+def _drawn(
+    proposal: Proposal, evaluate: Evaluate, count: int, rng: np.random.Generator, what: str
+) -> _Draws:
+    """Independent draws from a proposal, with their weights."""
+    z, outcomes = proposal.draw(count, evaluate, rng, what)
+    event, failed = outcomes.event, outcomes.failed
+    again = evaluate if proposal.components else None
+    weight = np.zeros(count) if proposal.components else np.ones(count)
+    kinds = []
+    for kind in (event, failed):
+        own = Outcomes(outcomes.score[kind], outcomes.passed_s[kind], outcomes.numbers[kind])
+        cases, _ = cases_of(proposal.layout, z[kind], own, again)
+        weight[kind] = np.exp(proposal.log_weight(cases))
+        kinds.append(cases)
+    return _Draws(z, outcomes.numbers, event, failed, weight, kinds[0])
+
+
 def _refit(
-    evaluate: Evaluate, found: FloatArray, rough: float, rng: np.random.Generator
+    counted: _Counted, layout: Layout, found: FloatArray, rough: float, rng: np.random.Generator
 ) -> tuple[Proposal, float]:
     """The proposal fitted on what was explored and on weighted draws of its own, or brute force.
 
     Brute force where it is as good, or where the draws of no proposal were worth ``_FEWEST_EVENTS``
-    events: failures in many narrow islands are not described by a normal mixture.
+    events.
 
     Returns:
         It, and the squared coefficient of variation of a single draw's contribution.
     """
-    even = np.full(len(found), 1 / len(found))
-    best, least = nominal(found.shape[1]), 1 / rough - 1
-    proposal = fit_proposal(found, even, rng)
-    for _ in range(_REFITS):
-        z = proposal.draw(_POINTS_OF_REFIT, rng)
-        event = evaluate(z, "fitting the proposal")[:, 0] <= 0
-        weight = np.exp(proposal.log_weight(z)) * event
+    best, squared_cv, least = nominal(layout), 1 / rough - 1, 1 / rough - 1
+    cases, who = _explored(counted, layout, found, rng)
+    components = first_components(layout, cases, who, rng)
+    fitted, weights = [cases], [np.full(len(who), _WORTH / max(len(who), 1))]
+    for _ in range(_REFITS if components else 0):
+        if len(fitted) > 1 or not layout.marks:
+            components = fit_components(
+                layout, components, _joined(fitted), np.concatenate(weights)
+            )
+        proposal, before = spread(layout, components), counted.episodes
+        drawn = _drawn(proposal, counted, _POINTS_OF_REFIT, rng, "fitting the proposal")
+        weight = drawn.weight * drawn.event
         total = float(weight.sum())
         if total == 0:
             break
-        if total**2 / float(np.sum(weight**2)) >= _FEWEST_EVENTS:
-            squared_cv = float(weight.var() / weight.mean() ** 2)
-            if squared_cv < least:
-                best, least = proposal, squared_cv
-        points = np.concatenate([found, z[event]])
-        proposal = fit_proposal(points, np.concatenate([even, weight[event] / total]), rng)
-    return best, least
+        size = total**2 / float(np.sum(weight**2))
+        if size >= _FEWEST_EVENTS:
+            of_one = float(weight.var() / weight.mean() ** 2)
+            cost = of_one * (counted.episodes - before) / _POINTS_OF_REFIT
+            if cost < least:
+                best, squared_cv, least = proposal, of_one, cost
+        fitted.append(drawn.cases)
+        weights.append(size * weight[drawn.event] / total)
+    return best, squared_cv
+
+
+def _explored(
+    evaluate: Evaluate, layout: Layout, found: FloatArray, rng: np.random.Generator
+) -> tuple[Cases, NDArray[np.intp]]:
+    """Cases of states that the exploration found, and who of the crowd matters in each.
+
+    It is the last to arrive of those without whom the event does not happen; −1: nobody.
+    """
+    if not layout.marks:
+        return Cases(found, np.empty((len(found), 0, 0))), np.full(len(found), -1)
+    found = found[rng.permutation(len(found))[:_LOOKED_AT]]
+    outcomes = evaluate(found, "who matters")
+    # What a state does not hold is drawn anew and may have mattered.
+    event = outcomes.event
+    found = found[event]
+    outcomes = Outcomes(outcomes.score[event], outcomes.passed_s[event], outcomes.numbers[event])
+    cases, without = cases_of(layout, found, outcomes, evaluate)
+    arrivals_s = np.where(without > 0, layout.arrivals_s(found), -np.inf)
+    who = np.where(np.isfinite(arrivals_s).any(axis=1), arrivals_s.argmax(axis=1), -1)
+    return cases, who
+
+
+def _joined(cases: list[Cases]) -> Cases:
+    return Cases(
+        np.concatenate([part.fixed for part in cases]),
+        np.concatenate([part.people for part in cases]),
+    )
 
 
 def _nothing(draws: int) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -249,7 +327,7 @@ def _warnings(
     if estimate.effective_sample_size < _SMALL_SAMPLE:
         size = estimate.effective_sample_size
         words.append(f"the effective sample size is {size:.0f}: the interval is too narrow")
-    weighted = len(proposal.shares) > 1
+    weighted = bool(proposal.components)
     if weighted and estimate.largest_share is not None and estimate.largest_share > _LARGE_SHARE:
         share = 100 * estimate.largest_share
         words.append(f"one draw holds {share:.0f} % of the estimate: the interval is too narrow")

@@ -14,13 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
-
-Evaluate = Callable[[FloatArray, str], FloatArray]
-"""Runs episodes: z of shape (n, d), and what they are for, to scores of shape (n, gradings).
-
-A score is at most 0 in the event and the greater the farther from it; +∞ where nothing says how
-far, NaN where the episode failed.
-"""
+from harness.risk.layout import Layout
+from harness.risk.outcomes import Evaluate
 
 POINTS = 1_000
 """Episodes of a level."""
@@ -35,17 +30,27 @@ _STANDSTILL = 3
 """After so many levels without a lower score there is no way down."""
 
 _PARTS = (0.1, 0.3, 0.6)
-"""Shares of the uniforms that a move changes."""
+"""Shares of the uniforms that a move draws anew."""
 
-_LEAST_STEP = 0.01
-"""Steps lie between it and 1, an independent draw, evenly in their logarithm."""
+_ANEW = 0.2
+"""Share of the moves that draw a part of the uniforms anew; the others move all a little."""
+
+_ACCEPTED = 0.4
+"""Share of the small moves that should be accepted: the step is adapted to it."""
+
+_LEAST_STEP = 0.02
+"""The step lies between it and 1, which is an independent draw."""
+
+
+Graded = Callable[[FloatArray, str], FloatArray]
+"""States, and what they are for, to scores of shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
     """What one exploration found.
 
-    ``failures`` (n, d) are points in the event, empty where none was found; ``levels`` the
+    ``failures`` (n, width) are states in the event, empty where none was found; ``levels`` the
     thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal_events`` of
     the first ``POINTS`` episodes, drawn from the nominal density, were in the event; ``nearest`` is
     the least score seen.
@@ -59,7 +64,7 @@ class Exploration:
 
 
 def explore(
-    evaluate: Evaluate, dimensions: int, rng: np.random.Generator, grading: int = 0
+    evaluate: Evaluate, layout: Layout, rng: np.random.Generator, grading: int = 0
 ) -> Exploration:
     """Go down the score until the event is reached, or until no lower score is found.
 
@@ -67,17 +72,17 @@ def explore(
 
     Args:
         evaluate: runs episodes.
-        dimensions: d, the number of sampled uniforms.
+        layout: of the states.
         rng: draws the starting points and the moves.
         grading: which of the scores leads; the first again after the last.
     """
 
     def graded(z: FloatArray, what: str) -> FloatArray:
-        scores = evaluate(z, what)
+        scores = evaluate(z, what).score
         score = scores[:, grading % scores.shape[1]]
         return np.where(np.isnan(score), np.inf, score)
 
-    z = rng.standard_normal((POINTS, dimensions))
+    z = layout.draw(POINTS, rng)
     score = graded(z, "exploring")
     events, nearest = int(np.sum(score <= 0)), float(score.min())
     if events >= LEVEL_SHARE * POINTS:
@@ -91,10 +96,11 @@ def explore(
         levels.append(level)
         rough *= float(inside.mean())
         what = f"exploring, level {len(levels)}"
-        z, score = _move(graded, z[inside], score[inside], level, rng, what)
+        z, score = _move(graded, layout, z[inside], score[inside], level, rng, what)
         if level == 0:
             found = [
-                _move(graded, z[n::4], score[n::4], 0.0, rng, "in the event")[0] for n in range(3)
+                _move(graded, layout, z[n::4], score[n::4], 0.0, rng, "in the event")[0]
+                for n in range(3)
             ]
             return Exploration(np.concatenate(found), tuple(levels), rough, events, nearest)
         standstill = standstill + 1 if score.min() >= nearest else 0
@@ -117,7 +123,8 @@ def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
 
 
 def _move(
-    graded: Evaluate,
+    graded: Graded,
+    layout: Layout,
     seeds: FloatArray,
     scores: FloatArray,
     level: float,
@@ -126,20 +133,27 @@ def _move(
 ) -> tuple[FloatArray, FloatArray]:
     """Chains from every seed, until there are ``POINTS`` points below the level.
 
-    A move changes a random part of the uniforms, and half of the moves draw it anew: so what does
-    not matter stays nominal.  The other half moves it by a random step, large or small.
+    Most moves change all uniforms a little, by a step adapted to what is accepted: the scores of
+    the chains have to part, or a few lucky seeds would be the parents of all and a way to the event
+    be lost.  The others draw a random part of the uniforms anew.
     """
-    z, score = seeds, scores
+    z, score, scale = seeds, scores, 0.5
     points, kept = [z], [score]
     for _ in range(1, -(-POINTS // len(seeds))):
         chains = (len(z), 1)
-        part = rng.random(z.shape) < rng.choice(_PARTS, chains)
-        step = np.exp(rng.uniform(math.log(_LEAST_STEP), 0.0, chains))
-        size = np.where(rng.random(chains) < 0.5, 1.0, step)
+        anew = rng.random(chains) < _ANEW
+        share = np.where(anew, rng.choice(_PARTS, chains), 1.0)
+        part = rng.random(z.shape) < share
+        step = np.minimum(1.0, scale * np.exp(rng.uniform(-1.0, 1.0, chains)))
+        size = np.where(anew, 1.0, step)
         drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
-        moved = np.where(part, drawn, z)
+        moved = layout.renewed(np.where(part, drawn, z), np.where(anew, share, 0.0), rng)
         result = graded(moved, what)
         accepted = result <= level
+        small = accepted[~anew[:, 0]]
+        if len(small):
+            scale *= math.exp(float(small.mean()) - _ACCEPTED)
+            scale = min(1.0, max(_LEAST_STEP, scale))
         z, score = np.where(accepted[:, None], moved, z), np.where(accepted, result, score)
         points.append(z)
         kept.append(score)

@@ -28,7 +28,7 @@ from harness.results.tables import write_parquet
 from harness.risk.episodes import Question
 from harness.risk.estimation import CONFIDENCE, Findings, estimate_probability
 from harness.risk.event import parse_event
-from harness.risk.running import FIRST_NUMBER, Evaluation, Progress
+from harness.risk.running import Evaluation, Progress
 from harness.risk.space import space_of
 from harness.risk.ways import drawn_of, people_of, ways_of
 from harness.scenario import Scenario, validate
@@ -220,14 +220,14 @@ def _carry_out(
     try:
         evaluation = Evaluation(question, folder / _BATCHES, executor, progress)
         rng = resampling(settings.scenario.experiment.seed, "risk")
-        dimensions = question.space.dimensions
+        layout = question.space.layout
         findings = estimate_probability(
-            evaluation, dimensions, rng, settings.target_cv, settings.most_episodes
+            evaluation, layout, rng, settings.target_cv, settings.most_episodes
         )
-        numbers = [FIRST_NUMBER + findings.first_draw + int(draw) for draw in findings.draws]
-        compared = evaluation.compare(findings.z, numbers)
+        compared = evaluation.compare(findings.z, findings.numbers)
     finally:
         executor.stop()
+    numbers = findings.numbers.tolist()
     ways = _ways(question, findings, numbers, rng)
     _write_failures(folder, question, findings, numbers)
     if ways:
@@ -300,16 +300,18 @@ def _ways(
             ),
             "critical": list(way.members[:_CRITICAL_OF_EACH_WAY]),
         }
-        for way in ways_of(findings.z, findings.weights, rng)
+        for way in ways_of(findings.keys, findings.weights, rng)
     ]
 
 
 def _write_failures(
     folder: Path, question: Question, findings: Findings, numbers: list[int]
 ) -> None:
+    given = [question.space.given(z, number) for z, number in zip(findings.z, numbers, strict=True)]
     columns: dict[str, Any] = {"episode": numbers, "weight": findings.weights}
-    for axis, (purpose, number) in enumerate(question.space.axes):
-        columns[f"z_{purpose}_{number}"] = findings.z[:, axis]
+    for purpose in sorted({purpose for uniforms in given for purpose in uniforms}):
+        lists = [list(uniforms.get(purpose, ())) for uniforms in given]
+        columns[purpose] = pa.array(lists, pa.list_(pa.float64()))
     table = pa.table(columns)
     write_parquet(folder / "failures.parquet", table.schema, iter([table]))
 

@@ -1,196 +1,196 @@
-"""The density that rare events are drawn from: a normal mixture around the failures found.
+"""The density that rare events are drawn from: normal densities around the failures found.
 
-A proposal is a mixture of normal densities in standard normal space.  Its first component is the
-nominal density itself, with at least ``NOMINAL_SHARE``: so no weight φ/q exceeds its inverse,
-whatever the exploration missed.  Every other component comes twice: as wide as the failures it
-describes, and nowhere narrower than the nominal density, so that its tails are heavy enough.
+A component draws the fixed uniforms f from a normal density g in normal scores, and beside a
+nominal crowd it may place one more: who arrives at a time τ from the moment T at which the ego
+passes without them, with marks m (side, quantile, ...), f, τ and m from g.  By Mecke's formula
+(Last & Penrose, Lectures on the Poisson process, theorem 4.1) its density over the nominal one is,
+for a crowd ξ of rate λ,
+
+    Σ over x = (t, m) in ξ of g(f, t − T(ξ without x), m) / (λ φ(f) φ(m)).
+
+Without a placed one it is g(f)/φ(f), a normal mixture.  The nominal density itself has the share
+``NOMINAL_SHARE``: so no weight exceeds its inverse, whatever the exploration missed.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from harness.encounter import FloatArray
+from harness.risk.layout import Layout
+from harness.risk.outcomes import Evaluate, Outcomes
 
 NOMINAL_SHARE = 0.1
 """Share of the draws that come from the nominal density."""
 
-COMPONENTS = 8
 
-_NARROWEST = 0.002
-"""Least variance of a component in any direction; the nominal density has 1."""
+@dataclass(frozen=True, slots=True)
+class Cases:
+    """States as components see them.
 
-_CORRELATION_PRIOR = 4.0
-"""Points for each dimension that say that two uniforms are independent given the event."""
+    ``fixed`` (n, F): the fixed uniforms; ``people`` (n, places, m): of everybody the time from the
+    passage without them in s, and the marks; NaN where nobody is or the ego never passed.
+    """
 
-_DIVERGENCE = 0.1
-"""Nats by which a uniform of the failures has to differ from a nominal one."""
+    fixed: FloatArray
+    people: FloatArray
 
-_ITERATIONS = 20
+    def of(self, *, placed: bool) -> FloatArray:
+        """Points that a component's density is asked at, shape (n, c, d): c = places, or 1."""
+        if not placed:
+            return self.fixed[:, None]
+        places = self.people.shape[1]
+        fixed = np.repeat(self.fixed[:, None], places, axis=1)
+        return np.concatenate([fixed, self.people], axis=2)
+
+
+@dataclass(frozen=True, slots=True)
+class Component:
+    """A normal density over the fixed uniforms and, where ``placed``, over one of the crowd.
+
+    ``mean`` (d,), ``factor`` (d, d): lower Cholesky of the covariance; d = fixed, + m if placed.
+    """
+
+    share: float
+    placed: bool
+    mean: FloatArray
+    factor: FloatArray
+
+    def log_ratio(self, layout: Layout, y: FloatArray) -> FloatArray:
+        """ln of its density over the nominal one at y (..., d); −∞ where y is undefined."""
+        scaled = (y - self.mean) @ np.linalg.inv(self.factor).T
+        ratio: FloatArray = -np.einsum("...i,...i", scaled, scaled) / 2
+        ratio -= np.log(np.diag(self.factor)).sum()
+        ratio += np.einsum("...i,...i", y, y) / 2
+        if self.placed:
+            # Nominally a time is uniform, not normal.
+            ratio -= y[..., layout.fixed] ** 2 / 2
+            ratio -= math.log(layout.rate_per_s) + math.log(2 * math.pi) / 2
+        return np.where(np.isnan(ratio), -np.inf, ratio)
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A normal mixture, the nominal density first.
+    """Components beside the nominal density, which has the rest of their shares."""
 
-    ``shares`` (k,), ``means`` (k, d), ``factors`` (k, d, d): lower Cholesky of the covariances.
-    """
-
-    shares: FloatArray
-    means: FloatArray
-    factors: FloatArray
+    layout: Layout
+    components: tuple[Component, ...]
 
     @property
-    def dimensions(self) -> int:
-        """d, the number of sampled uniforms."""
-        return int(self.means.shape[1])
+    def nominal_share(self) -> float:
+        """Of the draws that come from the nominal density."""
+        return NOMINAL_SHARE if self.components else 1.0
 
-    def draw(self, count: int, rng: np.random.Generator) -> FloatArray:
-        """Independent draws, shape (count, d)."""
-        component = np.searchsorted(np.cumsum(self.shares), rng.random(count), side="right")
-        component = np.minimum(component, len(self.shares) - 1)
-        normal = rng.standard_normal((count, self.dimensions))
-        drawn: FloatArray = self.means[component] + np.einsum(
-            "nij,nj->ni", self.factors[component], normal
-        )
-        return drawn
+    def draw(
+        self, count: int, evaluate: Evaluate, rng: np.random.Generator, what: str
+    ) -> tuple[FloatArray, Outcomes]:
+        """Independent states and what became of them.
 
-    def log_weight(self, z: FloatArray) -> FloatArray:
-        """ln φ(z)/q(z), shape (n,); at most −ln ``NOMINAL_SHARE``."""
-        parts = self._log_parts(z)
-        # The first component is φ; taken from the same sum, its weight alone is exactly 1.
-        weight: FloatArray = parts[:, 0] - np.log(self.shares[0]) - logsumexp(parts, axis=1)
+        A placed one who would have to come before the trigger or after the window does not come,
+        and the state counts as no event: it adds nothing to any density.
+
+        Args:
+            count: how many.
+            evaluate: runs them, those with a placed one first without.
+            rng: draws them.
+            what: what they are for.
+        """
+        layout = self.layout
+        z = layout.draw(count, rng)
+        ends = np.cumsum([self.nominal_share, *(part.share for part in self.components)])
+        chosen = np.searchsorted(ends, rng.random(count), side="right")
+        chosen = np.minimum(chosen, len(self.components))
+        placed = np.zeros(count, dtype=bool)
+        who = np.zeros((count, layout.marks))
+        for k, part in enumerate(self.components, 1):
+            own = np.flatnonzero(chosen == k)
+            y = part.mean + rng.standard_normal((len(own), len(part.mean))) @ part.factor.T
+            z[own, : layout.fixed] = y[:, : layout.fixed]
+            if part.placed:
+                placed[own], who[own] = True, y[:, layout.fixed :]
+        outcomes = evaluate(z, what)
+        if not placed.any():
+            return z, outcomes
+        score, passed_s = outcomes.score.copy(), outcomes.passed_s.copy()
+        score[placed] = np.inf
+        arrival_s = passed_s + who[:, 0]
+        (rows,) = np.nonzero(placed & (arrival_s > 0) & (arrival_s < layout.window_s))
+        z[rows] = layout.joined(z[rows], arrival_s[rows], who[rows, 1:])
+        again = evaluate(z[rows], f"{what}, with one placed", outcomes.numbers[rows])
+        score[rows], passed_s[rows] = again.score, again.passed_s
+        return z, Outcomes(score, passed_s, outcomes.numbers)
+
+    def log_weight(self, cases: Cases) -> FloatArray:
+        """ln of nominal density over this one, shape (n,); at most −ln ``NOMINAL_SHARE``."""
+        ratio = np.full(len(cases.fixed), self.nominal_share)
+        for part in self.components:
+            terms = np.exp(part.log_ratio(self.layout, cases.of(placed=part.placed)))
+            ratio += part.share * terms.sum(axis=1)
+        weight: FloatArray = -np.log(ratio)
         return weight
 
-    def _log_parts(self, z: FloatArray) -> FloatArray:
-        """ln of share × density of every component, without (2π)^(−d/2), shape (n, k)."""
-        inverse = np.linalg.inv(self.factors)
-        parts = np.empty((len(z), len(self.shares)))
-        for k, share in enumerate(self.shares):
-            scaled = (z - self.means[k]) @ inverse[k].T
-            volume = np.log(np.diag(self.factors[k])).sum()
-            parts[:, k] = np.log(share) - volume - 0.5 * np.einsum("ij,ij->i", scaled, scaled)
-        return parts
 
-
-def nominal(dimensions: int) -> Proposal:
+def nominal(layout: Layout) -> Proposal:
     """The nominal density alone: brute force."""
-    return Proposal(np.ones(1), np.zeros((1, dimensions)), np.eye(dimensions)[None])
+    return Proposal(layout, ())
 
 
-def fit_proposal(failures: FloatArray, weights: FloatArray, rng: np.random.Generator) -> Proposal:
-    """A proposal around the failures found.
+def cases_of(
+    layout: Layout, z: FloatArray, outcomes: Outcomes, evaluate: Evaluate | None = None
+) -> tuple[Cases, FloatArray]:
+    """States as components see them.
 
-    The components get half of their shares evenly: a way to crash of which the exploration found
-    few examples is drawn from as well.
+    Each is run again without each who comes before the passage; whoever arrives later cannot change
+    when the ego passes.
 
     Args:
-        failures: points of the event, shape (n, d), in standard normal space.
-        weights: of the points, ≥ 0; equal where they are drawn from the nominal density given
-            the event.
-        rng: for the starts of the fit.
+        layout: of the states.
+        z: states, shape (n, width).
+        outcomes: what became of them.
+        evaluate: runs the episodes again; None: times are from the passage with everybody.
+
+    Returns:
+        The cases, and the score of each state without each of its people, shape (n, places); NaN
+        where that was not run.
     """
-    fitted = _fit_mixture(failures, weights / weights.sum(), COMPONENTS, rng)
-    shares = (fitted.shares + 1 / COMPONENTS) / 2
-    covariances = fitted.factors @ np.swapaxes(fitted.factors, 1, 2)
-    wide = np.stack([_floored(covariance, 1.0) for covariance in covariances])
-    close = np.stack([_floored(covariance, _NARROWEST) for covariance in covariances])
-    identity = np.eye(failures.shape[1])[None]
-    half = (1 - NOMINAL_SHARE) * shares / 2
-    return Proposal(
-        np.concatenate([[NOMINAL_SHARE], half, half]),
-        np.concatenate([np.zeros((1, failures.shape[1])), fitted.means, fitted.means]),
-        _cholesky(np.concatenate([identity, close, wide])),
-    )
+    arrivals_s = layout.arrivals_s(z)
+    passed_s = np.repeat(outcomes.passed_s[:, None], arrivals_s.shape[1], axis=1)
+    score = np.full_like(passed_s, np.nan)
+    # An ego that never passed may have been kept by anybody.
+    row, place = np.nonzero(~np.isnan(arrivals_s) & ~(arrivals_s > passed_s))
+    if evaluate is not None and len(row):
+        fewer = layout.without(z[row], place)
+        alone = evaluate(fewer, "without each of the people", outcomes.numbers[row])
+        passed_s[row, place], score[row, place] = alone.passed_s, alone.score[:, 0]
+    people = layout.people(z).copy()
+    if layout.marks:
+        people[:, :, 0] = arrivals_s - passed_s
+        people[np.isnan(people[:, :, 0])] = np.nan
+    return Cases(z[:, : layout.fixed], people), score
 
 
-def _fit_mixture(
-    points: FloatArray, weights: FloatArray, components: int, rng: np.random.Generator
-) -> Proposal:
-    """Expectation maximisation on weighted points; see ``_shrunk`` for the covariances."""
-    dimensions = points.shape[1]
-    effective = 1.0 / np.sum(weights**2)
-    means = starts_of(points, weights, components, rng)
-    responsibility = np.eye(components)[nearest_of(points, means)]
-    for _ in range(_ITERATIONS):
-        mass = responsibility * weights[:, None]
-        shares = np.maximum(mass.sum(axis=0), 1e-12)
-        means = (mass.T @ points) / shares[:, None]
-        covariances: FloatArray = np.empty((components, dimensions, dimensions))
-        for k in range(components):
-            off = points - means[k]
-            scatter = (off * (mass[:, k, None] / shares[k])).T @ off
-            means[k], covariances[k] = _plain(
-                means[k], _shrunk(scatter, float(shares[k] * effective))
-            )
-        shares = shares / shares.sum()
-        mixture = Proposal(shares, means, _cholesky(covariances))
-        log_parts = mixture._log_parts(points)
-        updated = np.exp(log_parts - logsumexp(log_parts, axis=1, keepdims=True))
-        if np.max(np.abs(updated - responsibility), initial=0.0) < 1e-4:
-            break
-        responsibility = updated
-    return mixture
+def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
+    """The fixed uniforms of each state, and the one of the crowd whom it owes its density to.
 
+    Args:
+        proposal: drew the states.
+        cases: the states.
 
-def starts_of(
-    points: FloatArray, weights: FloatArray, components: int, rng: np.random.Generator
-) -> FloatArray:
-    """k-means++ starts: each next centre is drawn by its squared distance from those before."""
-    chosen = [points[rng.choice(len(points), p=weights)]]
-    for _ in range(components - 1):
-        distance = np.min([((points - centre) ** 2).sum(axis=1) for centre in chosen], axis=0)
-        mass = weights * distance
-        total = mass.sum()
-        chosen.append(points[rng.choice(len(points), p=mass / total if total > 0 else weights)])
-    return np.array(chosen)
-
-
-def _shrunk(scatter: FloatArray, count: float) -> FloatArray:
-    """A covariance from few points: variances of their own, correlations drawn towards none.
-
-    Two points more say that a variance is 1: a uniform that does not matter is nominal given the
-    event.
+    Returns:
+        Shape (n, fixed + m): the likeliest one of the likeliest component, of the nominal density
+        the one nearest to the passage; 0 where there is none.
     """
-    variances = (count * np.diag(scatter) + 2.0) / (count + 2.0)
-    root = np.sqrt(np.maximum(np.diag(scatter), 1e-12))
-    correlations = scatter / np.outer(root, root)
-    correlations *= count / (count + _CORRELATION_PRIOR * len(scatter))
-    np.fill_diagonal(correlations, 1.0)
-    scale = np.sqrt(np.maximum(variances, _NARROWEST))
-    shrunk: FloatArray = correlations * np.outer(scale, scale)
-    return shrunk
-
-
-def _plain(mean: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Nominal, and independent of the others, where a uniform hardly differs from that.
-
-    It differs by its divergence from the nominal density, (m² + v − 1 − ln v)/2: below the limit
-    it is taken for chance.
-    """
-    variances = np.diag(covariance)
-    nominal_ones = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
-    covariance = np.where(nominal_ones[:, None] | nominal_ones[None, :], 0.0, covariance)
-    covariance[nominal_ones, nominal_ones] = 1.0
-    return np.where(nominal_ones, 0.0, mean), covariance
-
-
-def nearest_of(points: FloatArray, centres: FloatArray) -> NDArray[np.intp]:
-    """Which centre each point is nearest to, shape (n,)."""
-    nearest: NDArray[np.intp] = np.argmin(
-        ((points[:, None] - centres[None]) ** 2).sum(axis=2), axis=1
-    ).astype(np.intp)
-    return nearest
-
-
-def _cholesky(covariances: FloatArray) -> FloatArray:
-    return np.linalg.cholesky(covariances).astype(np.float64, copy=False)
-
-
-def _floored(covariance: FloatArray, least: float) -> FloatArray:
-    """The covariance with no variance below ``least`` in any direction."""
-    values, directions = np.linalg.eigh(covariance)
-    floored: FloatArray = (directions * np.maximum(values, least)) @ directions.T
-    return floored
+    layout = proposal.layout
+    rows = np.arange(len(cases.fixed))
+    if not layout.marks:
+        return cases.fixed
+    best = np.full(cases.people.shape[:2], -np.inf)
+    for part in proposal.components:
+        if part.placed:
+            terms = np.log(part.share) + part.log_ratio(layout, cases.of(placed=True))
+            best = np.maximum(best, terms)
+    if not proposal.components:
+        best = -np.abs(np.nan_to_num(cases.people[:, :, 0], nan=np.inf))
+    who = np.nan_to_num(cases.people[rows, best.argmax(axis=1)])
+    return np.concatenate([cases.fixed, who], axis=1)

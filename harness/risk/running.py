@@ -12,11 +12,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
 from harness.files import write_file
 from harness.risk.episodes import Episodes, Question, Scores, run_episodes
 from harness.risk.event import GRADINGS
+from harness.risk.outcomes import Outcomes
 from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.workers.execution import ATTEMPTS, call_each, reason_of
@@ -53,65 +55,56 @@ class Evaluation:
         self._question, self._folder = question, folder
         self._executor, self._progress = executor, progress
         self._batches = 0
-        self._sampled: list[tuple[int, FloatArray]] = []
+        self._sampled: list[tuple[FloatArray, int]] = []
         self.episodes, self.timed_out = 0, 0
         self.reasons: list[str] = []
 
-    def __call__(self, z: FloatArray, what: str) -> FloatArray:
-        """Run a batch: z of shape (n, d) to scores of shape (n, gradings)."""
-        numbers = range(FIRST_NUMBER + self.episodes, FIRST_NUMBER + self.episodes + len(z))
+    def __call__(
+        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+    ) -> Outcomes:
+        """Run a batch; see ``Evaluate``."""
+        if numbers is None:
+            numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
         path = self._folder / f"batch-{self._batches}.parquet"
         if path.is_file():
             table = pq.read_table(path)
         else:
-            scores = list(self._run(z, numbers, what, compare=False))
-            table = pa.table(
-                {
-                    **_columns(np.concatenate([part.score for part in scores])),
-                    "timed_out": [ended for part in scores for ended in part.timed_out],
-                    "reason": pa.array(
-                        [why for part in scores for why in part.reasons], pa.string()
-                    ),
-                }
-            )
+            table = _table(list(self._run(z, numbers, what, compare=False)))
             content = io.BytesIO()
             pq.write_table(table, content)
             self._folder.mkdir(exist_ok=True)
             write_file(path, content.getvalue())
-        self._sampled += [
-            (number, row)
-            for number, row in zip(numbers, z, strict=True)
-            if number % CHECKED_EVERY == 0
-        ]
+        first = -self.episodes % CHECKED_EVERY
+        self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
         self._batches += 1
         self.episodes += len(z)
         self.timed_out += int(np.sum(table["timed_out"].to_numpy(zero_copy_only=False)))
         self.reasons += [why for why in table["reason"].to_pylist() if why is not None]
         graded = [table[f"score_{grading}"].to_numpy() for grading in range(GRADINGS)]
-        return np.stack(graded, axis=1)
+        return Outcomes(np.stack(graded, axis=1), table["passed_s"].to_numpy(), numbers)
 
-    def compare(self, z: FloatArray, numbers: list[int]) -> tuple[int, list[str]]:
+    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> tuple[int, list[str]]:
         """Run episodes in both engines: those given, and one in ``CHECKED_EVERY`` of all batches.
 
         Returns:
             How many were compared, and which records differ, in words.
         """
-        chosen = dict(self._sampled) | dict(zip(numbers, z, strict=True))
+        chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         if not chosen:
             return 0, []
-        parts = self._run(
-            np.array(list(chosen.values())), list(chosen), "checks in SUMO", compare=True
-        )
+        states, of = np.array([row for row, _ in chosen]), np.array([n for _, n in chosen])
+        parts = self._run(states, of, "checks in SUMO", compare=True)
         return len(chosen), [words for part in parts for words in part.differs]
 
     def _run(
-        self, z: FloatArray, numbers: "range | list[int]", what: str, *, compare: bool
+        self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
     ) -> Iterator[Scores]:
         """The tasks of a batch, in order."""
         question = self._question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
+        keys = tuple(numbers.tolist())
         waiting = [
-            Episodes(question, tuple(numbers[i : i + _CHUNK]), z[i : i + _CHUNK], compare, hang_s)
+            Episodes(question, i, keys[i : i + _CHUNK], z[i : i + _CHUNK], compare, hang_s)
             for i in range(0, len(z), _CHUNK)
         ]
         done: dict[int, Scores] = {}
@@ -123,25 +116,37 @@ class Evaluation:
 
         for task, future in call_each(self._executor, run_episodes, take):
             try:
-                done[task.numbers[0]] = future.result()
+                done[task.first] = future.result()
             except ExecutorLostError:
                 raise
             except (Exception, CancelledError) as error:
-                failures[task.numbers[0]] = failures.get(task.numbers[0], 0) + 1
-                if failures[task.numbers[0]] < ATTEMPTS:
+                failures[task.first] = failures.get(task.first, 0) + 1
+                if failures[task.first] < ATTEMPTS:
                     waiting.append(task)
                     continue
-                done[task.numbers[0]] = _given_up(task, reason_of(error, hang_s, None))
+                done[task.first] = _given_up(task, reason_of(error, hang_s, None))
             self._progress(min(len(done) * _CHUNK, len(z)), len(z), what)
-        for first in sorted(done, key=list(numbers[::_CHUNK]).index):
+        for first in sorted(done):
             yield done[first]
 
 
-def _columns(score: FloatArray) -> dict[str, FloatArray]:
-    return {f"score_{grading}": score[:, grading] for grading in range(GRADINGS)}
+def _table(scores: list[Scores]) -> pa.Table:
+    score = np.concatenate([np.empty((0, GRADINGS)), *(part.score for part in scores)])
+    reasons = [why for part in scores for why in part.reasons]
+    return pa.table(
+        {
+            **{f"score_{grading}": score[:, grading] for grading in range(GRADINGS)},
+            "passed_s": np.concatenate([np.empty(0), *(part.passed_s for part in scores)]),
+            "timed_out": pa.array(
+                [ended for part in scores for ended in part.timed_out], pa.bool_()
+            ),
+            "reason": pa.array(reasons, pa.string()),
+        }
+    )
 
 
 def _given_up(task: Episodes, reason: str) -> Scores:
     """Episodes that no worker survived."""
     count = len(task.numbers)
-    return Scores(np.full((count, GRADINGS), np.nan), (False,) * count, (reason,) * count, ())
+    unknown = np.full((count, GRADINGS), np.nan)
+    return Scores(unknown, unknown[:, 0], (False,) * count, (reason,) * count, ())

@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.encounter import FloatArray
 from harness.episode.arrivals import planned_arrivals
-from harness.risk.proposal import nearest_of, starts_of
+from harness.risk.fitting import nearest_of, starts_of
 from harness.risk.space import Space
 from harness.scenario import Scenario
 
@@ -21,33 +21,33 @@ class Way:
     """One way to the event.
 
     ``share`` is its part of the probability, ``members`` its draws by their place among all draws
-    of the event, the likeliest first: the nearest to the origin of standard normal space.
+    of the event, those with the most ordinary keys first: the nearest to 0.
     """
 
     share: float
     members: tuple[int, ...]
 
 
-def ways_of(z: FloatArray, weights: FloatArray, rng: np.random.Generator) -> list[Way]:
+def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> list[Way]:
     """At most ``WAYS`` clusters by weighted k-means, the largest share first.
 
     Args:
-        z: draws of the event, shape (n, d), n ≥ 1.
+        keys: of the draws of the event, as ``keys_of`` gives them, shape (n, d), n ≥ 1.
         weights: φ/q of each, shape (n,).
         rng: for the starts.
     """
     weights = weights / weights.sum()
-    centres = starts_of(z, weights, min(WAYS, len(z)), rng)
-    cluster = nearest_of(z, centres)
+    centres = starts_of(keys, weights, min(WAYS, len(keys)), rng)
+    cluster = nearest_of(keys, centres)
     for _ in range(_ROUNDS):
         for k in np.unique(cluster):
             own = cluster == k
-            centres[k] = weights[own] @ z[own] / weights[own].sum()
-        moved = nearest_of(z, centres)
+            centres[k] = weights[own] @ keys[own] / weights[own].sum()
+        moved = nearest_of(keys, centres)
         if np.array_equal(moved, cluster):
             break
         cluster = moved
-    distance = np.sum(z**2, axis=1)
+    distance = np.sum(keys**2, axis=1)
     ways = []
     for k in np.unique(cluster):
         own = np.flatnonzero(cluster == k)
@@ -58,7 +58,8 @@ def ways_of(z: FloatArray, weights: FloatArray, rng: np.random.Generator) -> lis
 
 def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> list[dict[str, Any]]:
     """Who comes in an episode, in words that a table can hold: the sampled pedestrians alone."""
-    arrivals = planned_arrivals(scenario, number, space.given(z))
+    given = space.given(z, number)
+    arrivals = planned_arrivals(scenario, number, given)
     timed = len(scenario.timed_walks())
     return [
         {
@@ -67,7 +68,7 @@ def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> l
             "quantile": arrival.quantile,
             "critical_gap_s": arrival.critical_gap_s,
         }
-        for arrival in arrivals[timed : timed + space.people]
+        for arrival in arrivals[timed : timed + len(given.get("quantile", ()))]
     ]
 
 
@@ -75,5 +76,5 @@ def drawn_of(space: Space, number: int, z: FloatArray) -> dict[str, Any]:
     """The entry of ``[[pedestrians.drawn]]`` that lets an episode be met again."""
     return {
         "episode": number,
-        **{name: list(uniforms) for name, uniforms in space.given(z).items()},
+        **{name: list(uniforms) for name, uniforms in space.given(z, number).items()},
     }

@@ -221,6 +221,8 @@ class DrawnSection(_Section):
     """Of the critical gaps."""
     detection: Uniforms = ()
     """Of the looks until the first detection."""
+    timed_detection: Uniforms = ()
+    """Of the looks until the first detection of those with a timetable."""
 
     @property
     def uniforms(self) -> dict[Purpose, tuple[float, ...]]:
@@ -231,6 +233,7 @@ class DrawnSection(_Section):
             "quantile": self.quantile,
             "critical_gap": self.critical_gap,
             "detection": self.detection,
+            "timed_detection": self.timed_detection,
         }
 
 

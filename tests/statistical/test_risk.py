@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.risk.estimation import estimate_probability
-from tests.risks import DIMENSIONS, half_space, union
+from tests.risks import LAYOUT, half_space, union
 
 REPETITIONS = 400
 
@@ -18,7 +18,7 @@ def test_the_interval_covers(case, p: float) -> None:
     held, estimates = 0, []
     for seed in range(REPETITIONS):
         estimate = estimate_probability(
-            score, DIMENSIONS, np.random.default_rng((11, seed))
+            score, LAYOUT, np.random.default_rng((11, seed))
         ).estimate
         held += estimate.ci_low <= truth <= estimate.ci_high
         estimates.append(estimate.probability)

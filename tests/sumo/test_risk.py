@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from typer.testing import CliRunner
 
+from harness.cli.app import app
 from harness.encounter import Arm
 from harness.errors import InterruptedRunError
 from harness.risk.folder import RESULT, Settings, estimate_risk, resume_risk
@@ -66,6 +68,18 @@ def test_its_critical_episodes_crash_again_in_sumo(finished: Path, tmp_path: Pat
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
     assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
     assert len(episodes) >= 2
+
+
+def test_its_page_says_the_estimate_and_how_to_play(finished: Path, tmp_path: Path) -> None:
+    page = tmp_path / "risk.html"
+    done = CliRunner().invoke(app, ["report", str(finished), "--out", str(page)])
+    assert done.exit_code == 0, done.output
+    text = page.read_text()
+    result = json.loads((finished / RESULT).read_text())
+    assert f"= {result['probability']:.3g} " in text
+    assert "harness run" in text
+    assert "critical.toml" in text
+    assert text.count('<table id="way-') == len(result["ways"])
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:

@@ -6,28 +6,36 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import Ending
+from harness.encounter import Arm, Ending
+from harness.engine.plain import PlainEngine
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.pairing import PairRunner
 from harness.errors import InputError
+from harness.interaction import load_model
+from harness.measures import EpisodeRecord
 from harness.risk.estimation import estimate_of, estimate_probability
 from harness.risk.event import parse_event
-from harness.risk.proposal import NOMINAL_SHARE, fit_proposal, nominal
-from harness.risk.space import MOST_DIMENSIONS, space_of
+from harness.risk.fitting import first_components, spread
+from harness.risk.layout import Layout
+from harness.risk.outcomes import Outcomes
+from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
+from harness.risk.space import space_of
 from harness.scenario import Scenario, validate
-from tests.risks import DIMENSIONS, half_space, union
+from tests.risks import LAYOUT, half_space, scored, union
 
 
 @pytest.mark.parametrize("p", [1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("case", [half_space, union])
 def test_known_probabilities_lie_near_the_estimate(case, p: float) -> None:
     score, truth = case(p)
-    findings = estimate_probability(score, DIMENSIONS, np.random.default_rng(5))
+    findings = estimate_probability(score, LAYOUT, np.random.default_rng(5))
     estimate = findings.estimate
     assert estimate.probability is not None
     # Five standard errors of a coefficient of variation of 0.1, which was asked for.
     assert abs(estimate.probability / truth - 1) < 0.5
     assert estimate.ci_low < estimate.probability < estimate.ci_high
     assert estimate.coefficient_of_variation < 0.15
-    episodes = findings.first_draw + estimate.draws
+    episodes = findings.episodes
     brute_force = (1 - truth) / truth / estimate.coefficient_of_variation**2
     if p == 1e-4:
         assert episodes < brute_force / 20
@@ -37,7 +45,7 @@ def test_known_probabilities_lie_near_the_estimate(case, p: float) -> None:
 
 def test_an_event_that_everybody_meets() -> None:
     findings = estimate_probability(
-        lambda z, _: -np.ones((len(z), 1)), DIMENSIONS, np.random.default_rng(1)
+        scored(lambda z: -np.ones(len(z))), LAYOUT, np.random.default_rng(1)
     )
     assert findings.estimate.probability == 1
     assert findings.estimate.ci_high == 1
@@ -45,21 +53,20 @@ def test_an_event_that_everybody_meets() -> None:
 
 def test_an_event_that_nobody_meets_is_bounded_not_zero() -> None:
     findings = estimate_probability(
-        lambda z, _: np.full((len(z), 1), np.inf), DIMENSIONS, np.random.default_rng(1)
+        scored(lambda z: np.full(len(z), np.inf)), LAYOUT, np.random.default_rng(1)
     )
     estimate = findings.estimate
     assert estimate.probability is None
     # All draws are nominal: (1 − p)^n = 0.05.
     assert estimate.ci_high == pytest.approx(1 - 0.05 ** (1 / estimate.draws))
-    assert estimate.draws == findings.first_draw + 2_000
+    assert estimate.draws == findings.episodes
 
 
 def test_failed_episodes_are_no_events_but_are_weighed() -> None:
-    def score(z: np.ndarray, _: str) -> np.ndarray:
-        values = 1.5 - z[:, 0]
-        return np.where(z[:, 1] > 0, np.nan, values)[:, None]
+    def score(z: np.ndarray) -> np.ndarray:
+        return np.where(z[:, 1] > 0, np.nan, 1.5 - z[:, 0])
 
-    findings = estimate_probability(score, 2, np.random.default_rng(1))
+    findings = estimate_probability(scored(score), Layout(2), np.random.default_rng(1))
     tail = stats.norm.sf(1.5)
     assert findings.estimate.probability == pytest.approx(tail / 2, rel=0.5)
     assert findings.failed_weight == pytest.approx(0.5, abs=0.1)
@@ -77,12 +84,76 @@ def test_brute_force_is_the_special_case() -> None:
 def test_weights_are_bounded_and_have_mean_one() -> None:
     rng = np.random.default_rng(3)
     failures = rng.standard_normal((300, 4)) * 0.2 + np.array([4.0, 0, 0, 0])
-    proposal = fit_proposal(failures, np.ones(300), rng)
-    weights = np.exp(proposal.log_weight(proposal.draw(100_000, rng)))
+    layout = Layout(4)
+    around = Cases(failures, np.empty((300, 0, 0)))
+    proposal = spread(layout, first_components(layout, around, np.full(300, -1), rng))
+    z, outcomes = proposal.draw(100_000, scored(lambda z: z[:, 0]), rng, "")
+    weights = np.exp(proposal.log_weight(cases_of(layout, z, outcomes)[0]))
     assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
     # E_q[φ/q] = 1, with a standard error of 0.01 at most.
     assert abs(weights.mean() - 1) < 0.05
-    assert (np.exp(nominal(4).log_weight(failures)) == 1).all()
+    one = Cases(failures, np.empty((300, 0, 0)))
+    assert (np.exp(nominal(layout).log_weight(one)) == 1).all()
+
+
+CROWD = Layout(fixed=1, marks=2, rate_per_s=0.5, window_s=8.0)
+
+
+def passage(z: np.ndarray, what: str, numbers: np.ndarray | None = None) -> Outcomes:  # noqa: ARG001
+    """The ego passes at 4 s + z₀, and 1 s later for everybody who came before that.
+
+    It is hit by whoever comes within 0.2 s of the passage.
+    """
+    arrivals_s = CROWD.arrivals_s(z)
+    passed_s = 4.0 + 0.1 * z[:, 0] + (arrivals_s < 3.0).sum(axis=1)
+    away_s = np.abs(arrivals_s - passed_s[:, None])
+    nearest_s = np.nanmin(np.where(np.isnan(away_s), np.inf, away_s), axis=1, initial=np.inf)
+    score = np.where(nearest_s < 0.05, 0.0, nearest_s)
+    of = np.arange(len(z)) if numbers is None else numbers
+    return Outcomes(np.repeat(score[:, None], 3, axis=1), passed_s, of)
+
+
+def test_a_placed_one_leaves_the_mean_of_the_weights_at_one() -> None:
+    """Mecke's formula: over all states E_q[φ/q] = 1, less what was placed out of the window."""
+    rng = np.random.default_rng(4)
+    parts = (
+        Component(0.6, placed=True, mean=np.array([0.5, 1.0, 0.2]), factor=np.eye(3)),
+        Component(0.3, placed=False, mean=np.array([1.0]), factor=np.eye(1)),
+    )
+    proposal = Proposal(CROWD, parts)
+    z, outcomes = proposal.draw(40_000, passage, rng, "")
+    weights = np.exp(proposal.log_weight(cases_of(CROWD, z, outcomes, passage)[0]))
+    came = np.isfinite(outcomes.score[:, 0]) | np.isnan(CROWD.arrivals_s(z)).all(axis=1)
+    assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
+    # Of every state by itself the mean is 1: here of how many came, whose nominal law is known.
+    number = (~np.isnan(CROWD.arrivals_s(z))).sum(axis=1)
+    for count in range(3, 7):
+        values = weights * (number == count) * came
+        error = values.std() / np.sqrt(len(values))
+        truth = stats.poisson.pmf(count, CROWD.mean_count)
+        assert abs(values.mean() - truth) < 4 * error
+
+
+def test_a_crowd_is_drawn_as_a_poisson_process_and_kept_so() -> None:
+    rng = np.random.default_rng(2)
+    z = CROWD.draw(20_000, rng)
+    for states in (z, CROWD.renewed(z, np.full((len(z), 1), 0.4), rng)):
+        number = (~np.isnan(CROWD.arrivals_s(states))).sum(axis=1)
+        # Mean and variance of a Poisson number are both Λ = 4; standard errors 0.014 and 0.045.
+        assert abs(number.mean() - 4.0) < 0.06
+        assert abs(number.var() - 4.0) < 0.2
+        present = CROWD.arrivals_s(states)
+        assert abs(np.nanmean(present) - 4.0) < 0.05
+
+
+def test_a_rare_event_of_a_crowd_agrees_with_brute_force() -> None:
+    rng = np.random.default_rng(6)
+    findings = estimate_probability(passage, CROWD, rng, target_cv=0.1)
+    estimate = findings.estimate
+    states = CROWD.draw(200_000, rng)
+    truth = passage(states, "").event.mean()
+    assert estimate.probability == pytest.approx(truth, rel=0.35)
+    assert estimate.ci_low < truth < estimate.ci_high
 
 
 class Record:
@@ -126,11 +197,61 @@ def test_what_is_no_event_is_refused(text: str) -> None:
         parse_event(text)
 
 
-def test_the_sampled_uniforms_are_those_of_the_first_pedestrians() -> None:
+def test_the_sampled_uniforms_are_those_of_the_people_who_come() -> None:
     flow = space_of(Scenario())
-    assert flow.dimensions == MOST_DIMENSIONS
-    assert flow.axes[:3] == (("arrival", 0), ("side", 0), ("quantile", 0))
+    assert (flow.fixed, flow.marks) == ((), ("arrival", "side", "quantile"))
     paper = space_of(validate({"pedestrians": {"max_count": 1, "first_at_trigger": True}}, "test"))
-    assert paper.axes == (("side", 0), ("quantile", 0))
+    assert (paper.fixed, paper.marks) == ((("side", 0), ("quantile", 0)), ())
     with pytest.raises(InputError, match="sumo"):
         space_of(validate({"pedestrians": {"behaviour": "sumo"}}, "test"))
+    with pytest.raises(InputError, match="nothing in an episode is left to chance"):
+        space_of(validate({"pedestrians": {"flow_per_hour": 0.0}}, "test"))
+
+
+def test_who_may_be_missed_leaves_something_to_chance() -> None:
+    child = {
+        "name": "child",
+        "side": "near",
+        "start_lateral_m": 4.0,
+        "speed_mps": 1.4,
+        "impact_share": 0.5,
+    }
+    tree = {
+        "pedestrians": {"flow_per_hour": 0.0, "timed": [child]},
+        "perception": {"detection_probability": 0.5},
+    }
+    space = space_of(validate(tree, "test"))
+    assert space.fixed == (("timed_detection", 0),)
+    scenario = validate(tree, "test")
+    (arrival,) = planned_arrivals(scenario, 3, space.given(np.array([1.0]), 3))
+    assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
+
+
+@pytest.mark.parametrize("first_at_trigger", [False, True])
+def test_a_state_is_met_in_the_streams(first_at_trigger: bool) -> None:
+    scenario = validate({"pedestrians": {"first_at_trigger": first_at_trigger}}, "test")
+    space = space_of(scenario)
+    layout = space.layout
+    z = layout.draw(1, np.random.default_rng(3))
+    arrivals = planned_arrivals(scenario, 7, space.given(z[0], 7))[int(first_at_trigger) :]
+    people = layout.people(z)[0]
+    people = people[np.argsort(people[:, 0])][: (~np.isnan(people[:, 0])).sum()]
+    assert len(people) >= 1
+    came = [arrival.arrival_s for arrival in arrivals[: len(people)]]
+    assert came == pytest.approx(space.window_s * stats.norm.cdf(people[:, 0]))
+    quantiles = [arrival.quantile for arrival in arrivals[: len(people)]]
+    assert quantiles == pytest.approx(stats.norm.cdf(people[:, 2]))
+    assert arrivals[len(people)].arrival_s > space.window_s
+
+
+def test_an_episode_met_again_is_the_same_with_all_its_streams() -> None:
+    def record(pair: int, **pedestrians: object) -> EpisodeRecord:
+        tree = {"pedestrians": {"flow_per_hour": 900.0, "warm_up_s": 30.0, **pedestrians}}
+        scenario = validate({**tree, "experiment": {"pairs": 1}}, "test")
+        engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+        runner = PairRunner(scenario, load_model("dut"), lambda: engine)
+        return runner.run_arm(pair, Arm.HUMAN).record
+
+    # The human driver draws from a stream of its own, and so do those who are there at the start.
+    assert record(0, drawn=[{"episode": 9}]) == record(9)
+    assert record(0, drawn=[{"episode": 9}]) != record(0)

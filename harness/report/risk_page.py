@@ -1,0 +1,144 @@
+"""A finished risk as one page, in the form of a run's: the estimate, the ways to the event."""
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness.errors import InputError
+from harness.files import write_file
+from harness.report.page import PAGE, filled, flat
+from harness.report.risk_terminal import effort, sentence, ways_table
+from harness.report.tables import Table, TableCell, per_cent, plain
+
+_PEOPLE_SHOWN = 12
+
+
+def write_risk_page(
+    folder: Path, asked: dict[str, Any], result: dict[str, Any], out: Path | None = None
+) -> Path:
+    """Write a risk's page.
+
+    Args:
+        folder: of the risk.
+        asked: what its ``risk.json`` holds.
+        result: what its ``result.json`` holds.
+        out: the file; default ``report.html`` in the folder.
+
+    Raises:
+        InputError: the place is a folder.
+    """
+    page = out or folder / PAGE
+    if page.is_dir():
+        raise InputError(f"--out {page}", "is a folder", "a file to write")
+    text = filled(_context(folder, asked, result))
+    write_file(page, text.encode("utf-8", errors="replace"))
+    return page
+
+
+def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
+    heading = f"{result['scenario']}: how often {result['strategy']} meets {result['event']}"
+    critical = shlex.quote(str(folder / "critical.toml"))
+    differing = result["differences"]
+    return {
+        "kind": "risk",
+        "title": f"{heading}, risk",
+        "heading": heading,
+        "where": "Folder",
+        "folder": str(folder),
+        "unfinished": "",
+        "opening": [sentence(result), effort(result)],
+        "caveats": result["warnings"],
+        "tiles": [],
+        "verdicts": [],
+        "tables": list(_tables(result)),
+        "remarks": [
+            "The estimate is the mean weight of independent draws; the explorations only say where "
+            "to draw from."
+        ],
+        "failures": {"words": "Episodes in which two engines differ:", "lines": differing}
+        if differing
+        else None,
+        "player": None,
+        "no_player": f"The likeliest episodes are pairs of a scenario: harness run {critical} "
+        "--traces --out CRITICAL, then harness report CRITICAL, whose page plays them."
+        if result["ways"]
+        else "No episode of the estimate ended in the event.",
+        "pictures": [],
+        "figure_remarks": ["A risk has no figures."],
+        "facts": list(_facts(asked)),
+        "scenario": list(flat(asked["scenario"])),
+        "maker": "harness report",
+        "made_from": "the folder of harness risk alone",
+    }
+
+
+def _tables(result: dict[str, Any]) -> Iterator[Table]:
+    rows = [
+        ("probability", result["probability"]),
+        ("95 % interval, low", result["ci_low"]),
+        ("95 % interval, high", result["ci_high"]),
+        ("were all failed episodes events", result["probability_worst"]),
+        ("coefficient of variation", result["coefficient_of_variation"]),
+        ("effective sample size", result["effective_sample_size"]),
+        ("episodes run", result["episodes"]),
+        ("independent draws of the estimate", result["draws"]),
+        ("events among them", result["events"]),
+        ("brute force would have needed", result["brute_force_episodes"]),
+    ]
+    yield Table(
+        "estimate",
+        "The estimate",
+        ("what", "value"),
+        tuple((TableCell(name), _number(value)) for name, value in rows),
+    )
+    if result["ways"]:
+        yield ways_table(result["ways"])
+    for number, way in enumerate(result["ways"], 1):
+        yield _people_table(number, way)
+    levels = [
+        (TableCell(str(number)), TableCell(", ".join(f"{level:.3g}" for level in of) or "none"))
+        for number, of in enumerate(result["levels"], 1)
+    ]
+    headings = ("exploration", "thresholds of the score")
+    yield Table("levels", "The levels gone through", headings, tuple(levels), folded=True)
+
+
+def _people_table(number: int, way: dict[str, Any]) -> Table:
+    rows = []
+    for person in way["pedestrians"][:_PEOPLE_SHOWN]:
+        gap = person["critical_gap_s"]
+        cells = [
+            TableCell(f"{person['arrival_s']:.2f}", sort=str(person["arrival_s"])),
+            TableCell(person["side"]),
+            TableCell(f"{person['quantile']:.3f}", sort=str(person["quantile"])),
+            TableCell("" if gap is None else f"{gap:.2f}", sort="" if gap is None else str(gap)),
+        ]
+        rows.append(tuple(cells))
+    return Table(
+        f"way-{number}",
+        f"Who comes in the likeliest episode of way {number}: {per_cent(way['share'], 0)} % of the "
+        f"probability, {way['events']:,} events",
+        ("arrives, s", "from the side", "quantile of the walking speed", "critical gap, s"),
+        tuple(rows),
+        folded=True,
+    )
+
+
+def _number(value: float | None) -> TableCell:
+    if value is None:
+        return TableCell("undefined", sort="")
+    text = f"{value:,}" if isinstance(value, int) else f"{value:.3g}"
+    return TableCell(text, sort=str(value))
+
+
+def _facts(asked: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    yield "scenario", asked["name"]
+    yield "arm", asked["arm"]
+    yield "event", asked["event"]
+    yield "engine", "SUMO" if asked["in_sumo"] else "plain, checked in SUMO"
+    yield "wanted coefficient of variation", plain(asked["target_cv"])
+    yield "seed", str(asked["seed"])
+    model = asked["model"]
+    yield "interaction model", f"{model['name']}, sha256 {model['sha256'][:16]}…"
+    yield "versions", ", ".join(f"{name} {of}" for name, of in asked["versions"].items())

@@ -1,0 +1,49 @@
+"""What running episodes says of them, as far as the sampling looks at it."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.encounter import FloatArray
+
+
+class Outcomes(NamedTuple):
+    """What became of some states.
+
+    ``score`` (n, gradings) is at most 0 in the event and the greater the farther from it; +∞ where
+    nothing says how far, NaN where the episode failed.  ``passed_s`` (n,) is when the ego's front
+    reached the crosswalk's centre line, NaN where it did not.  ``numbers`` (n,) key what a state
+    does not hold: the same state with the same number has the same outcome.
+    """
+
+    score: FloatArray
+    passed_s: FloatArray
+    numbers: NDArray[np.int64]
+
+    @property
+    def event(self) -> NDArray[np.bool_]:
+        """Which states are in the event, shape (n,)."""
+        event: NDArray[np.bool_] = self.score[:, 0] <= 0
+        return event
+
+    @property
+    def failed(self) -> NDArray[np.bool_]:
+        """Which episodes failed, shape (n,)."""
+        return np.isnan(self.score[:, 0])
+
+
+class Evaluate(Protocol):
+    """Runs episodes."""
+
+    def __call__(
+        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+    ) -> Outcomes:
+        """Run states of shape (n, width).
+
+        Args:
+            z: the states.
+            what: what they are for, in words.
+            numbers: of the episodes; None: new ones.
+        """
+        ...
