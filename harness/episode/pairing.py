@@ -1,6 +1,6 @@
 """Runs pairs of one cell: lets both arms meet the same pedestrians."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from types import MappingProxyType
