@@ -17,9 +17,7 @@ def test_the_interval_covers(case, p: float) -> None:
     score, truth = case(p)
     held, estimates = 0, []
     for seed in range(REPETITIONS):
-        estimate = estimate_probability(
-            score, LAYOUT, np.random.default_rng((11, seed))
-        ).estimate
+        estimate = estimate_probability(score, LAYOUT, np.random.default_rng((11, seed))).estimate
         held += estimate.ci_low <= truth <= estimate.ci_high
         estimates.append(estimate.probability)
     # The 95 % interval, less what chance takes once in a thousand.
