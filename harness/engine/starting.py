@@ -14,6 +14,10 @@ from harness.encounter import Vehicle
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
 
+_STANDS_NEARER_M = {"IDM": 0.4}
+"""So much nearer than its minGap SUMO's IDM stops behind who stands (1.61 m where 2 m are asked)."""
+
+
 @dataclass(frozen=True, slots=True)
 class Following:
     """How vehicles keep their distance: SUMO's model, its headway and its gap at a stop."""
@@ -88,7 +92,7 @@ def traffic_types(vehicle: Vehicle, speed_limit_mps: float | None, following: Fo
         "width": vehicle.width_m,
         "carFollowModel": following.model,
         "tau": following.tau_s,
-        "minGap": following.min_gap_m,
+        "minGap": following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0),
         "accel": vehicle.resume_acceleration_mps2,
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Side
+from harness.encounter import Arm, Arrival, Side
 from harness.engine.shared import close_engine, engine_for, road_for
 from harness.episode.arms import make_strategy
 from harness.episode.cell_constants import constants_of
@@ -233,28 +233,14 @@ def followers(outcome: HourOutcome) -> float:
     return least
 
 
-@pytest.mark.parametrize("strategy", ["hard_yield", "gap_yield", "human_yield"])
-def test_nobody_is_lost_and_nobody_comes_too_near(strategy: str) -> None:
-    """minGap less 0.2 m; every vehicle scheduled has one passage; the road is empty afterwards."""
-    scenario = scenario_of(
-        busy(), pedestrians={"flow_per_hour": 600.0, "kerb_wait_s": 2.0}, arms={"av": strategy}
-    )
-    found = run_pair(scenario)
-    outcome = found["outcomes"]["av"]
-    due = {
-        planned.number
-        for lane in lanes_of(scenario)
-        for planned in scheduled_vehicles(scenario, 0, lane)
-    }
-    assert {passage.moving.plan.number for passage in outcome.passages} == due
-    assert len(outcome.passages) == len(due)
+def test_the_road_is_empty_after_an_hour() -> None:
+    scenario = scenario_of(busy(), pedestrians={"flow_per_hour": 600.0, "kerb_wait_s": 2.0})
+    outcome = run_pair(scenario)["outcomes"]["av"]
     assert all(passage.passed_s is not None for passage in outcome.passages)
-    assert all(passage.moving.gone_step is not None for passage in outcome.passages[:-20])
-    assert followers(outcome) > 2.0 - 0.2
+    assert all(passage.moving.gone_step is not None for passage in outcome.passages)
     api = road_for(scenario)._api
     assert api.vehicle.getIDList() == ()
     assert api.person.getIDList() == ()
-    assert api.simulation.getStartingTeleportNumber() == 0
 
 
 @pytest.mark.slow
@@ -390,10 +376,11 @@ def test_waiting_worked_out_by_hand(
     assert log.let_go == {1: False}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(12))
-def test_random_demand_loses_nobody(seed: int) -> None:
-    """Random flows, lanes, strategies and car following: as above."""
+STRATEGIES = ["hard_yield", "gap_yield", "human_yield", "soft_yield", "sumo_driver"]
+
+
+def random_hour(seed: int, duration_s: float) -> HourOutcome:
+    """The AV's arm under random flows, lanes, speeds, strategies and car following."""
     rng = np.random.default_rng(seed)
     lanes = int(rng.integers(1, 3))
     scenario = scenario_of(
@@ -401,23 +388,91 @@ def test_random_demand_loses_nobody(seed: int) -> None:
             flow_per_hour=float(rng.uniform(0, 700) * lanes),
             oncoming_per_hour=float(rng.uniform(0, 700)),
             following=["Krauss", "IDM"][seed % 2],
-            duration_s=300.0,
+            duration_s=duration_s,
         ),
         crossing={"lanes": lanes, "length_m": 4.5 * (lanes + 1)},
         ego={"initial_speed_mps": float(rng.uniform(4, 12)), "trigger_range_m": 60.0},
         model={"extrapolate": True},
         pedestrians={"flow_per_hour": float(rng.uniform(0, 900)), "kerb_wait_s": 2.0},
-        arms={"av": ["hard_yield", "gap_yield", "human_yield", "soft_yield"][seed % 4]},
+        arms={
+            "av": ["hard_yield", "gap_yield", "human_yield", "soft_yield", "sumo_driver"][seed % 5]
+        },
         experiment={"seed": seed},
     )
-    outcome = run_pair(scenario)["outcomes"]["av"]
-    due = {
+    runner = HourRunner(scenario, MODEL, lambda: road_for(scenario), paths=True)
+    return runner.run_arm(0, Arm.AV)
+
+
+def check_everybody(outcome: HourOutcome) -> None:
+    """Every vehicle due is there once; none jumps, none comes nearer than minGap less 0.2 m."""
+    assert outcome.reason is None
+    scenario = outcome.scenario
+    assert scenario.traffic is not None
+    due = [
         planned.number
         for lane in lanes_of(scenario)
         for planned in scheduled_vehicles(scenario, 0, lane)
-    }
-    assert {passage.moving.plan.number for passage in outcome.passages} == due
+    ]
+    assert sorted(passage.moving.plan.number for passage in outcome.passages) == sorted(due)
     assert followers(outcome) > 2.0 - 0.2
+    places: dict[tuple[str, int], list[float]] = {}
+    for passage in outcome.passages:
+        moving, ways = passage.moving, dict[int, float]()
+        ways.update((step, x) for step, x, _ in moving.path)
+        first = moving.first_step or 0
+        ways.update((first + number, x) for number, x in enumerate(moving.xs))
+        steps = np.array(sorted(ways))
+        x = np.array([ways[step] for step in steps])
+        speeds = np.diff(x) / (np.diff(steps) * 0.1)
+        assert speeds.min(initial=0.0) > -1e-6
+        assert speeds.max(initial=0.0) < scenario.ego.initial_speed_mps + 1e-6
+        gone = moving.gone_step is not None
+        assert gone == (passage.passed_s is not None and passage.control_delay_s is not None)
+        for step, place in ways.items():
+            if step % 10 == 0:
+                places.setdefault((moving.plan.lane.name, step), []).append(place)
+    assert len(places) > scenario.traffic.duration_s / 10
+    for row in places.values():
+        assert np.diff(np.sort(row)).min(initial=math.inf) > scenario.ego.length_m + 2.0 - 0.2
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_random_demand_loses_nobody(seed: int) -> None:
+    """Some minutes of each strategy, both kinds of car following, one lane and two."""
+    check_everybody(random_hour(seed, 150.0))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ten", range(10))
+def test_a_hundred_random_hours_lose_nobody(ten: int) -> None:
+    for seed in range(10 * ten, 10 * ten + 10):
+        check_everybody(random_hour(1000 + seed, 3600.0))
+
+
+@pytest.mark.slow
+def test_waits_at_low_flow_are_adams() -> None:
+    """(e^{vt} − vt − 1)/v before drivers who ignore people: 120 vehicles per hour in two lanes.
+
+    t is the kerb wait and (width + length)/speed, and half a step, since who waits goes at the
+    next step's beginning.  That headways of a lane are at least 1.9 s makes less than 1 % here.
+    """
+    wait_s, speed = 2.0, 8.0
+    scenario = scenario_of(
+        busy(flow_per_hour=60.0, oncoming_per_hour=60.0, duration_s=8 * 3600.0),
+        ego={"initial_speed_mps": speed},
+        pedestrians={"flow_per_hour": 1500.0, "kerb_wait_s": wait_s},
+        arms={"av": "constant_speed"},
+    )
+    outcome = HourRunner(scenario, MODEL, lambda: road_for(scenario)).run_arm(0, Arm.AV)
+    walks = [walk for walk in outcome.log.walks if walk.start_s is not None]
+    arrivals = np.array([walk.arrival.arrival_s for walk in walks])
+    waits = np.array([walk.start_s for walk in walks], dtype=float) - arrivals
+    parts = np.array([waits[arrivals // 600.0 == part].mean() for part in range(48)])
+    blocked_s = wait_s + (scenario.crossing.width_m + scenario.ego.length_m) / speed + 0.05
+    expected = gap_wait_s(120 / 3600, blocked_s)
+    error = float(parts.std(ddof=1)) / math.sqrt(len(parts))
+    assert error < 0.1 * expected
+    assert abs(float(parts.mean()) - expected) < 3 * error
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
+import time
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -9,10 +10,10 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.batch.experiment import run_study
+from harness.batch.experiment import resume, run_study
 from harness.batch.scoring import score
 from harness.encounter import Arm
-from harness.errors import InputError
+from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
 from harness.report.hour_player import hour_document
 from harness.report.page import write_report
@@ -20,6 +21,7 @@ from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
 from harness.scenario import Options, parse_setting, read_scenario_file, study_of
 from harness.workers.pool import LocalPool
+from tests.batches import Inline, shell, start
 
 SCENARIO = """
 arms = {av = "gap_yield", human = "human_yield"}
@@ -59,9 +61,45 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     return found
 
 
-def test_bytes_do_not_depend_on_workers(runs: list[Path]) -> None:
+def same_bytes(one: Path, other: Path) -> None:
     for name in (*(f"{table}.parquet" for table in HOUR_TABLES), "summary.csv"):
-        assert (runs[0] / name).read_bytes() == (runs[1] / name).read_bytes()
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+
+
+def test_bytes_do_not_depend_on_workers(runs: list[Path]) -> None:
+    same_bytes(*runs)
+
+
+def test_an_interrupted_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: Path) -> None:
+    out = tmp_path / "run"
+
+    def stop(done: int, _planned: int, _what: str) -> None:
+        if done == 1:
+            raise KeyboardInterrupt
+
+    file = read_scenario_file(runs[0].parent / "busy.toml")
+    with pytest.raises(InterruptedRunError):
+        run_study(study_of(file, []), Options(), out=out, progress=stop, make_executor=Inline)
+    assert len(list((out / "shards").iterdir())) == 1
+    resume(out, make_executor=Inline)
+    same_bytes(runs[0], out)
+
+
+@pytest.mark.slow
+def test_a_killed_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: Path) -> None:
+    """SIGKILL as soon as a pair is there; its workers end by themselves."""
+    out = tmp_path / "run"
+    file = runs[0].parent / "busy.toml"
+    running = start("run", str(file), "--workers", "2", "--quiet", "--out", str(out))
+    shards, end = out / "shards", time.monotonic() + 60.0
+    while not (shards.exists() and list(shards.glob("*.arrows"))):
+        assert time.monotonic() < end
+        assert running.poll() is None
+        time.sleep(0.002)
+    running.kill()
+    running.communicate()
+    assert shell("resume", out, "--workers", "2", "--quiet").returncode == 0
+    same_bytes(runs[0], out)
 
 
 def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
