@@ -15,7 +15,7 @@ _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
 
 _STANDS_NEARER_M = {"IDM": 0.4}
-"""So much nearer than its minGap SUMO's IDM stops behind who stands (1.61 m where 2 m are asked)."""
+"""So much nearer than its minGap SUMO's IDM stops (1.61 m where 2 m are asked)."""
 
 
 @dataclass(frozen=True, slots=True)
