@@ -11,7 +11,10 @@ from docs.hooks.reference import PAGES
 
 ROOT = Path(__file__).resolve().parents[2]
 
-SHOWN = ("CHANGELOG.md", "CONTRIBUTING.md", "LICENSE", "scenarios/*.toml", "examples/*.*")
+PAGES_BESIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
+"""Pages of the project that lie beside docs/."""
+
+SHOWN = (*PAGES_BESIDE, "LICENSE", "CITATION.cff", "scenarios/*.toml", "examples/*.*")
 """Files of the project that pages lead to; the site has a copy of each."""
 
 LOADED = re.compile(
@@ -40,11 +43,14 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Let links that leave docs/ lead to the site's copies."""
-    if page.file.src_uri in ("changelog.md", "contributing.md"):
+    place = page.file.src_uri
+    beside = place.upper() in {name.upper() for name in PAGES_BESIDE}
+    here = "" if beside else "../"
+    for name in PAGES_BESIDE:
+        markdown = markdown.replace(f"]({here}{name}", f"]({here}{name.lower()}")
+    if beside:
         return markdown.replace("](docs/", "](")
-    for name in ("CHANGELOG.md", "CONTRIBUTING.md"):
-        markdown = markdown.replace(f"](../{name}", f"](../{name.lower()}")
-    return markdown if "/" in page.file.src_uri else markdown.replace("](../", "](")
+    return markdown if "/" in place else markdown.replace("](../", "](")
 
 
 def on_post_build(config: Any) -> None:

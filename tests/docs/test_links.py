@@ -44,7 +44,9 @@ def broken(page: Path) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page", [README, ROOT / "CONTRIBUTING.md", *PAGES], ids=lambda page: page.stem
+)
 def test_every_link_leads_somewhere(page: Path) -> None:
     assert broken(page) == []
 

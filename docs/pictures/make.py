@@ -1,0 +1,138 @@
+"""Makes the pictures of the docs again.
+
+    python docs/pictures/make.py              # all of them
+    python docs/pictures/make.py report sweep # some
+
+What is drawn by the harness needs nothing else; ``report`` needs Chromium, ``sumo-gui`` and
+``zebra`` a desktop or ``xvfb-run``.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+COLOURS = 128
+"""Enough for screenshots, and a quarter of their size."""
+
+
+def harness(*words: object, display: bool = False) -> None:
+    """Run a command of the harness in the working directory, with a display where it needs one."""
+    command = [sys.executable, "-m", "harness", *map(str, words)]
+    if display and "DISPLAY" not in os.environ:
+        command = ["xvfb-run", "-a", "-s", "-screen 0 1280x960x24", *command]
+    subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
+
+
+def save(picture: Path, name: str, box: tuple[int, int, int, int] | None = None) -> None:
+    """Keep a picture, or a part of it (left, upper, right, lower), in few colours."""
+    with Image.open(picture) as image:
+        whole = image.convert("RGB").crop(box) if box else image.convert("RGB")
+        small = whole.quantize(COLOURS, dither=Image.Dither.NONE)
+        small.save(HERE / f"{name}.png", optimize=True)
+
+
+def figure(run: str, name: str, as_name: str) -> None:
+    """Keep a figure of a run's report."""
+    harness("report", run, "--quiet", "--figures", "figures")
+    save(Path("figures") / f"{name}.png", as_name)
+
+
+def report() -> None:
+    """The page of the paper's experiment, down to its player."""
+    harness("run", "cctc", "--traces", "--quiet", "--out", "cctc")
+    harness("report", "cctc", "--quiet")
+    with sync_playwright() as browsers:
+        chromium = shutil.which("chromium")
+        browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 900, "height": 1200}, color_scheme="light")
+        page.goto(Path("cctc/report.html").resolve().as_uri())
+        page.locator("input[type=range]").first.fill("53")
+        box = page.locator("#episodes").bounding_box()
+        assert box is not None
+        page.set_viewport_size({"width": 900, "height": int(box["y"] + box["height"] + 10)})
+        page.screenshot(path="page.png")
+        browser.close()
+    save(Path("page.png"), "report")
+
+
+def sweep() -> None:
+    """Delay over the flow of pedestrians, for three strategies and the driver they are held to."""
+    strategies = "arms.av=soft_yield,hard_yield,gap_yield"
+    flows = "pedestrians.flow_per_hour=50,100,250,500,1000"
+    harness(
+        *("sweep", "cctc_flow", "--vary", flows, "--vary", strategies),
+        *("--pairs", 1000, "--quiet", "--out", "flows"),
+    )
+    figure("flows", "sweep-mu", "sweep")
+
+
+def zebra_run() -> None:
+    """A run at the crosswalk of the map that the project ships."""
+    harness("crossings", ROOT / "examples" / "maps" / "zebra.osm", "--out", "zebra")
+    harness("crossings", "zebra/zebra.net.xml", "--write", "zebra.toml", "--edge", ":2_c0")
+    harness("run", "zebra.toml", "--traces", "--pairs", 20, "--quiet", "--out", "zebra-run")
+
+
+def site() -> None:
+    """The crosswalk of the map as the harness reads it."""
+    zebra_run()
+    figure("zebra-run", "site", "site")
+
+
+def frame(run: str, pair: int, at_s: float) -> Path:
+    """The picture of the AV's arm nearest to so long after the trigger, in sumo-gui."""
+    folder = Path(f"{run}-{pair}")
+    shown = ("--gui", "--pace", 20, "--screenshots", folder, "--every", 0.5)
+    harness("replay", run, "--pair", pair, "--arm", "av", *shown, display=True)
+    return min(folder.rglob("*.png"), key=lambda path: abs(seconds(path) - at_s))
+
+
+def seconds(screenshot: Path) -> float:
+    """When a screenshot was taken, from its name."""
+    return float(screenshot.stem.split("-")[1])
+
+
+def sumo_gui() -> None:
+    """An ego before people on the crosswalk, in sumo-gui."""
+    people = ("--set", "pedestrians.flow_per_hour=1000", "--set", "pedestrians.max_count=3")
+    harness("run", "cctc_flow", "--pairs", 20, *people, "--quiet", "--out", "flow")
+    save(frame("flow", 3, 6.0), "sumo-gui")
+
+
+def zebra() -> None:
+    """The crosswalk of the map in sumo-gui, as somebody crosses."""
+    zebra_run()
+    save(frame("zebra-run", 0, 4.1), "zebra")
+
+
+PICTURES: dict[str, Callable[[], None]] = {
+    "report": report,
+    "sweep": sweep,
+    "site": site,
+    "sumo-gui": sumo_gui,
+    "zebra": zebra,
+}
+"""Every picture by its name."""
+
+
+def main(names: list[str]) -> None:
+    """Make the pictures of these names, or all, in a folder that is gone afterwards."""
+    for name in names or PICTURES:
+        with tempfile.TemporaryDirectory() as folder:
+            os.chdir(folder)
+            PICTURES[name]()
+            os.chdir(HERE)
+        print(HERE / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
