@@ -55,7 +55,7 @@ def report() -> None:
         browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 900, "height": 1200}, color_scheme="light")
         page.goto(Path("cctc/report.html").resolve().as_uri())
-        page.locator("input[type=range]").first.fill("53")
+        page.locator("#player-time").fill("5.3")
         box = page.locator("#episodes").bounding_box()
         assert box is not None
         page.set_viewport_size({"width": 900, "height": int(box["y"] + box["height"] + 10)})
@@ -65,7 +65,7 @@ def report() -> None:
 
 
 def sweep() -> None:
-    """Delay over the flow of pedestrians, for three strategies and the driver they are held to."""
+    """μ over the flow of pedestrians, for three strategies."""
     strategies = "arms.av=soft_yield,hard_yield,gap_yield"
     flows = "pedestrians.flow_per_hour=50,100,250,500,1000"
     harness(
@@ -83,9 +83,9 @@ def zebra_run() -> None:
 
 
 def site() -> None:
-    """The crosswalk of the map as the harness reads it."""
-    zebra_run()
-    figure("zebra-run", "site", "site")
+    """The paper's crosswalk, drawn of its network."""
+    harness("run", "cctc", "--pairs", 2, "--quiet", "--out", "two")
+    figure("two", "site", "site")
 
 
 def frame(run: str, pair: int, at_s: float) -> Path:
