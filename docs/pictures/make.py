@@ -70,7 +70,7 @@ def sweep() -> None:
     flows = "pedestrians.flow_per_hour=50,100,250,500,1000"
     harness(
         *("sweep", "cctc_flow", "--vary", flows, "--vary", strategies),
-        *("--pairs", 1000, "--quiet", "--out", "flows"),
+        *("--pairs", 300, "--quiet", "--out", "flows"),
     )
     figure("flows", "sweep-mu", "sweep")
 
