@@ -56,10 +56,11 @@ def report() -> None:
         page = browser.new_page(viewport={"width": 900, "height": 1200}, color_scheme="light")
         page.goto(Path("cctc/report.html").resolve().as_uri())
         page.locator("#player-time").fill("5.3")
+        page.evaluate("scrollTo(0, 0)")
         box = page.locator("#episodes").bounding_box()
         assert box is not None
-        page.set_viewport_size({"width": 900, "height": int(box["y"] + box["height"] + 10)})
-        page.screenshot(path="page.png")
+        shown = {"x": 0, "y": 0, "width": 900, "height": box["y"] + box["height"] + 10}
+        page.screenshot(path="page.png", full_page=True, clip=shown)
         browser.close()
     save(Path("page.png"), "report")
 
@@ -70,7 +71,7 @@ def sweep() -> None:
     flows = "pedestrians.flow_per_hour=50,100,250,500,1000"
     harness(
         *("sweep", "cctc_flow", "--vary", flows, "--vary", strategies),
-        *("--pairs", 300, "--quiet", "--out", "flows"),
+        *("--pairs", 1000, "--quiet", "--out", "flows"),
     )
     figure("flows", "sweep-mu", "sweep")
 
@@ -103,15 +104,16 @@ def seconds(screenshot: Path) -> float:
 
 def sumo_gui() -> None:
     """An ego before people on the crosswalk, in sumo-gui."""
-    people = ("--set", "pedestrians.flow_per_hour=1000", "--set", "pedestrians.max_count=3")
-    harness("run", "cctc_flow", "--pairs", 20, *people, "--quiet", "--out", "flow")
-    save(frame("flow", 3, 6.0), "sumo-gui")
+    settings = ("arms.av=hard_yield", "pedestrians.flow_per_hour=1500")
+    chosen = [word for setting in settings for word in ("--set", setting)]
+    harness("run", "cctc_flow", "--pairs", 2, *chosen, "--quiet", "--out", "flow")
+    save(frame("flow", 0, 9.0), "sumo-gui", (360, 210, 920, 650))
 
 
 def zebra() -> None:
     """The crosswalk of the map in sumo-gui, as somebody crosses."""
     zebra_run()
-    save(frame("zebra-run", 0, 4.1), "zebra")
+    save(frame("zebra-run", 0, 4.1), "zebra", (240, 320, 1040, 540))
 
 
 PICTURES: dict[str, Callable[[], None]] = {
