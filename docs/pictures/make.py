@@ -76,6 +76,14 @@ def sweep() -> None:
     figure("flows", "sweep-mu", "sweep")
 
 
+def time_space() -> None:
+    """Vehicles and people of some minutes of traffic."""
+    settings = ("traffic.duration_s=600", "pedestrians.flow_per_hour=200", "arms.av=hard_yield")
+    chosen = [word for setting in settings for word in ("--set", setting)]
+    harness("run", "field_sites", "--pairs", 1, *chosen, "--traces", "--quiet", "--out", "hour")
+    figure("hour", "time-space", "time-space")
+
+
 def zebra_run() -> None:
     """A run at the crosswalk of the map that the project ships."""
     harness("crossings", ROOT / "examples" / "maps" / "zebra.osm", "--out", "zebra")
@@ -120,6 +128,7 @@ PICTURES: dict[str, Callable[[], None]] = {
     "report": report,
     "sweep": sweep,
     "site": site,
+    "time-space": time_space,
     "sumo-gui": sumo_gui,
     "zebra": zebra,
 }

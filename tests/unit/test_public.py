@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -50,3 +51,10 @@ def test_importing_it_imports_nothing_heavy() -> None:
 
 def test_types_ship_with_it() -> None:
     assert (Path(harness.__file__).parent / "py.typed").is_file()
+
+
+def test_the_citation_and_the_changelog_name_this_version() -> None:
+    told = {name: (ROOT / name).read_text("utf-8") for name in ("CITATION.cff", "CHANGELOG.md")}
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in told["CITATION.cff"]
+    assert f"\n## {version}\n" in told["CHANGELOG.md"]
