@@ -178,7 +178,7 @@ def _context(run: RunData) -> dict[str, Any]:
         "folder": str(run.path),
         "unfinished": _unfinished(run),
         "opening": list(_opening(run)),
-        "tiles": [] if one is None else tiles(one),
+        "tiles": [] if one is None else tiles(one, run.scenario.arms.human),
         "caveats": hour_lines(run) if run.in_traffic else first_lines(run),
         "verdicts": _verdicts(run),
         "tables": [*results, *compared_tables, *statistics],
@@ -239,7 +239,7 @@ def _opening(run: RunData) -> Iterator[str]:
         yield from references_compared(run)
         yield (
             f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
-            f"the AV's strategy and the human driver ({humans}) meet the same "
+            f"the AV's strategy and the reference ({humans}) meet the same "
             f"pedestrians at the crosswalk; {said}."
         )
         yield from sweep_lines(run.results)
@@ -346,7 +346,7 @@ def _player(
 
 def _small(episode: dict[str, Any]) -> str:
     """A few words about an episode for the list."""
-    said = [] if episode["tau"] is None else [f"τ {episode['tau']:.2f}"]
+    said = [] if "undefined" in episode["result"] else [episode["result"]]
     for arm in episode["arms"]:
         if arm["ending"] != "crossed":
             said.append(f"{arm['name']} {arm['ending'].replace('_', ' ')}")

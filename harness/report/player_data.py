@@ -92,7 +92,7 @@ def _episode(run: RunData, pair: ShownPair) -> dict[str, Any]:
         "varied": ", ".join(
             f"{key} = {plain(value)}" for key, value in varied.items() if value is not None
         ),
-        "tau": None if tau is None else round(tau, 4),
+        "result": "τ undefined" if tau is None else f"τ = {tau:.3f}",
         "note": " ".join([pair.note or "", *pair.differences]).strip(),
         "arms": [
             _arm(run, pair, arm, records[arm.value], [w for w in walkers if w["arm"] == arm])

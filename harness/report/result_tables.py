@@ -164,11 +164,11 @@ def _spoken(column: str) -> str:
 _ACRONYMS = ("ttc", "pet", "drac")
 
 
-def tiles(summary: Summary) -> list[dict[str, Any]]:
-    """The few numbers a reader looks for first, with their intervals in words."""
+def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
+    """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
     n = summary.defined_pairs
     notes = {key: [words] if (words := indicative(n, key)) else [] for key in ("mu", "cv")}
-    kappa, human, of = summary.kappa, summary.kappa_human, level(summary.confidence)
+    kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
     worst = f"{_percent(summary.kappa_worst)} with its failures and time-outs"
     return [
         {
@@ -199,11 +199,11 @@ def tiles(summary: Summary) -> list[dict[str, Any]]:
             ],
         },
         {
-            "name": "κ of the human driver",
-            "value": share_cell(human).text,
+            "name": f"κ of {human}, the reference",
+            "value": share_cell(reference).text,
             "lines": [
-                _within(share_limits(human), of),
-                f"{human.successes:,} of {counted(human.trials, 'episode')}",
+                _within(share_limits(reference), of),
+                f"{reference.successes:,} of {counted(reference.trials, 'episode')}",
             ],
         },
     ]

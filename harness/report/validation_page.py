@@ -97,7 +97,7 @@ def _player(validation: Validation) -> dict[str, Any]:
                 "pair": number,
                 "title": passage.name,
                 "varied": "",
-                "tau": None,
+                "result": f"{driver} passes {_off(validation, driver, number)} from the record",
                 "note": f"{marked} of {len(passage.arrivals)} walks go on beyond their record.",
                 "arms": [
                     _arm(passage, of[0], "av", driver),

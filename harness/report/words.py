@@ -184,7 +184,7 @@ def _direction(summary: Summary) -> list[str]:
     way = ("above", "slower") if mu > of_all.high else ("below", "faster")
     return [
         f"μ lies {way[0]} the interval of μ over all pairs ({number(mu, 4)}; "
-        f"{limits(of_all, 4)}): without the pairs in which the human driver crashed the AV looks "
+        f"{limits(of_all, 4)}): without the pairs in which the reference crashed the AV looks "
         f"{way[1]} than it is"
     ]
 

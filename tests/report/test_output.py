@@ -31,6 +31,7 @@ CALLS = {
     "replay": ["RUN", "--pair", "3", "--arm", "av", "--out", "NEW"],
     "score": ["RUN", "--out", "NEW"],
     "compare": ["SWEEP", "--out", "NEW.csv"],
+    "worst": ["RUN"],
     "export": ["COPY", "--csv"],
     "network": ["cctc", "--out", "NEW"],
     "strategies": [],

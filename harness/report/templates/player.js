@@ -251,8 +251,7 @@
     state.end = Math.max(state.step, ...episode.arms.map((arm) => arm.t[arm.t.length - 1] ?? 0));
     part("time").max = state.end;
     part("time").step = state.step;
-    const tau = episode.tau === null ? "τ undefined" : `τ = ${episode.tau.toFixed(3)}`;
-    part("title").textContent = `${episode.title}: ${tau}`;
+    part("title").textContent = `${episode.title}: ${episode.result}`;
     part("note").textContent = [episode.varied, episode.note].filter(Boolean).join(". ");
     part("views").replaceChildren();
     views = episode.arms.map((arm) => view(arm, data.scenes[episode.cell]));
