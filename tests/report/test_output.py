@@ -31,13 +31,12 @@ CALLS = {
     "replay": ["RUN", "--pair", "3", "--arm", "av", "--out", "NEW"],
     "score": ["RUN", "--out", "NEW"],
     "compare": ["SWEEP", "--out", "NEW.csv"],
-    "worst": ["RUN"],
     "export": ["COPY", "--csv"],
     "network": ["cctc", "--out", "NEW"],
     "strategies": [],
     "doctor": [],
 }
-ELSEWHERE = {"crossings", "extract", "fit", "validate", "risk"}
+ELSEWHERE = {"crossings", "extract", "fit", "validate", "risk", "worst"}
 """Covered by tests of their own."""
 
 
