@@ -3,8 +3,9 @@
 ``python -m benchmarks.risk reference LATENCY_S FIRST COUNT`` runs the AV's episodes of ``COUNT``
 pairs on the plain engine, from pair ``FIRST`` on, and adds a row to ``data/risk_reference.csv``.
 It knows nothing of ``harness/risk``: the people are those of a run's own streams.
-``python -m benchmarks.risk seeds LATENCY_S COUNT --out FILE`` asks ``harness risk`` with as many
-seeds; ``python -m benchmarks.risk verdict FILE`` holds what it said against the reference.
+``python -m benchmarks.risk seeds LATENCY_S FIRST COUNT`` asks ``harness risk`` with so many seeds
+and prints a line for each; ``python -m benchmarks.risk verdict FILE`` holds such lines against the
+reference.
 
 The case is ``cctc_flow`` with ``gap_yield`` and 500 pedestrians per hour.
 """
@@ -14,6 +15,7 @@ import csv
 import json
 import math
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from harness.encounter import Arm, Ending
@@ -61,18 +63,17 @@ def reference(latency_s: float, first: int, count: int) -> dict[str, object]:
     return dict(zip(COLUMNS, values, strict=True))
 
 
-def estimates(latency_s: float, count: int, workers: int | None) -> list[dict[str, object]]:
-    """What ``harness risk`` says with seeds 1, 2, …"""
-    found = []
-    for seed in range(1, count + 1):
+def estimates(
+    latency_s: float, seeds: range, target_cv: float, workers: int | None
+) -> Iterator[dict[str, object]]:
+    """What ``harness risk`` says with some seeds."""
+    for seed in seeds:
         with tempfile.TemporaryDirectory() as place:
-            asked = Settings("cctc_flow", scenario_of(latency_s, seed))
+            asked = Settings("cctc_flow", scenario_of(latency_s, seed), target_cv=target_cv)
             folder = estimate_risk(asked, out=Path(place) / "risk", workers=workers)
             result = read_risk(folder)
         kept = ("probability", "ci_low", "ci_high", "effective_sample_size", "episodes", "warnings")
-        found.append({"latency_s": latency_s, "seed": seed, **{key: result[key] for key in kept}})
-        print(json.dumps(found[-1]), flush=True)
-    return found
+        yield {"latency_s": latency_s, "seed": seed, **{key: result[key] for key in kept}}
 
 
 def verdict(found: list[dict[str, float]]) -> str:
@@ -103,9 +104,10 @@ def main() -> None:
     brute.add_argument("count", type=int)
     seeds = commands.add_parser("seeds")
     seeds.add_argument("latency_s", type=float)
+    seeds.add_argument("first", type=int)
     seeds.add_argument("count", type=int)
+    seeds.add_argument("--target-cv", type=float, default=0.1)
     seeds.add_argument("--workers", type=int, default=None)
-    seeds.add_argument("--out", type=Path, required=True)
     judged = commands.add_parser("verdict")
     judged.add_argument("file", type=Path)
     asked = parser.parse_args()
@@ -119,10 +121,11 @@ def main() -> None:
                 writer.writeheader()
             writer.writerow(row)
     elif asked.command == "seeds":
-        found = estimates(asked.latency_s, asked.count, asked.workers)
-        asked.out.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        wanted = range(asked.first, asked.first + asked.count)
+        for one in estimates(asked.latency_s, wanted, asked.target_cv, asked.workers):
+            print(json.dumps(one), flush=True)
     else:
-        print(verdict(json.loads(asked.file.read_text(encoding="utf-8"))))
+        print(verdict([json.loads(line) for line in asked.file.read_text("utf-8").splitlines()]))
 
 
 if __name__ == "__main__":
