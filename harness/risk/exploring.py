@@ -89,6 +89,7 @@ def explore(
         return Exploration(z[score <= 0], (0.0,), events / POINTS, events, nearest)
     levels: list[float] = []
     rough, standstill = 1.0, 0
+    moves = _Moves(graded, layout, rng)
     while standstill < _STANDSTILL and len(levels) < _MOST_LEVELS:
         level, inside = _next_level(score)
         if not inside.any():
@@ -96,12 +97,9 @@ def explore(
         levels.append(level)
         rough *= float(inside.mean())
         what = f"exploring, level {len(levels)}"
-        z, score = _move(graded, layout, z[inside], score[inside], level, rng, what)
+        z, score = moves(z[inside], score[inside], level, what)
         if level == 0:
-            found = [
-                _move(graded, layout, z[n::4], score[n::4], 0.0, rng, "in the event")[0]
-                for n in range(3)
-            ]
+            found = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
             return Exploration(np.concatenate(found), tuple(levels), rough, events, nearest)
         standstill = standstill + 1 if score.min() >= nearest else 0
         nearest = min(nearest, float(score.min()))
@@ -122,39 +120,41 @@ def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
     return level, score <= level
 
 
-def _move(
-    graded: Graded,
-    layout: Layout,
-    seeds: FloatArray,
-    scores: FloatArray,
-    level: float,
-    rng: np.random.Generator,
-    what: str,
-) -> tuple[FloatArray, FloatArray]:
-    """Chains from every seed, until there are ``POINTS`` points below the level.
+class _Moves:
+    """Chains from seeds; the step is adapted all along an exploration.
 
     Most moves change all uniforms a little, by a step adapted to what is accepted: the scores of
     the chains have to part, or a few lucky seeds would be the parents of all and a way to the event
     be lost.  The others draw a random part of the uniforms anew.
     """
-    z, score, scale = seeds, scores, 0.5
-    points, kept = [z], [score]
-    for _ in range(1, -(-POINTS // len(seeds))):
-        chains = (len(z), 1)
-        anew = rng.random(chains) < _ANEW
-        share = np.where(anew, rng.choice(_PARTS, chains), 1.0)
-        part = rng.random(z.shape) < share
-        step = np.minimum(1.0, scale * np.exp(rng.uniform(-1.0, 1.0, chains)))
-        size = np.where(anew, 1.0, step)
-        drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
-        moved = layout.renewed(np.where(part, drawn, z), np.where(anew, share, 0.0), rng)
-        result = graded(moved, what)
-        accepted = result <= level
-        small = accepted[~anew[:, 0]]
-        if len(small):
-            scale *= math.exp(float(small.mean()) - _ACCEPTED)
-            scale = min(1.0, max(_LEAST_STEP, scale))
-        z, score = np.where(accepted[:, None], moved, z), np.where(accepted, result, score)
-        points.append(z)
-        kept.append(score)
-    return np.concatenate(points)[-POINTS:], np.concatenate(kept)[-POINTS:]
+
+    def __init__(self, graded: Graded, layout: Layout, rng: np.random.Generator) -> None:
+        self._graded, self._layout, self._rng = graded, layout, rng
+        self._scale = 0.5
+
+    def __call__(
+        self, seeds: FloatArray, scores: FloatArray, level: float, what: str
+    ) -> tuple[FloatArray, FloatArray]:
+        """Move every seed on, until there are ``POINTS`` points below the level."""
+        rng, z, score = self._rng, seeds, scores
+        points, kept = [z], [score]
+        for _ in range(1, -(-POINTS // len(seeds))):
+            chains = (len(z), 1)
+            anew = rng.random(chains) < _ANEW
+            share = np.where(anew, rng.choice(_PARTS, chains), 1.0)
+            part = rng.random(z.shape) < share
+            step = np.minimum(1.0, self._scale * np.exp(rng.uniform(-1.0, 1.0, chains)))
+            size = np.where(anew, 1.0, step)
+            drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
+            moved = np.where(part, drawn, z)
+            moved = self._layout.renewed(moved, np.where(anew, share, 0.0), rng)
+            result = self._graded(moved, what)
+            accepted = result <= level
+            small = accepted[~anew[:, 0]]
+            if len(small):
+                scale = self._scale * math.exp(float(small.mean()) - _ACCEPTED)
+                self._scale = min(1.0, max(_LEAST_STEP, scale))
+            z, score = np.where(accepted[:, None], moved, z), np.where(accepted, result, score)
+            points.append(z)
+            kept.append(score)
+        return np.concatenate(points)[-POINTS:], np.concatenate(kept)[-POINTS:]
