@@ -32,12 +32,14 @@ class Layout:
         marks: m, uniforms of each of the crowd, the arrival first; 0 where there is no crowd.
         rate_per_s: of the crowd, > 0 where there is one.
         window_s: within which they arrive, from 0 on, > 0 where there is a crowd.
+        entangled: whether somebody's coming may change what others do before they come.
     """
 
     fixed: int
     marks: int = 0
     rate_per_s: float = 0.0
     window_s: float = 0.0
+    entangled: bool = False
 
     @property
     def mean_count(self) -> float:

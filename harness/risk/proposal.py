@@ -142,7 +142,7 @@ def cases_of(
     """States as components see them.
 
     Each is run again without each who comes before the passage; whoever arrives later cannot change
-    when the ego passes.
+    when the ego passes, unless the layout says that they are entangled.
 
     Args:
         layout: of the states.
@@ -158,7 +158,8 @@ def cases_of(
     passed_s = np.repeat(outcomes.passed_s[:, None], arrivals_s.shape[1], axis=1)
     score = np.full_like(passed_s, np.nan)
     # An ego that never passed may have been kept by anybody.
-    row, place = np.nonzero(~np.isnan(arrivals_s) & ~(arrivals_s > passed_s))
+    later = (arrivals_s > passed_s) & (not layout.entangled)
+    row, place = np.nonzero(~np.isnan(arrivals_s) & ~later)
     if evaluate is not None and len(row):
         fewer = layout.without(z[row], place)
         alone = evaluate(fewer, "without each of the people", outcomes.numbers[row])

@@ -39,6 +39,8 @@ class Space:
         rate_per_s: of the flow.
         first: the number of the flow's first pedestrian.
         seed: of the streams.
+        entangled: see ``Layout``: the errors of those who walk at the trigger come from streams
+            numbered after all who come.
     """
 
     fixed: tuple[tuple[Purpose, int], ...]
@@ -47,11 +49,14 @@ class Space:
     rate_per_s: float
     first: int
     seed: int
+    entangled: bool
 
     @property
     def layout(self) -> Layout:
         """Sizes of a state."""
-        return Layout(len(self.fixed), len(self.marks), self.rate_per_s, self.window_s)
+        return Layout(
+            len(self.fixed), len(self.marks), self.rate_per_s, self.window_s, self.entangled
+        )
 
     def given(self, z: FloatArray, number: int) -> Given:
         """The uniforms Φ(z) by purpose, in place of the first draws of each stream.
@@ -128,4 +133,5 @@ def space_of(scenario: Scenario) -> Space:
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
     rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
-    return Space(tuple(fixed), marks, window_s, rate, first, scenario.experiment.seed)
+    entangled = errs and pedestrians.warm_up_s > 0
+    return Space(tuple(fixed), marks, window_s, rate, first, scenario.experiment.seed, entangled)
