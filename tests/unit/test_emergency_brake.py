@@ -113,6 +113,17 @@ def test_goes_on_when_he_stops_outside_its_path() -> None:
     assert strategy.decide(seen(1.5, 2.0, view(1.1, 0.0))) == -4.5
 
 
+def test_no_collision_course_with_who_comes_after_the_rear() -> None:
+    # Its rear is 0.25 m past his line after (5 + 5 + 0.25) m / 5 m/s = 2.05 s; the path is 1.15 m
+    # to either side of the lane's centre.
+    def ttc(enters_s: float) -> float:
+        walker = view(1.15 + enters_s, 1.0)
+        return _time_to_collision(seen(5.0, 5.0, walker), walker, 1.15)
+
+    assert ttc(2.0) == pytest.approx(2.0)
+    assert ttc(2.1) == float("inf")
+
+
 def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
     # harness.motion.contact has the exact rounded rectangle, worked out in another way.
     rng = np.random.default_rng(3)
