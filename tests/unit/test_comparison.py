@@ -105,6 +105,8 @@ def test_two_values_stay_between_them() -> None:
     assert 0.5 <= mu.low <= mu.high <= 1.0
     assert cv.value == pytest.approx(1 / 3)
     assert 0.0 <= cv.low <= cv.high <= 1 / 3 + 1e-12
+    _, cv = bootstrap_mean_and_cv(np.array([0.5, 0.5]), rng())
+    assert (cv.value, cv.low, cv.high) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(("successes", "trials"), [(0, 50), (1, 50), (7, 50), (50, 50), (3, 3)])
