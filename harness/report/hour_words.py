@@ -36,7 +36,13 @@ _NAMES = {
 
 _ARMS = {Arm.AV: "AV", Arm.HUMAN: "human"}
 
-_OVER_CELLS = ("vehicle_delay_s", "pedestrian_delay_s", "person_delay_h", "throughput_per_hour")
+_OVER_CELLS = (
+    "crashes_per_1000",
+    "vehicle_delay_s",
+    "pedestrian_delay_s",
+    "person_delay_h",
+    "throughput_per_hour",
+)
 
 
 def hour_tables(run: RunData) -> list[Table]:
@@ -47,12 +53,34 @@ def hour_tables(run: RunData) -> list[Table]:
 
 
 def hour_lines(run: RunData) -> list[str]:
-    """What has to be known before any number: saturation first."""
-    lines = []
+    """What has to be known before any number: crashes and saturation first."""
+    lines = [line for arm in Arm if (line := _crashes(run, arm))]
     for cell, summary in run.hour_results:
         which = f"{_varied(cell)}: " if run.varied_keys else ""
         lines += [which + line for line in _warnings(cell, summary)]
     return lines
+
+
+def _crashes(run: RunData, arm: Arm) -> str:
+    crashed = [
+        (kappa.value, cell, kappa)
+        for cell, summary in run.hour_results
+        if (kappa := summary.arms[arm].kappa).successes
+    ]
+    if not crashed:
+        return ""
+    most, cell, kappa = max(crashed, key=lambda found: found[0] or 0.0)
+    if run.varied_keys:
+        often = (
+            f"in {len(crashed)} of {counted(len(run.hour_results), 'cell')}, at most "
+            f"{1000 * (most or 0.0):.3g} per 1,000 passages ({_varied(cell)})"
+        )
+    else:
+        often = f"in {kappa.successes:,} of {counted(kappa.trials, 'passage')}"
+    return (
+        f"Crashes ({_ARMS[arm]}) {often}: traffic goes on as if nobody had been hit, so no delay "
+        "has what a crash costs."
+    )
 
 
 def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
@@ -131,11 +159,10 @@ def _over_cells(run: RunData) -> Table:
             for found in summary.measures[name][:2]:
                 values.append(interval_cell(found, _DIGITS))
         saturated = [_ARMS[arm] for arm in Arm if summary.arms[arm].saturated]
-        values.append(TableCell(number(summary.measures["crashes_per_1000"][0].value, 1)))
-        values.append(TableCell(", ".join(saturated) or "no"))
+        values.insert(len(run.varied_keys), TableCell(", ".join(saturated) or "no"))
         rows.append(tuple(values))
     names = [f"{_NAMES[name]}{end}" for name in _OVER_CELLS for end in (", AV", ", human")]
-    headings = (*run.varied_keys, *names, "crashes per 1,000, AV", "saturated")
+    headings = (*run.varied_keys, "saturated", *names)
     return Table("traffic", "Traffic over the cells", headings, tuple(rows), sortable=True)
 
 

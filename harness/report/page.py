@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 from jinja2.utils import htmlsafe_json_dumps
 
+from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
 from harness.files import write_file
 from harness.interaction import InteractionModel
@@ -224,8 +225,8 @@ def _opening(run: RunData) -> Iterator[str]:
     scenario = run.scenario
     if run.in_traffic:
         yield (
-            f"Hours of traffic, each twice: with {scenario.arms.av} in the AV's share of the "
-            f"vehicles, and with {scenario.arms.human} in all of them. Both arms have the same "
+            f"Hours of traffic, each twice: with {_each(run, Arm.AV)} in the AV's share of the "
+            f"vehicles, and with {_each(run, Arm.HUMAN)} in all of them. Both arms have the same "
             f"pedestrians and the same vehicles; seed {run.manifest['seed']}."
         )
         return
@@ -235,11 +236,10 @@ def _opening(run: RunData) -> Iterator[str]:
     said = f"seed {run.manifest['seed']}, interaction model {names}"
     if run.varied_keys:
         keys = ", ".join(run.varied_keys)
-        humans = ", ".join(dict.fromkeys(of.scenario.arms.human for of in run.study.cells))
         yield from references_compared(run)
         yield (
             f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
-            f"the AV's strategy and the reference ({humans}) meet the same "
+            f"the AV's strategy and the reference ({_each(run, Arm.HUMAN)}) meet the same "
             f"pedestrians at the crosswalk; {said}."
         )
         yield from sweep_lines(run.results)
@@ -249,6 +249,12 @@ def _opening(run: RunData) -> Iterator[str]:
         "for a human driver, each meeting the same pedestrians at the same crosswalk in "
         f"{pairs}; {said}."
     )
+
+
+def _each(run: RunData, arm: Arm) -> str:
+    """The strategies of an arm in all cells."""
+    names = (getattr(cell.scenario.arms, arm.value) for cell in run.study.cells)
+    return ", ".join(dict.fromkeys(names))
 
 
 def _verdicts(run: RunData) -> list[str]:

@@ -16,6 +16,7 @@ from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
 from harness.report.hour_player import hour_document
+from harness.report.hour_words import hour_lines
 from harness.report.page import write_report
 from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
@@ -276,3 +277,15 @@ def test_bad_input_is_one_line(tmp_path: Path, line: str, said: str) -> None:
         study_of(read_scenario_file(tmp_path / "bad.toml"), [])
     assert said in str(caught.value)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> None:
+    changes = [parse_setting("arms.av=constant_speed"), parse_setting("experiment.pairs=1")]
+    study = study_of(read_scenario_file(runs[0].parent / "busy.toml", changes), [])
+    run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    hit = int(run.passages[run.passages["arm"] == "av"]["contact"].notna().sum())
+    assert hit > 0, "or there is nothing to say"
+    first = hour_lines(run)[0]
+    assert first.startswith(f"Crashes (AV) in {hit} of ")
+    assert "no delay has what a crash costs" in first
+    assert not any("Crashes" in line for line in hour_lines(harness.load_run(runs[0])))
