@@ -38,9 +38,12 @@ _LOOKED_AT = 600
 _FEWEST_EVENTS = 10
 """Effective events below which a batch says nothing about a proposal's worth."""
 
+_ENOUGH_EVENTS = 200
+"""Effective events that are enough for a refit."""
+
 _LEAST_DRAWS = 2_000
 
-_RESERVE = 2.5
+_RESERVE = 2.0
 """More draws than the refits say are needed: weights found late are the large ones."""
 
 _SMALL_SAMPLE = 30
@@ -224,30 +227,39 @@ def _refit(
     Returns:
         It, and the squared coefficient of variation of a single draw's contribution.
     """
-    best, squared_cv, least = nominal(layout), 1 / rough - 1, 1 / rough - 1
+    best, squared_cv, least = nominal(layout), 1 / rough - 1, math.inf
     cases, who = _explored(counted, layout, found, rng)
     components = first_components(layout, cases, who, rng)
-    fitted, weights = [cases], [np.full(len(who), _WORTH / max(len(who), 1))]
-    for _ in range(_REFITS if components else 0):
-        if len(fitted) > 1 or not layout.marks:
-            components = fit_components(
-                layout, components, _joined(fitted), np.concatenate(weights)
-            )
+    fitted, worths = [cases], [np.full(len(who), _WORTH / max(len(who), 1))]
+    for round_ in range(_REFITS if components else 0):
+        if round_ or not layout.marks:
+            joint = np.concatenate(worths)
+            components = fit_components(layout, components, _joined(fitted), joint)
         proposal, before = spread(layout, components), counted.episodes
-        drawn = _drawn(proposal, counted, _POINTS_OF_REFIT, rng, "fitting the proposal")
-        weight = drawn.weight * drawn.event
-        total = float(weight.sum())
-        if total == 0:
+        batches: list[_Draws] = []
+        weight, size = np.empty(0), 0.0
+        # The later the round, the better the proposal, the more is drawn from it.
+        while len(batches) <= round_ and size < _ENOUGH_EVENTS:
+            batches.append(_drawn(proposal, counted, _POINTS_OF_REFIT, rng, "fitting the proposal"))
+            weight = np.concatenate([weight, batches[-1].weight * batches[-1].event])
+            size = _effective(weight)
+        if size == 0:
             break
-        size = total**2 / float(np.sum(weight**2))
         if size >= _FEWEST_EVENTS:
             of_one = float(weight.var() / weight.mean() ** 2)
-            cost = of_one * (counted.episodes - before) / _POINTS_OF_REFIT
-            if cost < least:
+            cost = of_one * (counted.episodes - before) / len(weight)
+            brute_force = 1 / min(float(weight.mean()), 1.0) - 1
+            if cost < min(least, brute_force):
                 best, squared_cv, least = proposal, of_one, cost
-        fitted.append(drawn.cases)
-        weights.append(size * weight[drawn.event] / total)
+        fitted += [drawn.cases for drawn in batches]
+        worths.append(size * weight[weight > 0] / weight.sum())
     return best, squared_cv
+
+
+def _effective(weight: FloatArray) -> float:
+    """(Σw)²/Σw², 0 where there is none."""
+    squares = float(np.sum(weight**2))
+    return float(weight.sum()) ** 2 / squares if squares else 0.0
 
 
 def _explored(
