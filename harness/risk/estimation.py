@@ -41,9 +41,9 @@ _FEWEST_EVENTS = 10
 _ENOUGH_EVENTS = 200
 """Effective events that are enough for a refit."""
 
-_LEAST_DRAWS = 2_000
+_LEAST_DRAWS = 4_000
 
-_RESERVE = 2.0
+_RESERVE = 2.5
 """More draws than the refits say are needed: weights found late are the large ones."""
 
 _SMALL_SAMPLE = 30
