@@ -16,7 +16,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from PIL import Image
-from playwright.sync_api import sync_playwright
+from playwright.sync_api import FloatRect, sync_playwright
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -47,7 +47,7 @@ def figure(run: str, name: str, as_name: str) -> None:
 
 
 def report() -> None:
-    """The page of the paper's experiment, down to its player."""
+    """The page of the paper's experiment: what is said first, and its player."""
     harness("run", "cctc", "--traces", "--quiet", "--out", "cctc")
     harness("report", "cctc", "--quiet")
     with sync_playwright() as browsers:
@@ -56,12 +56,23 @@ def report() -> None:
         page = browser.new_page(viewport={"width": 900, "height": 1200}, color_scheme="light")
         page.goto(Path("cctc/report.html").resolve().as_uri())
         page.locator("#player-time").fill("5.3")
-        page.evaluate("scrollTo(0, 0)")
-        box = page.locator("#episodes").bounding_box()
-        assert box is not None
-        shown = {"x": 0, "y": 0, "width": 900, "height": box["y"] + box["height"] + 10}
-        page.screenshot(path="page.png", full_page=True, clip=shown)
+        page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
+        table = page.locator("table").first.bounding_box()
+        episodes = page.locator("#episodes").bounding_box()
+        assert table is not None
+        assert episodes is not None
+        for name, y, height in (
+            ("top", 0, table["y"]),
+            ("episodes", episodes["y"], episodes["height"]),
+        ):
+            shown: FloatRect = {"x": 0, "y": y, "width": 900, "height": height}
+            page.screenshot(path=f"{name}.png", full_page=True, clip=shown)
         browser.close()
+    with Image.open("top.png") as above, Image.open("episodes.png") as below:
+        both = Image.new("RGB", (900, above.height + below.height))
+        both.paste(above)
+        both.paste(below, (0, above.height))
+    both.save("page.png")
     save(Path("page.png"), "report")
 
 
