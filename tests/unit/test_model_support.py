@@ -10,7 +10,7 @@ from harness.episode.arms import check_arms
 from harness.episode.pairing import PairRunner
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import InputError
-from harness.interaction import Asked
+from harness.interaction import Asked, check_support
 from harness.measures import Outcome
 from harness.report.words import caveats
 from harness.results.summaries import summarise_cell
@@ -130,3 +130,27 @@ def test_the_unconditional_reading_is_the_models_marginal(model) -> None:
         np.testing.assert_allclose(speeds(scene, model, quantiles, *state), wanted, rtol=1e-12)
     # Given the car they walk at another speed.
     assert np.abs(speeds(scenario(), model, quantiles, 30.0, 5.0) - wanted).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("range_m", "speed_mps"), [(30.0, 0.29), (30.0, 8.01), (1.99, 5.0), (60.1, 5.0)]
+)
+def test_the_box_ends_where_the_model_says(range_m: float, speed_mps: float, model) -> None:
+    # v in 0.3 … 8 m/s, 1/R in 1/60 … 1/2 m⁻¹ (harness/models/dut.json).
+    check_support(model, 30.0, 0.3)
+    check_support(model, 30.0, 8.0)
+    check_support(model, 2.0, 5.0)
+    check_support(model, 60.0, 5.0)
+    with pytest.raises(InputError, match="outside the box"):
+        check_support(model, range_m, speed_mps)
+
+
+def test_at_the_bound_the_last_bit_decides_nothing(model) -> None:
+    asked = Asked(model)
+    for excess in (-1e-12, 0.0, 1e-12):
+        asked.note(30.0, 0.3 + excess)
+        asked.note(2.0 + excess, 5.0)
+        asked.note(60.0, 8.0 + excess)
+    assert (asked.counts.asked, asked.counts.clamped, asked.counts.near_clamped) == (9, 0, 0)
+    asked.note(30.0, 0.2999)
+    assert asked.counts.near_clamped == 1
