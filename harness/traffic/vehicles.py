@@ -112,9 +112,9 @@ class LaneOnRoad:
             return views
         shift = self._shift
         seen = []
-        for view in views:
-            side, ahead_m = shift[view.side]
-            seen.append(view._replace(side=side, lateral_m=view.lateral_m + ahead_m))
+        for index, from_side, lateral_m, *others in views:
+            side, ahead_m = shift[from_side]
+            seen.append(PedestrianView(index, side, lateral_m + ahead_m, *others))
         return tuple(seen)
 
 
