@@ -112,9 +112,10 @@ class LaneOnRoad:
             return views
         shift = self._shift
         seen = []
-        for index, from_side, lateral_m, *others in views:
-            side, ahead_m = shift[from_side]
-            seen.append(PedestrianView(index, side, lateral_m + ahead_m, *others))
+        for index, side, lateral_m, remaining_m, speed_mps, on_crossing in views:
+            own, ahead_m = shift[side]
+            lateral_m += ahead_m
+            seen.append(PedestrianView(index, own, lateral_m, remaining_m, speed_mps, on_crossing))
         return tuple(seen)
 
 
