@@ -47,33 +47,29 @@ def figure(run: str, name: str, as_name: str) -> None:
 
 
 def report() -> None:
-    """The page of the paper's experiment: what is said first, and its player."""
+    """The page of the paper's experiment: how it begins, and its player."""
     harness("run", "cctc", "--traces", "--quiet", "--out", "cctc")
     harness("report", "cctc", "--quiet")
     with sync_playwright() as browsers:
         chromium = shutil.which("chromium")
         browser = browsers.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
-        page = browser.new_page(viewport={"width": 900, "height": 1200}, color_scheme="light")
+        page = browser.new_page(viewport={"width": 1100, "height": 900}, color_scheme="light")
         page.goto(Path("cctc/report.html").resolve().as_uri())
         page.locator("#player-time").fill("5.3")
+        page.locator("#episodes").screenshot(path="player.png")
         page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
-        table = page.locator("table").first.bounding_box()
-        episodes = page.locator("#episodes").bounding_box()
-        assert table is not None
-        assert episodes is not None
-        for name, y, height in (
-            ("top", 0, table["y"]),
-            ("episodes", episodes["y"], episodes["height"]),
-        ):
-            shown: FloatRect = {"x": 0, "y": y, "width": 900, "height": height}
-            page.screenshot(path=f"{name}.png", full_page=True, clip=shown)
+        said = page.locator("#results ul").first.bounding_box()
+        assert said is not None
+        upper: FloatRect = {
+            "x": 0,
+            "y": 0,
+            "width": 1100,
+            "height": said["y"] + said["height"] + 10,
+        }
+        page.screenshot(path="report.png", full_page=True, clip=upper)
         browser.close()
-    with Image.open("top.png") as above, Image.open("episodes.png") as below:
-        both = Image.new("RGB", (900, above.height + below.height))
-        both.paste(above)
-        both.paste(below, (0, above.height))
-    both.save("page.png")
-    save(Path("page.png"), "report")
+    save(Path("report.png"), "report")
+    save(Path("player.png"), "player")
 
 
 def sweep() -> None:

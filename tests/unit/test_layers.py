@@ -71,6 +71,11 @@ def test_every_module_has_a_level() -> None:
     assert without == []
 
 
+def test_the_architecture_names_every_room() -> None:
+    page = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert [name for name in LEVELS if f"`{name}`" not in page and name != "__main__"] == []
+
+
 @pytest.mark.parametrize("module", [name for name in MODULES if level_of(name) is not None])
 def test_lower_levels_never_import_higher_ones(module: str) -> None:
     own = level_of(module)
