@@ -10,6 +10,8 @@ from harness.risk.outcomes import Evaluate, Outcomes
 
 DIMENSIONS = 18
 
+CROWD = Layout(fixed=1, marks=2, rate_per_s=0.5, window_s=8.0)
+
 Case = tuple[Evaluate, float]
 
 LAYOUT = Layout(DIMENSIONS)
@@ -46,3 +48,38 @@ def union(p: float) -> Case:
         return np.minimum(stats.norm.isf(one) - z[:, 0], stats.norm.isf(two) - z @ normal)
 
     return scored(score), 1 - (1 - one) * (1 - two)
+
+
+def crowd(p: float) -> Case:
+    """Hit are the slow who come within h of the ego's passage: 4 s + z/10, 1 s more for each early.
+
+    Early is who comes before 3 s, slow whose mark is above c.  Those who come near the passage are
+    Poisson, and independent of the early ones: p = E[1 − exp(−λ P(slow) length)], where the length
+    is that of [T − h, T + h] within the window.
+    """
+    half_s = 0.1
+    slow = p / CROWD.rate_per_s / (2 * half_s)
+    limit = stats.norm.isf(slow)
+
+    def truth() -> float:
+        early = np.arange(12)
+        z, weight = np.polynomial.hermite_e.hermegauss(200)
+        passed_s = 4.0 + z[:, None] / 10 + early
+        length_s = np.clip(CROWD.window_s - passed_s + half_s, 0.0, 2 * half_s)
+        hit = 1 - np.exp(-CROWD.rate_per_s * slow * length_s)
+        return float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 1.5))
+
+    def evaluate(
+        z: np.ndarray,
+        what: str,  # noqa: ARG001
+        numbers: np.ndarray | None = None,
+    ) -> Outcomes:
+        arrivals_s, mark = CROWD.arrivals_s(z), CROWD.people(z)[:, :, 1]
+        passed_s = 4.0 + z[:, 0] / 10 + (arrivals_s < 3.0).sum(axis=1)
+        away_s = np.maximum(np.abs(arrivals_s - passed_s[:, None]) - half_s, 0.0)
+        away = away_s + np.maximum(limit - mark, 0.0)
+        score = np.where(np.isnan(away), np.inf, away).min(axis=1)
+        of = np.arange(len(z)) if numbers is None else numbers
+        return Outcomes(score[:, None], passed_s, of)
+
+    return evaluate, truth()

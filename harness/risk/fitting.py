@@ -90,9 +90,8 @@ def fit_components(
         for part, term in zip(components, terms, strict=True):
             responsible = term * (weights / total)[:, None]
             mass = float(responsible.sum())
-            if mass == 0:
-                continue
-            count = mass**2 / float(np.sum(responsible.sum(axis=1) ** 2))
+            squares = float(np.sum(responsible.sum(axis=1) ** 2))
+            count = mass**2 / squares if squares > 0 else 0.0
             if count < _FEWEST:
                 continue
             chosen = responsible > 0

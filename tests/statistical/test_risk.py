@@ -5,19 +5,22 @@ import pytest
 from scipy import stats
 
 from harness.risk.estimation import estimate_probability
-from tests.risks import LAYOUT, half_space, union
+from harness.risk.layout import Layout
+from tests.risks import CROWD, LAYOUT, crowd, half_space, union
 
 REPETITIONS = 400
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("p", [1e-2, 1e-4, 1e-6])
-@pytest.mark.parametrize("case", [half_space, union])
-def test_the_interval_covers(case, p: float) -> None:
+@pytest.mark.parametrize(
+    ("case", "layout"), [(half_space, LAYOUT), (union, LAYOUT), (crowd, CROWD)]
+)
+def test_the_interval_covers(case, layout: Layout, p: float) -> None:
     score, truth = case(p)
     held, estimates = 0, []
     for seed in range(REPETITIONS):
-        estimate = estimate_probability(score, LAYOUT, np.random.default_rng((11, seed))).estimate
+        estimate = estimate_probability(score, layout, np.random.default_rng((11, seed))).estimate
         held += estimate.ci_low <= truth <= estimate.ci_high
         estimates.append(estimate.probability)
     # The 95 % interval, less what chance takes once in a thousand.
