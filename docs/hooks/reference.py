@@ -58,7 +58,13 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     """Lines of a table in Markdown."""
     names = [*head]
     lines = [names, ["---"] * len(names), *rows]
-    return ["| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines]
+    return ["| " + " | ".join(in_cell(text) for text in line) + " |" for line in lines]
+
+
+def in_cell(text: str) -> str:
+    """Text in which nothing but code in backticks means anything to Markdown or HTML."""
+    parts = text.replace("|", "\\|").split("`")
+    return "`".join(part if at % 2 else part.replace("<", "&lt;") for at, part in enumerate(parts))
 
 
 def keys_page() -> str:

@@ -1,5 +1,8 @@
 """The generated pages say something of everything there is."""
 
+import re
+from collections.abc import Callable
+
 import pytest
 
 from docs.hooks import reference
@@ -26,6 +29,13 @@ def test_every_key_says_what_it_is(section: type) -> None:
 def test_a_key_as_the_page_has_it() -> None:
     row = "| `duration_s` | number > 0, ≤ 604,800 | s | `3600.0` | "
     assert row in reference.keys_page()
+
+
+@pytest.mark.parametrize(
+    "page", [reference.keys_page, reference.columns_page, reference.commands_page]
+)
+def test_nothing_is_taken_for_html(page: Callable[[], str]) -> None:
+    assert "<" not in re.sub("`[^`]*`", "", page())
 
 
 @pytest.mark.parametrize("name", TABLES)
