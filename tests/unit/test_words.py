@@ -123,7 +123,7 @@ def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of
     summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
     said = {
         tile["name"].split(",")[0]: any("interval too narrow" in line for line in tile["lines"])
-        for tile in tiles(summary)
+        for tile in tiles(summary, "human_gmm")
     }
     assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
     (line,) = tau_lines(summary, "own.av", "human_gmm")
