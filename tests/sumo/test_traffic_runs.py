@@ -11,16 +11,18 @@ import pytest
 
 import harness
 from harness.batch.experiment import resume, run_study
+from harness.batch.plan import plan_of
 from harness.batch.scoring import score
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
+from harness.replay.watch import watch
 from harness.report.hour_player import hour_document
 from harness.report.hour_words import hour_lines
 from harness.report.page import write_report
 from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
-from harness.scenario import Options, parse_setting, read_scenario_file, study_of
+from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.workers.pool import LocalPool
 from tests.batches import Inline, shell, start
 
@@ -41,7 +43,7 @@ class Faulty:
 
     def decide(self, observation):
         if self.number < 0.6:
-            raise ValueError("a vehicle that fails")
+            DOES
         return 0.0
 """
 
@@ -241,10 +243,15 @@ def test_sumos_places_agree_with_the_queues(runs: list[Path], again: Path, arm: 
     assert entered == {lane: sum(lane == other for other, _ in seen) for lane in entered}
 
 
+@pytest.mark.parametrize(
+    ("does", "said"),
+    [('raise ValueError("a vehicle that fails")', "fails"), ("return None", "returned None")],
+)
 def test_one_vehicle_that_fails_fails_its_arm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
 ) -> None:
-    (tmp_path / "faulty.py").write_text(FAULTY, encoding="utf-8")
+    """None, too: SUMO drives for sumo_driver alone, who is shown people as its drivers need it."""
+    (tmp_path / "faulty.py").write_text(FAULTY.replace("DOES", does), encoding="utf-8")
     (tmp_path / "busy.toml").write_text(
         SCENARIO.replace('"gap_yield"', '"faulty:Faulty"'), encoding="utf-8"
     )
@@ -253,9 +260,17 @@ def test_one_vehicle_that_fails_fails_its_arm(
     study = study_of(read_scenario_file(tmp_path / "busy.toml"), [])
     run = run_study(study, Options(workers=1), out=tmp_path / "run", make_executor=LocalPool)
     assert {arm for _, _, arm, _ in run.failures} == {"av"}
-    assert all("vehicle " in reason and "fails" in reason for *_, reason in run.failures)
+    assert all("vehicle " in reason and said in reason for *_, reason in run.failures)
     assert run.summary["failed"].tolist() == [2]
     assert set(run.passages["arm"]) == {"human"}
+
+
+def test_what_hours_have_not(runs: list[Path]) -> None:
+    with pytest.raises(InputError, match="of hours of traffic; allowed: the player"):
+        watch(runs[0], 0, [Arm.AV])
+    study = harness.load_run(runs[0]).study
+    with pytest.raises(InputError, match="--until: of hours of traffic"):
+        plan_of(study, Options(until=Precision("mu", 0.1)))
 
 
 @pytest.mark.parametrize(
