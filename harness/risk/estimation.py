@@ -299,7 +299,8 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_]) -> Estimate:
     """Mean of w·1_F with its interval.
 
     Where all weights are 1 the interval is Clopper–Pearson's.  Else it is the one of Student's t on
-    the scale of ln p, p̂ exp(± t s/(p̂ √n)), as weights and estimate are skew.
+    the scale of ln p, p̂ exp(± t s/(p̂ √n)), as weights and estimate are skew.  Large weights are
+    rare, so the spread s of most samples is too small: one more of the largest is counted in it.
 
     Args:
         weight: φ/q of every draw, shape (n,).
@@ -321,7 +322,8 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_]) -> Estimate:
         low = float(stats.beta.ppf(tail, events, n - events + 1))
         high = float(stats.beta.ppf(1 - tail, events + 1, n - events)) if events < n else 1.0
         return Estimate(p, cv, low, high, size, largest, n, events)
-    factor = math.exp(float(stats.t.ppf((1 + CONFIDENCE) / 2, max(events - 1, 1))) * cv)
+    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(events - 1, 1)))
+    factor = math.exp(quantile * math.hypot(cv, largest))
     return Estimate(p, cv, p / factor, min(1.0, p * factor), size, largest, n, events)
 
 
