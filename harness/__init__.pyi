@@ -14,11 +14,17 @@ from .encounter import (
 )
 from .errors import HarnessError as HarnessError, InputError as InputError
 from .interaction import InteractionModel as InteractionModel, load_model as load_model
+from .one_pair import (
+    EpisodeOutcome as EpisodeOutcome,
+    PairOutcome as PairOutcome,
+    run_pair as run_pair,
+)
 from .report import figures as figures
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .runs.compare import compare as compare
 from .runs.comparisons import RunComparison as RunComparison
 from .runs.run_data import RunData as RunData, load_run as load_run
+from .runs.worst import got_worse as got_worse, worst as worst
 from .scenario import (
     Options as Options,
     Precision as Precision,

@@ -7,10 +7,11 @@ The same checks hold the built-in strategies (tests/conformance) and a user's ow
 import copy
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
 from numbers import Real
+from pathlib import Path
 from threading import Thread
 from time import monotonic
 from types import MappingProxyType
@@ -23,9 +24,9 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.errors import in_one_line
 from harness.interaction import InteractionModel, load_model
-from harness.scenario import ExperimentSection, Scenario, validate
-from harness.strategies.parameters import parameters_of
-from harness.strategies.registry import find_strategy
+from harness.scenario import ExperimentSection, Scenario, Setting, load_scenario, validate
+from harness.strategies.parameters import check_parameters, parameters_of
+from harness.strategies.registry import find_strategy, table_key
 
 STEPS_S = (0.1, 0.05)
 
@@ -70,15 +71,23 @@ SCENES: dict[str, Scene] = {
 }
 
 
+LIMIT_S = 60.0
+"""How long all checks together may take."""
+
+
 class _BrokenRuleError(Exception):
-    """A check's finding, in one line."""
+    """A check's finding, in one line; ``observation`` is what the strategy was shown there."""
+
+    def __init__(self, problem: str, observation: Observation | None = None) -> None:
+        super().__init__(problem)
+        self.observation = observation
 
 
 class _StoppedError(_BrokenRuleError):
     """A scene could not be played to its end; ``rule`` is the check that this belongs to."""
 
-    def __init__(self, problem: str, rule: str) -> None:
-        super().__init__(problem)
+    def __init__(self, problem: str, rule: str, observation: Observation | None = None) -> None:
+        super().__init__(problem, observation)
         self.rule = rule
 
 
@@ -86,13 +95,15 @@ class _StoppedError(_BrokenRuleError):
 class RuleResult:
     """What one check found; ``problem`` is None where the strategy passed.
 
-    ``checked`` is False where the check could not be made, for a reason that another one has
-    found; ``problem`` says which.
+    ``observation`` is what the strategy was shown when it broke the rule, None where no single
+    one is to blame.  ``checked`` is False where the check could not be made, for a reason that
+    another one has found; ``problem`` says which.
     """
 
     check: str
     problem: str | None
     checked: bool = True
+    observation: Observation | None = None
 
 
 class _Observed:
@@ -104,18 +115,20 @@ class _Observed:
     def __init__(self, strategy: Strategy) -> None:
         self.strategy = strategy
         self.answers: list[Any] = []
-        self.changed: str | None = None
+        self.observations: list[Observation] = []
+        self.changed: Observation | None = None
         self.asked_at_s: float | None = None
         """When it was asked what it has not answered: by then it is thinking, or has raised."""
 
     def decide(self, observation: Observation, /) -> float:
         """The strategy's answer; its observation is compared with itself before."""
         before = repr(observation)
+        self.observations.append(observation)
         self.asked_at_s = monotonic()
         answer = self.strategy.decide(observation)
         self.asked_at_s = None
         if self.changed is None and repr(observation) != before:
-            self.changed = f"the observation at t = {observation.time_s:.3f} s"
+            self.changed = observation
         self.answers.append(answer)
         return 0.0 if answer is None else answer
 
@@ -125,11 +138,14 @@ class Subject:
 
     Args:
         name: as in ``arms.av``.
+        scenario: says the crosswalk, the ego where a scene says nothing, and the parameters.
         model: the interaction model, for strategies that ask for it.
     """
 
-    def __init__(self, name: str, model: InteractionModel) -> None:
+    def __init__(self, name: str, scenario: Scenario, model: InteractionModel) -> None:
         self.name, self._model = name, model
+        self._base = scenario.model_dump(include={"crossing", "ego", "strategies"})
+        self.parameters = scenario.strategies.get(name, {})
         self.factory = find_strategy(name, "--check")
         self.watched: _Observed | None = None
         """The object of the scene that is being played."""
@@ -143,7 +159,8 @@ class Subject:
         chosen = SCENES[scene]
         scenario = validate(
             {
-                "ego": dict(chosen.ego),
+                **self._base,
+                "ego": {**self._base["ego"], **chosen.ego},
                 "pedestrians": {"kerb_wait_s": chosen.kerb_wait_s},
                 "experiment": {"step_s": step_s},
             },
@@ -158,8 +175,14 @@ class Subject:
         self.watched = None
         if trace.ending is Ending.ENGINE_FAILED:
             rule = _IS_FINITE if watched.asked_at_s is None else _SURVIVES
-            raise _StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule)
+            last = watched.observations[-1] if watched.observations else None
+            raise _StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule, last)
         return trace, watched
+
+    def stopped(self, problem: str, rule: str) -> _StoppedError:
+        """What is found where the strategy takes too long, with what it was shown last."""
+        seen = [] if self.watched is None else self.watched.observations
+        return _StoppedError(problem, rule, seen[-1] if seen else None)
 
     def hangs(self) -> bool:
         """Whether it has been thinking for too long; another thread asks."""
@@ -179,7 +202,8 @@ def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) ->
 
 
 def _has_defaults(subject: Subject) -> None:
-    missing = [p.name for p in parameters_of(subject.factory) if p.required]
+    known = subject.parameters
+    missing = [p.name for p in parameters_of(subject.factory) if p.required and p.name not in known]
     if missing:
         raise _BrokenRuleError(f"no default for {', '.join(missing)}")
 
@@ -193,39 +217,40 @@ def _survives(subject: Subject) -> None:
 def _is_finite(subject: Subject) -> None:
     for scene in SCENES:
         for step_s in STEPS_S:
-            for answer in subject.play(scene, step_s)[1].answers:
+            _, watched = subject.play(scene, step_s)
+            for answer, observation in zip(watched.answers, watched.observations, strict=True):
                 number = isinstance(answer, Real) and not isinstance(answer, bool)
                 if answer is not None and not (number and math.isfinite(answer)):
-                    raise _BrokenRuleError(f"{scene}, step {step_s:g} s: returned {answer!r}")
+                    what = f"{scene}, step {step_s:g} s: returned {answer!r}"
+                    raise _BrokenRuleError(what, observation)
 
 
 def _crosses_an_empty_road(subject: Subject) -> None:
     for step_s in STEPS_S:
-        trace, _ = subject.play("nobody", step_s)
+        trace, watched = subject.play("nobody", step_s)
         if trace.ending is not Ending.CROSSED:
-            raise _BrokenRuleError(f"step {step_s:g} s: {trace.ending} with nobody there")
+            what = f"step {step_s:g} s: {trace.ending} with nobody there"
+            raise _BrokenRuleError(what, watched.observations[-1])
 
 
 def _is_deterministic(subject: Subject) -> None:
     for scene in SCENES:
-        first, second = (subject.play(scene, 0.1)[1].answers for _ in range(2))
-        if repr(first) != repr(second):
-            raise _BrokenRuleError(f"{scene}: {_difference(first, second)}")
+        first, second = (subject.play(scene, 0.1)[1] for _ in range(2))
+        _refuse_difference(scene, first, second)
 
 
 def _forgets(subject: Subject) -> None:
-    alone = {scene: subject.play(scene, 0.1)[1].answers for scene in SCENES}
+    alone = {scene: subject.play(scene, 0.1)[1] for scene in SCENES}
     for scene in reversed(SCENES):
-        again = subject.play(scene, 0.1)[1].answers
-        if repr(again) != repr(alone[scene]):
-            raise _BrokenRuleError(f"{scene}, after others: {_difference(alone[scene], again)}")
+        again = subject.play(scene, 0.1)[1]
+        _refuse_difference(f"{scene}, after others", alone[scene], again)
 
 
 def _leaves_alone(subject: Subject) -> None:
     for scene in SCENES:
         _, watched = subject.play(scene, 0.1)
         if watched.changed:
-            raise _BrokenRuleError(f"{scene}: changed {watched.changed}")
+            raise _BrokenRuleError(f"{scene}: changed the observation", watched.changed)
 
 
 def _keeps_nothing_in_its_class(subject: Subject) -> None:
@@ -248,11 +273,14 @@ def _class_state(strategy: Any) -> dict[str, Any]:
     }
 
 
-def _difference(one: list[Any], other: list[Any]) -> str:
-    for step, (a, b) in enumerate(zip(one, other, strict=False)):
+def _refuse_difference(where: str, one: _Observed, other: _Observed) -> None:
+    """Refuse answers that are not the same, with the first of them and what was shown there."""
+    answers = zip(one.answers, other.answers, other.observations, strict=False)
+    for step, (a, b, observation) in enumerate(answers):
         if repr(a) != repr(b):
-            return f"{a!r} and {b!r} at step {step}"
-    return f"{len(one)} and {len(other)} steps"
+            raise _BrokenRuleError(f"{where}: {a!r} and {b!r} at step {step}", observation)
+    if len(one.answers) != len(other.answers):
+        raise _BrokenRuleError(f"{where}: {len(one.answers)} and {len(other.answers)} steps")
 
 
 _HAS_DEFAULTS = "every parameter has a default"
@@ -272,17 +300,33 @@ CHECKS: dict[str, Callable[[Subject], None]] = {
 """Every check by what it demands; those of memory first, as it has to be empty for them."""
 
 
-def check_strategy(name: str, model: InteractionModel | None = None) -> list[RuleResult]:
-    """Hold a strategy with its default parameters against every check.
+def check_strategy(
+    strategy: str | type,
+    model: InteractionModel | None = None,
+    scenario: Scenario | str | Path = "cctc",
+    settings: Mapping[str, Any] | Sequence[Setting] = (),
+    limit_s: float = LIMIT_S,
+) -> list[RuleResult]:
+    """Hold a strategy against every check.
 
     Args:
-        name: as in ``arms.av``: a built-in name, an entry point, or ``package.module:Class``.
-        model: the interaction model, for strategies that ask for it; None: the shipped one.
+        strategy: as in ``arms.av``: a built-in name, an entry point, ``package.module:Class``, or
+            a class.
+        model: the interaction model, for strategies that ask for it; None: the scenario's.
+        scenario: says the crosswalk, the ego where a scene says nothing, and the strategy's
+            parameters; who comes is the scenes' business.
+        settings: changes to it, where it is no ``Scenario``.
+        limit_s: of wall time, for all checks together.
 
     Raises:
-        InputError: there is no such strategy.
+        InputError: there is no such strategy, or the scenario, a setting or a parameter is refused.
     """
-    subject = Subject(name, model or load_model(Scenario().model.name))
+    name = validate({"arms": {"av": strategy}}, "strategy").arms.av
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario, settings)
+    section = scenario.model
+    subject = Subject(name, scenario, model or load_model(section.name, section.path))
+    check_parameters(subject.factory, subject.parameters, table_key(name))
     found: dict[str, _BrokenRuleError | None] = {}
     done: Future[None] = Future()
 
@@ -295,10 +339,15 @@ def check_strategy(name: str, model: InteractionModel | None = None) -> list[Rul
 
     # A thread that hangs can be left behind, whatever it hangs in.
     Thread(target=check_all, daemon=True).start()
+    begun_s = monotonic()
     while not wait([done], timeout=min(0.1, DECIDE_LIMIT_S)).done:
+        stopped: _StoppedError | None = None
         if subject.hangs():
-            hung = _StoppedError(f"decide took more than {DECIDE_LIMIT_S:g} s", _SURVIVES)
-            return _verdicts(dict.fromkeys(CHECKS, hung) | found)
+            stopped = subject.stopped(f"decide took more than {DECIDE_LIMIT_S:g} s", _SURVIVES)
+        elif monotonic() - begun_s > limit_s:
+            stopped = subject.stopped(f"not finished after {limit_s:g} s in all", "")
+        if stopped is not None:
+            return _verdicts(dict.fromkeys(CHECKS, stopped) | found)
     done.result()
     return _verdicts(found)
 
@@ -328,6 +377,11 @@ def _verdicts(found: Mapping[str, _BrokenRuleError | None]) -> list[RuleResult]:
                 owner = _HAS_DEFAULTS
             checked = check == owner
         verdicts.append(
-            RuleResult(check, problem if checked else f"not checked: {problem}", checked)
+            RuleResult(
+                check,
+                problem if checked else f"not checked: {problem}",
+                checked,
+                error.observation if error is not None and checked else None,
+            )
         )
     return verdicts

@@ -9,7 +9,7 @@ import math
 import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -17,15 +17,14 @@ from gymnasium.envs.registration import register
 from numpy.typing import NDArray
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
-from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
-from harness.engine.shared import close_engine, engine_for
+from harness.engine.shared import close_engine, open_engine
 from harness.episode.loop import Episode, Steps
 from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
-from harness.scenario import Scenario, load_scenario
+from harness.scenario import EngineName, Scenario, load_scenario
 from harness.strategies.vector import observation_vector
 
 Vector = NDArray[np.float32]
@@ -92,7 +91,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         settings: Mapping[str, Any] | None = None,
         nearest: int = 3,
         reward: Callable[[Transition], float] = time_speeding_and_crash,
-        engine: Literal["sumo", "plain"] = "sumo",
+        engine: EngineName = "sumo",
     ) -> None:
         if nearest < 1:
             raise InputError("nearest", f"{nearest!r}", "1 or more")
@@ -179,9 +178,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._runner = None
 
     def _engine(self) -> Engine:
-        if self._kind == "sumo":
-            return engine_for(self._scenario)
-        return PlainEngine(self._scenario.vehicle(), self._scenario.experiment.step_s)
+        return open_engine(self._scenario, self._kind)
 
     def _claim(self) -> None:
         """libsumo runs one simulation per process, and that one holds one ego."""

@@ -44,10 +44,16 @@ _PURPOSES: dict[Purpose, int] = {
 }
 
 
-Resampling = Literal["summary", "comparison", "validation", "risk"]
+Resampling = Literal["summary", "comparison", "validation", "risk", "audit"]
 
 # Apart from the streams above by their form, not only by their numbers.
-_RESAMPLINGS: dict[Resampling, int] = {"summary": 5, "comparison": 6, "validation": 7, "risk": 8}
+_RESAMPLINGS: dict[Resampling, int] = {
+    "summary": 5,
+    "comparison": 6,
+    "validation": 7,
+    "risk": 8,
+    "audit": 9,
+}
 
 
 def stream(root_seed: int, purpose: Purpose, pair: int, *part: int) -> np.random.Generator:
@@ -70,6 +76,7 @@ def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
 
     Args:
         root_seed: the experiment's seed, ≥ 0.
-        purpose: the bootstrap of a summary or a comparison, or the points of a risk.
+        purpose: the bootstrap of a summary or a comparison, the points of a risk, or which pairs
+            an audit repeats.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

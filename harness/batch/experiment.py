@@ -17,12 +17,16 @@ from harness.results.reading import MANIFEST, read_manifest
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.runs.run_data import RunData, load_run
 from harness.scenario import Cell, Options, Scenario, Study, hang_limit_s
+from harness.strategies.own import is_of_this_process
 from harness.workers.execution import run_tasks
 from harness.workers.pool import LocalPool, workers_for
 from harness.workers.tasks import Executor, ExecutorLostError, Task
+from harness.workers.this_process import ThisProcess
 
 FEWEST_PAIRS = 5
 """Pairs of the smallest tasks: those at the end of a run, so that workers end together."""
+
+_OPTIONS = Options()
 
 MakeExecutor = Callable[[int], Executor]
 Progress = Callable[[int, int, str], None]
@@ -31,11 +35,11 @@ Progress = Callable[[int, int, str], None]
 
 def run_study(
     study: Study,
-    options: Options,
+    options: Options = _OPTIONS,
     *,
     out: Path | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
-    make_executor: MakeExecutor = LocalPool,
+    make_executor: MakeExecutor | None = None,
 ) -> RunData:
     """Run every cell and write the run folder.
 
@@ -44,7 +48,8 @@ def run_study(
         options: how.
         out: the folder; default ``runs/<name>-<next free number>``.
         progress: told how far it is.
-        make_executor: makes the executor for a number of workers.
+        make_executor: makes the executor for a number of workers; None: local processes, or this
+            one where ``options.workers`` is 0 or a strategy is a class of this script or notebook.
 
     Raises:
         InputError: SUMO, model, strategies or folder are refused; nothing has been written then.
@@ -56,7 +61,7 @@ def run_study(
     with _held(folder):
         folder.drop_shards()
         folder.write_manifest(plan.manifest())
-        return _carry_out(folder, plan, progress, make_executor)
+        return _carry_out(folder, plan, progress, make_executor or _usual_executor(plan))
 
 
 def resume(
@@ -64,7 +69,7 @@ def resume(
     *,
     workers: int | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
-    make_executor: MakeExecutor = LocalPool,
+    make_executor: MakeExecutor | None = None,
 ) -> RunData:
     """Go on with an interrupted run; a finished one is only read.
 
@@ -85,7 +90,15 @@ def resume(
             folder.drop_shards()
             return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")
-        return _carry_out(folder, plan, progress, make_executor)
+        return _carry_out(folder, plan, progress, make_executor or _usual_executor(plan))
+
+
+def _usual_executor(plan: Plan) -> MakeExecutor:
+    cells = plan.study.cells
+    driven = {name for cell in cells for name in cell.scenario.arms.model_dump().values()}
+    if plan.options.workers == 0 or any(map(is_of_this_process, driven)):
+        return lambda _workers: ThisProcess()
+    return LocalPool
 
 
 @contextmanager
@@ -142,7 +155,7 @@ class _Work:
         self.folder, self.plan, self.progress = folder, plan, progress
         self.make_executor = make_executor
         self.executor: Executor | None = None
-        self.done = folder.done_pairs(plan.planned, plan.options.traces)
+        self.done = folder.done_pairs(plan.planned, plan.shard_tables)
 
     def reach(self, goals: dict[int, int]) -> None:
         """Run what is missing up to ``goals`` pairs of each cell."""
@@ -219,6 +232,8 @@ class _Work:
             traces=options.traces,
             hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
             stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
+            engine=options.engine,
+            audit=self.plan.audits.get(cell.number),
         )
 
 

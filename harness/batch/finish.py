@@ -13,7 +13,7 @@ from harness.results.hour_summaries import hours_row, summarise_hours
 from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results.run_folder import RunFolder
 from harness.results.summaries import confidence_of, summarise_cell, summary_row
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, write_parquet
+from harness.results.tables import write_parquet
 from harness.runs.run_data import RunData, load_run
 from harness.scenario import Study
 
@@ -35,7 +35,7 @@ CsvTables = dict[str, list[dict[str, Any]]]
 
 def _hours(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
     """The tables of hours of traffic; returns their CSVs and counts."""
-    folder.finish_tables((*HOUR_TABLES, *(HOUR_TRACES if plan.options.traces else ())))
+    folder.finish_tables(plan.shard_tables)
     confidence = confidence_of(plan.study, plan.options)
     summaries, counts = [], dict.fromkeys(("pairs", "hours", "engine_failed"), 0)
     for cell, (_, hours) in zip(plan.study.cells, folder.rows_by_cell("hours"), strict=True):
@@ -49,7 +49,7 @@ def _hours(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
 
 def _encounters(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
     """The tables of encounters; returns their CSVs and counts."""
-    folder.finish_tables(["episodes", "pedestrians", *(["traces"] if plan.options.traces else [])])
+    folder.finish_tables(plan.shard_tables)
     folder.finish_pairs()
     confidence = confidence_of(plan.study, plan.options)
     tables: CsvTables = {"summary": [], "measures": [], "conflicts": []}

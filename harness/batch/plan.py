@@ -1,6 +1,7 @@
 """What a run carries out: its study with the models loaded and everything checked."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from harness.episode.arms import check_arms
@@ -8,7 +9,11 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.network import network_of
 from harness.results.manifest import manifest_of, options_of, recall_study
-from harness.scenario import Options, Study
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
+from harness.scenario import Options, Scenario, Study
+from harness.strategies.registry import STRATEGIES
+from harness.strategies.sumo_driver import SumoDriver
+from harness.workers.audit import Audit, audit_of
 
 
 @dataclass(frozen=True)
@@ -18,6 +23,23 @@ class Plan:
     study: Study
     models: dict[int, InteractionModel]
     options: Options
+
+    @property
+    def shard_tables(self) -> list[str]:
+        """The tables that its tasks bring."""
+        if self.study.in_traffic:
+            return [*HOUR_TABLES, *(HOUR_TRACES if self.options.traces else ())]
+        audit = self.options.engine == "plain"
+        return encounter_tables(traces=self.options.traces, audit=audit)
+
+    @cached_property
+    def audits(self) -> dict[int, Audit]:
+        """What of each cell is repeated in SUMO, by number; nothing where all takes place there."""
+        if self.options.engine == "sumo":
+            return {}
+        return {
+            cell.number: audit_of(self.options.audit, cell.scenario) for cell in self.study.cells
+        }
 
     @property
     def planned(self) -> dict[int, int]:
@@ -35,6 +57,8 @@ def plan_of(study: Study, options: Options) -> Plan:
     Raises:
         InputError: a model, a strategy or a network is refused.
     """
+    if options.engine == "plain":
+        _refuse_for_plain(study, options)
     if study.in_traffic and options.until:
         raise InputError("--until", "of hours of traffic", "a scenario without [traffic]")
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
@@ -48,6 +72,29 @@ def plan_of(study: Study, options: Options) -> Plan:
         check_arms(cell.scenario, models[cell.number])
         network_of(cell.scenario)
     return Plan(study, models, options)
+
+
+def _refuse_for_plain(study: Study, options: Options) -> None:
+    """Refuse what the plain engine cannot do as SUMO does."""
+    if not 0 <= options.audit <= 1:
+        raise InputError("--audit", f"{options.audit:g}", "a share of the pairs, 0 to 1")
+    if options.sumo_outputs is not None:
+        raise InputError("--sumo-outputs", "stands beside --engine plain", "--engine sumo")
+    for scenario in (cell.scenario for cell in study.cells):
+        if (need := _need_of_sumo(scenario)) is not None:
+            raise InputError("--engine plain", f"{need} needs SUMO", "--engine sumo")
+
+
+def _need_of_sumo(scenario: Scenario) -> str | None:
+    """What of a scenario only SUMO can do; None where the plain engine does the same."""
+    if scenario.traffic is not None:
+        return "[traffic]"
+    if scenario.pedestrians.behaviour == "sumo":
+        return 'pedestrians.behaviour = "sumo"'
+    for arm, name in scenario.arms.model_dump().items():
+        if STRATEGIES.get(name) is SumoDriver:
+            return f'arms.{arm} = "{name}"'
+    return None
 
 
 def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:

@@ -18,7 +18,7 @@ from harness.measures.catalogue import COLUMNS
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.shards import DamagedShardError
-from harness.results.tables import ASKED, TABLES, episode_rows
+from harness.results.tables import ASKED, TABLES, encounter_tables, episode_rows
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Cell, ConflictsSection, Scenario, Setting, validate
 from harness.scenario.file import apply_setting
@@ -72,7 +72,8 @@ def _score_encounters(
     run: Path, cell: Cell, traced: bool
 ) -> Iterator[tuple[int, int, dict[str, dict[str, Any]]]]:
     """First pair, number of pairs and all rows of some pairs, one part after another."""
-    names = ("episodes", "pedestrians", *(["traces"] if traced else []))
+    audited = (run / "audit.parquet").is_file()
+    names = encounter_tables(traces=traced, audit=audited)
     # Measures are worked out anew: those added since the run need not be there.
     tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
     pairs = _pairs(run, tables["episodes"])

@@ -1,14 +1,18 @@
 """Commands about the installation and its parts: ``network``, ``strategies``, ``doctor``."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption, ScenarioArgument, SetOption, settings_of
 from harness.cli.output import print_json, print_line
+from harness.errors import InputError
+
+if TYPE_CHECKING:
+    from harness.conformance import RuleResult
 
 
 def print_version(wanted: bool) -> None:
@@ -50,6 +54,14 @@ def strategies(
             metavar="STRATEGY",
         ),
     ] = None,
+    scenario: Annotated[
+        str,
+        typer.Option(help="With --check: whose crosswalk, ego and parameters."),
+    ] = "cctc",
+    settings: SetOption = None,
+    limit: Annotated[
+        float, typer.Option(help="With --check: seconds of wall time for all checks together.")
+    ] = 60.0,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print names, or failed checks, alone.")
     ] = False,
@@ -61,10 +73,10 @@ def strategies(
         return
     from harness.conformance import check_strategy
 
-    verdicts = check_strategy(check)
-    unchecked = {verdict.check for verdict in verdicts if not verdict.checked}
-    checks = [(verdict.check, verdict.problem) for verdict in verdicts]
-    _print_checks(checks, quiet, as_json, unchecked)
+    if not limit > 0:
+        raise InputError("--limit", f"{limit:g} s", "above 0")
+    verdicts = check_strategy(check, None, scenario, settings_of(settings), limit)
+    _print_verdicts(verdicts, quiet, as_json)
 
 
 def _list_strategies(quiet: bool, as_json: bool) -> None:
@@ -110,26 +122,40 @@ def doctor(
         _print_checks(installation_checks(), quiet, as_json)
 
 
+def _print_verdicts(verdicts: "Sequence[RuleResult]", quiet: bool, as_json: bool) -> None:
+    """Say of each rule whether it was kept, and what the strategy was shown where it was not."""
+    from harness.report.listings import observation_lines, verdict_document
+
+    if as_json:
+        print_json({"checks": [verdict_document(verdict) for verdict in verdicts]})
+    for verdict in [] if as_json else verdicts:
+        failed = verdict.problem is not None and verdict.checked
+        if not (failed or not quiet):
+            continue
+        word = "FAILED" if failed else "ok" if verdict.problem is None else "-"
+        reason = f": {verdict.problem}" if verdict.problem else ""
+        print_line(f"{word:8s} {verdict.check}{reason}")
+        for line in observation_lines(verdict.observation):
+            print_line(f"         {line}")
+    if any(verdict.problem for verdict in verdicts):
+        raise typer.Exit(1)
+
+
 def _print_checks(
     checks: Iterable[tuple[str, str | None]],
     quiet: bool,
     as_json: bool,
-    unchecked: Collection[str] = (),
     **more: Any,
 ) -> None:
-    """Say of each check, as it is made, whether it went well; exit code 1 if one did not.
-
-    Those of ``unchecked`` could not be made; their problem says why.
-    """
+    """Say of each check, as it is made, whether it went well; exit code 1 if one did not."""
     problems = []
     made = []
     for title, problem in checks:
         made.append({"check": title, "problem": problem})
         if problem is not None:
             problems.append(problem)
-        failed = problem is not None and title not in unchecked
-        if not as_json and (failed or not quiet):
-            word = "FAILED" if failed else "ok" if problem is None else "-"
+        if not as_json and (problem is not None or not quiet):
+            word = "ok" if problem is None else "FAILED"
             print_line(f"{word:8s} {title}" + (f": {problem}" if problem else ""))
     if as_json:
         print_json({**more, "checks": made})

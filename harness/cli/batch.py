@@ -9,7 +9,9 @@ import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import (
+    AuditOption,
     DaskOption,
+    EngineOption,
     JsonOption,
     OutOption,
     PairsOption,
@@ -39,12 +41,15 @@ def run(
     workers: WorkersOption = None,
     traces: TracesOption = False,
     sumo_outputs: SumoOutputsOption = None,
+    engine: EngineOption = "sumo",
+    audit: AuditOption = None,
     dask: DaskOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run every pair once with the AV, once with the human driver; with --vary in many cells."""
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
+    from harness.scenario.options import AUDIT_SHARE
 
     file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
     study = study_of(file, [parse_variation(text) for text in vary or []])
@@ -53,7 +58,14 @@ def run(
     if sumo_outputs not in (None, "all", "crashed"):
         raise InputError(f"--sumo-outputs {sumo_outputs}", "no such choice", "all or crashed")
     _refuse_workers_beside_dask(workers, dask)
-    options = Options(traces, _precision(until), workers, sumo_outputs=sumo_outputs)  # type: ignore[arg-type]
+    options = Options(
+        traces,
+        _precision(until),
+        workers,
+        sumo_outputs=sumo_outputs,  # type: ignore[arg-type]
+        engine=_engine(engine, audit),
+        audit=AUDIT_SHARE if audit is None else audit,
+    )
     with _executor(study, options, dask) as make_executor:
         from harness.batch.experiment import run_study
 
@@ -129,6 +141,14 @@ def _cluster(dask: str | None) -> Iterator[Any]:
         cluster.stop()
 
 
+def _engine(name: str, audit: float | None) -> Any:
+    if name not in ("sumo", "plain"):
+        raise InputError(f"--engine {name}", "no such engine", "sumo or plain")
+    if name == "sumo" and audit is not None:
+        raise InputError("--audit", "goes with --engine plain", "--engine plain")
+    return name
+
+
 def _precision(text: str | None) -> Any:
     if text is None:
         return None
@@ -156,6 +176,7 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
     for failures, what in (
         (finished.failures, "episodes failed in the engine"),
         (finished.output_failures, "episodes have no SUMO outputs, or others than they should"),
+        (finished.disagreements, "records of the plain engine are not SUMO's"),
     ):
         if failures:
             shown = "; ".join(
@@ -163,5 +184,5 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
             )
             more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
             say(one_line(f"harness: {len(failures)} {what}: {shown}{more}"))
-    if finished.failures or finished.output_failures:
+    if finished.failures or finished.output_failures or finished.disagreements:
         raise typer.Exit(1)

@@ -61,6 +61,21 @@ SumoOutputsOption = Annotated[
         metavar="WHICH",
     ),
 ]
+EngineOption = Annotated[
+    str,
+    typer.Option(
+        help="sumo; or plain: the same kinematics without SUMO, faster, without SUMO's verdict and "
+        "outputs; some records are repeated in SUMO (--audit)."
+    ),
+]
+AuditOption = Annotated[
+    float | None,
+    typer.Option(
+        help="With --engine plain: the share of the pairs that is repeated in SUMO, beside every "
+        "crash; default 0.01.",
+        metavar="SHARE",
+    ),
+]
 TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")

@@ -4,11 +4,12 @@ from collections.abc import Callable
 from typing import TypeVar, cast
 
 from harness.engine.control import SumoEngine
+from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import Following
 from harness.network import place_of
-from harness.scenario import Scenario
+from harness.scenario import EngineName, Scenario
 
 _engine: tuple[str, SumoEngine | SumoRoad] | None = None
 
@@ -26,6 +27,13 @@ def engine_for(scenario: Scenario) -> Engine:
         return libsumo_engine(place_of(scenario), vehicle, crossing, step_s)
 
     return _started("one ego", scenario, start)
+
+
+def open_engine(scenario: Scenario, name: EngineName) -> Engine:
+    """An open engine of that name for a scenario."""
+    if name == "plain":
+        return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    return engine_for(scenario)
 
 
 def road_for(scenario: Scenario) -> SumoRoad:

@@ -17,7 +17,7 @@ from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.network import network_of, place_of
 from harness.replay.stored import Rows, StoredCell, record_differences
-from harness.scenario import Cell, Scenario, hang_limit_s
+from harness.scenario import Cell, EngineName, Scenario, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.traffic.pairing import HourOutcome, HourRunner
 from harness.workers.execution import reason_of
@@ -78,6 +78,7 @@ class Repetition:
     pair: int
     arm: Arm
     rows: Rows
+    engine: EngineName
     folder: Path
     hang_after_s: float
 
@@ -160,16 +161,19 @@ def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm,
     else:
         runner = PairRunner(scenario, stored.model, lambda: engine_for(scenario))
     try:
-        return {
-            arm: _repeated(runner.run_arm(pair, arm), stored.cell, stored.rows_of(pair, arm))
-            for arm in arms
-        }
+        outcomes = {arm: runner.run_arm(pair, arm) for arm in arms}
     finally:
         close_engine()
+    return {
+        arm: _repeated(outcome, stored.cell, stored.rows_of(pair, arm), stored.engine)
+        for arm, outcome in outcomes.items()
+    }
 
 
-def _repeated(outcome: Outcome | HourOutcome, cell: Cell, rows: Rows) -> Repeated:
-    found = record_differences(outcome, cell.number, rows)
+def _repeated(
+    outcome: Outcome | HourOutcome, cell: Cell, rows: Rows, engine: EngineName
+) -> Repeated:
+    found = record_differences(outcome, cell.number, rows, engine)
     traceback = outcome.traceback if isinstance(outcome, HourOutcome) else outcome.trace.traceback
     return Repeated(tuple(found), traceback)
 
@@ -200,7 +204,7 @@ def repetition(
         raise InputError(str(folder), why, "a writable folder") from None
     limit_s = hang_limit_s(hang_after_s, scenario)
     rows = stored.rows_of(pair, arm)
-    return Repetition(stored.cell, stored.model, pair, arm, rows, folder, limit_s)
+    return Repetition(stored.cell, stored.model, pair, arm, rows, stored.engine, folder, limit_s)
 
 
 def run_again(job: Repetition) -> Repeated:
@@ -208,7 +212,7 @@ def run_again(job: Repetition) -> Repeated:
     close_engine()
     in_traffic = job.cell.scenario.traffic is not None
     outcome = _hour(job) if in_traffic else _episode(job)
-    return _repeated(outcome, job.cell, job.rows)
+    return _repeated(outcome, job.cell, job.rows, job.engine)
 
 
 def _episode(job: Repetition) -> Outcome:

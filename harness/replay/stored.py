@@ -1,6 +1,7 @@
 """One cell of a stored run: what its episodes were, to hold a repetition against."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,12 @@ from harness.encounter import Arm
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
+from harness.measures.agreement import TOLERANCE
 from harness.results.hour_tables import hour_rows
 from harness.results.manifest import recall_study
 from harness.results.reading import read_finished_manifest, read_table
 from harness.results.tables import HOUR_TABLES, episode_rows, pedestrian_rows
-from harness.scenario import Cell
+from harness.scenario import Cell, EngineName
 from harness.traffic.pairing import HourOutcome
 
 Row = dict[str, Any]
@@ -34,10 +36,12 @@ class StoredCell:
     """
 
     def __init__(self, run: Path, number: int) -> None:
-        cells = recall_study(read_finished_manifest(run)).cells
+        document = read_finished_manifest(run)
+        cells = recall_study(document).cells
         if not 0 <= number < len(cells):
             raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
         self.cell: Cell = cells[number]
+        self.engine: EngineName = document["engine"]
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(section.name, section.path)
         names = HOUR_TABLES if self.in_traffic else ("episodes", "pedestrians")
@@ -61,20 +65,27 @@ class StoredCell:
         return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
     def differences(self, outcome: Outcome | HourOutcome) -> Iterator[str]:
-        """What of an episode or an hour is not exactly as stored, in words."""
+        """What of an episode or an hour run again in SUMO is not as stored, in words."""
         rows = self.rows_of(outcome.pair, outcome.arm)
-        return record_differences(outcome, self.cell.number, rows)
+        return record_differences(outcome, self.cell.number, rows, self.engine)
 
 
 def record_differences(
-    outcome: Outcome | HourOutcome, cell: int, stored: Mapping[str, Sequence[Row]]
+    outcome: Outcome | HourOutcome,
+    cell: int,
+    stored: Mapping[str, Sequence[Row]],
+    engine: EngineName,
 ) -> Iterator[str]:
-    """What of an episode or an hour run again is not exactly as stored, in words.
+    """What of an episode or an hour run again in SUMO is not as stored, in words.
+
+    Of SUMO's own record everything is the same to the last bit, of the plain engine's all numbers
+    are within ``TOLERANCE``; it has no verdict of SUMO's.
 
     Args:
         outcome: what came out.
         cell: its cell.
         stored: its stored rows by table.
+        engine: what moved the stored one.
     """
     if isinstance(outcome, HourOutcome):
         columns = hour_rows(cell, [outcome])
@@ -83,14 +94,20 @@ def record_differences(
             "episodes": episode_rows(cell, [outcome]),
             "pedestrians": pedestrian_rows(cell, [outcome]),
         }
+    near = TOLERANCE if engine == "plain" else 0.0
+    unknown = ("sumo_collision",) if engine == "plain" else ()
     for name, rows in stored.items():
-        yield from differences_of(name, columns[name], rows)
+        known = [{key: row[key] for key in row if key not in unknown} for row in rows]
+        yield from differences_of(name, columns[name], known, near)
 
 
 def differences_of(
-    name: str, columns: Mapping[str, Sequence[Any]], stored: Sequence[Row]
+    name: str, columns: Mapping[str, Sequence[Any]], stored: Sequence[Row], near: float = 0.0
 ) -> Iterator[str]:
-    """What of new columns of a table is not exactly as its stored rows, in words."""
+    """What of new columns of a table is not as its stored rows, in words.
+
+    Numbers that differ by at most ``near``, absolutely or relatively, are the same.
+    """
     now = [
         dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
     ]
@@ -100,8 +117,20 @@ def differences_of(
     for old, new in zip(stored, now, strict=True):
         # A run of an earlier version has fewer columns.
         for column in old:
-            if old[column] != new[column]:
+            if not _same(old[column], new[column], near):
                 yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
+
+
+def _same(old: Any, new: Any, near: float) -> bool:
+    if old == new:
+        return True
+    if isinstance(old, float) and isinstance(new, float):
+        return abs(old - new) <= near * max(1.0, abs(old))
+    if isinstance(old, list) and isinstance(new, list):
+        return len(old) == len(new) and all(map(_same, old, new, repeat(near)))
+    if isinstance(old, dict) and isinstance(new, dict):
+        return all(_same(old[key], new.get(key), near) for key in old)
+    return False
 
 
 def _by_episode(table: pa.Table) -> dict[tuple[int, str], list[Row]]:

@@ -158,6 +158,7 @@ def task_of(run: RunData, cell: int, pair: int) -> Task:
         traces=True,
         hang_after_s=hang_limit_s(HANG_AFTER_S, scenario),
         stack_file=None,
+        engine=run.engine,
     )
 
 

@@ -5,10 +5,16 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from harness.conformance import RuleResult
+from harness.encounter import Observation
 from harness.engine.installation import check_packages
 from harness.errors import HarnessError, InputError, InterruptedRunError
+from harness.report.tables import counted
 from harness.strategies.parameters import describe, knows_the_model, parameters_of
 from harness.strategies.registry import available
+
+_SHOWN = 5
+"""Pedestrians of an observation that are told."""
 
 KNOWS_THE_MODEL = "knows the pedestrians' distribution"
 
@@ -45,6 +51,35 @@ def strategy_documents() -> list[dict[str, Any]]:
             {"name": name, "summary": summary, "parameters": parameters, "knows": known}
         )
     return documents
+
+
+def observation_lines(observation: Observation | None) -> list[str]:
+    """What a strategy was shown, in words: itself, then everybody at the crosswalk."""
+    if observation is None:
+        return []
+    ego = observation.ego
+    lines = [
+        f"shown at t = {observation.time_s:.3f} s: R = {ego.range_m:.3f} m, "
+        f"v = {ego.speed_mps:.3f} m/s, a = {ego.acceleration_mps2:.3f} m/s², "
+        f"{counted(len(observation.pedestrians), 'pedestrian')}"
+    ]
+    lines += [
+        f"{person.index} from the {person.side.value} side: L = {person.lateral_m:.3f} m, "
+        f"{person.remaining_m:.3f} m to the other kerb, {person.speed_mps:.3f} m/s, "
+        f"{'on the crossing' if person.on_crossing else 'not on the crossing'}"
+        for person in observation.pedestrians[:_SHOWN]
+    ]
+    more = len(observation.pedestrians) - _SHOWN
+    return [*lines, *([f"and {more} more"] if more > 0 else [])]
+
+
+def verdict_document(verdict: RuleResult) -> dict[str, Any]:
+    """What ``strategies --check --json`` says of one rule."""
+    return {
+        "check": verdict.check,
+        "problem": verdict.problem,
+        "observation": observation_lines(verdict.observation),
+    }
 
 
 def installation_checks() -> Iterator[tuple[str, str | None]]:

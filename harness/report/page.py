@@ -32,6 +32,7 @@ from harness.report.svg import inline_svg
 from harness.report.tables import Table, counted, plain
 from harness.report.words import (
     PAPER_REMARK,
+    audit_lines,
     av_label,
     count_lines,
     crash_lines,
@@ -186,6 +187,7 @@ def _context(run: RunData) -> dict[str, Any]:
         "remarks": [
             *([PAPER_REMARK] if paper else []),
             *reference_lines(cell.scenario for cell in run.study.cells),
+            *audit_lines(run),
             *knowledge_lines(cell.scenario for cell in run.study.cells),
             *walker_lines(cell.scenario for cell in run.study.cells),
             *compared_lines,

@@ -15,6 +15,7 @@ from harness.report.reference_words import reference_lines, references_compared
 from harness.report.result_tables import result_tables
 from harness.report.words import (
     PAPER_REMARK,
+    audit_lines,
     av_label,
     caveats,
     count_lines,
@@ -45,6 +46,8 @@ def print_run(run: RunData) -> None:
         console.print(line)
     for line in reference_lines(cell.scenario for cell in run.study.cells):
         console.print(line)
+    for line in audit_lines(run):
+        console.print(line)
     console.print(f"Run folder: {run.path}", soft_wrap=True)
     command = f"harness report {shlex.quote(str(run.path))}"
     console.print(f"See it: {command}", soft_wrap=True)
@@ -58,10 +61,26 @@ def _lines(run: RunData) -> list[str]:
     return [*crash_lines(result.summary), *count_lines(result), *paper]
 
 
+def audit_document(run: RunData) -> dict[str, Any] | None:
+    """What of a plain engine's run was repeated in SUMO; None of a run in SUMO."""
+    if run.engine == "sumo":
+        return None
+    return {
+        "share": run.manifest["audit"],
+        "records": len(run.audit),
+        "differ": [
+            {"cell": cell, "pair": pair, "arm": arm, "difference": what}
+            for cell, pair, arm, what in run.disagreements
+        ],
+    }
+
+
 def run_document(run: RunData) -> dict[str, Any]:
     """What ``--json`` prints."""
     return {
         "folder": str(run.path),
+        "engine": run.engine,
+        "audit": audit_document(run),
         "cells": [
             {"varied": cell.varied, "summary": hours_row(summary)}
             for cell, summary in run.hour_results

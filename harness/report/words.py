@@ -28,6 +28,9 @@ PAPER_REMARK = (
 
 NOTHING_TESTED = "no pedestrian was met: nothing was tested"
 
+_NAMED = 5
+"""Records named that differ."""
+
 _MOST = 0.5
 """From this share on something is said before any number."""
 
@@ -105,6 +108,21 @@ def first_lines(run: RunData) -> list[str]:
     of_cells = {of.cell.number: caveats(of.cell.scenario.arms.av, of.summary) for of in run.results}
     lines = joined_caveats(of_cells) if run.varied_keys else of_cells[0]
     return [*(sentence(words) for words in lines), *_missed_lines(run)]
+
+
+def audit_lines(run: RunData) -> list[str]:
+    """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
+    if run.engine == "sumo":
+        return []
+    records, differ = len(run.audit), run.disagreements
+    line = f"Plain engine, without SUMO's verdict: {records - len(differ):,} of "
+    line += f"{counted(records, 'record')} repeated in SUMO agree."
+    named = [
+        f"Cell {cell} pair {pair} {arm}: {what} (plain engine and SUMO)."
+        for cell, pair, arm, what in differ[:_NAMED]
+    ]
+    more = [f"{len(differ) - _NAMED} more in audit.parquet."] if len(differ) > _NAMED else []
+    return [line, *named, *more]
 
 
 def joined_caveats(of_cells: Mapping[int, Sequence[str]]) -> list[str]:

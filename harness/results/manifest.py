@@ -7,6 +7,7 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel
 from harness.results.tables import SCHEMA
 from harness.scenario import Options, Precision, Study, study_from
+from harness.scenario.options import AUDIT_SHARE
 from harness.strategies.registry import source_digests
 from harness.versions import versions_of_runs
 
@@ -28,6 +29,8 @@ def manifest_of(
         "cells": [dict(cell.varied) for cell in study.cells],
         "traces": options.traces,
         "sumo_outputs": options.sumo_outputs,
+        "engine": options.engine,
+        "audit": options.audit if options.engine == "plain" else None,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
         "versions": {**versions_of_runs(), **source_digests(driven)},
@@ -57,6 +60,8 @@ def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
         until=None if until is None else Precision(*next(iter(until.items()))),
         workers=workers,
         sumo_outputs=document["sumo_outputs"],
+        engine=document["engine"],
+        audit=AUDIT_SHARE if document["audit"] is None else document["audit"],
     )
 
 

@@ -13,7 +13,7 @@ from harness.documents import check_form, parse_json
 from harness.errors import InputError, reading, resume_command
 from harness.files import read_file
 from harness.results.tables import SCHEMA, TABLES, with_schema
-from harness.scenario import of_today
+from harness.scenario import EngineName, of_today
 
 MANIFEST = "manifest.json"
 
@@ -30,6 +30,8 @@ class _Manifest(BaseModel):
     cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
     traces: bool
     sumo_outputs: Literal["all", "crashed"] | None
+    engine: EngineName = "sumo"
+    audit: Annotated[float, Field(ge=0, le=1)] | None = None
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     versions: dict[str, str]
@@ -54,8 +56,14 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     version = document.get("schema") if isinstance(document, dict) else None
     if version != SCHEMA:
         raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
-    check_form(_Manifest, document, str(path))
-    return {**document, "scenario": of_today(document["scenario"])}
+    form = check_form(_Manifest, document, str(path))
+    # A run from before there was a choice took place in SUMO.
+    return {
+        **document,
+        "engine": form.engine,
+        "audit": form.audit,
+        "scenario": of_today(document["scenario"]),
+    }
 
 
 def read_finished_manifest(folder: Path) -> dict[str, Any]:

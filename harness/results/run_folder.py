@@ -94,12 +94,12 @@ class RunFolder:
         path = self._shard_folder() / shard_name(cell, first, count)
         write_file(path, encode_shard(tables))
 
-    def done_pairs(self, planned: Mapping[int, int], traces: bool) -> dict[int, set[int]]:
+    def done_pairs(self, planned: Mapping[int, int], names: Iterable[str]) -> dict[int, set[int]]:
         """Which pairs of which cell are finished; a shard that cannot be read does not count.
 
         Args:
             planned: pairs of each cell, by number.
-            traces: whether the run keeps them.
+            names: the tables that each shard has to hold.
 
         Raises:
             InputError: a shard holds others.
@@ -108,7 +108,7 @@ class RunFolder:
         for shard in shards_of(self.path):
             try:
                 tables = read_shard(shard)
-                if traces and "traces" not in tables:
+                if not {*names} <= {*tables}:
                     raise DamagedShardError(shard.path)
             except (OSError, DamagedShardError):
                 shard.path.unlink()

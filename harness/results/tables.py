@@ -99,6 +99,8 @@ TRACES = pa.schema(
     ]
 )
 
+AUDIT = pa.schema([*_KEYS, ("difference", pa.string())])
+
 _WHERE = [("direction", pa.string()), ("lane", pa.int32())]
 
 PASSAGES = pa.schema(
@@ -155,8 +157,15 @@ TABLES = {
     "pairs": PAIRS,
     "traces": TRACES,
     "walks": PEDESTRIANS,
+    "audit": AUDIT,
 }
 """Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
+
+
+def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
+    """What the tasks of a run of encounters bring: the tables of its shards."""
+    return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
+
 
 HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 """What a run of traffic holds."""
@@ -176,6 +185,7 @@ NEEDED = {
     "pairs": {"cell", "pair", "av_time_s", "human_time_s", "tau"},
     "walks": {*PEDESTRIANS.names},
     "traces": {*_KEY, "time_s", "object", "x_m", "y_m", "speed_mps", "acceleration_mps2"},
+    "audit": {*AUDIT.names},
 }
 """Columns without which a run cannot be read.
 
@@ -269,6 +279,16 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[An
             row = pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), end_s)
             for name, value in (keys | row).items():
                 rows[name].append(value)
+    return rows
+
+
+def audit_rows(cell: int, audited: Iterable[tuple[Outcome, str | None]]) -> dict[str, list[Any]]:
+    """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs."""
+    rows: dict[str, list[Any]] = {name: [] for name in AUDIT.names}
+    for outcome, difference in audited:
+        values = (cell, outcome.pair, outcome.arm.value, difference)
+        for column, value in zip(rows.values(), values, strict=True):
+            column.append(value)
     return rows
 
 

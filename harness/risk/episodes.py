@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.encounter import Arm, Ending, FloatArray, Trace
-from harness.engine.plain import PlainEngine
-from harness.engine.protocol import Engine
-from harness.engine.shared import engine_for
+from harness.engine.shared import open_engine
 from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel
@@ -17,7 +15,7 @@ from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.risk.event import Event
 from harness.risk.space import Space
-from harness.scenario import Scenario
+from harness.scenario import EngineName, Scenario
 from harness.workers.watchdog import watchdog
 
 _scene = ""
@@ -125,11 +123,8 @@ def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
         _runners.clear()
         _scene = scene
     if in_sumo not in _runners:
-
-        def engine() -> Engine:
-            if in_sumo:
-                return engine_for(scenario)
-            return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-
-        _runners[in_sumo] = PairRunner(scenario, question.model, engine)
+        name: EngineName = "sumo" if in_sumo else "plain"
+        _runners[in_sumo] = PairRunner(
+            scenario, question.model, lambda: open_engine(scenario, name)
+        )
     return _runners[in_sumo]

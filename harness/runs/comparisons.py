@@ -16,6 +16,7 @@ from harness.comparison import (
     relation_of_means,
 )
 from harness.runs.strategy_groups import ParameterSweep, StrategyGroup
+from harness.sketch import html_table, intervals_sketch
 
 
 @dataclass(frozen=True)
@@ -98,3 +99,40 @@ class RunComparison:
     name: str
     confidence: float
     groups: tuple[GroupResult, ...]
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: every difference with its interval."""
+        named = [(group.group.cells, item) for group in self.groups for item in group.comparisons]
+        pairs = [(f"{cells[of.a].label} − {cells[of.b].label}", of) for cells, of in named]
+        rows = [
+            [
+                words,
+                str(item.defined_in_both),
+                _in_words(item.mu_difference),
+                _in_words(item.delay_difference_s),
+                f"{item.crashes.only_a} / {item.crashes.only_b}",
+                f"{item.p_holm:.2g}",
+            ]
+            for words, item in pairs
+        ]
+        headings = ("A − B", "pairs", "μ", "delay s", "crashed in A / B alone", "p (Holm)")
+        caption = f"{self.name}: intervals of {100 * self.confidence:.3g} %"
+        drawn = [(words, *_limits_of(item.mu_difference)) for words, item in pairs[:_DRAWN]]
+        title = "differences of μ with their intervals; the line is 0"
+        return html_table(caption, headings, rows) + intervals_sketch(drawn, title, 0.0)
+
+
+_DRAWN = 12
+
+
+def _limits_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
+    return interval.value, interval.low, interval.high
+
+
+def _in_words(interval: Interval) -> str:
+    if interval.value is None:
+        return "undefined"
+    known = interval.low is not None and interval.high is not None
+    return f"{interval.value:.4f}" + (
+        f" ({interval.low:.4f} … {interval.high:.4f})" if known else ""
+    )

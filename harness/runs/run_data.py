@@ -32,9 +32,17 @@ from harness.results.summaries import (
     summary_from,
     summary_row,
 )
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, TABLES, pair_rows, table_of
+from harness.results.tables import (
+    HOUR_TABLES,
+    HOUR_TRACES,
+    TABLES,
+    encounter_tables,
+    pair_rows,
+    table_of,
+)
+from harness.runs.notebook import run_html
 from harness.runs.run_tables import RunTables, read_summary, readable_shards
-from harness.scenario import Cell, Scenario, Study
+from harness.scenario import Cell, EngineName, Scenario, Study
 from harness.workers.tasks import Failure
 
 
@@ -265,6 +273,28 @@ class RunData:
         """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
         return self._tables.rows_of(name, cell, pair)
 
+    @property
+    def engine(self) -> EngineName:
+        """What moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""
+        engine: EngineName = self.manifest["engine"]
+        return engine
+
+    @cached_property
+    def audit(self) -> pd.DataFrame:
+        """One row per episode of the plain engine that was repeated in SUMO.
+
+        ``cell, pair, arm, difference``; ``difference`` is missing where the records agree.
+        """
+        if self.engine == "sumo":
+            return _frame(TABLES["audit"].empty_table())
+        return _frame(self._tables.read("audit"))
+
+    @cached_property
+    def disagreements(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, what differs) of every audited episode that SUMO makes otherwise."""
+        rows = self.audit.dropna(subset="difference")
+        return tuple(rows.itertuples(index=False, name=None))
+
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
@@ -302,6 +332,13 @@ class RunData:
     def confidence(self) -> float:
         """Of each interval of the run."""
         return confidence_of(self.study, options_of(dict(self.manifest)))
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        if self.in_traffic:
+            table: str = self.summary.to_html(index=False)
+            return table
+        return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
     def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
         """The episodes of every cell that has any."""
@@ -352,7 +389,8 @@ def load_run(path: str | Path) -> RunData:
             return load_run(folder)
         return RunData(folder, document, study, finished=False, shards=shards)
     expected = {"cells": len(study.cells), **counts}
-    names = ("cells", "episodes", "pairs", "pedestrians", *(["traces"] * document["traces"]))
+    audit = document["engine"] == "plain"
+    names = ("cells", "pairs", *encounter_tables(traces=document["traces"], audit=audit))
     if study.in_traffic:
         names = ("cells", *HOUR_TABLES, *(HOUR_TRACES if document["traces"] else ()))
         expected.pop("pairs", None)

@@ -9,7 +9,7 @@ from harness.scenario.file import (
     read_scenario_file,
     validate,
 )
-from harness.scenario.options import Options, Precision, hang_limit_s
+from harness.scenario.options import EngineName, Options, Precision, hang_limit_s
 from harness.scenario.sections import (
     QUARTER_S,
     ConflictsSection,
@@ -34,6 +34,7 @@ __all__ = [
     "QUARTER_S",
     "Cell",
     "ConflictsSection",
+    "EngineName",
     "ExperimentSection",
     "GapAcceptanceSection",
     "Options",

@@ -5,6 +5,12 @@ from typing import Literal
 
 from harness.scenario.sections import Scenario
 
+EngineName = Literal["sumo", "plain"]
+"""SUMO, or the same kinematics in plain Python."""
+
+AUDIT_SHARE = 0.01
+"""Share of the pairs that the plain engine's runs repeat in SUMO."""
+
 TASK_PAIRS = 50
 """Pairs in a task."""
 
@@ -28,7 +34,9 @@ class Precision:
 class Options:
     """What the command line says beside the study.
 
-    ``workers`` None means all cores; ``sumo_outputs`` says whose SUMO outputs are written.
+    ``workers`` None means all cores, 0 this process, without time limits.  ``sumo_outputs`` says
+    whose SUMO outputs are written.  With the plain ``engine`` that share of the pairs
+    (``audit``), and every crash, is repeated in SUMO.
     """
 
     traces: bool = False
@@ -37,6 +45,8 @@ class Options:
     hang_after_s: float = HANG_AFTER_S
     task_pairs: int = TASK_PAIRS
     sumo_outputs: Literal["all", "crashed"] | None = None
+    engine: EngineName = "sumo"
+    audit: float = AUDIT_SHARE
 
 
 def hang_limit_s(hang_after_s: float, scenario: Scenario) -> float:

@@ -331,15 +331,18 @@ class ModelSection(_Section):
 
 
 def _strategy_name(strategy: Any) -> Any:
-    """A class in Python as ``package.module:Class``: workers import it by its name."""
+    """A class in Python as ``package.module:Class``, by which it is found again.
+
+    One of a script or notebook is ``__main__:Class``: only its own process finds it.
+    """
     if not isinstance(strategy, type):
         return strategy
     module, name = strategy.__module__, strategy.__qualname__
-    found: Any = sys.modules.get(module) if module != "__main__" else None
+    found: Any = sys.modules.get(module)
     for part in name.split("."):
         found = getattr(found, part, None)
     if found is not strategy:
-        allowed = "a class of a module that workers can import: put it into a file of its own"
+        allowed = "a class of a module, script or notebook, not one made inside a function"
         raise PydanticCustomError("strategy_class", allowed)
     return f"{module}:{name}"
 

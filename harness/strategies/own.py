@@ -34,6 +34,20 @@ def load_installed(name: str, where: str) -> StrategyFactory:
     return _load(installed()[name].value.partition("[")[0].strip(), where)
 
 
+def is_of_this_process(name: str) -> bool:
+    """Whether a strategy's name is that of a class of this script or notebook."""
+    return name.startswith("__main__:")
+
+
+def load_of_this_process(name: str, where: str) -> StrategyFactory:
+    """A class of this script or notebook, looked up each time: its cell may have been run again.
+
+    Raises:
+        InputError: there is no such class, or it is no strategy.
+    """
+    return _load(name, where)
+
+
 @lru_cache
 def load_own(name: str, where: str) -> StrategyFactory:
     """The strategy a name such as ``my_package.my_module:MyStrategy`` stands for.

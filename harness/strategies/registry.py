@@ -15,7 +15,13 @@ from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
-from harness.strategies.own import installed, load_installed, load_own
+from harness.strategies.own import (
+    installed,
+    is_of_this_process,
+    load_installed,
+    load_of_this_process,
+    load_own,
+)
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
 
@@ -43,6 +49,8 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
     """
     if name in STRATEGIES:
         return STRATEGIES[name]
+    if is_of_this_process(name):
+        return load_of_this_process(name, where)
     if ":" in name:
         return load_own(name, where)
     if name in installed():
@@ -67,9 +75,24 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
     """sha256 of the module of each strategy that is not built in: what its name stands for now."""
     digests = {}
     for name in sorted({*names} - {*STRATEGIES}):
-        file = inspect.getsourcefile(cast(type, find_strategy(name, "arms")))
-        digests[name] = hashlib.sha256(Path(file).read_bytes()).hexdigest() if file else "unknown"
+        content = _source_of(find_strategy(name, "arms"))
+        digests[name] = "unknown" if content is None else hashlib.sha256(content).hexdigest()
     return digests
+
+
+def _source_of(strategy: StrategyFactory) -> bytes | None:
+    """The module of a strategy, the functions of a notebook's; None where there is neither."""
+    try:
+        file = inspect.getsourcefile(cast(type, strategy))
+        return Path(file).read_bytes() if file else None
+    except TypeError:  # its module has no file
+        functions = filter(inspect.isfunction, vars(strategy).values())
+    except OSError:
+        return None
+    try:
+        return "".join(map(inspect.getsource, functions)).encode()
+    except OSError:
+        return None
 
 
 def aggressiveness_of(name: str) -> Mapping[str, float]:

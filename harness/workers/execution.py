@@ -14,7 +14,15 @@ from typing import Any
 
 from harness.encounter import Arm, Ending, FailedIn
 from harness.errors import HarnessError
-from harness.results.tables import EPISODES, HOUR_TABLES, HOUR_TRACES, PEDESTRIANS, TABLES, TRACES
+from harness.results.tables import (
+    AUDIT,
+    EPISODES,
+    HOUR_TABLES,
+    HOUR_TRACES,
+    PEDESTRIANS,
+    TABLES,
+    TRACES,
+)
 from harness.workers.tasks import (
     Argument,
     Executor,
@@ -210,4 +218,6 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
     }
     if task.traces:
         rows["traces"] = {name: [] for name in TRACES.names}
+    if task.audit is not None:
+        rows["audit"] = {name: [] for name in AUDIT.names}
     return TaskResult(rows)

@@ -14,7 +14,8 @@ from harness.errors import HarnessError
 
 if TYPE_CHECKING:
     from harness.interaction import InteractionModel
-    from harness.scenario import Scenario
+    from harness.scenario import EngineName, Scenario
+    from harness.workers.audit import Audit
 
 Failure = tuple[int, int, str, str]
 """(cell, pair, arm, reason) of an episode that came to nothing."""
@@ -28,7 +29,8 @@ class Task:
     """Some pairs of one cell.
 
     ``twins`` are tasks of the same pairs of cells that differ in their arms alone: an episode that
-    several of them have is simulated once.
+    several of them have is simulated once.  ``engine`` moves the egos; with an ``audit`` some
+    episodes are repeated in SUMO.
 
     ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
     stack before it ends itself; None, or a path it cannot open, drops the stack.
@@ -42,6 +44,8 @@ class Task:
     traces: bool
     hang_after_s: float
     stack_file: Path | None
+    engine: "EngineName" = "sumo"
+    audit: "Audit | None" = None
     twins: "tuple[Task, ...]" = ()
 
     @property

@@ -53,10 +53,14 @@ def watchdog(
     stack and exits the process, which the parent then sees as a dead worker.
 
     Args:
-        hang_after_s: how long one thing may take.
+        hang_after_s: how long one thing may take; infinite: there is no watchdog.
         stack_file: for the stack; None, or a path that cannot be opened, drops it.
         decide_limit_s: how long one answer of a strategy may take.
     """
+    if math.isinf(hang_after_s):
+        with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
+            yield Watch(nowhere)
+        return
     pause_s = min(hang_after_s, decide_limit_s) / 10
     over = Event()
     with _open_for_writing(stack_file) as file:

@@ -1,24 +1,28 @@
 """What runs inside a worker process: one task, on the one SUMO simulation of the process."""
 
 import importlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
 from harness.encounter import Ending
-from harness.engine.shared import close_engine, engine_for, road_for
+from harness.engine.shared import close_engine, open_engine, road_for
 from harness.episode.pairing import EpisodeKey, PairRunner
 from harness.errors import in_one_line
 from harness.measures import Outcome
 from harness.results.hour_tables import hour_rows
 from harness.results.hour_traces import hour_trace_rows
-from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
+from harness.results.tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
+from harness.scenario import EngineName
 from harness.traffic.pairing import HourRunner
+from harness.workers.audit import repeated_in_sumo
 from harness.workers.tasks import Task, TaskResult
-from harness.workers.watchdog import watchdog
+from harness.workers.watchdog import Watch, watchdog
 
-_runner: tuple[str, PairRunner] | None = None
+_cell = ""
+_runners: dict[EngineName, PairRunner] = {}
+"""Of the cell that is under way."""
 
 
 def serve(connection: Connection, module: str) -> None:
@@ -61,10 +65,18 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
-            runner = _runner_for(each)
+            runner = _runner_for(each, each.engine)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
             known |= {(of.arm, of.strategy, of.pair): of for of in outcomes}
-            yield _result_of(each, outcomes)
+            yield _result_of(each, outcomes, list(_audited(each, outcomes, watch)))
+
+
+def _audited(
+    task: Task, outcomes: list[Outcome], watch: Watch
+) -> Iterable[tuple[Outcome, str | None]]:
+    if task.audit is None:
+        return ()
+    return repeated_in_sumo(outcomes, task.audit, _runner_for(task, "sumo"), watch)
 
 
 def _run_hours(task: Task) -> TaskResult:
@@ -91,13 +103,17 @@ def _run_hours(task: Task) -> TaskResult:
     return TaskResult(rows, failures)
 
 
-def _result_of(task: Task, outcomes: list[Outcome]) -> TaskResult:
+def _result_of(
+    task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, str | None]]
+) -> TaskResult:
     rows = {
         "episodes": episode_rows(task.cell, outcomes),
         "pedestrians": pedestrian_rows(task.cell, outcomes),
     }
     if task.traces:
         rows["traces"] = trace_rows(task.cell, outcomes)
+    if task.audit is not None:
+        rows["audit"] = audit_rows(task.cell, audited)
     return TaskResult(rows, tuple(_failures(task.cell, outcomes)))
 
 
@@ -114,11 +130,14 @@ def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[dict[str, Any]]:
             }
 
 
-def _runner_for(task: Task) -> PairRunner:
-    """The runner of a cell; made again only when the cell changes."""
-    global _runner
-    key = repr((task.scenario, task.model.sha256))
-    if _runner is None or _runner[0] != key:
-        runner = PairRunner(task.scenario, task.model, lambda: engine_for(task.scenario))
-        _runner = (key, runner)
-    return _runner[1]
+def _runner_for(task: Task, engine: EngineName) -> PairRunner:
+    """The runner of a cell on an engine; made again only when the cell changes."""
+    global _cell
+    scenario = task.scenario
+    cell = repr((scenario, task.model.sha256))
+    if cell != _cell:
+        _runners.clear()
+        _cell = cell
+    if engine not in _runners:
+        _runners[engine] = PairRunner(scenario, task.model, lambda: open_engine(scenario, engine))
+    return _runners[engine]

@@ -11,6 +11,9 @@ from typing import ClassVar
 import pytest
 
 from harness.conformance import CHECKS, Subject, check_strategy
+from harness.errors import InputError
+from harness.report.listings import observation_lines
+from harness.scenario import Scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of
 
@@ -20,7 +23,7 @@ DOCS = Path(__file__).parents[2] / "docs" / "strategies.md"
 @pytest.mark.parametrize("check", CHECKS)
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_keeps(strategy: str, check: str, model) -> None:
-    CHECKS[check](Subject(strategy, model))
+    CHECKS[check](Subject(strategy, Scenario(), model))
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -143,7 +146,7 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     """The strategies above as a module of a user."""
     name = "made_up_strategies"
     module = types.ModuleType(name)
-    for thing in (Steady, Nothing, Hangs, *BROKEN):
+    for thing in (Steady, Nothing, Hangs, TooSlow, OnlyWhenWide, *BROKEN):
         setattr(module, thing.__name__, thing)
     monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(Learns, "met", 0)
@@ -201,4 +204,55 @@ def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.Monke
 def test_state_in_the_class_is_found_out(made_up: str, model) -> None:
     for strategy in (Whims, Learns):
         with pytest.raises(Exception, match=r"changed (count|met) of the class"):
-            CHECKS["keeps nothing in its class"](Subject(f"{made_up}:{strategy.__name__}", model))
+            CHECKS["keeps nothing in its class"](
+                Subject(f"{made_up}:{strategy.__name__}", Scenario(), model)
+            )
+
+
+def test_the_observation_that_broke_a_rule_is_shown(made_up: str, model) -> None:
+    verdicts = check_strategy(f"{made_up}:DividesByTheirSpeed", model)
+    (broken,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
+    assert broken.observation is not None
+    # It divides by the speed of somebody who stands.
+    assert 0.0 in [person.speed_mps for person in broken.observation.pedestrians]
+    lines = observation_lines(broken.observation)
+    assert lines[0].startswith("shown at t = ")
+    assert f"L = {broken.observation.pedestrians[0].lateral_m:.3f} m" in lines[1]
+
+
+class TooSlow(Steady):
+    """Keeps every rule, and thinks for a while."""
+
+    def decide(self, observation):
+        Event().wait(0.01)
+        return super().decide(observation)
+
+
+def test_all_checks_have_one_limit_of_time(made_up: str, model) -> None:
+    name = f"{made_up}:TooSlow"
+    verdicts = check_strategy(name, model, limit_s=0.3)
+    (late,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
+    assert late.problem == "not finished after 0.3 s in all"
+    assert late.observation is not None
+
+
+class OnlyWhenWide(Steady):
+    """Fails where the parameter or the crosswalk is not the usual one."""
+
+    def __init__(self, *, gap_s: float = 3.0) -> None:
+        self.gap_s = gap_s
+
+    def decide(self, observation):
+        if self.gap_s > 5 or observation.crossing.length_m > 10:
+            raise RuntimeError("too wide")
+        return super().decide(observation)
+
+
+def test_parameters_and_the_crosswalk_of_a_scenario(made_up: str, model) -> None:
+    name = f"{made_up}:OnlyWhenWide"
+    table = f'strategies."{name}".gap_s'
+    for settings, problems in (({}, 0), ({table: 6.0}, 1), ({"crossing.length_m": 12.0}, 1)):
+        verdicts = check_strategy(name, model, settings=settings)
+        assert len([v for v in verdicts if v.checked and v.problem]) == problems, settings
+    with pytest.raises(InputError, match=r"gap_s: 'wide' is not accepted"):
+        check_strategy(name, model, settings={table: "wide"})

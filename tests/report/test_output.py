@@ -30,6 +30,7 @@ CALLS = {
     "report": ["RUN", "--out", "NEW.html"],
     "replay": ["RUN", "--pair", "3", "--arm", "av", "--out", "NEW"],
     "score": ["RUN", "--out", "NEW"],
+    "worst": ["RUN", "-n", "2"],
     "compare": ["SWEEP", "--out", "NEW.csv"],
     "export": ["COPY", "--csv"],
     "network": ["cctc", "--out", "NEW"],
@@ -92,7 +93,9 @@ def test_json_is_all_there_is(name: str, call: list[str], monkeypatch: pytest.Mo
     assert document
 
 
-@pytest.mark.parametrize("name", [name for name in CALLS if name not in ("strategies", "doctor")])
+@pytest.mark.parametrize(
+    "name", [name for name in CALLS if name not in ("strategies", "doctor", "worst")]
+)
 @pytest.mark.usefixtures("no_simulation")
 def test_quiet_prints_paths_of_what_was_written(
     name: str, call: list[str], monkeypatch: pytest.MonkeyPatch

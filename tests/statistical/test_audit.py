@@ -21,14 +21,12 @@ from benchmarks.tally import BAND, Tally
 from harness.batch.experiment import run_study
 from harness.calibration.scores import HeldOut
 from harness.encounter import FloatArray, Side
-from harness.engine.plain import PlainEngine
 from harness.episode import pairing
 from harness.episode.arrivals import planned_arrivals
 from harness.report.comparison_document import comparison_document
 from harness.results.reading import read_table
 from harness.runs.compare import compare
 from harness.scenario import Options, Scenario, study_of
-from harness.workers import worker
 from tests.batches import Inline, scenario_file
 
 PER_SIDE = 200
@@ -87,26 +85,17 @@ def test_a_looked_up_pair_is_the_simulated_one(monkeypatch: pytest.MonkeyPatch, 
         assert looked_up.equals(simulated[name].drop_columns(counts))
 
 
-def test_what_is_audited_is_what_is_printed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
     """A run folder of the same cells: its CSV files and ``harness compare`` say the same."""
-
-    def plain(scenario: Scenario) -> PlainEngine:
-        return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-
-    monkeypatch.setattr(worker, "engine_for", plain)
-    monkeypatch.setattr(worker, "_runner", None)
     seed, pairs = 7, 30
     file = scenario_file("cctc", {"experiment.seed": seed, "experiment.pairs": pairs})
     cells = [{"arms.av": "soft_yield", **settings} for settings in CELLS.values()]
     run = run_study(
         study_of(replace(file, sweep={"cells": cells}), []),
-        Options(workers=1),
+        Options(workers=1, engine="plain", audit=0.0),
         out=tmp_path / "run",
         make_executor=Inline,
     )
-    monkeypatch.setattr(worker, "_runner", None)
     tables = {name: read_table(run.path, "episodes", at) for at, name in enumerate(CELLS)}
     audited = dict(audit.intervals(tables, seed))
 

@@ -187,8 +187,8 @@ class NoStart(PlainEngine):
 def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NoStart, "episodes", 0)
     monkeypatch.setattr(
-        "harness.workers.worker.engine_for",
-        lambda scenario: NoStart(scenario.vehicle(), scenario.experiment.step_s),
+        "harness.workers.worker.open_engine",
+        lambda scenario, _name: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
     run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)

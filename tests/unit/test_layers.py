@@ -18,7 +18,16 @@ LEVELS = {
     name: level
     for level, names in enumerate(
         (
-            ("encounter", "errors", "seeding", "resources", "files", "documents", "versions"),
+            (
+                "encounter",
+                "errors",
+                "seeding",
+                "resources",
+                "files",
+                "documents",
+                "versions",
+                "sketch",
+            ),
             ("mixture", "comparison", "motion", "roads", "scenario", "network"),
             ("interaction", "trajectories", "strategies", "measures", "perception"),
             ("engine", "episode"),
@@ -30,6 +39,7 @@ LEVELS = {
             ("runs",),
             ("batch",),
             ("report",),
+            ("one_pair",),
             ("cli", "__main__"),
         )
     )

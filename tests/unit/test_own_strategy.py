@@ -247,7 +247,7 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     assert [cell.varied["arms.av"] for cell in study.cells] == ["mine:Steady", "hard_yield"]
     local = type("Steady", (), {"__module__": "__main__"})
     for nameless in (local, type("Steady", (), {"__module__": "mine"})):
-        with pytest.raises(InputError, match=r"^settings arms.av: .* a module that workers can"):
+        with pytest.raises(InputError, match=r"^settings arms.av: .* a class of a module"):
             load_scenario("cctc", {"arms.av": nameless})
 
 

@@ -11,6 +11,7 @@ gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
+from examples import vector_environments  # noqa: E402
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness.encounter import (  # noqa: E402
     Arm,
@@ -205,3 +206,26 @@ def test_training_by_cross_entropy_improves():
     idle = total_reward(env, np.zeros(features(vector).size), range(500, 508))
     trained = total_reward(env, train(env, 1, population=6, elite=2, episodes=2), range(500, 508))
     assert trained > idle
+
+
+def test_vectorised_environments_meet_what_single_ones_do():
+    returns = vector_environments.drive(2, 3, settings=BUSY)
+    assert returns.shape == (2, 3)
+    for seed, own in zip((1, 2), returns, strict=True):
+        env = environment(BUSY, nearest=NEAREST)
+        for number in range(3):
+            _, total, _, _ = drive(env, yield_to_the_nearest, seed=None if number else seed)
+            assert own[number] == pytest.approx(total)
+
+
+def test_a_seed_begins_its_stream_again_and_nothing_else_changes():
+    env = environment(BUSY)
+    first = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
+    again = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one, other)
+    # The pair after the one asked for, of the same seed.
+    assert env.reset()[1] == {"pair": 10}
+    # Without a seed ever given it is the scenario's.
+    fresh, seeded = environment(BUSY), environment(BUSY)
+    assert np.array_equal(fresh.reset()[0], seeded.reset(seed=1)[0])

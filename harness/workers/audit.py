@@ -1,0 +1,56 @@
+"""Episodes of the plain engine repeated in SUMO: a share of the pairs, and every crash."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+from harness.encounter import Ending
+from harness.episode.pairing import PairRunner
+from harness.measures import Outcome
+from harness.measures.agreement import difference
+from harness.scenario import Scenario
+from harness.seeding import resampling
+from harness.workers.watchdog import Watch
+
+
+@dataclass(frozen=True)
+class Audit:
+    """Which pairs are repeated whole: one of ``every`` from ``first`` on, none where it is None."""
+
+    every: int | None
+    first: int
+
+    def repeats(self, pair: int) -> bool:
+        """Whether both arms of a pair are repeated, however they ended."""
+        return self.every is not None and pair % self.every == self.first
+
+
+def audit_of(share: float, scenario: Scenario) -> Audit:
+    """A systematic sample of a cell's pairs, at least one, with a start that the seed chooses.
+
+    Args:
+        share: of the pairs, 0 to 1; 0: only crashes are repeated.
+        scenario: the cell.
+    """
+    if share == 0:
+        return Audit(None, 0)
+    every, experiment = max(1, round(1 / share)), scenario.experiment
+    first = resampling(experiment.seed, "audit").integers(min(every, experiment.pairs))
+    return Audit(every, int(first))
+
+
+def repeated_in_sumo(
+    outcomes: Iterable[Outcome], audit: Audit, runner: PairRunner, watch: Watch
+) -> Iterator[tuple[Outcome, str | None]]:
+    """The chosen episodes, each with what differs in SUMO's record; None where nothing does.
+
+    Args:
+        outcomes: of the plain engine.
+        audit: which pairs are repeated beside the crashes.
+        runner: of the same cell, in SUMO.
+        watch: told of every episode.
+    """
+    for outcome in outcomes:
+        if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:
+            again = runner.run_arm(outcome.pair, outcome.arm, watch.begins)
+            watch.alive()
+            yield outcome, difference(outcome.record, again.record)

@@ -1,0 +1,143 @@
+"""Runs of the plain engine: SUMO's records without SUMO; a share and every crash are audited."""
+
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from harness.batch.experiment import resume, run_study
+from harness.encounter import Arm
+from harness.engine.plain import PlainEngine
+from harness.errors import InputError, InterruptedRunError
+from harness.measures.agreement import TOLERANCE
+from harness.replay.rerun import debug
+from harness.report.words import audit_lines
+from harness.results.run_folder import RunFolder
+from harness.runs.run_data import RunData, load_run
+from harness.scenario import Options, Scenario, Study
+from harness.workers.audit import audit_of
+from tests.batches import FLOW, Inline, one_cell
+from tests.conftest import _close_all
+
+CRASHES = {**FLOW, "arms.av": "constant_speed", "experiment.pairs": 24}
+PLAIN = Options(engine="plain", audit=0.25)
+
+
+def run_in(folder: Path, study: Study, options: Options) -> RunData:
+    return run_study(study, options, out=folder, make_executor=Inline)
+
+
+@pytest.fixture(scope="module")
+def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunData, RunData]:
+    _close_all()
+    folder, study = tmp_path_factory.mktemp("both"), one_cell("cctc_flow", CRASHES)
+    return run_in(folder / "plain", study, PLAIN), run_in(folder / "sumo", study, Options())
+
+
+def test_every_record_is_sumos(both: tuple[RunData, RunData]) -> None:
+    plain, sumo = (run.episodes for run in both)
+    assert (plain["ending"] == "crashed").sum() > 3
+    for name in plain.columns.drop("sumo_collision"):
+        if pd.api.types.is_float_dtype(plain[name]):
+            pd.testing.assert_series_equal(
+                plain[name], sumo[name], rtol=TOLERANCE, atol=TOLERANCE, check_exact=False
+            )
+        else:
+            assert plain[name].equals(sumo[name]), name
+    assert plain["sumo_collision"].isna().all()
+
+
+def test_a_share_and_every_crash_are_repeated(both: tuple[RunData, RunData]) -> None:
+    run = both[0]
+    crashed = run.episodes[run.episodes["ending"] == "crashed"]
+    wanted = {*zip(crashed["pair"], crashed["arm"], strict=True)}
+    offset = audit_of(0.25, run.scenario).first
+    wanted |= {(pair, arm.value) for pair in range(offset, 24, 4) for arm in Arm}
+    assert {*zip(run.audit["pair"], run.audit["arm"], strict=True)} == wanted
+    assert run.disagreements == ()
+    count = len(wanted)
+    assert audit_lines(run) == [
+        f"Plain engine, without SUMO's verdict: {count} of {count} records repeated in SUMO agree."
+    ]
+    assert audit_lines(both[1]) == []
+
+
+@pytest.mark.parametrize(("pairs", "share", "count"), [(1000, 0.01, 10), (50, 0.01, 1), (7, 1, 7)])
+def test_how_many_pairs_are_chosen(pairs: int, share: float, count: int) -> None:
+    chosen = set()
+    for seed in range(20):
+        experiment = {"pairs": pairs, "seed": seed}
+        scenario = Scenario.model_validate({"experiment": experiment})
+        own = [pair for pair in range(pairs) if audit_of(share, scenario).repeats(pair)]
+        assert len(own) == count
+        chosen.add(tuple(own))
+    assert len(chosen) > 5 or share == 1
+    assert not audit_of(0, scenario).repeats(0)
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_a_record_that_is_not_sumos_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    honest = PlainEngine.step
+
+    def drifting(self: PlainEngine, *of: object) -> tuple[float, float]:
+        x, speed = honest(self, *of)  # type: ignore[arg-type]
+        self._x += 1e-4
+        return x + 1e-4, speed
+
+    monkeypatch.setattr(PlainEngine, "step", drifting)
+    study = one_cell("cctc", {"experiment.pairs": 3})
+    run = run_in(tmp_path / "run", study, Options(engine="plain", audit=1.0))
+    assert len(run.disagreements) == 6
+    assert "0 of 6 records repeated in SUMO agree" in audit_lines(run)[0]
+    assert "Cell 0 pair 0 av: pass_time_s" in audit_lines(run)[1]
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_a_resumed_run_is_audited_as_a_whole_one(
+    tmp_path: Path, both: tuple[RunData, RunData], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written = RunFolder.write_shard
+
+    def interrupted(self: RunFolder, *of: object) -> None:
+        written(self, *of)  # type: ignore[arg-type]
+        raise KeyboardInterrupt
+
+    study = one_cell("cctc_flow", CRASHES)
+    options = Options(engine="plain", audit=0.25, task_pairs=6)
+    with monkeypatch.context() as patch:
+        patch.setattr(RunFolder, "write_shard", interrupted)
+        with pytest.raises(InterruptedRunError):
+            run_in(tmp_path / "run", study, options)
+    assert not load_run(tmp_path / "run").finished
+    assert len(load_run(tmp_path / "run").audit) > 0
+    resume(tmp_path / "run", make_executor=Inline)
+    for name in ("audit.parquet", "episodes.parquet", "summary.csv"):
+        one, other = (path / name for path in (tmp_path / "run", both[0].path))
+        assert one.read_bytes() == other.read_bytes(), name
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_its_episodes_are_replayed_in_sumo(both: tuple[RunData, RunData]) -> None:
+    repeated = debug(both[0].path, 3, [*Arm])
+    assert [one.differences for one in repeated.values()] == [(), ()]
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "said"),
+    [
+        ({"arms.av": "sumo_driver"}, {}, 'arms.av = "sumo_driver" needs SUMO'),
+        ({"pedestrians.behaviour": "sumo"}, {}, 'pedestrians.behaviour = "sumo" needs SUMO'),
+        ({"traffic.flow_per_hour": 600}, {}, r"\[traffic\] needs SUMO"),
+        ({}, {"sumo_outputs": "all"}, "--sumo-outputs: stands beside --engine plain"),
+        ({}, {"audit": 1.5}, "--audit: 1.5"),
+    ],
+)
+def test_refused(
+    tmp_path: Path, changes: dict[str, object], options: dict[str, object], said: str
+) -> None:
+    study = one_cell("cctc_flow", changes)
+    with pytest.raises(InputError, match=said):
+        run_in(tmp_path / "run", study, Options(engine="plain", **options))  # type: ignore[arg-type]
+    assert not (tmp_path / "run").exists()
