@@ -60,6 +60,7 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
         if differing
         else None,
         "player": None,
+        "hour": None,
         "no_player": f"The likeliest episodes are pairs of a scenario: harness run {critical} "
         "--traces --out CRITICAL, then harness report CRITICAL, whose page plays them."
         if result["ways"]
