@@ -53,6 +53,13 @@ def test_gaps_are_exponential() -> None:
     assert stats.kstest(gaps.ravel(), stats.expon(scale=10.0).cdf).pvalue > 1e-3
 
 
+def test_an_hour_has_3600_seconds() -> None:
+    # The median of an exponential gap is ln 2 over its rate: 250 in 3600 s.
+    scenario = scene(flow_per_hour=250.0, first_at_trigger=False)
+    (first, *_) = planned_arrivals(scenario, 0, {"arrival": [0.5]})
+    assert first.arrival_s == pytest.approx(np.log(2) * 14.4, rel=1e-12)
+
+
 def test_flow_only_stretches_time() -> None:
     one = plans(scene(timeout_s=120.0, flow_per_hour=300.0), 200)
     double = plans(scene(timeout_s=60.0, flow_per_hour=600.0), 200)

@@ -98,6 +98,22 @@ def test_nothing_to_measure_without_pedestrians() -> None:
     assert result.stopped_s == 0.0
 
 
+# --- walkers who change their speed --------------------------------------------------------------
+
+
+def test_contact_with_someone_who_slows_down() -> None:
+    # From t = 4 s on y = 2 t' − t'²/2: at t' = 1.95 s, when the front is 0.25 m away, y = 1.999 m,
+    # in front of the body (1.35 to 3.15 m).
+    trace = drive([0.0] * 76, [(4.0, Side.NEAR, 2.0)])
+    (walk,) = trace.walks
+    slows = replace(walk, legs=(Leg(4.0, 0.0, 0.0, 0.0, 2.0, -1.0),))
+    hit = measure([replace(trace, walks=(slows,))])[0]
+    assert (hit.contact, hit.contact_speed_mps) == ("front", 5.0)
+    assert hit.contact_time_s == pytest.approx(5.95, abs=1e-9)
+    # With y = 2 t' he is past the body by then: 3.9 m.
+    assert measure([trace])[0].contact is None
+
+
 # --- contact -------------------------------------------------------------------------------------
 
 
