@@ -11,6 +11,7 @@ from harness.network import network_of
 from harness.results.manifest import manifest_of, options_of, recall_study
 from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
 from harness.scenario import Options, Scenario, Study
+from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES
 from harness.strategies.sumo_driver import SumoDriver
 from harness.workers.audit import Audit, audit_of
@@ -61,6 +62,11 @@ def plan_of(study: Study, options: Options) -> Plan:
         _refuse_for_plain(study, options)
     if study.in_traffic and options.until:
         raise InputError("--until", "of hours of traffic", "a scenario without [traffic]")
+    for cell in study.cells if study.in_traffic else ():
+        for arm, name in cell.scenario.arms.model_dump().items():
+            if is_program(name):
+                what = f"{name} drives one vehicle at a time"
+                raise InputError(f"arms.{arm}", what, "a scenario without [traffic]")
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
     models = {}
     for cell in study.cells:

@@ -22,6 +22,7 @@ from harness.strategies.own import (
     load_of_this_process,
     load_own,
 )
+from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
 
@@ -42,13 +43,15 @@ _prepared: set[tuple[StrategyFactory, str]] = set()
 
 
 def find_strategy(name: str, where: str) -> StrategyFactory:
-    """The strategy of that name: of the table, ``package.module:Class``, or an entry point.
+    """The strategy of that name: of the table, ``package.module:Class``, an entry point, a program.
 
     Raises:
         InputError: no such name, or it cannot be imported; ``where`` says which key named it.
     """
     if name in STRATEGIES:
         return STRATEGIES[name]
+    if is_program(name):
+        return load_program(name, where)
     if is_of_this_process(name):
         return load_of_this_process(name, where)
     if ":" in name:
@@ -56,7 +59,7 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
     if name in installed():
         return load_installed(name, where)
     names = sorted({*STRATEGIES, *installed()})
-    allowed = ", ".join([*names, "or your own as package.module:Class"])
+    allowed = ", ".join([*names, "or your own as package.module:Class or exec:./PROGRAM"])
     raise InputError(where, f"unknown strategy {name!r}", allowed, nearest_name(name, names))
 
 
@@ -82,6 +85,8 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
 
 def _source_of(strategy: StrategyFactory) -> bytes | None:
     """The module of a strategy, the functions of a notebook's; None where there is neither."""
+    if isinstance(strategy, type) and issubclass(strategy, ProgramDriver):
+        return Path(strategy.COMMAND[0]).read_bytes()
     try:
         file = inspect.getsourcefile(cast(type, strategy))
         return Path(file).read_bytes() if file else None

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from harness.strategies.program import is_program
+
 _WRITTEN = (1980, 1, 1, 0, 0, 0)
 """The time in the archive: equal files give an equal archive."""
 
@@ -26,8 +28,15 @@ class Archive:
 
 
 def top_modules(strategies: Iterable[str]) -> frozenset[str]:
-    """The top-level modules of the strategies that are a user's own: ``package.module:Class``."""
-    return frozenset(name.partition(":")[0].partition(".")[0] for name in strategies if ":" in name)
+    """The top-level modules of the strategies that are a user's own: ``package.module:Class``.
+
+    Programs are not among them: every machine must have its own.
+    """
+    return frozenset(
+        name.partition(":")[0].partition(".")[0]
+        for name in strategies
+        if ":" in name and not is_program(name)
+    )
 
 
 def archive_of(modules: Iterable[str]) -> Archive | None:

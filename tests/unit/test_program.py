@@ -1,0 +1,213 @@
+"""Strategies in another process: the form of a line, the examples, and programs that misbehave."""
+
+import hashlib
+import json
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from examples import driver
+from harness.batch.plan import plan_of
+from harness.encounter import Arm, Ending, Trace
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.errors import InputError
+from harness.scenario import Options, load_scenario
+from harness.strategies import program
+from harness.strategies.registry import find_strategy, source_digests
+from harness.strategies.vector import observation_vector
+from tests.batches import one_cell
+
+EXAMPLES = Path(driver.__file__).parent
+
+BUSY = {"pedestrians.flow_per_hour": 800, "experiment.timeout_s": 60.0}
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A working directory with the example; programs end with the test."""
+    monkeypatch.chdir(tmp_path)
+    program.load_program.cache_clear()
+    shutil.copy(EXAMPLES / "driver.py", tmp_path)
+    yield tmp_path
+    for command in [*program._programs]:
+        program._end(command)
+
+
+def write(name: str, text: str) -> str:
+    path = Path(name)
+    path.write_text(f"#!/usr/bin/env python3\nimport sys\n{text}\n", encoding="utf-8")
+    path.chmod(0o755)
+    return f"exec:./{name}"
+
+
+def traces(strategy: Any, model: Any, pairs: int = 4, **parameters: float) -> list[Trace]:
+    """The AV's episodes of some pairs on the plain engine."""
+    settings: dict[str, Any] = {**BUSY, "arms.av": strategy}
+    for key, value in parameters.items():
+        settings[f'strategies."{strategy}".{key}'] = value
+    scenario = load_scenario("cctc_flow", settings)
+    runner = PairRunner(
+        scenario, model, lambda: PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    )
+    return [runner.run_arm(pair, Arm.AV).trace for pair in range(pairs)]
+
+
+class Inside:
+    """The example's driver without a process; what it saw is kept."""
+
+    seen: list[Any] = []  # noqa: RUF012
+
+    def decide(self, observation: Any) -> float:
+        self.seen.append(observation)
+        return driver.decide(json.loads(program.line_of(observation)), 2.5)
+
+
+def wrong_with(value: Any, schema: dict[str, Any]) -> list[str]:
+    """What of a value is not as a schema says, for the words that ours uses."""
+    kinds = {
+        "object": dict, "array": list, "number": (int, float), "integer": int,
+        "string": str, "boolean": bool, "null": type(None),
+    }  # fmt: skip
+    wanted = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
+    if not any(isinstance(value, kinds[kind]) for kind in wanted):
+        return [f"{value!r} is no {wanted}"]
+    if value not in schema.get("enum", [value]):
+        return [f"{value!r} is none of {schema['enum']}"]
+    if isinstance(value, int | float) and value < schema.get("minimum", value):
+        return [f"{value!r} is below {schema['minimum']}"]
+    if isinstance(value, list):
+        return [words for item in value for words in wrong_with(item, schema["items"])]
+    if isinstance(value, dict):
+        if {*value} != {*schema["properties"]} or {*value} != {*schema["required"]}:
+            return [f"keys {sorted(value)}"]
+        return [
+            words
+            for key, item in value.items()
+            for words in wrong_with(item, schema["properties"][key])
+        ]
+    return []
+
+
+def test_every_line_is_as_the_schema_says(model) -> None:
+    Inside.seen.clear()
+    traces(Inside, model)
+    schema = json.loads(program.SCHEMA_FILE.read_text(encoding="utf-8"))
+    assert max(len(seen.pedestrians) for seen in Inside.seen) > 1
+    for seen in Inside.seen:
+        line = program.line_of(seen)
+        assert line.count(b"\n") == 1
+        document = json.loads(line)
+        assert wrong_with(document, schema) == []
+        # Nothing is lost on the way.
+        assert document["ego"]["range_m"] == seen.ego.range_m
+        assert len(document["pedestrians"]) == len(seen.pedestrians)
+        assert observation_vector(seen, 1)[1] == np.float32(document["ego"]["speed_mps"])
+    for spoilt in (
+        {**document, "time_s": "0"},
+        {**document, "more": 1},
+        {**document, "ego": {**document["ego"], "speed_mps": -1.0}},
+        {key: value for key, value in document.items() if key != "crossing"},
+    ):
+        assert wrong_with(spoilt, schema) != []
+
+
+def same(one: list[Trace], other: list[Trace]) -> bool:
+    return all(
+        a.ending is b.ending
+        and len(a.x_m) == len(b.x_m)
+        and np.allclose(a.x_m, b.x_m, rtol=0, atol=1e-9)
+        for a, b in zip(one, other, strict=True)
+    )
+
+
+def test_the_example_in_python_drives_as_it_does_inside(model) -> None:
+    outside = traces("exec:./driver.py --comfortable 2.5", model)
+    assert {trace.ending for trace in outside} == {Ending.CROSSED}
+    assert same(outside, traces(Inside, model))
+    assert not same(outside, traces("exec:./driver.py --comfortable 0.5", model))
+    # One process each for all episodes.
+    assert len(program._programs) == 2
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="needs g++")
+def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> None:
+    source = EXAMPLES / "driver.cpp"
+    subprocess.run(
+        ["g++", "-std=c++17", "-O1", "-o", here / "driver", source], check=True, timeout=60
+    )
+    assert same(traces("exec:./driver 2.5", model), traces(Inside, model))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("sys.stdin.readline(); sys.exit(3)", "the program ended (exit code 3)"),
+        ("sys.exit(4)", "the program ended (exit code 4)"),
+        ("[print('fast', flush=True) for _ in sys.stdin]", "answered b'fast', which is no number"),
+        ("[print('1\\n2', flush=True) for _ in sys.stdin]", "more than one number"),
+        ("print('1' * 5000, flush=True); sys.stdin.read()", "more than one number"),
+        ("[None for _ in sys.stdin]", "no answer within 0.3 s"),
+        ("[print('NaN', flush=True) for _ in sys.stdin]", "the strategy returned nan"),
+        ("[print('\"1\"', flush=True) for _ in sys.stdin]", "the strategy returned '1'"),
+        ("[print('null', flush=True) for _ in sys.stdin]", "this strategy needs SUMO"),
+    ],
+)
+def test_a_program_that_misbehaves_fails_in_its_episode(text: str, said: str, model) -> None:
+    limit_s = 0.3 if "within" in said else 5.0
+    found = traces(write("bad.py", text), model, pairs=2, answer_limit_s=limit_s)
+    for trace in found:
+        assert trace.ending is Ending.ENGINE_FAILED
+        assert said in str(trace.reason)
+
+
+def test_a_program_that_ended_is_started_again(model) -> None:
+    name = write(
+        "once.py",
+        "import os\n"
+        "if not os.path.exists('seen'):\n"
+        "    open('seen', 'w').close()\n"
+        "    sys.exit(1)\n"
+        "[print(0.0, flush=True) for _ in sys.stdin]",
+    )
+    endings = [trace.ending for trace in traces(name, model, pairs=2)]
+    assert endings == [Ending.ENGINE_FAILED, Ending.CROSSED]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("exec:", "names no program"),
+        ("exec:./none", "there is no program './none'"),
+        ("exec:/bin/cat", "'/bin/cat' is not below the working directory"),
+        ("exec:../../bin/cat", "is not below the working directory"),
+        ("exec:cat", "there is no program 'cat'"),
+        ("exec:./plain.txt", "cannot be executed; allowed: chmod"),
+        ("exec:./driver.py 'x", "is no command (No closing quotation)"),
+    ],
+)
+def test_refused(name: str, said: str) -> None:
+    Path("plain.txt").write_text("text", encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        find_strategy(name, "arms.av")
+    assert str(caught.value).startswith("arms.av: ")
+    assert said in str(caught.value)
+
+
+def test_parameters_and_traffic_are_refused(model) -> None:
+    with pytest.raises(InputError, match="answer_limit_s: 0 s"):
+        traces("exec:./driver.py", model, answer_limit_s=0.0)
+    study = one_cell("cctc_flow", {"arms.av": "exec:./driver.py", "traffic.flow_per_hour": 60})
+    with pytest.raises(InputError, match=r"arms\.av: .* drives one vehicle"):
+        plan_of(study, Options())
+
+
+def test_the_manifest_says_which_program_it_was() -> None:
+    name = "exec:./driver.py --comfortable 1"
+    digest = hashlib.sha256(Path("driver.py").read_bytes()).hexdigest()
+    assert source_digests([name, "soft_yield"]) == {name: digest}
