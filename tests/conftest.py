@@ -1,5 +1,6 @@
 """Fixtures shared by all tests."""
 
+import sys
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -25,6 +26,9 @@ def _close_all() -> None:
     for engine in _open.values():
         engine.close()
     _open.clear()
+    # tests/unit needs no SUMO: what was not imported has nothing open.
+    if shared := sys.modules.get("harness.engine.shared"):
+        shared.close_engine()
 
 
 @pytest.fixture
@@ -55,7 +59,8 @@ def no_simulation() -> Iterator[None]:
     _close_all()
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _close_at_the_end() -> Iterator[None]:
+@pytest.fixture(scope="module", autouse=True)
+def _nothing_is_left_open() -> Iterator[None]:
+    """A process has one simulation: that of a module does not stand in the next one's way."""
     yield
     _close_all()

@@ -137,6 +137,7 @@ def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> Non
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
+@pytest.mark.slow
 def test_interrupted_on_the_cluster_resumed_here(
     cluster: str, tmp_path: Path, whole: dict[str, bytes]
 ) -> None:

@@ -24,8 +24,6 @@ from harness.scenario import Options
 from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
-pytestmark = pytest.mark.xdist_group("faults")
-
 CULPRITS = {
     "raises": 1,
     "nan": 2,

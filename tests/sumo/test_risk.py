@@ -2,12 +2,14 @@
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from harness.cli import app as cli
 from harness.cli.app import app
 from harness.encounter import Arm
 from harness.errors import InterruptedRunError
@@ -104,15 +106,19 @@ def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
         (["cctc_flow", "--set", 'pedestrians.behaviour="sumo"'], "cannot be sampled"),
     ],
 )
-def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
-    ended = subprocess.run(
-        [*HARNESS, "risk", *arguments, "--out", str(tmp_path / "risk")],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert ended.returncode == 2
-    assert len(ended.stderr.splitlines()) == 1
-    assert words in ended.stderr
+def test_bad_input_is_one_line(
+    arguments: list[str],
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["harness", "risk", *arguments, "--out", "risk"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert words in said
     assert not (tmp_path / "risk").exists()

@@ -16,8 +16,6 @@ from harness.cli import app as cli
 from harness.interaction import read_model
 from harness.report import model_figures
 
-pytestmark = pytest.mark.xdist_group("model_file")
-
 DATA = Path(__file__).resolve().parents[1] / "data"
 
 

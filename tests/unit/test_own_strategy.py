@@ -149,7 +149,8 @@ def test_a_module_in_the_working_directory(write: Write, model) -> None:
         ("mine_b:function", "is no strategy"),
         ("mine_b:", "names no strategy; allowed: package.module:Class"),
         ("a b:c", "names no strategy"),
-        ("sotf_yield", "or your own as package.module:Class; did you mean 'soft_yield'?"),
+        ("sotf_yield", "or your own as package.module:Class"),
+        ("sotf_yield", "did you mean 'soft_yield'?"),
     ],
 )  # fmt: skip
 def test_a_name_that_is_none(write: Write, model, strategy: str, says: str) -> None:
