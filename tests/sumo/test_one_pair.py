@@ -1,7 +1,9 @@
 """One pair in this process: the run's own records, classes of a notebook, a debugger."""
 
 import pdb
+import sys
 import xml.etree.ElementTree as ET
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +71,7 @@ class Mine:
 
 
 def test_a_debugger_stops_in_decide_and_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     import io
     import time
@@ -84,12 +86,12 @@ def test_a_debugger_stops_in_decide_and_goes_on(
             return super().readline(*of)
 
     def stop() -> None:
-        import sys
-
         debugger = pdb.Pdb(stdin=Slow("p observation.ego.range_m\nc\n"), stdout=said, nosigint=True)
         debugger.use_rawinput = False
         debugger.set_trace(sys._getframe().f_back)
 
+    # "c" ends all tracing, that of a coverage run too.
+    request.addfinalizer(partial(sys.settrace, sys.gettrace()))
     monkeypatch.setattr("sys.breakpointhook", stop)
     with as_main() as names:
         run_cell(STOPPING, names)
