@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from harness.comparison.intervals import CONFIDENCE, clopper_pearson, zero_bound
 from harness.encounter import FloatArray
 from harness.risk.exploring import LEVEL_SHARE, POINTS, Exploration, explore
 from harness.risk.fitting import first_components, fit_components, spread
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate, Outcomes
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Proposal, cases_of, keys_of, nominal
-
-CONFIDENCE = 0.95
 
 EXPLORATIONS = 3
 """Independent explorations: one alone now and then loses a way to the event."""
@@ -311,17 +310,14 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_]) -> Estimate:
     """
     n, events = len(weight), int(event.sum())
     if events == 0:
-        return Estimate(None, None, 0.0, 1 - (1 - CONFIDENCE) ** (1 / n), 0.0, None, n, 0)
+        return Estimate(None, None, 0.0, zero_bound(n), 0.0, None, n, 0)
     values = weight * event
     total = float(values.sum())
     p, largest = total / n, float(values.max()) / total
     size = total**2 / float(np.sum(values**2))
     cv = float(values.std(ddof=1)) / math.sqrt(n) / p
     if np.all(weight == 1):
-        tail = (1 - CONFIDENCE) / 2
-        low = float(stats.beta.ppf(tail, events, n - events + 1))
-        high = float(stats.beta.ppf(1 - tail, events + 1, n - events)) if events < n else 1.0
-        return Estimate(p, cv, low, high, size, largest, n, events)
+        return Estimate(p, cv, *clopper_pearson(events, n), size, largest, n, events)
     quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(events - 1, 1)))
     factor = math.exp(quantile * math.hypot(cv, largest))
     return Estimate(p, cv, p / factor, min(1.0, p * factor), size, largest, n, events)

@@ -17,6 +17,7 @@ from typing import Any
 import pyarrow as pa
 import tomlkit
 
+from harness.comparison.intervals import CONFIDENCE
 from harness.encounter import Arm
 from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
@@ -26,7 +27,7 @@ from harness.interaction import load_model
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.tables import write_parquet
 from harness.risk.episodes import Question
-from harness.risk.estimation import CONFIDENCE, Findings, estimate_probability
+from harness.risk.estimation import Findings, estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.running import Evaluation, Progress
 from harness.risk.space import space_of

@@ -10,6 +10,7 @@ from scipy import stats
 from harness.comparison import (
     INDICATIVE_BELOW,
     PairColumns,
+    bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
     intervals,
@@ -62,6 +63,16 @@ def test_bca_against_scipy(name: str) -> None:
         width = (highs - lows).mean()
         assert interval.low == pytest.approx(lows.mean(), abs=0.08 * width)
         assert interval.high == pytest.approx(highs.mean(), abs=0.08 * width)
+
+
+@pytest.mark.parametrize("unit", [0.1, 0.7, 1 / 3])
+def test_bca_in_another_unit(unit: float) -> None:
+    # Sums of whole numbers are exact; of a few of them many resamples equal the estimate.  In
+    # another unit the same resamples differ from it in their last bits, and the limits scale.
+    whole = np.array([7.0, 7, 8, 8, 8, 9, 9, 10, 10, 10, 11, 11, 12, 12, 13])
+    exact, scaled = bootstrap_mean(whole, rng()), bootstrap_mean(unit * whole, rng())
+    assert scaled.low == pytest.approx(unit * exact.low, rel=1e-9)
+    assert scaled.high == pytest.approx(unit * exact.high, rel=1e-9)
 
 
 def test_bca_is_not_the_percentile_interval() -> None:
