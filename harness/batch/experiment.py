@@ -16,7 +16,7 @@ from harness.results.manifest import refuse_other_versions
 from harness.results.reading import MANIFEST, read_manifest
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.runs.run_data import RunData, load_run
-from harness.scenario import Cell, Options, Scenario, Study, hang_limit_s
+from harness.scenario import Cell, Options, Study, hang_limit_s
 from harness.strategies.own import is_of_this_process
 from harness.workers.execution import run_tasks
 from harness.workers.pool import LocalPool, workers_for
@@ -217,7 +217,7 @@ class _Work:
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):
-                same = cell.number if self.plan.study.in_traffic else _but_for_arms(cell.scenario)
+                same = cell.number if self.plan.study.in_traffic else cell.but_for_arms
                 groups.setdefault((same, tuple(pairs)), []).append(cell)
         return groups.values()
 
@@ -235,8 +235,3 @@ class _Work:
             engine=options.engine,
             audit=self.plan.audits.get(cell.number),
         )
-
-
-def _but_for_arms(scenario: Scenario) -> str:
-    """Two cells with the same text meet the same pedestrians, with the same parameters."""
-    return repr(scenario.model_copy(update={"arms": None}))

@@ -76,7 +76,7 @@ def strategies(
     if not limit > 0:
         raise InputError("--limit", f"{limit:g} s", "above 0")
     verdicts = check_strategy(check, None, scenario, settings_of(settings), limit)
-    _print_verdicts(verdicts, quiet, as_json)
+    _print_verdicts(check, verdicts, quiet, as_json)
 
 
 def _list_strategies(quiet: bool, as_json: bool) -> None:
@@ -92,7 +92,7 @@ def _list_strategies(quiet: bool, as_json: bool) -> None:
             continue
         print_line(document["name"] if quiet else f"{document['name']}: {document['summary']}")
         if document["knows"] and not quiet:
-            print_line(f"    {document['knows']}: it is given the model that they are drawn from")
+            print_line(f"    {document['knows']}")
         for parameter in [] if quiet else document["parameters"]:
             default = "no default" if parameter["required"] else parameter["default"]
             print_line(f"    {parameter['name']} = {default}  ({parameter['kind']})")
@@ -122,12 +122,17 @@ def doctor(
         _print_checks(installation_checks(), quiet, as_json)
 
 
-def _print_verdicts(verdicts: "Sequence[RuleResult]", quiet: bool, as_json: bool) -> None:
+def _print_verdicts(
+    name: str, verdicts: "Sequence[RuleResult]", quiet: bool, as_json: bool
+) -> None:
     """Say of each rule whether it was kept, and what the strategy was shown where it was not."""
-    from harness.report.listings import observation_lines, verdict_document
+    from harness.report.listings import knowledge_of, observation_lines, verdict_document
+    from harness.strategies.registry import find_strategy
 
+    knows = knowledge_of(find_strategy(name, "--check"))
     if as_json:
-        print_json({"checks": [verdict_document(verdict) for verdict in verdicts]})
+        checks = [verdict_document(verdict) for verdict in verdicts]
+        print_json({"checks": checks, "knows": knows})
     for verdict in [] if as_json else verdicts:
         failed = verdict.problem is not None and verdict.checked
         if not (failed or not quiet):
@@ -137,6 +142,8 @@ def _print_verdicts(verdicts: "Sequence[RuleResult]", quiet: bool, as_json: bool
         print_line(f"{word:8s} {verdict.check}{reason}")
         for line in observation_lines(verdict.observation):
             print_line(f"         {line}")
+    if knows and not (quiet or as_json):
+        print_line(f"note     it {knows}")
     if any(verdict.problem for verdict in verdicts):
         raise typer.Exit(1)
 

@@ -23,6 +23,7 @@ INDICATIVE_BELOW = {
     "delay_s": 200,
     "delay_human_s": 50,
     "mu_all": 1_000,
+    "mu_worst": 1_000,
     "delay_difference_human_s": 1_000,
     "pedestrian_delay_s": 200,
     "pedestrian_delay_human_s": 200,
@@ -32,7 +33,12 @@ INDICATIVE_BELOW = {
 }
 """Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
 
-INDICATIVE_COMPARED_BELOW = {"mu_difference": 2_000, "delay_difference_s": 1_000, "mu_bound": 2_000}
+INDICATIVE_COMPARED_BELOW = {
+    "mu_difference": 2_000,
+    "mu_worst_difference": 2_000,
+    "delay_difference_s": 1_000,
+    "mu_bound": 2_000,
+}
 """The same for paired differences, and for the upper bound of μ in a sweep of a parameter."""
 
 _DRAWS_IN_MEMORY = 2_000_000
@@ -59,6 +65,9 @@ class Proportion(Interval):
 
     successes: int
     trials: int
+
+
+UNKNOWN_PROPORTION = Proportion(None, None, None, 0, 0)
 
 
 def coefficient_of_variation(values: FloatArray) -> FloatArray:
@@ -179,9 +188,50 @@ def bootstrap_ratio(
 def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
     """A proportion with its Clopper–Pearson interval; undefined for no trials."""
     if trials == 0:
-        return Proportion(None, None, None, 0, 0)
+        return UNKNOWN_PROPORTION
     return Proportion(
         successes / trials, *clopper_pearson(successes, trials, confidence), successes, trials
+    )
+
+
+def clustered_proportion(
+    successes: FloatArray, trials: FloatArray, confidence: float = CONFIDENCE
+) -> Proportion:
+    """A proportion of trials that come in clusters, within which they may go together.
+
+    The interval of Korn and Graubard (1998): Clopper and Pearson's for as many independent trials
+    as tell as much: the trials over the design effect, which is the variance between clusters over
+    the binomial one and counts as 1 where it is smaller or there is nothing to tell it from; times
+    the squared ratio of Student's t for the trials to that for the clusters.
+
+    Args:
+        successes: of each cluster, shape (k,).
+        trials: likewise.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        Undefined for no trials; no interval for a single cluster.
+
+    >>> ones = np.ones(1_000)
+    >>> clustered_proportion(np.arange(1_000) % 10 == 0, ones)  # nearly Clopper and Pearson's
+    Proportion(value=0.1, low=0.082..., high=0.120..., successes=100, trials=1000)
+    >>> clustered_proportion(np.repeat([1, 0], [1, 9]), 100 * np.ones(10))
+    Proportion(value=0.001, low=0.0000..., high=0.007..., successes=1, trials=1000)
+    """
+    clusters, events, count = len(trials), int(np.sum(successes)), int(np.sum(trials))
+    if count == 0:
+        return UNKNOWN_PROPORTION
+    share = events / count
+    if clusters == 1:
+        return Proportion(share, None, None, events, count)
+    between = clusters / (clusters - 1) * float(np.sum((successes - share * trials) ** 2))
+    within = count * share * (1 - share)
+    effect = max(1.0, between / within) if within else 1.0
+    tail = (1 + confidence) / 2
+    worth = float(special.stdtrit(count - 1, tail) / special.stdtrit(clusters - 1, tail)) ** 2
+    equivalent = count / effect * min(1.0, worth)
+    return Proportion(
+        share, *clopper_pearson(share * equivalent, equivalent, confidence), events, count
     )
 
 

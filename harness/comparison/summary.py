@@ -149,8 +149,8 @@ class Summary:
     mu_all: Interval
     delay_difference_human_s: Interval
     pairs_all: int
-    kappa_worst: float | None
-    mu_worst: float | None
+    kappa_worst: Proportion
+    mu_worst: Interval
     timed_out_av: int
     timed_out_human: int
     failed_av: int
@@ -203,6 +203,7 @@ def summarise(
     met = pairs.where(pairs.met_someone)
     mu_met = _mean_of(met.tau, rng, confidence)
     delays_met = [_mean_of(delay, rng, confidence) for delay in met.delay_s]
+    mu_worst = _mean_of(pairs.tau_worst(timeout_s, free_pass_s), rng, confidence)
     kappa = _rate(pairs.crashed, pairs, 0, confidence)
     av_missing = pairs.crashed[0] | pairs.failed[0] | pairs.timed_out[0]
     ran = [~failed for failed in pairs.failed]
@@ -230,8 +231,8 @@ def summarise(
         mu_all=mu_all,
         delay_difference_human_s=delay_difference,
         pairs_all=_count(~np.isnan(pairs.tau_all)),
-        kappa_worst=_mean(av_missing.astype(float)),
-        mu_worst=_mean(pairs.tau_worst(timeout_s, free_pass_s)),
+        kappa_worst=proportion(_count(av_missing), len(av_missing), confidence),
+        mu_worst=mu_worst,
         timed_out_av=_count(pairs.timed_out[0]),
         timed_out_human=_count(pairs.timed_out[1]),
         failed_av=_count(pairs.failed[0]),

@@ -14,7 +14,7 @@ from harness.episode.loop import Episode, drive, failed_episode
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import StrategyError, in_one_line
 from harness.interaction import InteractionModel
-from harness.measures import Outcome, measure
+from harness.measures import EpisodeKey, Outcome, measure
 from harness.perception.perception import Perception
 from harness.perception.sensor import sensor_of
 from harness.scenario import Scenario
@@ -22,9 +22,6 @@ from harness.strategies.human_gmm import HumanDriver
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
-
-EpisodeKey = tuple[Arm, str, int]
-"""Arm, its strategy's name, pair."""
 
 Begins = Callable[[int, Arm, Episode], None]
 """Takes pair, arm and the episode that begins."""

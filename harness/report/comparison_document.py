@@ -55,7 +55,7 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
         "b": b.label,
         "defined_in_both": item.defined_in_both,
         **_columns("mu_difference", item.mu_difference),
-        "mu_worst_difference": item.mu_worst_difference,
+        **_columns("mu_worst_difference", item.mu_worst_difference),
         "crossed_in_both": item.crossed_in_both,
         **_columns("delay_difference_s", item.delay_difference_s),
         "ran_in_both": crashes.pairs,

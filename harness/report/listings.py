@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.conformance import RuleResult
-from harness.encounter import Observation
+from harness.encounter import Observation, StrategyFactory
 from harness.engine.installation import check_packages
 from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.report.tables import counted
@@ -15,8 +15,6 @@ from harness.strategies.registry import available
 
 _SHOWN = 5
 """Pedestrians of an observation that are told."""
-
-KNOWS_THE_MODEL = "knows the pedestrians' distribution"
 
 CHECKS = (
     "SUMO is installed in the version needed",
@@ -46,11 +44,18 @@ def strategy_documents() -> list[dict[str, Any]]:
             for parameter in parameters_of(factory)
         ]
         summary = (factory.__doc__ or "no description").strip().splitlines()[0]
-        known = KNOWS_THE_MODEL if knows_the_model(factory) else None
+        known = knowledge_of(factory)
         documents.append(
             {"name": name, "summary": summary, "parameters": parameters, "knows": known}
         )
     return documents
+
+
+def knowledge_of(strategy: StrategyFactory) -> str | None:
+    """What a strategy is given that no driver and no AV knows; None where that is nothing."""
+    if not knows_the_model(strategy):
+        return None
+    return "knows the pedestrians' distribution: it is given the model that they are drawn from"
 
 
 def observation_lines(observation: Observation | None) -> list[str]:

@@ -188,7 +188,7 @@ def _context(run: RunData) -> dict[str, Any]:
             *([PAPER_REMARK] if paper else []),
             *reference_lines(cell.scenario for cell in run.study.cells),
             *audit_lines(run),
-            *knowledge_lines(cell.scenario for cell in run.study.cells),
+            *knowledge_lines(run),
             *walker_lines(cell.scenario for cell in run.study.cells),
             *compared_lines,
         ],

@@ -76,7 +76,7 @@ def measure_rows(summary: Summary) -> list[Row]:
     ]
     if some_missing:
         words = "AV's crashes, failures, time-outs at the time-out"
-        rows.append(("μ, worst case", number(summary.mu_worst, 4), "", "", words))
+        rows.append(_row("μ, worst case", summary, "mu_worst", remark=words))
     rows += [
         _row("c_v: spread of τ", summary, "cv", share=True, paper="cv"),
         _row("κ: crash rate, AV", summary, "kappa", share=True, paper="kappa"),
@@ -85,7 +85,7 @@ def measure_rows(summary: Summary) -> list[Row]:
     ]
     if some_missing:
         words = "AV's failures and time-outs count as crashes"
-        rows.append(("κ, worst case", _percent(summary.kappa_worst), "", "", words))
+        rows.append(_row("κ, worst case", summary, "kappa_worst", share=True, remark=words))
     avoidable = both_shares(summary.kappa_avoidable, summary.kappa_avoidable_human)
     stops = f"{number(summary.stops, 2)} / {number(summary.stops_human, 2)}"
     stopped = f"{number(summary.stopped_s, 2)} / {number(summary.stopped_human_s, 2)}"
@@ -105,9 +105,12 @@ def measure_rows(summary: Summary) -> list[Row]:
     ]
 
 
-def _row(name: str, summary: Summary, key: str, share: bool = False, paper: str = "") -> Row:
+def _row(
+    name: str, summary: Summary, key: str, share: bool = False, paper: str = "", remark: str = ""
+) -> Row:
     interval: Interval = getattr(summary, key)
-    remark = indicative(pairs_behind(summary, key), key) if key in INDICATIVE_BELOW else ""
+    if key in INDICATIVE_BELOW and (few := indicative(pairs_behind(summary, key), key)):
+        remark = f"{few}; {remark}".removesuffix("; ")
     if share:
         within = share_limits(interval, 2) or "undefined"
         return name, _percent(interval.value), within, paper, remark
@@ -169,7 +172,7 @@ def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
     n = summary.defined_pairs
     notes = {key: [words] if (words := indicative(n, key)) else [] for key in ("mu", "cv")}
     kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
-    worst = f"{_percent(summary.kappa_worst)} with its failures and time-outs"
+    worst = f"{_percent(summary.kappa_worst.value)} with its failures and time-outs"
     return [
         {
             "name": "pairs",

@@ -8,8 +8,6 @@ from harness.report.tables import (
     TableCell,
     count_cell,
     interval_cell,
-    number,
-    per_cent,
     share_cell,
     sort_key,
     value_cell,
@@ -61,10 +59,8 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
                 interval_cell(summary.delay_human_s, 2, star["delay_human_s"]),
                 *(
                     [
-                        TableCell(number(summary.mu_worst, 3), sort=sort_key(summary.mu_worst)),
-                        TableCell(
-                            _share_text(summary.kappa_worst), sort=sort_key(summary.kappa_worst)
-                        ),
+                        interval_cell(summary.mu_worst, 3, star["mu_worst"]),
+                        share_cell(summary.kappa_worst),
                     ]
                     if worst
                     else []
@@ -161,7 +157,3 @@ def _varied(run: RunData, result: CellResult) -> list[TableCell]:
     if "arms.av" in varied:
         varied["arms.av"] = _label(result)
     return [value_cell(varied[key]) for key in run.varied_keys]
-
-
-def _share_text(value: float | None) -> str:
-    return "undefined" if value is None else f"{per_cent(value, 2)} %"

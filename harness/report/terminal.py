@@ -67,7 +67,7 @@ def audit_document(run: RunData) -> dict[str, Any] | None:
         return None
     return {
         "share": run.manifest["audit"],
-        "records": len(run.audit),
+        "records": len(run.audited),
         "differ": [
             {"cell": cell, "pair": pair, "arm": arm, "difference": what}
             for cell, pair, arm, what in run.disagreements

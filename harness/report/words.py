@@ -28,8 +28,8 @@ PAPER_REMARK = (
 
 NOTHING_TESTED = "no pedestrian was met: nothing was tested"
 
-_NAMED = 5
-"""Records named that differ."""
+_NAMED = 8
+"""Records, or cells, named in a line."""
 
 _MOST = 0.5
 """From this share on something is said before any number."""
@@ -50,17 +50,21 @@ def is_the_papers(scenario: Scenario) -> bool:
     )
 
 
-def knowledge_lines(scenarios: Iterable[Scenario]) -> list[str]:
-    """Which built-in strategies of a run were given what their pedestrians are drawn from.
+def knowledge_lines(run: RunData) -> list[str]:
+    """Which strategies of a run were given what their pedestrians are drawn from.
 
-    Of a user's own strategy only its module would tell; looking at a run imports none.
+    The manifest says it, since looking at a run imports no module; one from before it did knows
+    the built-in ones alone.
     """
-    arms = (name for each in scenarios for name in (each.arms.av, each.arms.human))
+    names = run.manifest["know_the_model"]
+    if names is None:
+        arms = (cell.scenario.arms for cell in run.study.cells)
+        driven = dict.fromkeys(name for of in arms for name in (of.av, of.human))
+        names = [of for of in driven if of in STRATEGIES and knows_the_model(STRATEGIES[of])]
     return [
         f"{name} knows the pedestrians' distribution: it is given the very interaction model that "
         "they are drawn from."
-        for name in dict.fromkeys(arms)
-        if name in STRATEGIES and knows_the_model(STRATEGIES[name])
+        for name in names
     ]
 
 
@@ -114,7 +118,7 @@ def audit_lines(run: RunData) -> list[str]:
     """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
     if run.engine == "sumo":
         return []
-    records, differ = len(run.audit), run.disagreements
+    records, differ = len(run.audited), run.disagreements
     line = f"Plain engine, without SUMO's verdict: {records - len(differ):,} of "
     line += f"{counted(records, 'record')} repeated in SUMO agree."
     named = [
@@ -161,8 +165,8 @@ def caveats(av: str, summary: Summary) -> list[str]:
         said.append(
             f"{summary.failed:,} of {counted(summary.pairs, 'pair')} failed (strategy failed: "
             f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): μ and κ "
-            f"leave them out; in the worst case κ is {_percent(summary.kappa_worst)} and μ "
-            f"{number(summary.mu_worst, 4)}"
+            f"leave them out; in the worst case κ is {_percent(summary.kappa_worst.value)} and μ "
+            f"{number(summary.mu_worst.value, 4)}"
         )
     if av_label(av, summary) != av:
         said.append(
@@ -264,10 +268,6 @@ def _listed(cells: Sequence[int]) -> str:
     return shown + (f" and {len(cells) - _NAMED:,} more" if len(cells) > _NAMED else "")
 
 
-_NAMED = 8
-"""Cells named in a line."""
-
-
 def crash_lines(summary: Summary) -> list[str]:
     """What each arm's crashes say; of none, what its N can show."""
     lines = []
@@ -316,6 +316,8 @@ def indicative(n: int, key: str) -> str:
 
 def pairs_behind(summary: Summary, key: str) -> int:
     """How many pairs an interval of a summary rests on."""
+    if key == "mu_worst":
+        return summary.pairs
     if key in ("mu_all", "delay_difference_human_s"):
         return summary.pairs_all
     if key.startswith("pedestrian"):

@@ -1,4 +1,8 @@
-"""From the hours of a cell to what is reported of it: paired over hours, Student's t."""
+"""From the hours of a cell to what is reported of it, paired over hours.
+
+Means have Student's t intervals over hours.  Shares of passages have Korn and Graubard's: passages
+of one hour may go together.
+"""
 
 import inspect
 from collections.abc import Callable
@@ -8,7 +12,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from harness.comparison import Interval, Proportion, proportion, student_mean
+from harness.comparison import Interval, Proportion, clustered_proportion, student_mean
 from harness.encounter import Arm, FloatArray
 from harness.errors import InputError
 from harness.scenario import Scenario
@@ -34,19 +38,26 @@ Columns = dict[str, FloatArray]
 
 @dataclass(frozen=True, slots=True)
 class HourMeasure:
-    """A number of an hour: its column, its unit, and how it follows from ``hours``."""
+    """A number of an hour: its column, its unit, and how it follows from ``hours``.
+
+    ``events`` is the column that a number per 1,000 passages counts.
+    """
 
     name: str
     unit: str
     of: Callable[[Columns], FloatArray]
+    events: str | None = None
 
 
 def _column(name: str) -> Callable[[Columns], FloatArray]:
     return lambda columns: columns[name]
 
 
-def _per_1000(name: str) -> Callable[[Columns], FloatArray]:
-    return lambda columns: _ratio(1000 * columns[name], columns["crossed"])
+def _per_1000(events: str) -> HourMeasure:
+    def of(columns: Columns) -> FloatArray:
+        return _ratio(1000 * columns[events], columns["crossed"])
+
+    return HourMeasure(f"{events}_per_1000", "", of, events)
 
 
 HOUR_MEASURES = (
@@ -60,11 +71,11 @@ HOUR_MEASURES = (
     HourMeasure("queue_longest", "", _column("queue_longest")),
     HourMeasure("stops_per_vehicle", "", _column("stops_per_vehicle")),
     HourMeasure("first_let_go", "", lambda own: _ratio(own["let_go"], own["had_to_wait"])),
-    HourMeasure("crashes_per_1000", "", _per_1000("crashes")),
-    HourMeasure("conflicts_ttc_per_1000", "", _per_1000("conflicts_ttc")),
-    HourMeasure("conflicts_time_advantage_per_1000", "", _per_1000("conflicts_time_advantage")),
-    HourMeasure("conflicts_pet_per_1000", "", _per_1000("conflicts_pet")),
-    HourMeasure("conflicts_drac_per_1000", "", _per_1000("conflicts_drac")),
+    _per_1000("crashes"),
+    _per_1000("conflicts_ttc"),
+    _per_1000("conflicts_time_advantage"),
+    _per_1000("conflicts_pet"),
+    _per_1000("conflicts_drac"),
 )
 
 
@@ -111,22 +122,17 @@ def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> H
     """
     av, human, failed = _arms(hours)
 
-    def mean(values: FloatArray) -> Interval:
-        return student_mean(values[~np.isnan(values)], confidence)
-
-    measures = {}
-    for measure in HOUR_MEASURES:
-        ours, theirs = measure.of(av), measure.of(human)
-        measures[measure.name] = (mean(ours), mean(theirs), mean(ours - theirs))
+    measures = {measure.name: _of_arms(measure, av, human, confidence) for measure in HOUR_MEASURES}
     arms = {
         arm: _arm(own, scenario, arm, {name: found[place] for name, found in measures.items()})
         for place, (arm, own) in enumerate(((Arm.AV, av), (Arm.HUMAN, human)))
     }
+    travel = _ratio(av["travel_time_s"], human["travel_time_s"])
     return HoursSummary(
         pairs=hours.num_rows // 2,
         failed=failed,
         confidence=confidence,
-        mu=mean(_ratio(av["travel_time_s"], human["travel_time_s"])),
+        mu=student_mean(travel[~np.isnan(travel)], confidence),
         measures=measures,
         arms=arms,
     )
@@ -204,13 +210,38 @@ def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval])
         never_went=int(own["never_went"].sum()),
         growth=growth,
         saturated=traffic.saturated or (growth is not None and growth > GROWTH),
-        kappa=proportion(int(own["crashes"].sum()), int(own["crossed"].sum())),
+        kappa=clustered_proportion(own["crashes"], own["crossed"]),
         yield_rate=rate,
         hcm_pedestrian_delay_s=forms and forms[0],
         nchrp_pedestrian_delay_s=forms and forms[1],
         los_vehicles=None if vehicle is None else level_of_service(vehicle, VEHICLE_LOS_S),
         los_pedestrians=None if people is None else level_of_service(people, PEDESTRIAN_LOS_S),
     )
+
+
+def _of_arms(
+    measure: HourMeasure, av: Columns, human: Columns, confidence: float
+) -> tuple[Interval, Interval, Interval]:
+    """A measure's mean in both arms, and that of their difference hour by hour.
+
+    Hours without an event do not spread, and Student's t would make 0 … 0 of them.  But an event
+    that was never seen may yet occur: an arm has the bound of its share then, and two such arms no
+    interval of their difference.
+    """
+
+    def mean(values: FloatArray) -> Interval:
+        return student_mean(values[~np.isnan(values)], confidence)
+
+    def of_arm(own: Columns) -> Interval:
+        if measure.events is None or own[measure.events].any():
+            return mean(measure.of(own))
+        share = clustered_proportion(own[measure.events], own["crossed"], confidence)
+        return Interval(share.value, share.low, share.high and 1000 * share.high)
+
+    difference = mean(measure.of(av) - measure.of(human))
+    if measure.events and not (av[measure.events].any() or human[measure.events].any()):
+        difference = Interval(difference.value, None, None)
+    return of_arm(av), of_arm(human), difference
 
 
 def _yield_rate(scenario: Scenario, arm: Arm) -> float | None:

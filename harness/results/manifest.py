@@ -8,7 +8,8 @@ from harness.interaction import InteractionModel
 from harness.results.tables import SCHEMA
 from harness.scenario import Options, Precision, Study, study_from
 from harness.scenario.options import AUDIT_SHARE
-from harness.strategies.registry import source_digests
+from harness.strategies.parameters import knows_the_model
+from harness.strategies.registry import find_strategy, source_digests
 from harness.versions import versions_of_runs
 
 
@@ -21,7 +22,8 @@ def manifest_of(
     """Everything a run depends on; ``counts`` is null until its tables are finished."""
     until = options.until
     used = {model.name: model.sha256 for model in models}
-    driven = {name for cell in study.cells for name in cell.scenario.arms.model_dump().values()}
+    arms = [name for cell in study.cells for name in cell.scenario.arms.model_dump().values()]
+    driven = dict.fromkeys(arms)
     return {
         "schema": SCHEMA,
         "name": study.name,
@@ -33,6 +35,7 @@ def manifest_of(
         "audit": options.audit if options.engine == "plain" else None,
         "until": None if until is None else {until.measure: until.half_width},
         "seed": study.base.experiment.seed,
+        "know_the_model": [of for of in driven if knows_the_model(find_strategy(of, "arms"))],
         "versions": {**versions_of_runs(), **source_digests(driven)},
         "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
         "counts": counts,

@@ -34,6 +34,7 @@ class _Manifest(BaseModel):
     audit: Annotated[float, Field(ge=0, le=1)] | None = None
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
+    know_the_model: list[str] | None = None
     versions: dict[str, str]
     models: list[dict[Literal["name", "sha256"], str]]
     counts: dict[str, int] | None
@@ -62,6 +63,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         **document,
         "engine": form.engine,
         "audit": form.audit,
+        "know_the_model": form.know_the_model,
         "scenario": of_today(document["scenario"]),
     }
 

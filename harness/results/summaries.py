@@ -159,10 +159,17 @@ def summary_from(row: Mapping[str, Any], pairs: PairColumns) -> Summary:
         if kind is Interval:
             values[name] = Interval(value, low, high)
         else:
-            ran = ~pairs.failed["_human" in name]
-            of = int(np.count_nonzero(ran & pairs.met_someone if "_met" in name else ran))
+            of = int(np.count_nonzero(_episodes_behind(name, pairs)))
             values[name] = Proportion(value, low, high, round((value or 0.0) * of), of)
     return Summary(**values)
+
+
+def _episodes_behind(name: str, pairs: PairColumns) -> np.ndarray:
+    """Which pairs a share of the summary is out of."""
+    ran = ~pairs.failed["_human" in name]
+    if name == "kappa_worst":
+        return np.ones_like(ran)
+    return ran & pairs.met_someone if "_met" in name else ran
 
 
 def _known(value: float | None) -> float | None:

@@ -183,15 +183,18 @@ def _compare(
     worst = [of.tau_worst(scenario.experiment.timeout_s, free_pass_s) for of in (first, second)]
     # The same resampling for every two cells: none depends on what else was compared.
     rng = resampling(seed, "comparison")
+    mu_difference = paired_difference(first.tau, second.tau, rng, confidence)
+    delay_difference = paired_difference(first.delay_s[0], second.delay_s[0], rng, confidence)
     crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
     return Comparison(
         a=a,
         b=b,
         defined_in_both=_count(first.tau - second.tau),
-        mu_difference=paired_difference(first.tau, second.tau, rng, confidence),
-        mu_worst_difference=_mean(worst[0] - worst[1]),
+        mu_difference=mu_difference,
+        mu_worst_difference=paired_difference(worst[0], worst[1], rng, confidence),
+        pairs_in_both=common,
         crossed_in_both=_count(first.delay_s[0] - second.delay_s[0]),
-        delay_difference_s=paired_difference(first.delay_s[0], second.delay_s[0], rng, confidence),
+        delay_difference_s=delay_difference,
         crashes=crashes,
         p_holm=crashes.p,
     )
@@ -216,8 +219,3 @@ def _judge(
 
 def _count(values: FloatArray) -> int:
     return int(np.count_nonzero(~np.isnan(values)))
-
-
-def _mean(values: FloatArray) -> float | None:
-    """Over the defined ones."""
-    return float(np.nanmean(values)) if _count(values) else None

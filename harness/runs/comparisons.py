@@ -31,7 +31,8 @@ class Comparison:
     b: int
     defined_in_both: int
     mu_difference: Interval
-    mu_worst_difference: float | None
+    mu_worst_difference: Interval
+    pairs_in_both: int
     crossed_in_both: int
     delay_difference_s: Interval
     crashes: CrashTest
@@ -42,6 +43,7 @@ class Comparison:
         """Differences of which N is too small for their intervals to hold what they say."""
         counts = {
             "mu_difference": self.defined_in_both,
+            "mu_worst_difference": self.pairs_in_both,
             "delay_difference_s": self.crossed_in_both,
         }
         return [name for name, count in counts.items() if count < INDICATIVE_COMPARED_BELOW[name]]

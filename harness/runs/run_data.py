@@ -281,18 +281,30 @@ class RunData:
 
     @cached_property
     def audit(self) -> pd.DataFrame:
-        """One row per episode of the plain engine that was repeated in SUMO.
+        """One row per cell and episode of the plain engine that was repeated in SUMO.
 
-        ``cell, pair, arm, difference``; ``difference`` is missing where the records agree.
+        ``cell, pair, arm, difference``; ``difference`` is missing where the records agree.  An
+        episode that several cells share has a row in each of them.
         """
         if self.engine == "sumo":
             return _frame(TABLES["audit"].empty_table())
         return _frame(self._tables.read("audit"))
 
     @cached_property
+    def audited(self) -> pd.DataFrame:
+        """The rows of ``audit``, but an episode that several cells share only in the first."""
+        same = {cell.number: cell.but_for_arms for cell in self.study.cells}
+        arms = {cell.number: cell.scenario.arms for cell in self.study.cells}
+        keys = [
+            (same[cell], pair, arm, getattr(arms[cell], arm))
+            for cell, pair, arm in self.audit[["cell", "pair", "arm"]].itertuples(index=False)
+        ]
+        return self.audit[~pd.Series(keys, self.audit.index, dtype=object).duplicated()]
+
+    @cached_property
     def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, what differs) of every audited episode that SUMO makes otherwise."""
-        rows = self.audit.dropna(subset="difference")
+        """(cell, pair, arm, what differs) of each of ``audited`` that SUMO makes otherwise."""
+        rows = self.audited.dropna(subset="difference")
         return tuple(rows.itertuples(index=False, name=None))
 
     @cached_property

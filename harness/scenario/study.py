@@ -34,6 +34,11 @@ class Cell:
         """Nobody changes what a cell varies, whoever holds the dictionary it was made from."""
         object.__setattr__(self, "varied", MappingProxyType(dict(self.varied)))
 
+    @property
+    def but_for_arms(self) -> str:
+        """Two cells with the same text meet the same pedestrians, with the same parameters."""
+        return repr(self.scenario.model_copy(update={"arms": None}))
+
     def __reduce__(self) -> tuple[type["Cell"], tuple[int, dict[str, Any], Scenario]]:
         """Pickled, as for a worker, by what it was made of: a read-only mapping cannot be."""
         return Cell, (self.number, dict(self.varied), self.scenario)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from harness.encounter import Ending
 from harness.episode.pairing import PairRunner
-from harness.measures import Outcome
+from harness.measures import EpisodeKey, Outcome
 from harness.measures.agreement import difference
 from harness.scenario import Scenario
 from harness.seeding import resampling
@@ -39,7 +39,11 @@ def audit_of(share: float, scenario: Scenario) -> Audit:
 
 
 def repeated_in_sumo(
-    outcomes: Iterable[Outcome], audit: Audit, runner: PairRunner, watch: Watch
+    outcomes: Iterable[Outcome],
+    audit: Audit,
+    runner: PairRunner,
+    watch: Watch,
+    repeated: dict[EpisodeKey, str | None],
 ) -> Iterator[tuple[Outcome, str | None]]:
     """The chosen episodes, each with what differs in SUMO's record; None where nothing does.
 
@@ -48,9 +52,13 @@ def repeated_in_sumo(
         audit: which pairs are repeated beside the crashes.
         runner: of the same cell, in SUMO.
         watch: told of every episode.
+        repeated: what came of the episodes that another cell shares; those that are repeated now
+            are added.
     """
     for outcome in outcomes:
         if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:
-            again = runner.run_arm(outcome.pair, outcome.arm, watch.begins)
-            watch.alive()
-            yield outcome, difference(outcome.record, again.record)
+            if outcome.key not in repeated:
+                again = runner.run_arm(outcome.pair, outcome.arm, watch.begins)
+                watch.alive()
+                repeated[outcome.key] = difference(outcome.record, again.record)
+            yield outcome, repeated[outcome.key]

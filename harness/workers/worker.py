@@ -8,9 +8,9 @@ from typing import Any
 
 from harness.encounter import Ending
 from harness.engine.shared import close_engine, open_engine, road_for
-from harness.episode.pairing import EpisodeKey, PairRunner
+from harness.episode.pairing import PairRunner
 from harness.errors import in_one_line
-from harness.measures import Outcome
+from harness.measures import EpisodeKey, Outcome
 from harness.results.hour_tables import hour_rows
 from harness.results.hour_traces import hour_trace_rows
 from harness.results.tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
@@ -62,21 +62,22 @@ def run_task(task: Task) -> tuple[TaskResult, ...]:
 
 def _run_encounters(task: Task) -> Iterator[TaskResult]:
     known: dict[EpisodeKey, Outcome] = {}
+    repeated: dict[EpisodeKey, str | None] = {}
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
             runner = _runner_for(each, each.engine)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
-            known |= {(of.arm, of.strategy, of.pair): of for of in outcomes}
-            yield _result_of(each, outcomes, list(_audited(each, outcomes, watch)))
+            known |= {of.key: of for of in outcomes}
+            yield _result_of(each, outcomes, list(_audited(each, outcomes, watch, repeated)))
 
 
 def _audited(
-    task: Task, outcomes: list[Outcome], watch: Watch
+    task: Task, outcomes: list[Outcome], watch: Watch, repeated: dict[EpisodeKey, str | None]
 ) -> Iterable[tuple[Outcome, str | None]]:
     if task.audit is None:
         return ()
-    return repeated_in_sumo(outcomes, task.audit, _runner_for(task, "sumo"), watch)
+    return repeated_in_sumo(outcomes, task.audit, _runner_for(task, "sumo"), watch, repeated)
 
 
 def _run_hours(task: Task) -> TaskResult:

@@ -60,8 +60,10 @@ def test_differences_by_hand(run: Path) -> None:
         assert item.delay_difference_s.value == pytest.approx(10 * difference)
     # Pair 3 timed out after 300 s: τ = 30 against 0.8, and so does each of the ten crashes.
     expected = (39 * -0.1 + (0.8 - 30.0)) / 40
-    assert soft_hard.mu_worst_difference == pytest.approx(expected)
-    assert soft_constant.mu_worst_difference == pytest.approx((30 * 0.1 + 10 * (0.8 - 30)) / 40)
+    assert soft_hard.mu_worst_difference.value == pytest.approx(expected)
+    assert soft_constant.mu_worst_difference.value == pytest.approx(
+        (30 * 0.1 + 10 * (0.8 - 30)) / 40
+    )
     assert {item.mu_difference.value for item in second.comparisons[:1]} == {0.0}
     assert second.comparisons[1].mu_difference.value == pytest.approx(0.1)
 
@@ -90,7 +92,7 @@ def test_what_a_cell_shows(run: Path) -> None:
     _, hard, constant = compare(run).groups[0].summaries
     assert (hard.pairs, hard.defined_pairs, hard.timed_out) == (40, 39, 1)
     assert hard.mu.value == pytest.approx(0.9)
-    assert hard.mu_worst == pytest.approx((39 * 0.9 + 30) / 40)
+    assert hard.mu_worst.value == pytest.approx((39 * 0.9 + 30) / 40)
     assert hard.delay_s.value == pytest.approx(9.0 - FREE_S)
     assert (constant.kappa.successes, constant.kappa.trials) == (10, 40)
 
@@ -213,7 +215,7 @@ def test_json_and_csv(
     assert (rows[1]["cell_a"], rows[1]["cell_b"], rows[1]["crashed_in_b_alone"]) == ("0", "4", "10")
     assert float(rows[1]["mu_difference"]) == pytest.approx(0.1)
     assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
-    assert rows[1]["indicative"] == "mu_difference delay_difference_s"
+    assert rows[1]["indicative"] == "mu_difference mu_worst_difference delay_difference_s"
     # The same file is not written over.
     assert shell(monkeypatch, run, "--out", out) == 2
     assert "exists already" in capsys.readouterr().err

@@ -13,8 +13,10 @@ import harness
 from harness.cli import app
 from harness.encounter import Observation
 from harness.errors import InputError
+from harness.interaction import InteractionModel
 from harness.report.page import write_report
 from harness.report.terminal import print_run, run_document
+from harness.report.words import knowledge_lines
 from harness.results import summaries
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision
@@ -92,7 +94,11 @@ def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:
     assert found.number("kappa_worst") == pytest.approx(18 / 40)
     # 18 arms at the time-out of 60 s against 10 s, 22 pairs alike.
     assert found.number("mu_worst") == pytest.approx((18 * 6 + 22) / 40)
-    for words in ("κ, worst case 45.00 %", "μ, worst case 3.2500", "strategy failed: 18"):
+    for words in (
+        "κ, worst case 45.00 % 29.26 … 61.51 %",
+        "μ, worst case 3.2500",
+        "strategy failed: 18",
+    ):
         assert words in found.text
 
 
@@ -113,10 +119,25 @@ def test_it_is_the_strategy_that_failed_in_a_real_run_too(tmp_path: Path) -> Non
     )
     summary = run.results[0].summary
     assert (summary.failed_strategy, summary.failed_engine, summary.failed_av) == (3, 0, 3)
-    assert summary.kappa_worst == 1.0
+    assert summary.kappa_worst.value == 1.0
     # 60 s for the AV, in the worst case, against what each human took.
     human_s = run.pairs["human_time_s"].to_numpy()
-    assert summary.mu_worst == pytest.approx((60 / human_s).mean())
+    assert summary.mu_worst.value == pytest.approx((60 / human_s).mean())
+
+
+class Informed(Touchy):
+    """Is given what its pedestrians' speeds are drawn from."""
+
+    def __init__(self, model: InteractionModel) -> None:
+        self.model = model
+
+
+def test_an_own_strategy_that_is_given_the_model_is_named(tmp_path: Path) -> None:
+    av, human = f"{__name__}:Informed", f"{__name__}:Touchy"
+    changes = {"experiment.pairs": 2, "arms.av": av, "arms.human": human}
+    run = harness.load_run(simulate(one_cell("cctc", changes), tmp_path / "run"))
+    (line,) = knowledge_lines(run)
+    assert line.startswith(f"{av} knows the pedestrians' distribution")
 
 
 def test_nobody_was_met(told: Any) -> None:

@@ -8,7 +8,9 @@ import pytest
 from harness.batch.experiment import resume, run_study
 from harness.encounter import Arm
 from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
 from harness.errors import InputError, InterruptedRunError
+from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.replay.rerun import debug
 from harness.report.words import audit_lines
@@ -16,7 +18,7 @@ from harness.results.run_folder import RunFolder
 from harness.runs.run_data import RunData, load_run
 from harness.scenario import Options, Scenario, Study
 from harness.workers.audit import audit_of
-from tests.batches import FLOW, Inline, one_cell
+from tests.batches import FLOW, Inline, one_cell, sweep
 from tests.conftest import _close_all
 
 CRASHES = {**FLOW, "arms.av": "constant_speed", "experiment.pairs": 24}
@@ -116,6 +118,46 @@ def test_a_resumed_run_is_audited_as_a_whole_one(
     for name in ("audit.parquet", "episodes.parquet", "summary.csv"):
         one, other = (path / name for path in (tmp_path / "run", both[0].path))
         assert one.read_bytes() == other.read_bytes(), name
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_an_arm_that_cells_share_is_repeated_and_counted_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    repeated: list[tuple[Arm, int]] = []
+    simulated = PairRunner.run_arm
+
+    def counted(self: PairRunner, pair: int, arm: Arm, *of: object) -> Outcome:
+        repeated.append((arm, pair))
+        return simulated(self, pair, arm, *of)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(PairRunner, "run_arm", counted)
+    humans = ["human_gmm", "human_yield"]
+    study = sweep("cctc_flow", CRASHES, f"arms.human={','.join(humans)}")
+    options = Options(engine="plain", audit=0.5)
+    run = run_in(tmp_path / "run", study, options)
+
+    # Every second pair, and every crash; the AV's arm is the same in both cells.
+    first = audit_of(0.5, run.scenario).first
+    episodes = run.episodes
+    chosen = (episodes["pair"] % 2 == first) | (episodes["ending"] == "crashed")
+    rows = episodes[chosen][["cell", "pair", "arm"]].reset_index(drop=True)
+    pd.testing.assert_frame_equal(run.audit[["cell", "pair", "arm"]], rows)
+    av = rows[(rows["arm"] == "av") & (rows["cell"] == 0)]
+    human = rows[rows["arm"] == "human"]
+    assert sorted(repeated) == sorted(
+        [(Arm.AV, pair) for pair in av["pair"]] + [(Arm.HUMAN, pair) for pair in human["pair"]]
+    )
+    count = len(av) + len(human)
+    assert f"{count} of {count} records repeated in SUMO agree" in audit_lines(run)[0]
+
+    # Each cell's rows are those of the cell run alone.
+    for number, name in enumerate(humans):
+        alone = run_in(
+            tmp_path / name, one_cell("cctc_flow", {**CRASHES, "arms.human": name}), options
+        )
+        rows = run.audit[run.audit["cell"] == number].drop(columns="cell").reset_index(drop=True)
+        pd.testing.assert_frame_equal(rows, alone.audit.drop(columns="cell"))
 
 
 @pytest.mark.usefixtures("no_simulation")

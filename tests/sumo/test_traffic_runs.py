@@ -1,5 +1,6 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
+import math
 import time
 from pathlib import Path
 from typing import Any
@@ -117,6 +118,12 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert len(run.queues) == 2 * 2 * 2
     through = run.queues[run.queues["arm"] == "av"]["let_through"].sum() / 2
     assert float(through) == pytest.approx(row["throughput_per_hour"] / 60)
+    # No crash in two hours is no proof of none: a bound of the share, and none of the difference.
+    assert (run.passages["ending"] == "crashed").sum() == 0
+    assert (row["kappa"], row["crashes_per_1000"]) == (0.0, 0.0)
+    assert row["crashes_per_1000_ci_high"] == pytest.approx(1000 * row["kappa_ci_high"])
+    assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["crossed"].sum())
+    assert math.isnan(row["crashes_per_1000_difference_ci_high"])
     written = write_report(run, tmp_path / "report.html")
     text = written.page.read_text(encoding="utf-8")
     assert "Hours of traffic" in text

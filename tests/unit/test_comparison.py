@@ -13,6 +13,7 @@ from harness.comparison import (
     bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
+    clustered_proportion,
     intervals,
     proportion,
     summarise,
@@ -229,10 +230,17 @@ def test_what_is_left_out_by_hand() -> None:
     assert summary.mu_all.value == pytest.approx((0.6 + 0.9 + 1.5 + 2.5) / 4)
     assert summary.delay_difference_human_s.value == pytest.approx((-4 - 1 + 4 + 12) / 4)
     # 2 crashes, a time-out and a failure of the AV in 9 pairs.
-    assert summary.kappa_worst == pytest.approx(4 / 9)
+    assert summary.kappa_worst.value == pytest.approx(4 / 9)
+    assert summary.kappa_worst.low == pytest.approx(stats.beta.ppf(0.025, 4, 6), abs=1e-10)
+    assert summary.kappa_worst.high == pytest.approx(stats.beta.ppf(0.975, 5, 5), abs=1e-10)
     # The AV's count at 60 s; a human who never passed counts as free, 7.4 s.
     worst = [0.6, 0.9, 1.5, 60 / 9, 60 / 9, 60 / 30, 15 / 7.4, 60 / 7.4, 2.5]
-    assert summary.mu_worst == pytest.approx(np.mean(worst))
+    assert summary.mu_worst.value == pytest.approx(np.mean(worst))
+    # SciPy's bootstrap draws its own resamples; two of 9,999 agree to some 3 % of the width.
+    other = stats.bootstrap((worst,), np.mean, n_resamples=9_999, rng=1)
+    low, high = other.confidence_interval
+    assert summary.mu_worst.low == pytest.approx(low, abs=0.05 * (high - low))
+    assert summary.mu_worst.high == pytest.approx(high, abs=0.05 * (high - low))
 
 
 def test_pairs_that_met_someone_by_hand() -> None:
@@ -292,6 +300,57 @@ def test_resampling_does_not_change_with_the_batches(monkeypatch: pytest.MonkeyP
     # In batches of 7 resamples of 80 values, and not of 25,000.
     monkeypatch.setattr(intervals, "_DRAWS_IN_MEMORY", 7 * 80)
     assert bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) == whole
+
+
+def test_clusters_of_one_are_independent_trials() -> None:
+    ones = np.ones(1_000)
+    found = clustered_proportion((np.arange(1_000) % 10 == 0).astype(float), ones)
+    alone = stats.binomtest(100, 1_000).proportion_ci(method="exact")
+    assert (found.value, found.successes, found.trials) == (0.1, 100, 1_000)
+    assert (found.low, found.high) == pytest.approx((alone.low, alone.high), rel=1e-3)
+
+
+def test_clusters_that_agree_are_worth_their_number() -> None:
+    # Everybody in a cluster goes together: 40 clusters of 25 are 39 trials (k - 1 in the variance
+    # between), less the ratio of Student's t for 999 and for 39 degrees of freedom, squared.
+    trials = np.full(40, 25.0)
+    found = clustered_proportion(np.repeat([25.0, 0.0], [10, 30]), trials)
+    worth = 39 * (stats.t.ppf(0.975, 999) / stats.t.ppf(0.975, 39)) ** 2
+    low = stats.beta.ppf(0.025, worth / 4, worth * 3 / 4 + 1)
+    high = stats.beta.ppf(0.975, worth / 4 + 1, worth * 3 / 4)
+    assert (found.value, found.low, found.high) == pytest.approx((0.25, low, high))
+
+
+def test_clusters_without_an_event_or_alone() -> None:
+    five = clustered_proportion(np.zeros(5), np.full(5, 400.0))
+    assert (five.value, five.low) == (0.0, 0.0)
+    # No fewer than what 2,000 independent trials leave open, 0.18 %.
+    assert five.high is not None
+    assert five.high > 1 - 0.025 ** (1 / 2_000)
+    one = clustered_proportion(np.array([3.0]), np.array([400.0]))
+    assert (one.value, one.low, one.high) == (0.0075, None, None)
+    none = clustered_proportion(np.zeros(2), np.zeros(2))
+    assert (none.value, none.low, none.trials) == (None, None, 0)
+
+
+@pytest.mark.parametrize("hours", [10, 40])
+def test_crashes_that_come_together_are_covered(hours: int) -> None:
+    # Beta-binomial hours of 700 passages, κ = 1 %, correlation 0.01 within an hour.
+    generator, share = np.random.default_rng(8), 0.01
+    trials, held = np.full(hours, 700.0), {"hours": 0, "passages": 0}
+    for _ in range(400):
+        rates = generator.beta(99 * share, 99 * (1 - share), hours)
+        crashes = generator.binomial(700, rates).astype(float)
+        independent = proportion(int(crashes.sum()), 700 * hours)
+        for name, found in (
+            ("hours", clustered_proportion(crashes, trials)),
+            ("passages", independent),
+        ):
+            assert found.low is not None
+            assert found.high is not None
+            held[name] += found.low <= share <= found.high
+    assert held["hours"] >= stats.binom.ppf(0.001, 400, 0.91)
+    assert held["passages"] < 0.7 * 400
 
 
 def test_few_pairs_are_said_to_be_few() -> None:

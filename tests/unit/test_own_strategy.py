@@ -319,7 +319,8 @@ def test_checked_from_the_shell(write: Write, monkeypatch, capsys) -> None:
     assert (code, len(lines)) == (0, len(CHECKS))
     assert all(line.startswith("ok  ") for line in lines)
     code, lines = checked("mine_k:Demanding", monkeypatch, capsys)
-    assert (code, len(lines)) == (1, len(CHECKS))
+    assert (code, len(lines)) == (1, len(CHECKS) + 1)
+    assert lines[-1].startswith("note     it knows the pedestrians' distribution")
     assert "FAILED   every parameter has a default: no default for needed" in lines
     code, lines = checked("mine_k:Demandin", monkeypatch, capsys)
     assert (code, len(lines)) == (2, 1)
