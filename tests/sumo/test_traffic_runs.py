@@ -1,6 +1,5 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
-import math
 import time
 from pathlib import Path
 from typing import Any
@@ -123,7 +122,7 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert (row["kappa"], row["crashes_per_1000"]) == (0.0, 0.0)
     assert row["crashes_per_1000_ci_high"] == pytest.approx(1000 * row["kappa_ci_high"])
     assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["crossed"].sum())
-    assert math.isnan(row["crashes_per_1000_difference_ci_high"])
+    assert pd.isna(row["crashes_per_1000_difference_ci_high"])
     written = write_report(run, tmp_path / "report.html")
     text = written.page.read_text(encoding="utf-8")
     assert "Hours of traffic" in text
