@@ -36,13 +36,12 @@ def set_green(api: Any, signal: Signal) -> None:
 
 def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
     """Set the speed limit of a road's edges, which follow each other, and of what joins them."""
-    for edge in road:
-        for index in range(api.edge.getLaneNumber(edge)):
-            lane = f"{edge}_{index}"
-            api.lane.setMaxSpeed(lane, limit_mps)
-            for _onto, _prior, _open, _foe, inside, *_ in api.lane.getLinks(lane):
-                if inside:
-                    api.lane.setMaxSpeed(inside, limit_mps)
+    lanes = [f"{edge}_{index}" for edge in road for index in range(api.edge.getLaneNumber(edge))]
+    while lanes:
+        lane = lanes.pop()
+        api.lane.setMaxSpeed(lane, limit_mps)
+        # What leads on inside a junction, which may be several lanes one after another.
+        lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
 
 
 class SumoEngine:

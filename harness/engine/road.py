@@ -5,52 +5,20 @@ The choices below are explained, with the measurements behind them, in docs/sumo
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 from harness.encounter import Arrival, Crossing
-from harness.engine.control import limit_speed
+from harness.engine.control import limit_speed, set_green
 from harness.engine.people import WALKER, HeldPeople
 from harness.engine.shown import Shown
 from harness.errors import EngineError
-from harness.roads import Site
+from harness.roads import Site, streams_of
 
 SPEED_MODE_FOLLOWING = 33
 """SUMO keeps the vehicle from its leader, and alone from that; it knows no pedestrian."""
 
 SPEED_MODE_OWN = 31
 """SUMO's own driver with all his cares, as in the encounter."""
-
-
-EXIT_ROAD_M = 120.0
-"""Vehicles leave the road so far behind the crosswalk."""
-
-
-@dataclass(frozen=True, slots=True)
-class RoadLane:
-    """One lane as SUMO knows it; x is that of the lane's own direction.
-
-    ``begins_x_m``: where the approach lane begins; ``ends_x_m``: where vehicles leave the road.
-    """
-
-    approach_edge: str
-    exit_edge: str
-    index: int
-    begins_x_m: float
-    exit_begins_x_m: float
-    ends_x_m: float
-
-
-def road_lanes(site: Site) -> tuple[RoadLane, ...]:
-    """The lanes of a site's road: those of the ego's direction, then the oncoming ones."""
-    found = []
-    for way in site.ways:
-        number = max(n for n, stretch in enumerate(way.stretches) if stretch.start_m < 0)
-        approach, leaving = way.stretches[number : number + 2]
-        ends_m = min(leaving.end_m, EXIT_ROAD_M)
-        edges = (approach.edge, leaving.edge)
-        found.append(RoadLane(*edges, approach.lane, approach.start_m, leaving.start_m, ends_m))
-    return tuple(found)
 
 
 class SumoRoad:
@@ -65,7 +33,7 @@ class SumoRoad:
         close: ends that simulation.
         site: its crosswalk.
         crossing: the crosswalk's constants.
-        lanes: by number.
+        limit_mps: the speed limit of all its lanes.
         step_s: length of a step.
     """
 
@@ -75,13 +43,13 @@ class SumoRoad:
         close: Callable[[], None],
         site: Site,
         crossing: Crossing,
-        lanes: Sequence[RoadLane],
+        limit_mps: float,
         step_s: float,
     ) -> None:
         self._api, self._close, self._step_s = api, close, step_s
         self._site, self._crossing = site, crossing
         self.closed = False
-        self.lanes = tuple(lanes)
+        self.lanes = streams_of(site)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         self._everyone = [HeldPeople(api, site, crossing)]
         self._people = self._everyone
@@ -93,13 +61,11 @@ class SumoRoad:
         self.drive: Callable[[str, float], None] = api.vehicle.setSpeed
         self.speed_of: Callable[[str], float] = api.vehicle.getSpeed
         self.distance_of: Callable[[str], float] = api.vehicle.getDistance
-        if crossing.speed_limit_mps is not None:
-            edges = {edge for lane in lanes for edge in (lane.approach_edge, lane.exit_edge)}
-            limit_speed(api, sorted(edges), crossing.speed_limit_mps)
-        for number, lane in enumerate(lanes):
-            route = f"lane-{number}"
-            if route not in api.route.getIDList():
-                api.route.add(route, [lane.approach_edge, lane.exit_edge])
+        self._routes: set[str] = set()
+        edges = {stretch.edge for lane in self.lanes for stretch in lane.stretches}
+        limit_speed(api, sorted(edges), limit_mps)
+        if site.signal is not None:
+            set_green(api, site.signal)
 
     @contextmanager
     def watched(self) -> Iterator[None]:
@@ -140,17 +106,23 @@ class SumoRoad:
     def add(self, name: str, lane: int, x_m: float, speed_mps: float) -> None:
         """Put a vehicle on the road: there, and that fast, at the end of the next step."""
         road = self.lanes[lane]
+        number = road.number_at(x_m)
+        first, last = road.stretches[number], road.stretches[-1]
+        route = f"lane-{lane}-{number}"
+        if route not in self._routes:
+            self._api.route.add(route, [stretch.edge for stretch in road.stretches[number:]])
+            self._routes.add(route)
         self._api.vehicle.add(
             name,
-            f"lane-{lane}",
+            route,
             typeID="vehicle",
             depart="now",
-            departLane=str(road.index),
+            departLane=str(first.lane),
             # A rounding before the lane would be counted from its end.
-            departPos=repr(max(0.0, x_m - road.begins_x_m)),
+            departPos=repr(max(0.0, x_m - first.start_m)),
             departSpeed=repr(speed_mps),
-            arrivalLane=str(road.index),
-            arrivalPos=repr(road.ends_x_m - road.exit_begins_x_m),
+            arrivalLane=str(last.lane),
+            arrivalPos=repr(road.ends_x_m - last.start_m),
         )
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
         self._api.vehicle.setLaneChangeMode(name, 0)

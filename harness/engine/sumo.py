@@ -13,7 +13,7 @@ import libsumo
 
 from harness.encounter import Crossing, Vehicle
 from harness.engine.control import SumoEngine
-from harness.engine.road import SumoRoad, road_lanes
+from harness.engine.road import SumoRoad
 from harness.engine.starting import (
     Following,
     additional_file,
@@ -24,7 +24,7 @@ from harness.engine.starting import (
     types_file,
 )
 from harness.errors import EngineError
-from harness.roads import Place, read_site
+from harness.roads import Place, read_site, streams_of
 
 _running: list[SumoEngine | SumoRoad] = []
 
@@ -86,12 +86,13 @@ def libsumo_road(
         detectors: SUMO writes what E2 detectors on the approaching lanes saw there.
     """
     site = read_site(place)
-    lanes = road_lanes(site)
-    added = traffic_types(vehicle, crossing.speed_limit_mps, following)
+    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    added = traffic_types(vehicle, limit_mps, following)
     if detectors is not None:
-        added += e2_detectors((f"{lane.approach_edge}_{lane.index}" for lane in lanes), detectors)
+        last = (lane.approach for lane in streams_of(site))
+        added += e2_detectors((f"{each.edge}_{each.lane}" for each in last), detectors)
     _start(place.net, additional_file(added), step_s, 1, outputs)
-    road = SumoRoad(libsumo, _close, site, crossing, lanes, step_s)
+    road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
     _running.append(road)
     return road
 

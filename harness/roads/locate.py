@@ -100,7 +100,9 @@ def _site(
     return Site(
         frame=RoadFrame(*_pair(near), *_pair(direction), *_pair(across)),
         ego=ego,
-        ways=(_ways(network, crossing, (near, across, slant), direction) if all_ways else (ego,)),
+        ways=(
+            _ways(network, crossing, (near, across, slant), direction, lane) if all_ways else (ego,)
+        ),
         lanes=lanes[0],
         oncoming_lanes=lanes[1],
         length_m=abs(far - near),
@@ -187,19 +189,20 @@ def _ways(
     crossing: Edge,
     walk: tuple[complex, complex, float],
     direction: complex,
+    own: Lane,
 ) -> tuple[Way, ...]:
     """Every lane's way that is straight over the crosswalk, by direction and from the kerb."""
-    ways = []
-    for _, path in _approaches(network, crossing):
+    ways: list[tuple[bool, Way]] = []
+    for lane, path in _approaches(network, crossing):
         ahead = (path.direction * direction.conjugate()).real
         whole = extended(network, path)
         way = _way(whole, straight(whole), *walk, oncoming=ahead < 0)
         if abs(ahead) > math.cos(math.radians(MAX_OBLIQUE_DEG)):
-            ways.append(way)
-    # Of several ways over one lane of the crossed road the straightest is the lane's.
-    ways.sort(key=lambda way: -way.straight_before_m)
+            ways.append((lane == own, way))
+    # Of several ways over one lane of the crossed road the ego's or the straightest is the lane's.
+    ways.sort(key=lambda way: (not way[0], -way[1].straight_before_m))
     lanes: dict[tuple[str, int], Way] = {}
-    for way in ways:
+    for _, way in ways:
         under = min(
             (each for each in way.stretches if each.edge in crossing.crossed),
             key=lambda each: min(abs(each.start_m), abs(each.end_m)),

@@ -2,7 +2,7 @@
 
 import math
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Side
+from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
 from harness.errors import InputError, unknown_name
 from harness.scenario.sections import (
     QUARTER_S,
@@ -93,13 +93,20 @@ def _check_lanes(scenario: Scenario, source: str) -> None:
             f"{ego.lane}, counted from 0 at the near kerb",
             f"below crossing.lanes = {crossing.lanes}",
         )
+    _check_fits(scenario.crosswalk(), scenario, source)
+
+
+def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
+    """Refuse a vehicle that is too wide for its lane, or for who waits beside it."""
+    ego, crossing, width = scenario.ego, scenario.crossing, crosswalk.lane_width_m
     if ego.width_m > width:
+        count = crossing.lanes + crossing.oncoming_lanes
         raise InputError(
             f"{source}: ego.width_m",
             f"{ego.width_m:g} m does not fit the lane",
             f"at most {width:g} m: crossing.lane_width_m, or length_m shared by {count} lanes",
         )
-    room = min(map(scenario.crosswalk().to_lane_m, Side)) - ego.width_m / 2
+    room = min(map(crosswalk.to_lane_m, Side)) - ego.width_m / 2
     if room < PEDESTRIAN_RADIUS_M - ROUNDING_M:
         raise InputError(
             f"{source}: ego.width_m",
@@ -188,14 +195,14 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> N
         if abs(steps - round(steps)) > 1e-6:
             allowed = f"whole steps of experiment.step_s = {step_s:g} s"
             raise InputError(f"{where}.{key}", f"{getattr(traffic, key):g} s", allowed)
-    if traffic.saturated:
-        return  # flows do not matter: there is always another vehicle
-    crossing = scenario.crossing
-    for key, lanes in (
-        ("flow_per_hour", crossing.lanes),
-        ("oncoming_per_hour", crossing.oncoming_lanes),
-    ):
-        _check_flow(getattr(traffic, key), lanes, scenario, f"{where}.{key}")
+    source = where.removesuffix(": traffic")
+    for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
+        lanes = scenario.crosswalk_from_lanes(oncoming=oncoming)
+        if traffic.has_vehicles(oncoming=oncoming):
+            for lane in lanes:
+                _check_fits(lane, scenario, source)
+        if not traffic.saturated:  # else flows do not matter: there is always another vehicle
+            _check_flow(getattr(traffic, key), len(lanes), scenario, f"{where}.{key}")
 
 
 def _check_flow(
@@ -209,6 +216,8 @@ def _check_flow(
         allowed = f"{quarters}, one for each quarter of an hour of traffic.duration_s"
         raise InputError(where, f"{len(flow)} values", allowed)
     most = lanes * 3600.0 / scenario.least_headway_s()
+    if max(values) > 0 and not lanes:
+        raise InputError(where, f"{max(values):g} vehicles where no lane leads", "0")
     if max(values) >= most and max(values) > 0:
         allowed = f"below {most:.4g}: lanes × 3600 s / a headway of tau_s + (length + min_gap_m)/v0"
         raise InputError(where, f"{max(values):g} vehicles on {lanes} lanes", allowed)

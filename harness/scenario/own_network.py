@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.errors import InputError
-from harness.roads import Place, Site, Survey, survey
+from harness.roads import Place, Site, Stream, Survey, streams_of, survey
+from harness.roads.site import TOLERANCE_M
 from harness.scenario.sections import Scenario
 
 READ_KEYS = (
@@ -24,6 +25,7 @@ READ_KEYS = (
 
 _CLEAR_M = 1.0
 """How much straight road has to follow where the ego's rear has left the crosswalk."""
+_CLEAR = f"ego.length_m + half the crosswalk's width + {_CLEAR_M:g} m"
 
 
 def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -> Mapping[str, Any]:
@@ -48,9 +50,6 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
     read = crossing.read
     if read is not None and asked == (read.net, read.edge, read.approach, read.lane):
         return tree
-    if scenario.traffic is not None:
-        problem = "has traffic, which runs in networks of the harness's own alone"
-        raise InputError(f"{where}.net", problem, "the crosswalk's geometry, or no [traffic]")
     given = [key for key in READ_KEYS if key in crossing.model_fields_set and read is None]
     if given:
         problem = "is given beside crossing.net, which says it"
@@ -72,6 +71,10 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
                 "sha256": found.sha256,
                 "lane_centre_m": found.site.ego.centre_m,
                 "angle_deg": found.site.angle_deg,
+                "ways": [
+                    {"oncoming": way.oncoming, "centre_m": way.centre_m, "width_m": way.width_m}
+                    for way in found.site.ways
+                ],
             },
         },
     }
@@ -96,21 +99,54 @@ def _geometry(found: Survey) -> dict[str, Any]:
 def _check(site: Site, scenario: Scenario, source: str) -> None:
     """Refuse what this scenario cannot do at this crosswalk."""
     ego, crossing = scenario.ego, scenario.crossing
-    try:
-        site.ego.departure(ego.trigger_range_m)
-    except InputError as error:
-        raise InputError(f"{source}: {error.where}", error.problem, error.allowed) from None
-    needed = ego.length_m + site.width_m / 2 + _CLEAR_M
-    if site.ego.straight_after_m < needed:
-        raise InputError(
-            f"{source}: crossing.edge",
-            f"{crossing.edge}: beyond it the ego's lane is straight for "
-            f"{site.ego.straight_after_m:.1f} m and {site.ego.ends_after}",
-            f"at least {needed:.1f} m: ego.length_m + half the crosswalk's width + {_CLEAR_M:g} m",
-        )
+    if scenario.traffic is not None:
+        for stream in streams_of(site):
+            if scenario.traffic.has_vehicles(oncoming=stream.way.oncoming):
+                _check_stream(stream, site, scenario, source)
+    else:
+        try:
+            site.ego.departure(ego.trigger_range_m)
+        except InputError as error:
+            raise InputError(f"{source}: {error.where}", error.problem, error.allowed) from None
+        needed_m = _clear_m(site, scenario)
+        if site.ego.straight_after_m < needed_m:
+            what = f"the ego's lane is straight for {site.ego.straight_after_m:.1f} m"
+            raise InputError(
+                f"{source}: crossing.edge",
+                f"{crossing.edge}: beyond it {what} and {site.ego.ends_after}",
+                f"at least {needed_m:.1f} m: {_CLEAR}",
+            )
     if site.signal is not None and not crossing.ignore_signal:
         raise InputError(
             f"{source}: crossing.edge",
             f"{crossing.edge}: traffic light {site.signal.id} rules it",
             "an unsignalized crosswalk, or crossing.ignore_signal = true: green for both",
         )
+
+
+def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -> None:
+    """Refuse a lane whose vehicles cannot come, or not as the single ego does."""
+    ego, way = scenario.ego, stream.way
+    lane = f"lane {stream.approach.edge}_{stream.approach.lane}"
+    or_none = f", or traffic.{'oncoming' if way.oncoming else 'flow'}_per_hour = 0"
+    range_m, per_step_m = ego.trigger_range_m, ego.initial_speed_mps * scenario.experiment.step_s
+    where = f"{source}: ego.trigger_range_m"
+    if range_m > way.straight_before_m + TOLERANCE_M:
+        allowed = f"at most {way.straight_before_m:.6g} m{or_none}"
+        raise InputError(where, f"{range_m!r}: the approach of {lane} {way.ends_before}", allowed)
+    if stream.entry_x_m(range_m, per_step_m) is None:
+        begins_m = -stream.begins_x_m
+        problem = f"{range_m!r}: the vehicles of {lane} can enter {begins_m:.6g} m before it"
+        raise InputError(where, problem, f"at most that{or_none}")
+    after_m, needed_m = min(way.straight_after_m, stream.ends_x_m), _clear_m(site, scenario)
+    if after_m < needed_m:
+        problem = f"beyond it {lane} is straight, and no other's, for {after_m:.1f} m"
+        raise InputError(
+            f"{source}: crossing.edge",
+            f"{scenario.crossing.edge}: {problem}",
+            f"at least {needed_m:.1f} m: {_CLEAR}{or_none}",
+        )
+
+
+def _clear_m(site: Site, scenario: Scenario) -> float:
+    return scenario.ego.length_m + site.width_m / 2 + _CLEAR_M

@@ -56,6 +56,17 @@ class ObstacleSection(_Section):
         return self.y_m - self.width_m / 2, self.y_m + self.width_m / 2
 
 
+class ReadLaneSection(_Section):
+    """``[[crossing.read.ways]]``: a car lane over the crosswalk, of either direction."""
+
+    oncoming: bool
+    """Whether it leads towards the ego."""
+    centre_m: float
+    """From the ego's near kerb to the lane's centre."""
+    width_m: float
+    """Of the lane."""
+
+
 class ReadSection(_Section):
     """``[crossing.read]``: what a network of the user's own says; the harness fills it in.
 
@@ -76,6 +87,8 @@ class ReadSection(_Section):
     """From the near kerb to the lane's centre."""
     angle_deg: float
     """Between road and crosswalk."""
+    ways: Annotated[tuple[ReadLaneSection, ...], Field(strict=False)] = ()
+    """Every lane that is straight over the crosswalk, each direction from its near kerb on."""
 
 
 class CrossingSection(_Section):
@@ -432,6 +445,11 @@ class TrafficSection(_Section):
     saturated: bool = False
     """A vehicle waits in every lane at all times: measures the capacity."""
 
+    def has_vehicles(self, *, oncoming: bool) -> bool:
+        """Whether any vehicle comes in a direction."""
+        flow = self.oncoming_per_hour if oncoming else self.flow_per_hour
+        return self.saturated or (max(flow) if isinstance(flow, tuple) else flow) > 0
+
 
 class Scenario(_Section):
     """One experiment, complete: what a run of it needs and nothing else."""
@@ -456,25 +474,40 @@ class Scenario(_Section):
             values["detection_range_m"] = values["trigger_range_m"]
         return Vehicle(**values)
 
-    def crosswalk(self, lane: int | None = None) -> Crossing:
-        """The crosswalk's constants, from the ego's lane or another one of either direction."""
+    def crosswalk(self) -> Crossing:
+        """The crosswalk's constants, from the ego's lane."""
+        crossing, number = self.crossing, self.ego.lane
+        centre_m = crossing.lane_centre_m(number)
+        if crossing.read is not None:
+            centre_m = crossing.read.lane_centre_m
+        return self._seen_from(number, centre_m, crossing.width_of_lane_m)
+
+    def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
+        """The crosswalk's constants from each lane of a direction, from its own near kerb on."""
         crossing = self.crossing
-        number = self.ego.lane if lane is None else lane
-        if crossing.read is not None and lane is None:
-            return Crossing(
-                length_m=crossing.length_m,
-                width_m=crossing.width_m,
-                lane_centre_m=crossing.read.lane_centre_m,
-                lane_width_m=crossing.width_of_lane_m,
-                lane=number,
-            )
+        if crossing.read is None:
+            count = crossing.oncoming_lanes if oncoming else crossing.lanes
+            lanes = [(crossing.lane_centre_m(n), crossing.width_of_lane_m) for n in range(count)]
+        else:
+            far_m = crossing.length_m
+            lanes = [
+                (far_m - way.centre_m if oncoming else way.centre_m, way.width_m)
+                for way in crossing.read.ways
+                if way.oncoming is oncoming
+            ]
+        return tuple(self._seen_from(number, *lane) for number, lane in enumerate(lanes))
+
+    def _seen_from(self, lane: int, centre_m: float, width_m: float) -> Crossing:
+        crossing, limit_mps = self.crossing, None
+        if crossing.read is None:
+            limit_mps = crossing.road_speed_limit_mps or self.ego.initial_speed_mps
         return Crossing(
             length_m=crossing.length_m,
             width_m=crossing.width_m,
-            lane_centre_m=crossing.lane_centre_m(number),
-            lane_width_m=crossing.width_of_lane_m,
-            lane=number,
-            speed_limit_mps=crossing.road_speed_limit_mps or self.ego.initial_speed_mps,
+            lane_centre_m=centre_m,
+            lane_width_m=width_m,
+            lane=lane,
+            speed_limit_mps=limit_mps,
         )
 
     def least_headway_s(self) -> float:

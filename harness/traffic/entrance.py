@@ -16,8 +16,7 @@ MakeStrategy = Callable[[Scheduled], tuple[str, Strategy]]
 class Entrance:
     """Lets the vehicles of an hour in, lane by lane.
 
-    ``x_m`` is where they enter, by lane: as far upstream as there is road, whole steps at v0
-    before R0.
+    ``x_m`` is where they enter, by lane (``Stream.entry_x_m``); None in one that nobody can use.
     """
 
     def __init__(
@@ -30,11 +29,8 @@ class Entrance:
     ) -> None:
         self._road, self._vehicle, self._traffic = road, vehicle, traffic
         self._step_s, self._make = step_s, make
-        per_step, trigger = vehicle.initial_speed_mps * step_s, vehicle.trigger_range_m
-        self.x_m = [
-            -trigger - math.floor((-lane.begins_x_m - trigger) / per_step + 1e-6) * per_step
-            for lane in road.lanes
-        ]
+        per_step_m = vehicle.initial_speed_mps * step_s
+        self.x_m = [lane.entry_x_m(vehicle.trigger_range_m, per_step_m) for lane in road.lanes]
 
     def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> Moving | None:
         """Put a lane's next vehicle on the road for the end of this step, if due and with room.
@@ -47,6 +43,7 @@ class Entrance:
                 break
             name, strategy = self._make(planned)
             x_m = self.x_m[lane.number]
+            assert x_m is not None
             lane.due.append(
                 Moving(planned, self._road.name_of(planned.number), name, strategy, x_m)
             )

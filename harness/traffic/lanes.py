@@ -46,10 +46,10 @@ class Lane:
 
 def lanes_of(scenario: Scenario) -> tuple[Lane, ...]:
     """Every lane of the road, from the ego's near kerb of its direction on, oncoming ones last."""
-    crossing = scenario.crossing
-    counts = ((Direction.FORWARD, crossing.lanes), (Direction.ONCOMING, crossing.oncoming_lanes))
     return tuple(
-        Lane(direction, index, scenario.crosswalk(index))
-        for direction, count in counts
-        for index in range(count)
+        Lane(direction, index, crossing)
+        for direction in Direction
+        for index, crossing in enumerate(
+            scenario.crosswalk_from_lanes(oncoming=direction is Direction.ONCOMING)
+        )
     )
