@@ -15,6 +15,9 @@ REACH_BEFORE_M = 300.0
 REACH_AFTER_M = 120.0
 """How far a way is followed: the longest trigger range, and what a generated road has beyond."""
 
+_TURNAROUND_DEG = 150.0
+"""A link that turns by more leads back, not on."""
+
 _ROUNDING_M = 0.02
 """What a point of a network's file may be off: most networks are written with two decimals."""
 _LENGTH_SHARE = 0.01
@@ -187,7 +190,7 @@ def _straightest(network: RoadNetwork, lane: Lane, *, backward: bool) -> list[La
         else:
             turn = _turn_deg(_entering(lanes[-1]), _leaving(lane))
             ways = lanes[1:]
-        if not all(each.allows("passenger") for each in ways):
+        if turn > _TURNAROUND_DEG or not all(each.allows("passenger") for each in ways):
             continue
         if best is None or (turn, link.start + link.end) < best[:2]:
             best = (turn, link.start + link.end, ways)

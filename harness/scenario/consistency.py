@@ -75,6 +75,15 @@ def remarks(scenario: Scenario) -> list[str]:
             f"lanes of {crossing.width_of_lane_m:g} m: {lanes} share crossing.length_m = "
             f"{crossing.length_m:g} m; more lanes or crossing.lane_width_m say otherwise"
         )
+    if scenario.traffic is not None:
+        ways = (("the ego's", False, crossing.lanes), ("the other", True, crossing.oncoming_lanes))
+        for which, oncoming, count in ways:
+            used = len(scenario.crosswalk_from_lanes(oncoming=oncoming))
+            if used < count and scenario.traffic.has_vehicles(oncoming=oncoming):
+                found.append(
+                    f"traffic drives in {used} of the {count} lanes of {which} direction: "
+                    "those that lead straight over the crosswalk"
+                )
     return found
 
 
