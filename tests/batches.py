@@ -1,5 +1,7 @@
 """What the tests of batches share: small studies, an executor without processes, the shell."""
 
+import contextlib
+import io
 import os
 import signal
 import subprocess
@@ -9,6 +11,7 @@ from concurrent.futures import Future
 from pathlib import Path
 
 import psutil
+import pytest
 
 from harness.scenario import (
     ScenarioFile,
@@ -81,6 +84,38 @@ def options_of(changes: dict[str, object]) -> list[str]:
     """Changes as ``--set`` options."""
     texts = {key: str(of).lower() if isinstance(of, bool) else of for key, of in changes.items()}
     return [part for key, text in texts.items() for part in ("--set", f"{key}={text}")]
+
+
+def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
+    """Run ``harness`` to its end in this process, its tasks too, which saves starting Python."""
+    from harness.batch import experiment
+    from harness.calibration import jobs
+    from harness.cli import app
+    from harness.engine.shared import close_engine
+    from harness.replay import rerun, sumo_outputs
+    from harness.report import episode_traces
+    from harness.workers import pool
+    from tests.conftest import close_all
+
+    close_all()
+    path, out, err = list(sys.path), io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["harness", *map(str, arguments)])
+        patch.setenv("MPLBACKEND", "Agg")
+        if cwd is not None:
+            patch.chdir(cwd)
+        for module in (pool, experiment, jobs, rerun, sumo_outputs, episode_traces):
+            patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            pytest.raises(SystemExit) as ended,
+        ):
+            app.main()
+    close_engine()
+    sys.path[:] = path
+    assert isinstance(ended.value.code, int)
+    return subprocess.CompletedProcess([], ended.value.code, out.getvalue(), err.getvalue())
 
 
 def shell(

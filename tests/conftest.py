@@ -22,7 +22,8 @@ def model() -> InteractionModel:
 _open: dict[str, Engine] = {}
 
 
-def _close_all() -> None:
+def close_all() -> None:
+    """End this process's one simulation, whoever keeps it open."""
     for engine in _open.values():
         engine.close()
     _open.clear()
@@ -39,7 +40,7 @@ def sumo() -> MakeEngine:
     def make(scenario: Scenario) -> Engine:
         key = repr((scenario.crossing, scenario.ego, scenario.experiment.step_s))
         if key not in _open:
-            _close_all()
+            close_all()
             _open[key] = libsumo_engine(
                 place_of(scenario),
                 scenario.vehicle(),
@@ -54,13 +55,13 @@ def sumo() -> MakeEngine:
 @pytest.fixture
 def no_simulation() -> Iterator[None]:
     """For tests that start libsumo themselves: nothing of this process runs meanwhile."""
-    _close_all()
+    close_all()
     yield
-    _close_all()
+    close_all()
 
 
 @pytest.fixture(scope="module", autouse=True)
 def _nothing_is_left_open() -> Iterator[None]:
     """A process has one simulation: that of a module does not stand in the next one's way."""
     yield
-    _close_all()
+    close_all()

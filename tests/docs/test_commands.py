@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from harness.trajectories import Extraction, extract, write_rows
-from tests.docs.conftest import ROOT, Harness
+from tests.batches import here
+from tests.docs.conftest import ROOT
 from tests.unit.test_cli_model import made_up
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -76,7 +77,7 @@ def left_out(words: list[str]) -> bool:
     return any(words[0] == key or key in words or module.split(".")[0] == key for key in NOT_HERE)
 
 
-def run_page(page: Path, trajectories: Path, harness: Harness, skipped: set[str]) -> None:
+def run_page(page: Path, trajectories: Path, skipped: set[str]) -> None:
     """Run a page's commands in the working directory."""
     for command in commands(page):
         words = shlex.split(command, comments=True)
@@ -84,7 +85,8 @@ def run_page(page: Path, trajectories: Path, harness: Harness, skipped: set[str]
             continue
         words = [str(trajectories) if word in TRAJECTORIES else word for word in words]
         if words[0] == "harness":
-            assert harness(*words[1:], *SHORTER.get(words[1], [])) == 0, command
+            done = here(*words[1:], *SHORTER.get(words[1], []))
+            assert done.returncode == 0, (command, done.stdout, done.stderr)
         elif words[:2] == ["python", "-m"]:
             run = [sys.executable, *words[1:], *SHORTER.get(words[2], [])]
             subprocess.run(run, check=True, timeout=300, capture_output=True)
@@ -110,11 +112,11 @@ def test_pages_have_commands() -> None:
     ],
 )
 def test_the_commands_of_a_page_run(
-    page: Path, made: Path, harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shutil.copytree(made, tmp_path / "checkout")
     monkeypatch.chdir(tmp_path / "checkout")
-    run_page(page, MADE_UP, harness, set(LONG))
+    run_page(page, MADE_UP, set(LONG))
 
 
 @pytest.mark.slow
@@ -122,10 +124,10 @@ def test_the_commands_of_a_page_run(
     "page", ["README.md", "docs/model.md", "docs/report.md", "docs/risk.md", "docs/validation.md"]
 )
 def test_the_commands_of_a_page_run_on_real_trajectories(
-    page: str, made: Path, harness: Harness, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if not DUT.is_dir():
         pytest.skip("needs the DUT set in ../shared/data/dut")
     shutil.copytree(made, tmp_path / "checkout")
     monkeypatch.chdir(tmp_path / "checkout")
-    run_page(ROOT / page, DUT, harness, set())
+    run_page(ROOT / page, DUT, set())

@@ -24,7 +24,7 @@ from harness.scenario import Scenario
 from harness.trajectories import FORMATS
 from harness.workers.pool import LocalPool
 from tests.batches import Inline
-from tests.conftest import _close_all
+from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile
 
 DATA = Path(__file__).resolve().parents[1] / "data"
@@ -55,7 +55,7 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the commands are given, with good files; a run ends when it has a manifest."""
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("fuzz") / "here"
     shutil.copytree(DATA / RUN, folder / RUN)
     shutil.copytree(DATA / "encounter", folder / "encounter")

@@ -16,7 +16,7 @@ from harness.errors import InterruptedRunError
 from harness.scenario import Options, Study
 from harness.workers.tasks import Argument, Result
 from tests.batches import Inline, one_cell, sweep
-from tests.conftest import _close_all
+from tests.conftest import close_all
 
 
 class Stopping(Inline):
@@ -41,7 +41,7 @@ def simulate(
     study: Study, folder: Path, options: Options | None = None, stop: bool = False
 ) -> Path:
     """Run a study in this process; with ``stop``, only its first two tasks."""
-    _close_all()
+    close_all()
     try:
         if stop:
             with pytest.raises(InterruptedRunError):

@@ -28,7 +28,7 @@ from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision, Study
 from harness.workers.pool import LocalPool
 from harness.workers.tasks import Argument, Result, Task
-from tests.batches import FLOW, QUICK, Inline, content, one_cell, options_of, shell, sweep
+from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, options_of, sweep
 
 LAMBDA = "pedestrians.flow_per_hour"
 BOTH = "arms.av=hard_yield,soft_yield"
@@ -52,9 +52,9 @@ def run(study: Study, out: Path, make: Any = Inline, **options: Any) -> RunData:
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The flow study in one process, with traces: what every other way is held against."""
-    from tests.conftest import _close_all
+    from tests.conftest import close_all
 
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("batch") / "plain"
     run(flow_study(), folder, traces=True)
     close_engine()
@@ -431,7 +431,7 @@ def test_a_file_system_that_refuses_is_one_error(
         run(study, tmp_path / "run")
 
 
-def test_a_study_from_the_shell(tmp_path: Path) -> None:
+def test_a_study_from_the_command_line(tmp_path: Path) -> None:
     scenario = tmp_path / "mine.toml"
     scenario.write_text(
         """
@@ -444,7 +444,7 @@ def test_a_study_from_the_shell(tmp_path: Path) -> None:
         """,
         encoding="utf-8",
     )
-    done = shell("run", scenario, "--workers", "2", cwd=tmp_path)
+    done = here("run", scenario, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for word in ("μ", "κ", "delay", "200", "400", "runs/mine-1"):
         assert word in done.stdout

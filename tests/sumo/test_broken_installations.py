@@ -12,16 +12,16 @@ import pytest
 
 from harness.engine import installation
 from harness.errors import InputError
-from tests.batches import CHECKOUT, QUICK, options_of, shell
+from tests.batches import CHECKOUT, QUICK, here, options_of, shell
 from tests.sumo.test_faults import mount
 
-RUN = ["run", "cctc", "--pairs", 2, "-q", *options_of(QUICK)]
+RUN = ["run", "cctc", "--pairs", 2, "--workers", 1, "-q", *options_of(QUICK)]
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("finished") / "run"
-    assert shell(*RUN, "--traces", "--out", folder).returncode == 0
+    assert here(*RUN, "--traces", "--out", folder).returncode == 0
     return folder
 
 
@@ -146,7 +146,7 @@ def test_a_disk_that_takes_no_more(disk: Path, finished: Path) -> None:
         ["score", finished, "--out", disk / "score"],
         [*RUN, "--out", disk / "again"],
     ):
-        one_line(shell(*words), 1 if full else 2, why, str(disk))
+        one_line(here(*words), 1 if full else 2, why, str(disk))
     # Folders take no space here; no file is left, whole or in part.
     assert sorted(path for path in disk.rglob("*") if path.is_file()) == [
         path for path in before if path.is_file()

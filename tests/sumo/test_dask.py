@@ -24,6 +24,7 @@ from tests.batches import (
     QUICK,
     Inline,
     content,
+    here,
     one_cell,
     options_of,
     shell,
@@ -81,7 +82,8 @@ def scheduler(launch: Launch, folder: Path) -> "tuple[subprocess.Popen[bytes], s
     options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file"]
     process = launch("scheduler", *options, str(file))
     end_at = time.monotonic() + 60
-    while not file.exists():
+    # The file is there before anything is in it.
+    while not (file.exists() and file.stat().st_size):
         assert time.monotonic() < end_at, "no scheduler"
         time.sleep(0.1)
     return process, str(json.loads(file.read_text(encoding="utf-8"))["address"])
@@ -209,6 +211,7 @@ def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
     assert out == own(None, "mypackage.inner.mine:Mine", tmp_path, "here")
 
 
+@pytest.mark.slow
 def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Path) -> None:
     from distributed import Client
 
@@ -242,7 +245,7 @@ def test_workers_with_several_threads_are_refused(
     with pytest.raises(InputError, match="no workers"):
         DaskCluster(address)
     worker(launch, address, threads=2)
-    done = shell("run", "cctc", "--dask", address, "--out", tmp_path / "run", "--pairs", "2")
+    done = here("run", "cctc", "--dask", address, "--out", tmp_path / "run", "--pairs", "2")
     assert done.returncode == 2
     (line,) = done.stderr.splitlines()
     for word in ("threads", "2", "--nthreads 1"):
@@ -262,7 +265,7 @@ def test_nobody_there(tmp_path: Path, address: str) -> None:
         # Bound but not listening: whoever calls is turned away.
         free.bind(("127.0.0.1", 0))
         given = address.format(port=free.getsockname()[1])
-        done = shell("run", "cctc", "--dask", given, "--out", tmp_path / "run", "--pairs", "2")
+        done = here("run", "cctc", "--dask", given, "--out", tmp_path / "run", "--pairs", "2")
     assert done.returncode == 2, done.stderr
     (line,) = done.stderr.splitlines()
     assert f"--dask {given}" in line

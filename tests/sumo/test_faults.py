@@ -21,7 +21,7 @@ from harness.engine.plain import PlainEngine
 from harness.engine.shared import close_engine
 from harness.errors import EngineError, HarnessError
 from harness.scenario import Options
-from tests.batches import CHECKOUT, QUICK, Inline, content, one_cell, options_of, shell
+from tests.batches import QUICK, Inline, content, here, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
 CULPRITS = {
@@ -61,9 +61,9 @@ CHANGES: dict[str, object] = {
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One run with every fault (``faulty``) and one with none (``clean``)."""
-    from tests.conftest import _close_all
+    from tests.conftest import close_all
 
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("faults")
     study = one_cell("cctc", CHANGES)
     run_study(study, Options(), out=folder / "clean", make_executor=Inline)
@@ -160,9 +160,9 @@ def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
     assert content(batch / "scored") == content(batch / "faulty")
 
 
-def test_the_shell_names_the_culprit(tmp_path: Path) -> None:
+def test_the_command_names_the_culprit(tmp_path: Path) -> None:
     changes = {**CHANGES, **struck({"nan": 2}), "experiment.pairs": 4}
-    done = shell("run", "cctc", "--out", tmp_path / "run", *options_of(changes), cwd=CHECKOUT)
+    done = here("run", "cctc", "--out", tmp_path / "run", *options_of(changes))
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
     for word in ("1 episode", "pair 2", "av", "returned nan"):

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.batches import CHECKOUT, QUICK, content, options_of, shell, start
+from tests.batches import CHECKOUT, QUICK, content, here, options_of, shell, start
 from tests.unit.test_cli_model import made_up
 
 HOOK = """
@@ -46,7 +46,19 @@ if what == "file":
 """
 
 MADE_UP = CHECKOUT / "tests" / "data"
-RUN = ["run", "cctc", "--pairs", 6, "--traces", "-q", "--out", "out", *options_of(QUICK)]
+RUN = [
+    "run",
+    "cctc",
+    "--pairs",
+    6,
+    "--workers",
+    1,
+    "--traces",
+    "-q",
+    "--out",
+    "out",
+    *options_of(QUICK),
+]
 SWEEP = ["sweep", *RUN[1:], "--vary", "ego.initial_speed_mps=9,10"]
 COMMANDS: dict[str, list[object]] = {
     "score": ["score", "RUN", "--out", "out"],
@@ -62,7 +74,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted run and sweep."""
     folder = tmp_path_factory.mktemp("whole")
     for name, command in (("run", RUN), ("sweep", SWEEP)):
-        done = shell(*[folder / name if word == "out" else word for word in command])
+        done = here(*[folder / name if word == "out" else word for word in command])
         assert done.returncode == 0, done.stderr
     return folder
 

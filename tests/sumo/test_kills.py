@@ -39,9 +39,9 @@ SECONDS = 120.0
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The uninterrupted run, in this process and without workers."""
     from harness.engine.shared import close_engine
-    from tests.conftest import _close_all
+    from tests.conftest import close_all
 
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("kills") / "whole"
     run_study(one_cell("cctc", CHANGES), Options(), out=folder, make_executor=Inline)
     close_engine()
@@ -129,7 +129,7 @@ def test_the_parent_is_killed_often(tmp_path: Path, whole: dict[str, bytes], see
     [
         pytest.param(signal.SIGINT, True, 0, id="Ctrl-C at the start"),
         pytest.param(signal.SIGINT, False, 2, id="SIGINT", marks=pytest.mark.slow),
-        pytest.param(signal.SIGTERM, False, 2, id="SIGTERM"),
+        pytest.param(signal.SIGTERM, False, 2, id="SIGTERM", marks=pytest.mark.slow),
     ],
 )
 def test_interrupted_and_resumed(

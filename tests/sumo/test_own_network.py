@@ -24,7 +24,7 @@ from harness.network.osm import convert
 from harness.roads import Place, read_network, read_site
 from harness.scenario import Scenario, load_scenario, validate
 from harness.scenario.sections import CrossingSection
-from tests.batches import CHECKOUT, shell
+from tests.batches import CHECKOUT, here
 from tests.sites import NETWORKS
 from tests.sumo.test_engines_agree import assert_same_episode
 
@@ -350,9 +350,9 @@ def test_hostile_networks_get_one_line(tmp_path: Path) -> None:
             (row,) = list_crossings(read_network(path))
             assert not row.usable
             assert "\n" not in (row.problem or "")
-    done = shell("crossings", tmp_path / "cut.net.xml")
+    done = here("crossings", tmp_path / "cut.net.xml")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    done = shell("crossings", tmp_path / "city.net.xml", "--json")
+    done = here("crossings", tmp_path / "city.net.xml", "--json")
     (row,) = json.loads(done.stdout)["crossings"]
     assert (row["edge"], row["usable"], row["longitude_deg"]) == (":cross_c0", True, None)
 

@@ -19,7 +19,7 @@ from harness.runs.run_data import RunData, load_run
 from harness.scenario import Options, Scenario, Study
 from harness.workers.audit import audit_of
 from tests.batches import FLOW, Inline, one_cell, sweep
-from tests.conftest import _close_all
+from tests.conftest import close_all
 
 CRASHES = {**FLOW, "arms.av": "constant_speed", "experiment.pairs": 24}
 PLAIN = Options(engine="plain", audit=0.25)
@@ -31,7 +31,7 @@ def run_in(folder: Path, study: Study, options: Options) -> RunData:
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunData, RunData]:
-    _close_all()
+    close_all()
     folder, study = tmp_path_factory.mktemp("both"), one_cell("cctc_flow", CRASHES)
     return run_in(folder / "plain", study, PLAIN), run_in(folder / "sumo", study, Options())
 

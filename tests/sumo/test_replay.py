@@ -20,7 +20,7 @@ from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import SUMO_FILES, replay
 from harness.roads import Place, read_site
 from harness.scenario import Options
-from tests.batches import CHECKOUT, FLOW, QUICK, Inline, one_cell, options_of, shell, sweep
+from tests.batches import CHECKOUT, FLOW, QUICK, Inline, here, one_cell, options_of, shell, sweep
 from tests.faulty import NAME, struck
 
 HOME = Path(sumo_package.SUMO_HOME)
@@ -37,9 +37,9 @@ def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep of two flows with traces and with SUMO's outputs of every episode."""
-    from tests.conftest import _close_all
+    from tests.conftest import close_all
 
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("replay") / "run"
     study = sweep("cctc_flow", {**FLOW, "experiment.pairs": 8}, f"{FLOW_PER_HOUR}=200,1000")
     options = Options(traces=True, sumo_outputs="all", workers=2)
@@ -82,7 +82,7 @@ def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) 
     more = pa.array([step + 1 for step in steps], type=pa.int32())
     changed = table.set_column(position, table.schema.field("steps"), more)
     pq.write_table(changed, other / "episodes.parquet")
-    done = shell("replay", other, "--pair", 0, "--arm", "av", "--out", tmp_path / "out")
+    done = here("replay", other, "--pair", 0, "--arm", "av", "--out", tmp_path / "out")
     assert done.returncode == 1
     assert f"episodes.steps: {steps[0]} instead of {steps[0] + 1}" in done.stdout
 
@@ -174,14 +174,14 @@ def test_refused(run: Path, tmp_path: Path) -> None:
             replay(run, pair, [Arm.AV], cell, out)
     with pytest.raises(InputError, match="no run folder"):
         replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
-    wrong = shell("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
+    wrong = here("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
     assert "av, human or both" in wrong.stderr
     assert not (tmp_path / "out").exists()
 
 
-def test_both_arms_from_the_shell(run: Path, tmp_path: Path) -> None:
-    done = shell("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
+def test_both_arms_from_the_command_line(run: Path, tmp_path: Path) -> None:
+    done = here("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("identical") == 2
     names = {"site.net.xml", *SUMO_FILES.values()}
@@ -192,7 +192,7 @@ def test_both_arms_from_the_shell(run: Path, tmp_path: Path) -> None:
 def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
     changes = options_of({**QUICK, "experiment.pairs": 20})
     folder = tmp_path / "run"
-    done = shell("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
+    done = here("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
     assert done.returncode == 0, done.stderr
     episodes = pq.read_table(folder / "episodes.parquet").to_pylist()
     crashed = {f"0-{r['pair']}-{r['arm']}" for r in episodes if r["ending"] == "crashed"}
@@ -205,7 +205,7 @@ def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
         hits = [hit.get("collider") for hit in ET.parse(file).getroot().iter("collision")]
         # SUMO's own verdict, which misses some contacts.
         assert ("ego-0" in hits) == row["sumo_collision"]
-    wrong = shell("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
+    wrong = here("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
 
 
@@ -308,7 +308,7 @@ def test_debug_has_standard_input_and_the_traceback(tmp_path: Path) -> None:
     (tmp_path / "raising.py").write_text(RAISES.replace("breakpoint()", "pass"), encoding="utf-8")
     env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
     changes = options_of({**QUICK, "arms.av": "raising:Raises", "experiment.pairs": 1})
-    shell("run", "cctc", "--out", "run", *changes, cwd=tmp_path, env=env)
+    assert here("run", "cctc", "--out", "run", *changes, cwd=tmp_path).returncode == 1
     again = shell("replay", "run", "--pair", 0, "--arm", "av", "--out", "o", cwd=tmp_path, env=env)
     assert "ArithmeticError: on purpose" in again.stderr
     (tmp_path / "raising.py").write_text(RAISES, encoding="utf-8")

@@ -16,7 +16,7 @@ from harness.errors import InputError
 from harness.replay.rerun import replay
 from harness.results import summaries
 from harness.scenario import Options, Precision, Study
-from tests.batches import FLOW, QUICK, Inline, content, one_cell, shell, sweep
+from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, sweep
 
 STUDIES = {
     "the paper's": lambda: one_cell("cctc", {"experiment.pairs": 30}),
@@ -90,7 +90,7 @@ def test_scoring_gives_a_run_the_measures_added_since(tmp_path: Path) -> None:
     pq.write_table(pq.read_table(path).drop_columns(["stops", "max_jerk_mps3"]), path)
     score(tmp_path / "older", tmp_path / "scored")
     assert content(tmp_path / "scored") == content(tmp_path / "run")
-    done = shell("report", tmp_path / "older")
+    done = here("report", tmp_path / "older")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "lacks stops" in done.stderr
     assert "harness score" in done.stderr
@@ -107,7 +107,7 @@ def test_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "scored").exists()
     with pytest.raises(InputError, match="no run folder"):
         score(tmp_path / "none", tmp_path / "scored")
-    done = shell("score", tmp_path / "run", "--out", tmp_path / "scored")
+    done = here("score", tmp_path / "run", "--out", tmp_path / "scored")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
     assert "--traces" in done.stderr
 

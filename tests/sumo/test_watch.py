@@ -26,9 +26,9 @@ PEDESTRIAN = (197, 27, 125)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from tests.conftest import _close_all
+    from tests.conftest import close_all
 
-    _close_all()
+    close_all()
     folder = tmp_path_factory.mktemp("watch") / "run"
     changes = {**FLOW, "experiment.pairs": 4, "pedestrians.flow_per_hour": 1500.0}
     run_study(one_cell("cctc_flow", changes), Options(), out=folder, make_executor=Inline)
