@@ -1,4 +1,4 @@
-"""The run folder as a user gets it: the command line in a process of its own, SUMO behind it."""
+"""The run folder as a user gets it, SUMO behind it."""
 
 import csv
 import json
@@ -18,6 +18,7 @@ from harness.episode.pairing import PairRunner
 from harness.network import place_of
 from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
+from tests.batches import here
 
 FLOW = [
     "--set=pedestrians.flow_per_hour=700",
@@ -62,9 +63,9 @@ def harness(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three runs: the paper's twice into runs/, and one of a flow with crashes and time-outs."""
     folder = tmp_path_factory.mktemp("user")
-    for _ in range(2):
-        harness("run", "cctc", "--pairs", 8, "--traces", "--quiet", cwd=folder)
-    harness("run", "cctc", "--pairs", 12, *FLOW, "--traces", "--out", "flow", cwd=folder)
+    for options in (["--quiet"], ["--quiet"], [*FLOW, "--out", "flow"]):
+        done = here("run", "cctc", "--pairs", 12, "--traces", *options, cwd=folder)
+        assert done.returncode == 0, done.stderr
     return folder
 
 
@@ -111,7 +112,7 @@ def test_cells_of_a_single_run(runs: Path) -> None:
 
 
 def test_every_pair_and_arm_has_one_row(runs: Path) -> None:
-    for folder, pairs in ((runs / "flow", 12), (runs / "runs" / "cctc-1", 8)):
+    for folder, pairs in ((runs / "flow", 12), (runs / "runs" / "cctc-1", 12)):
         keys = [(row["cell"], row["pair"], row["arm"]) for row in rows(folder, "episodes")]
         assert keys == [(0, pair, arm) for pair in range(pairs) for arm in ("av", "human")]
         assert [row["pair"] for row in rows(folder, "pairs")] == list(range(pairs))
@@ -252,7 +253,7 @@ def test_quiet_prints_the_path_alone(tmp_path: Path) -> None:
 def test_export_to_csv(runs: Path, tmp_path: Path) -> None:
     folder = tmp_path / "copy"
     shutil.copytree(runs / "flow", folder)
-    result = harness("export", folder, "--csv", cwd=tmp_path)
+    result = here("export", folder, "--csv", cwd=tmp_path)
     printed = {Path(line).name for line in result.stdout.splitlines()}
     assert printed == {f"{name}.csv" for name in (*COLUMNS, "cells")}
     for name, columns in COLUMNS.items():
