@@ -31,8 +31,11 @@ _POINTS_OF_REFIT = 2_000
 _WORTH = 20.0
 """The states found are worth so many independent ones: many descend from the same few."""
 
+_FITTED = 2_000
+"""On so many of the states found the first proposal is fitted."""
+
 _LOOKED_AT = 600
-"""Of so many of the states found it is asked who of the crowd matters."""
+"""Where there is a crowd on so many: of each it is asked who matters."""
 
 _FEWEST_EVENTS = 10
 """Effective events below which a batch says nothing about a proposal's worth."""
@@ -268,9 +271,9 @@ def _explored(
 
     It is the last to arrive of those without whom the event does not happen; −1: nobody.
     """
+    found = found[rng.permutation(len(found))[: _LOOKED_AT if layout.marks else _FITTED]]
     if not layout.marks:
         return Cases(found, np.empty((len(found), 0, 0))), np.full(len(found), -1)
-    found = found[rng.permutation(len(found))[:_LOOKED_AT]]
     outcomes = evaluate(found, "who matters")
     # What a state does not hold is drawn anew and may have mattered.
     event = outcomes.event

@@ -79,26 +79,29 @@ def fit_components(
         weights: of the cases, ≥ 0; equal where they are drawn from the nominal law given the event.
     """
     weights = weights / weights.sum()
-    points = {part.placed: cases.of(placed=part.placed) for part in components}
+    count = len(weights)
+    points = {part.placed: cases.points(placed=part.placed) for part in components}
     for _ in range(_ROUNDS):
         terms = [
-            (1 - NOMINAL_SHARE) * part.share * np.exp(part.log_ratio(layout, points[part.placed]))
+            (1 - NOMINAL_SHARE) * part.share * np.exp(part.log_ratio(layout, points[part.placed].y))
             for part in components
         ]
-        total = NOMINAL_SHARE + sum(term.sum(axis=1) for term in terms)
+        total = np.full(count, NOMINAL_SHARE)
+        for part, term in zip(components, terms, strict=True):
+            total += np.bincount(points[part.placed].case, term, count)
         updated = []
         for part, term in zip(components, terms, strict=True):
-            responsible = term * (weights / total)[:, None]
+            y, case = points[part.placed]
+            responsible = term * (weights / total)[case]
             mass = float(responsible.sum())
-            squares = float(np.sum(responsible.sum(axis=1) ** 2))
-            count = mass**2 / squares if squares > 0 else 0.0
-            if count < _FEWEST:
+            squares = float(np.sum(np.bincount(case, responsible, count) ** 2))
+            effective = mass**2 / squares if squares > 0 else 0.0
+            if effective < _FEWEST:
                 continue
-            chosen = responsible > 0
-            y, share = points[part.placed][chosen], responsible[chosen] / mass
+            share = responsible / mass
             mean = share @ y
             scatter = (y * share[:, None]).T @ y - np.outer(mean, mean)
-            updated.append(_component(layout, mass, part.placed, mean, scatter, count))
+            updated.append(_component(layout, mass, part.placed, mean, scatter, effective))
         if not updated:
             return components
         whole = sum(part.share for part in updated)

@@ -9,6 +9,7 @@ places means nothing.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +52,7 @@ class Layout:
         """How many of the crowd a state has room for."""
         if not self.marks:
             return 0
-        return int(stats.poisson.isf(_NEVER, self.mean_count)) + _SPARE
+        return _most(self.mean_count) + _SPARE
 
     @property
     def width(self) -> int:
@@ -120,3 +121,9 @@ class Layout:
         z = z.copy()
         self.people(z)[np.arange(len(z)), place] = np.nan
         return z
+
+
+@cache
+def _most(mean_count: float) -> int:
+    """How many of a Poisson number come at most, but for ``_NEVER``."""
+    return int(stats.poisson.isf(_NEVER, mean_count))

@@ -14,8 +14,10 @@ Without a placed one it is g(f)/φ(f), a normal mixture.  The nominal density it
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
 from harness.risk.layout import Layout
@@ -23,6 +25,13 @@ from harness.risk.outcomes import Evaluate, Outcomes
 
 NOMINAL_SHARE = 0.1
 """Share of the draws that come from the nominal density."""
+
+
+class Points(NamedTuple):
+    """Points of cases: ``y`` (k, d), and of which ``case`` (k,) each is."""
+
+    y: FloatArray
+    case: NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +45,14 @@ class Cases:
     fixed: FloatArray
     people: FloatArray
 
-    def of(self, *, placed: bool) -> FloatArray:
-        """Points that a component's density is asked at, shape (n, c, d): c = places, or 1."""
+    def points(self, *, placed: bool) -> Points:
+        """What components ask their densities at: every case's fixed uniforms, once for each who
+        may have been placed, or once where none is."""
         if not placed:
-            return self.fixed[:, None]
-        places = self.people.shape[1]
-        fixed = np.repeat(self.fixed[:, None], places, axis=1)
-        return np.concatenate([fixed, self.people], axis=2)
+            return Points(self.fixed, np.arange(len(self.fixed)))
+        case, place = np.nonzero(~np.isnan(self.people).any(axis=2))
+        y = np.concatenate([self.fixed[case], self.people[case, place]], axis=1)
+        return Points(y, case)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,16 +68,20 @@ class Component:
     factor: FloatArray
 
     def log_ratio(self, layout: Layout, y: FloatArray) -> FloatArray:
-        """ln of its density over the nominal one at y (..., d); −∞ where y is undefined."""
+        """ln of its density over the nominal one at y (k, d)."""
         scaled = (y - self.mean) @ np.linalg.inv(self.factor).T
-        ratio: FloatArray = -np.einsum("...i,...i", scaled, scaled) / 2
+        ratio: FloatArray = (_squares(y) - _squares(scaled)) / 2
         ratio -= np.log(np.diag(self.factor)).sum()
-        ratio += np.einsum("...i,...i", y, y) / 2
         if self.placed:
             # Nominally a time is uniform, not normal.
-            ratio -= y[..., layout.fixed] ** 2 / 2
+            ratio -= y[:, layout.fixed] ** 2 / 2
             ratio -= math.log(layout.rate_per_s) + math.log(2 * math.pi) / 2
-        return np.where(np.isnan(ratio), -np.inf, ratio)
+        return ratio
+
+
+def _squares(y: FloatArray) -> FloatArray:
+    squares: FloatArray = np.einsum("ij,ij->i", y, y)
+    return squares
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,8 +139,9 @@ class Proposal:
         """ln of nominal density over this one, shape (n,); at most −ln ``NOMINAL_SHARE``."""
         ratio = np.full(len(cases.fixed), self.nominal_share)
         for part in self.components:
-            terms = np.exp(part.log_ratio(self.layout, cases.of(placed=part.placed)))
-            ratio += part.share * terms.sum(axis=1)
+            y, case = cases.points(placed=part.placed)
+            terms = part.share * np.exp(part.log_ratio(self.layout, y))
+            ratio += np.bincount(case, terms, len(ratio))
         weight: FloatArray = -np.log(ratio)
         return weight
 
@@ -183,15 +198,17 @@ def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
         the one nearest to the passage; 0 where there is none.
     """
     layout = proposal.layout
-    rows = np.arange(len(cases.fixed))
     if not layout.marks:
         return cases.fixed
-    best = np.full(cases.people.shape[:2], -np.inf)
+    y, case = cases.points(placed=True)
+    best = np.full(len(y), -np.inf)
     for part in proposal.components:
         if part.placed:
-            terms = np.log(part.share) + part.log_ratio(layout, cases.of(placed=True))
-            best = np.maximum(best, terms)
+            best = np.maximum(best, np.log(part.share) + part.log_ratio(layout, y))
     if not proposal.components:
-        best = -np.abs(np.nan_to_num(cases.people[:, :, 0], nan=np.inf))
-    who = np.nan_to_num(cases.people[rows, best.argmax(axis=1)])
+        best = -np.abs(y[:, layout.fixed])
+    who = np.zeros((len(cases.fixed), layout.marks))
+    # Of each case the likeliest comes last.
+    order = np.argsort(best, kind="stable")
+    who[case[order]] = y[order, layout.fixed :]
     return np.concatenate([cases.fixed, who], axis=1)
