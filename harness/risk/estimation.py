@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from harness.comparison.intervals import CONFIDENCE, clopper_pearson, zero_bound
 from harness.encounter import FloatArray
-from harness.risk.exploring import LEVEL_SHARE, POINTS, Exploration, explore
+from harness.risk.exploring import POINTS, Exploration, explore
 from harness.risk.fitting import first_components, fit_components, spread
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate, Outcomes
@@ -47,6 +47,18 @@ _LEAST_DRAWS = 4_000
 
 _RESERVE = 2.5
 """More draws than the refits say are needed: weights found late are the large ones."""
+
+_RESERVE_OF_BRUTE_FORCE = 1.25
+"""The same where all weights are 1: how frequent the event is is known roughly."""
+
+_AFFORDABLE = 50_000
+"""Episodes that exploring and refitting take in any case: brute force may take as many."""
+
+_PILOT_EVENTS = (4, 0.25)
+"""The pilot ends at this many events at least, and at this part of what the estimate will need."""
+
+_PILOT_DOUBT = 0.05
+"""The pilot ends where so few events are as unlikely as this if brute force were affordable."""
 
 _SMALL_SAMPLE = 30
 """An effective sample size below this makes no trustworthy interval."""
@@ -157,13 +169,14 @@ def _estimate(
     target_cv: float,
     most_draws: int,
 ) -> Findings:
-    explorations = [explore(counted, layout, rng)]
-    common = explorations[0].nominal_events >= LEVEL_SHARE * POINTS
-    if not common:
-        explorations += [explore(counted, layout, rng, n) for n in range(1, EXPLORATIONS)]
-    found = np.concatenate([exploration.failures for exploration in explorations])
-    if common:
-        share = explorations[0].nominal_events / POINTS
+    # From a generator of its own: what follows is the same whatever the pilot took.
+    share, piloted = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
+    explorations: list[Exploration] = []
+    if share is None:
+        explorations = [explore(counted, layout, rng, n) for n in range(EXPLORATIONS)]
+    failures = [exploration.failures for exploration in explorations]
+    found = np.concatenate([np.empty((0, layout.width)), *failures])
+    if share is not None:
         proposal, squared_cv = nominal(layout), (1 - share) / share
     elif len(found):
         rough = float(np.mean([exploration.rough for exploration in explorations]))
@@ -171,16 +184,18 @@ def _estimate(
     else:
         # Nothing is known of where the event might be: more nominal draws only bound it.
         proposal, squared_cv = nominal(layout), 0.0
-    wanted = math.ceil(_RESERVE * squared_cv / target_cv**2)
-    draws = min(max(wanted, _LEAST_DRAWS), most_draws)
+    weighted = bool(proposal.components)
+    reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
+    wanted = math.ceil(reserve * squared_cv / target_cv**2)
+    draws = min(max(wanted, POINTS if share is not None else _LEAST_DRAWS), most_draws)
     drawn = _drawn(proposal, counted, draws, rng, "estimating")
     event, weights = drawn.event, drawn.weight[drawn.event]
     estimate = estimate_of(drawn.weight, event)
     if not len(found) and not event.any():
-        # The first points of every exploration were nominal draws too.
-        estimate = estimate_of(*_nothing(draws + POINTS * len(explorations)))
+        # The pilot and the first points of every exploration were nominal draws too.
+        estimate = estimate_of(*_nothing(draws + piloted + POINTS * len(explorations)))
     warnings = list(_warnings(estimate, explorations, weights, proposal))
-    if len(found) and not common and not proposal.components:
+    if len(found) and not weighted:
         warnings.append("no proposal was better than brute force, which the estimate is")
     if wanted > most_draws:
         warnings.append(
@@ -199,6 +214,25 @@ def _estimate(
         float(drawn.weight[drawn.failed].sum() / draws),
         tuple(warnings),
     )
+
+
+def _pilot(
+    evaluate: Evaluate, layout: Layout, rng: np.random.Generator, target_cv: float
+) -> tuple[float | None, int]:
+    """Nominal draws, until it is clear whether brute force alone would be affordable.
+
+    Returns:
+        The share of events, None where it would not, and how many draws it took.
+    """
+    least = min(1.0, 1 / (_AFFORDABLE * target_cv**2))
+    enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
+    events = draws = 0
+    while events < enough:
+        if stats.binom.cdf(events, draws, least) < _PILOT_DOUBT:
+            return None, draws
+        events += int(evaluate(layout.draw(POINTS, rng), "a first look").event.sum())
+        draws += POINTS
+    return events / draws, draws
 
 
 def _drawn(

@@ -20,7 +20,7 @@ from harness.risk.outcomes import Evaluate
 POINTS = 1_000
 """Episodes of a level."""
 
-LEVEL_SHARE = 0.1
+_LEVEL_SHARE = 0.1
 """Share of a level's points from which the next one starts."""
 
 _MOST_LEVELS = 24
@@ -68,8 +68,6 @@ def explore(
 ) -> Exploration:
     """Go down the score until the event is reached, or until no lower score is found.
 
-    Where at least ``LEVEL_SHARE`` of the first points are in the event, they are enough.
-
     Args:
         evaluate: runs episodes.
         layout: of the states.
@@ -85,8 +83,6 @@ def explore(
     z = layout.draw(POINTS, rng)
     score = graded(z, "exploring")
     events, nearest = int(np.sum(score <= 0)), float(score.min())
-    if events >= LEVEL_SHARE * POINTS:
-        return Exploration(z[score <= 0], (0.0,), events / POINTS, events, nearest)
     levels: list[float] = []
     rough, standstill = 1.0, 0
     moves = _Moves(graded, layout, rng)
@@ -112,7 +108,7 @@ def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
     A plateau of equal scores above it is left behind as a whole; if there is nothing below the
     plateau, nobody is inside.
     """
-    level = float(np.sort(score)[int(LEVEL_SHARE * len(score)) - 1])
+    level = float(np.sort(score)[int(_LEVEL_SHARE * len(score)) - 1])
     if level == score.max():
         below = score[score < level]
         level = float(below.max()) if len(below) else -math.inf
