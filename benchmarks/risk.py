@@ -1,22 +1,29 @@
-"""Crashes in a flow that is seen late, by brute force and by ``harness risk``.
+"""What ``harness risk`` says of two cases, beside references that know nothing of ``harness/risk``.
 
-``python -m benchmarks.risk reference LATENCY_S FIRST COUNT`` runs the AV's episodes of ``COUNT``
-pairs on the plain engine, from pair ``FIRST`` on, and adds a row to ``data/risk_reference.csv``.
-It knows nothing of ``harness/risk``: the people are those of a run's own streams.
-``python -m benchmarks.risk seeds LATENCY_S FIRST COUNT`` asks ``harness risk`` with so many seeds
-and prints a line for each; ``python -m benchmarks.risk verdict FILE`` holds such lines against the
-reference.
+``late``: ``cctc_flow`` with ``gap_yield`` that sees 0.7 s late, 500 pedestrians per hour.
+``python -m benchmarks.risk reference FIRST COUNT`` runs the AV's episodes of ``COUNT`` pairs from
+pair ``FIRST`` on by brute force, and adds a row to ``data/risk_reference.csv``: the people are
+those of a run's own streams.
 
-The case is ``cctc_flow`` with ``gap_yield`` and 500 pedestrians per hour.
+``missed``: ``cctc`` with ``hard_yield`` that finds the pedestrian at each look with probability
+0.17.  ``python -m benchmarks.risk quadrature`` prints κ as an integral over side, quantile and the
+look at which they are found, which is all that is random there.
+
+``python -m benchmarks.risk seeds CASE FIRST COUNT`` asks ``harness risk`` with so many seeds and
+adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict`` holds them
+against the references.
 """
 
 import argparse
 import csv
-import json
 import math
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
@@ -27,105 +34,193 @@ from harness.risk.folder import Settings, estimate_risk, read_risk
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.versions import versions_of_runs
 
-REFERENCE = Path(__file__).parent / "data" / "risk_reference.csv"
+DATA = Path(__file__).parent / "data"
+REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"
 REFERENCE_SEED = 101
-COLUMNS = ("latency_s", "seed", "first_pair", "pairs", "crashed", "failed", "versions")
+
+MISSED = 8.890e-6
+"""What ``quadrature`` prints."""
+
+_DETECTION_PROBABILITY = 0.17
+
+_CASES: dict[str, tuple[str, dict[str, Any]]] = {
+    "late": (
+        "cctc_flow",
+        {
+            "arms.av": "gap_yield",
+            "pedestrians.flow_per_hour": 500.0,
+            "perception.latency_s": 0.7,
+        },
+    ),
+    "missed": (
+        "cctc",
+        {"arms.av": "hard_yield", "perception.detection_probability": _DETECTION_PROBABILITY},
+    ),
+}
 
 _CHUNK = 500
+_LOOKS = 80
+_QUANTILES = 50
+_NARROWEST = 1e-6
 
 
-def scenario_of(latency_s: float, seed: int) -> Scenario:
-    """The case at a latency."""
-    settings = [
-        Setting("arms.av", "gap_yield"),
-        Setting("pedestrians.flow_per_hour", 500.0),
-        Setting("perception.latency_s", latency_s),
-        Setting("experiment.seed", seed),
+def scenario_of(case: str, seed: int) -> Scenario:
+    """A case with a seed."""
+    name, settings = _CASES[case]
+    changes = {**settings, "experiment.seed": seed}
+    return load_scenario(name, [Setting(key, value) for key, value in changes.items()])
+
+
+def crashes(runner: PairRunner, pairs: Sequence[tuple[int, Given]]) -> NDArray[np.bool_]:
+    """Which of the AV's episodes end in a crash."""
+    endings = [
+        outcome.record.ending
+        for at in range(0, len(pairs), _CHUNK)
+        for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + _CHUNK], lambda: None)
     ]
-    return load_scenario("cctc_flow", settings)
+    if Ending.ENGINE_FAILED in endings:
+        raise SystemExit("an episode failed")
+    return np.array([ending is Ending.CRASHED for ending in endings])
 
 
-def reference(latency_s: float, first: int, count: int) -> dict[str, object]:
-    """What brute force finds in the pairs from ``first`` on."""
-    scenario = scenario_of(latency_s, REFERENCE_SEED)
+def runner_of(scenario: Scenario) -> PairRunner:
+    """Runs a case's episodes on the plain engine."""
     engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
     model = load_model(scenario.model.name, scenario.model.path)
-    runner = PairRunner(scenario, model, lambda: engine)
-    crashed = failed = 0
-    for at in range(first, first + count, _CHUNK):
-        pairs: list[tuple[int, Given]]
-        pairs = [(pair, {}) for pair in range(at, min(at + _CHUNK, first + count))]
-        for outcome in runner.run_arm_given(Arm.AV, pairs, lambda: None):
-            crashed += outcome.record.ending is Ending.CRASHED
-            failed += outcome.record.ending is Ending.ENGINE_FAILED
-    versions = " ".join(f"{name} {of}" for name, of in versions_of_runs().items())
-    values = (latency_s, REFERENCE_SEED, first, count, crashed, failed, versions)
-    return dict(zip(COLUMNS, values, strict=True))
+    return PairRunner(scenario, model, lambda: engine)
 
 
-def estimates(
-    latency_s: float, seeds: range, target_cv: float, workers: int | None
-) -> Iterator[dict[str, object]]:
-    """What ``harness risk`` says with some seeds."""
-    for seed in seeds:
-        with tempfile.TemporaryDirectory() as place:
-            asked = Settings("cctc_flow", scenario_of(latency_s, seed), target_cv=target_cv)
-            folder = estimate_risk(asked, out=Path(place) / "risk", workers=workers)
-            result = read_risk(folder)
-        kept = ("probability", "ci_low", "ci_high", "effective_sample_size", "episodes", "warnings")
-        yield {"latency_s": latency_s, "seed": seed, **{key: result[key] for key in kept}}
+def reference(first: int, count: int) -> dict[str, Any]:
+    """What brute force finds in the pairs of ``late`` from ``first`` on."""
+    runner = runner_of(scenario_of("late", REFERENCE_SEED))
+    crashed = crashes(runner, [(pair, {}) for pair in range(first, first + count)])
+    return {
+        "case": "late",
+        "seed": REFERENCE_SEED,
+        "first_pair": first,
+        "pairs": count,
+        "crashed": int(crashed.sum()),
+        "versions": _versions(),
+    }
 
 
-def verdict(found: list[dict[str, float]]) -> str:
+def quadrature() -> float:
+    """κ of ``missed``: Σ over sides and looks N of P(side) P(N) |{quantiles: crash}|.
+
+    N is geometric; whoever is not found at the first ``_LOOKS`` looks comes too late for all of
+    them alike.  The set of quantiles is found on a grid, its ends by bisection.
+    """
+    runner = runner_of(scenario_of("missed", 0))
+    missed = 1 - _DETECTION_PROBABILITY
+    looks = np.arange(1, _LOOKS + 1)
+    found_at = missed ** (looks - 1) * np.where(looks < _LOOKS, _DETECTION_PROBABILITY, 1.0)
+    grid = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
+    kappa = 0.0
+    for side in (0.25, 0.75):
+        for look, probability in zip(looks, found_at, strict=True):
+            # A quantile of the first detection in the middle of those that mean this look.
+            detection = 1 - missed ** (look - 0.5)
+
+            def crash(
+                quantiles: NDArray[np.float64], side: float = side, detection: float = detection
+            ) -> NDArray[np.bool_]:
+                people: list[tuple[int, Given]] = [
+                    (0, {"side": [side], "quantile": [quantile], "detection": [detection]})
+                    for quantile in quantiles.tolist()
+                ]
+                return crashes(runner, people)
+
+            on_grid = crash(grid)
+            (changes,) = np.nonzero(np.diff(on_grid))
+            low, high = grid[changes], grid[changes + 1]
+            while len(low) and (high - low).max() > _NARROWEST:
+                middle = (low + high) / 2
+                same = crash(middle) == on_grid[changes]
+                low, high = np.where(same, middle, low), np.where(same, high, middle)
+            ends = np.concatenate([[0.0], (low + high) / 2, [1.0]])
+            inside = np.concatenate([on_grid[:1], on_grid[changes + 1]])
+            kappa += 0.5 * probability * float(np.diff(ends) @ inside)
+    return kappa
+
+
+def estimate(case: str, seed: int, target_cv: float, workers: int | None) -> dict[str, Any]:
+    """What ``harness risk`` says with a seed."""
+    with tempfile.TemporaryDirectory() as place:
+        asked = Settings(_CASES[case][0], scenario_of(case, seed), target_cv=target_cv)
+        result = read_risk(estimate_risk(asked, out=Path(place) / "risk", workers=workers))
+    kept = ("probability", "ci_low", "ci_high", "effective_sample_size", "episodes", "draws")
+    return {
+        "case": case,
+        "seed": seed,
+        "target_cv": target_cv,
+        **{key: result[key] for key in kept},
+        "warnings": len(result["warnings"]),
+        "versions": _versions(),
+    }
+
+
+def verdict(case: str) -> str:
     """How many intervals hold the reference, and how far their mean is from it."""
-    with REFERENCE.open(encoding="utf-8") as file:
-        rows = [
-            row for row in csv.DictReader(file) if float(row["latency_s"]) == found[0]["latency_s"]
-        ]
-    crashed, pairs = (sum(int(row[key]) for row in rows) for key in ("crashed", "pairs"))
-    truth, error = crashed / pairs, math.sqrt(crashed) / pairs
-    held = sum(one["ci_low"] <= truth <= one["ci_high"] for one in found)
-    mean = sum(one["probability"] for one in found) / len(found)
-    spread = math.sqrt(sum((one["probability"] - mean) ** 2 for one in found) / (len(found) - 1))
-    both = math.hypot(error, spread / math.sqrt(len(found)))
+    truth, error, words = MISSED, 0.0, f"{MISSED:.4g} by quadrature"
+    if case == "late":
+        rows = [row for row in _rows(REFERENCE) if row["case"] == case]
+        crashed, pairs = (sum(int(row[key]) for row in rows) for key in ("crashed", "pairs"))
+        truth, error = crashed / pairs, math.sqrt(crashed) / pairs
+        words = f"{truth:.3g} ± {error:.2g} by brute force ({crashed} of {pairs:,})"
+    found = [row for row in _rows(SEEDS) if row["case"] == case]
+    values = np.array([float(row["probability"] or 0) for row in found])
+    held = sum(float(row["ci_low"]) <= truth <= float(row["ci_high"]) for row in found)
+    both = math.hypot(error, float(values.std(ddof=1)) / math.sqrt(len(found)))
     return (
-        f"reference {truth:.3g} ± {error:.2g} ({crashed} of {pairs:,}); {held} of {len(found)} "
-        f"intervals hold it; mean {mean:.3g}, {(mean - truth) / both:+.1f} standard errors away"
+        f"{case}: {words}; {held} of {len(found)} intervals hold it; mean {values.mean():.3g}, "
+        f"{(values.mean() - truth) / both:+.1f} standard errors away; "
+        f"{np.mean([int(row['episodes']) for row in found]):,.0f} episodes each"
     )
+
+
+def _versions() -> str:
+    return " ".join(f"{name} {of}" for name, of in versions_of_runs().items())
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def _add(path: Path, row: Mapping[str, Any]) -> None:
+    print(row, flush=True)
+    new = not path.exists()
+    with path.open("a", encoding="utf-8", newline="") as file:
+        writer = csv.DictWriter(file, list(row), lineterminator="\n")
+        if new:
+            writer.writeheader()
+        writer.writerow(row)
 
 
 def main() -> None:
     """See the module."""
     parser = argparse.ArgumentParser(description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    brute = commands.add_parser("reference")
-    brute.add_argument("latency_s", type=float)
-    brute.add_argument("first", type=int)
-    brute.add_argument("count", type=int)
-    seeds = commands.add_parser("seeds")
-    seeds.add_argument("latency_s", type=float)
-    seeds.add_argument("first", type=int)
-    seeds.add_argument("count", type=int)
+    brute, seeds = commands.add_parser("reference"), commands.add_parser("seeds")
+    seeds.add_argument("case", choices=_CASES)
+    for command in (brute, seeds):
+        command.add_argument("first", type=int)
+        command.add_argument("count", type=int)
     seeds.add_argument("--target-cv", type=float, default=0.1)
     seeds.add_argument("--workers", type=int, default=None)
-    judged = commands.add_parser("verdict")
-    judged.add_argument("file", type=Path)
+    commands.add_parser("quadrature")
+    commands.add_parser("verdict")
     asked = parser.parse_args()
     if asked.command == "reference":
-        row = reference(asked.latency_s, asked.first, asked.count)
-        print(row)
-        new = not REFERENCE.exists()
-        with REFERENCE.open("a", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            if new:
-                writer.writeheader()
-            writer.writerow(row)
+        _add(REFERENCE, reference(asked.first, asked.count))
+    elif asked.command == "quadrature":
+        print(quadrature())
     elif asked.command == "seeds":
-        wanted = range(asked.first, asked.first + asked.count)
-        for one in estimates(asked.latency_s, wanted, asked.target_cv, asked.workers):
-            print(json.dumps(one), flush=True)
+        for seed in range(asked.first, asked.first + asked.count):
+            _add(SEEDS, estimate(asked.case, seed, asked.target_cv, asked.workers))
     else:
-        print(verdict([json.loads(line) for line in asked.file.read_text("utf-8").splitlines()]))
+        for case in _CASES:
+            print(verdict(case))
 
 
 if __name__ == "__main__":
