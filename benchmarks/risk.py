@@ -9,8 +9,8 @@ those of a run's own streams.
 0.17.  ``python -m benchmarks.risk quadrature`` prints κ as an integral over side, quantile and the
 look at which they are found, which is all that is random there.
 
-``python -m benchmarks.risk seeds CASE FIRST COUNT`` asks ``harness risk`` with so many seeds and
-adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict`` holds them
+``python -m benchmarks.risk seeds CASE FIRST COUNT`` estimates as ``harness risk`` does with so many
+seeds and adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict`` holds them
 against the references.
 """
 
@@ -30,9 +30,13 @@ from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
-from harness.risk.folder import Settings, estimate_risk, read_risk
+from harness.risk.estimation import estimate_probability
+from harness.risk.folder import Settings, question_of
+from harness.risk.running import Evaluation
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.seeding import resampling
 from harness.versions import versions_of_runs
+from harness.workers.this_process import ThisProcess
 
 DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"
@@ -143,18 +147,28 @@ def quadrature() -> float:
     return kappa
 
 
-def estimate(case: str, seed: int, target_cv: float, workers: int | None) -> dict[str, Any]:
-    """What ``harness risk`` says with a seed."""
+def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
+    """What ``harness risk`` says with a seed; what it does not run are the audits in SUMO."""
+    scenario = scenario_of(case, seed)
+    question = question_of(Settings(case, scenario, target_cv=target_cv))
+    rng = resampling(seed, "risk")
     with tempfile.TemporaryDirectory() as place:
-        asked = Settings(_CASES[case][0], scenario_of(case, seed), target_cv=target_cv)
-        result = read_risk(estimate_risk(asked, out=Path(place) / "risk", workers=workers))
-    kept = ("probability", "ci_low", "ci_high", "effective_sample_size", "episodes", "draws")
+        evaluation = Evaluation(question, Path(place), ThisProcess(), lambda *_: None)
+        findings = estimate_probability(evaluation, question.space.layout, rng, target_cv)
+    found = findings.estimate
     return {
         "case": case,
         "seed": seed,
         "target_cv": target_cv,
-        **{key: result[key] for key in kept},
-        "warnings": len(result["warnings"]),
+        "probability": found.probability,
+        "ci_low": found.ci_low,
+        "ci_high": found.ci_high,
+        "coefficient_of_variation": found.coefficient_of_variation,
+        "effective_sample_size": found.effective_sample_size,
+        "draws": found.draws,
+        "episodes": findings.episodes,
+        "weighted": bool(findings.proposal.components),
+        "warnings": "; ".join(findings.warnings),
         "versions": _versions(),
     }
 
@@ -207,7 +221,6 @@ def main() -> None:
         command.add_argument("first", type=int)
         command.add_argument("count", type=int)
     seeds.add_argument("--target-cv", type=float, default=0.1)
-    seeds.add_argument("--workers", type=int, default=None)
     commands.add_parser("quadrature")
     commands.add_parser("verdict")
     asked = parser.parse_args()
@@ -217,7 +230,7 @@ def main() -> None:
         print(quadrature())
     elif asked.command == "seeds":
         for seed in range(asked.first, asked.first + asked.count):
-            _add(SEEDS, estimate(asked.case, seed, asked.target_cv, asked.workers))
+            _add(SEEDS, estimate(asked.case, seed, asked.target_cv))
     else:
         for case in _CASES:
             print(verdict(case))
