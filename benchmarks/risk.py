@@ -9,9 +9,9 @@ those of a run's own streams.
 0.17.  ``python -m benchmarks.risk quadrature`` prints κ as an integral over side, quantile and the
 look at which they are found, which is all that is random there.
 
-``python -m benchmarks.risk seeds CASE FIRST COUNT`` estimates as ``harness risk`` does with so many
-seeds and adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict`` holds them
-against the references.
+``python -m benchmarks.risk seeds CASE FIRST COUNT`` estimates as ``harness risk`` does with so
+many seeds and adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict``
+holds them against the references.
 """
 
 import argparse
