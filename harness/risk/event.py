@@ -23,6 +23,15 @@ _FAR = 1_000.0
 _NEVER_NEAR = 100.0
 """Added to the least gap in m, which grades an episode without a conflict."""
 
+_BEYOND = {
+    "min_ttc_s": "<",
+    "min_time_advantage_s": "<",
+    "pet_s": "<",
+    "max_drac_mps2": ">",
+    "required_deceleration_mps2": ">",
+}
+"""Measures that a crash may leave undefined, and the side of every limit on which it lies."""
+
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 
 
@@ -30,8 +39,8 @@ _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 class Event:
     """A crash (``measure`` None), or a measure below or above a limit.
 
-    An episode that crashed and whose measure is undefined for that reason is in the event: a DRAC
-    that grew without bound is not left out.
+    A crash that leaves the measure undefined is in the event where it lies on that side: a DRAC
+    that grew without bound is above every limit.  Every other undefined measure is in no event.
     """
 
     text: str
@@ -46,7 +55,7 @@ class Event:
             return crashed
         value = getattr(record, self.measure)
         if value is None:
-            return crashed
+            return crashed and _BEYOND.get(self.measure) == ("<" if self.below else ">")
         return bool(value < self.limit if self.below else value > self.limit)
 
     def scores(self, record: EpisodeRecord) -> tuple[float, ...]:

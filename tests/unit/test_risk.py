@@ -12,7 +12,7 @@ from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
-from harness.measures import EpisodeRecord
+from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.risk.estimation import estimate_of, estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.fitting import first_components, spread
@@ -143,10 +143,9 @@ class Record:
     """An episode's record as far as an event looks at it."""
 
     def __init__(self, ending: Ending, **values: float) -> None:
-        names = ("min_ttc_s", "pet_s", "min_gap_m", "contact_speed_mps", "max_drac_mps2")
         self.ending = ending
-        for name in names:
-            setattr(self, name, values.get(name))
+        for measure in MEASURES:
+            setattr(self, measure.column, values.get(measure.column))
 
 
 def test_scores_fall_towards_the_event() -> None:
@@ -169,9 +168,27 @@ def test_a_crash_is_in_an_event_that_it_leaves_undefined() -> None:
     assert event.holds(Record(Ending.CRASHED))
     assert not event.holds(Record(Ending.CROSSED))
     assert event.scores(Record(Ending.CROSSED, max_drac_mps2=5.0)) == (3.0, 3.0, 3.0)
+    # What undoes a measure is on one side of its limits: a crash is no long post-encroachment time.
+    assert parse_event("pet_s<1").holds(Record(Ending.CRASHED))
+    assert not parse_event("pet_s>1").holds(Record(Ending.CRASHED))
+    assert not parse_event("pass_time_s<60").holds(Record(Ending.CRASHED))
+    assert not parse_event("pass_time_s>60").holds(Record(Ending.CRASHED))
     speed = parse_event("contact_speed_mps > 5")
     assert not speed.holds(Record(Ending.CRASHED, contact_speed_mps=3.0))
     assert speed.holds(Record(Ending.CRASHED, contact_speed_mps=6.0))
+
+
+@pytest.mark.parametrize("measure", MEASURES, ids=lambda measure: measure.column)
+@pytest.mark.parametrize("sign", ["<", ">"])
+def test_every_measure_makes_an_event(measure: Measure, sign: str) -> None:
+    event = parse_event(f"{measure.column}{sign}1")
+    for value in (0, 2):
+        record = Record(Ending.CROSSED, **{measure.column: value})
+        assert event.holds(record) is ((value < 1) is (sign == "<"))
+        assert all((score <= 0) is event.holds(record) for score in event.scores(record))
+    undefined = Record(Ending.TIMED_OUT)
+    assert not event.holds(undefined)
+    assert all(score > 0 for score in event.scores(undefined))
 
 
 @pytest.mark.parametrize("text", ["crash", "min_ttc_s<", "min_tcc_s<1", "pet_s<nan", "pet_s=1", ""])
