@@ -30,8 +30,8 @@ from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
+from harness.risk.asking import Settings, question_of
 from harness.risk.estimation import estimate_probability
-from harness.risk.folder import Settings, question_of
 from harness.risk.running import Evaluation
 from harness.scenario import Scenario, Setting, load_scenario
 from harness.seeding import resampling

@@ -63,7 +63,8 @@ def risk(
     cells = study_of(file).cells
     if len(cells) > 1:
         raise InputError(scenario, f"has {len(cells)} cells", "one cell: --set its varied keys")
-    from harness.risk.folder import Settings, estimate_risk
+    from harness.risk.asking import Settings
+    from harness.risk.folder import estimate_risk
 
     asked = Settings(
         file.name, cells[0].scenario, Arm(arm), event, target_cv, most_episodes, engine == "sumo"

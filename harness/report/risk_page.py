@@ -55,6 +55,8 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
         "remarks": [
             "The estimate is the mean weight of independent draws; the explorations only say where "
             "to draw from."
+            if result["levels"]
+            else "The estimate is brute force, which a first look found affordable."
         ],
         "failures": {"words": "Episodes in which two engines differ:", "lines": differing}
         if differing
@@ -101,8 +103,9 @@ def _tables(result: dict[str, Any]) -> Iterator[Table]:
         (TableCell(str(number)), TableCell(", ".join(f"{level:.3g}" for level in of) or "none"))
         for number, of in enumerate(result["levels"], 1)
     ]
-    headings = ("exploration", "thresholds of the score")
-    yield Table("levels", "The levels gone through", headings, tuple(levels), folded=True)
+    if levels:
+        headings = ("exploration", "thresholds of the score")
+        yield Table("levels", "The levels gone through", headings, tuple(levels), folded=True)
 
 
 def _people_table(number: int, way: dict[str, Any]) -> Table:

@@ -31,6 +31,11 @@ def sentence(result: dict[str, Any]) -> str:
     """The probability in one sentence, or that no way to the event was found."""
     who = f"{result['strategy']} ({result['arm']}) in {result['scenario']}"
     level = f"{100 * result['confidence']:g} %"
+    if result["failed"] == result["episodes"]:
+        return (
+            f"{who}: all {counted(result['episodes'], 'episode')} failed; nothing is known of "
+            f"P({result['event']})."
+        )
     if result["probability"] is None:
         event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"
         return (
@@ -54,9 +59,8 @@ def effort(result: dict[str, Any]) -> str:
     if result["timed_out"]:
         words += f"; {result['timed_out']:,} timed out and count as no event"
     if result["failed"]:
-        words += f"; {result['failed']:,} failed"
-        if result["probability_worst"] is not None:
-            words += f" (were they all events: {result['probability_worst']:.3g})"
+        worst = result["probability_worst"]
+        words += f"; {result['failed']:,} failed (were they all events: {worst:.3g})"
     return words + "."
 
 

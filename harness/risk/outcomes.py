@@ -47,3 +47,18 @@ class Evaluate(Protocol):
             numbers: of the episodes; None: new ones.
         """
         ...
+
+
+class Counted:
+    """Counts the episodes of an evaluation."""
+
+    def __init__(self, evaluate: Evaluate) -> None:
+        self._evaluate = evaluate
+        self.episodes = 0
+
+    def __call__(
+        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+    ) -> Outcomes:
+        """See ``Evaluate``."""
+        self.episodes += len(z)
+        return self._evaluate(z, what, numbers)

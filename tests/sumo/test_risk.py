@@ -13,7 +13,9 @@ from harness.cli import app as cli
 from harness.cli.app import app
 from harness.encounter import Arm
 from harness.errors import InterruptedRunError
-from harness.risk.folder import RESULT, Settings, estimate_risk, resume_risk
+from harness.risk.asking import Settings
+from harness.risk.folder import estimate_risk, resume_risk
+from harness.risk.writing import RESULT
 from harness.scenario import read_scenario_file
 from tests.batches import CHECKOUT, HARNESS, Inline
 

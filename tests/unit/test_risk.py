@@ -13,9 +13,10 @@ from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import MEASURES, EpisodeRecord, Measure
-from harness.risk.estimation import estimate_of, estimate_probability
+from harness.risk.estimation import estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.fitting import first_components, spread
+from harness.risk.interval import estimate_of
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of

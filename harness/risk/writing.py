@@ -1,0 +1,168 @@
+"""What a finished risk leaves: its result, its events, and a scenario of the likeliest of them."""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import tomlkit
+
+from harness.comparison.intervals import CONFIDENCE
+from harness.files import write_file
+from harness.results.tables import write_parquet
+from harness.risk.asking import Settings
+from harness.risk.episodes import Question
+from harness.risk.estimation import Findings
+from harness.risk.running import Evaluation
+from harness.risk.ways import drawn_of, people_of, ways_of
+
+RESULT = "result.json"
+
+_CRITICAL_OF_EACH_WAY = 20
+_DIFFERENCES_KEPT = 10
+
+
+def write_findings(
+    folder: Path,
+    settings: Settings,
+    question: Question,
+    findings: Findings,
+    evaluation: Evaluation,
+    compared: tuple[int, list[str]],
+    rng: np.random.Generator,
+) -> None:
+    """Write ``failures.parquet``, ``critical.toml`` where there was an event, ``result.json`` last.
+
+    Args:
+        folder: of the risk.
+        settings: what was asked.
+        question: the same for the workers.
+        findings: what the sampling came to.
+        evaluation: counted the episodes.
+        compared: how many were run in both engines, and which differ, in words.
+        rng: starts the search for ways.
+    """
+    numbers = findings.numbers.tolist()
+    ways = _ways(question, findings, numbers, rng)
+    _write_failures(folder, question, findings, numbers)
+    if ways:
+        _write_critical(folder, question, findings, numbers, ways)
+    result = _result(settings, findings, evaluation, compared, ways)
+    write_file(folder / RESULT, as_json(result))
+
+
+def as_json(document: Mapping[str, Any]) -> bytes:
+    """A document as the risk's files hold it."""
+    return (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+
+
+def _result(
+    settings: Settings,
+    findings: Findings,
+    evaluation: Evaluation,
+    compared: tuple[int, list[str]],
+    ways: list[dict[str, Any]],
+) -> dict[str, Any]:
+    estimate, p = findings.estimate, findings.estimate.probability
+    cv = estimate.coefficient_of_variation
+    failed = len(evaluation.reasons)
+    nothing_known = failed == evaluation.episodes
+    worst = findings.failed_weight + (p or 0.0)
+    warnings = list(findings.warnings)
+    if failed:
+        warnings.append(
+            f"{failed:,} of {evaluation.episodes:,} episodes failed and count as no event, "
+            f"e.g. {evaluation.reasons[0]}"
+        )
+    if compared[1]:
+        warnings.append(
+            f"plain engine and SUMO disagree in {len(compared[1])} of {compared[0]} episodes"
+        )
+    return {
+        "scenario": settings.name,
+        "arm": settings.arm.value,
+        "strategy": settings.scenario.arms.model_dump()[settings.arm.value],
+        "event": settings.event,
+        "probability": p,
+        "ci_low": estimate.ci_low,
+        "ci_high": 1.0 if nothing_known else estimate.ci_high,
+        "confidence": CONFIDENCE,
+        "probability_worst": min(1.0, worst) if failed or p else None,
+        "coefficient_of_variation": cv,
+        "effective_sample_size": estimate.effective_sample_size,
+        "episodes": evaluation.episodes,
+        "brute_force_episodes": None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
+        "draws": estimate.draws,
+        "events": estimate.events,
+        "failed": failed,
+        "timed_out": evaluation.timed_out,
+        "compared_with_other_engine": compared[0],
+        "differences": compared[1][:_DIFFERENCES_KEPT],
+        "levels": [list(exploration.levels) for exploration in findings.explorations],
+        "ways": ways,
+        "warnings": warnings,
+    }
+
+
+def _ways(
+    question: Question, findings: Findings, numbers: list[int], rng: np.random.Generator
+) -> list[dict[str, Any]]:
+    if not numbers:
+        return []
+    return [
+        {
+            "share": way.share,
+            "events": len(way.members),
+            "episode": numbers[way.members[0]],
+            "pedestrians": people_of(
+                question.scenario,
+                question.space,
+                numbers[way.members[0]],
+                findings.z[way.members[0]],
+            ),
+            "critical": list(way.members[:_CRITICAL_OF_EACH_WAY]),
+        }
+        for way in ways_of(findings.keys, findings.weights, rng)
+    ]
+
+
+def _write_failures(
+    folder: Path, question: Question, findings: Findings, numbers: list[int]
+) -> None:
+    given = [question.space.given(z, number) for z, number in zip(findings.z, numbers, strict=True)]
+    columns: dict[str, Any] = {"episode": numbers, "weight": findings.weights}
+    for purpose in sorted({purpose for uniforms in given for purpose in uniforms}):
+        lists = [list(uniforms.get(purpose, ())) for uniforms in given]
+        columns[purpose] = pa.array(lists, pa.list_(pa.float64()))
+    table = pa.table(columns)
+    write_parquet(folder / "failures.parquet", table.schema, iter([table]))
+
+
+def _write_critical(
+    folder: Path,
+    question: Question,
+    findings: Findings,
+    numbers: list[int],
+    ways: list[dict[str, Any]],
+) -> None:
+    """The scenario of the likeliest ways; each way's pairs are named in the result."""
+    drawn, first = [], 0
+    for way in ways:
+        members = way.pop("critical")
+        drawn += [drawn_of(question.space, numbers[k], findings.z[k]) for k in members]
+        way["critical_pairs"] = [first, first + len(members) - 1]
+        first += len(members)
+    tree = question.scenario.model_dump(exclude_none=True)
+    tree["pedestrians"]["drawn"] = drawn
+    tree["experiment"]["pairs"] = len(drawn)
+    write_file(folder / "critical.toml", tomlkit.dumps(_plain(tree)).encode())
+
+
+def _plain(tree: Any) -> Any:
+    """A tree with lists in the place of tuples, as TOML writers want it."""
+    if isinstance(tree, Mapping):
+        return {key: _plain(value) for key, value in tree.items()}
+    return [_plain(value) for value in tree] if isinstance(tree, (list, tuple)) else tree
