@@ -42,11 +42,17 @@ class Recorder:
 
 
 def play(
-    scene: Scenario, walkers: Sequence[tuple[float, Side, float]], arm: Arm = Arm.AV
+    scene: Scenario,
+    walkers: Sequence[tuple[float, Side, float]],
+    arm: Arm = Arm.AV,
+    detections: Sequence[float | None] = (None,) * 9,
 ) -> tuple[list[Observation], Trace]:
     """One episode of an ego that never brakes; walkers: when, from where, how fast."""
     driver = Recorder()
-    arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
+    arrivals = [
+        Arrival(i, at, side, 0.5, detection_quantile=quantile)
+        for i, ((at, side, _), quantile) in enumerate(zip(walkers, detections, strict=False))
+    ]
     sensor = sensor_of(scene, arm)
     trace = run_episode(
         PlainEngine(scene.vehicle(), scene.experiment.step_s),
@@ -84,6 +90,27 @@ def test_between_updates_nothing_new_is_shown() -> None:
         looked = 4 * ((step - 2) // 4)
         expected = now[looked].pedestrians if looked >= 0 else ()
         assert observation.pedestrians == expected
+
+
+def test_a_first_detection_is_told_late_too() -> None:
+    # p = 0.5: quantile 0.9 is found at look ⌈log2 10⌉ = 4, quantile 0.4 at look ⌈0.74⌉ = 1.
+    walkers, looks = [(0.33, Side.NEAR, 1.3), (1.0, Side.FAR, 2.0)], (4, 1)
+    now, _ = play(scenario(), walkers)
+    faults = {"update_s": 0.3, "latency_s": 0.5, "detection_probability": 0.5}
+    late, _ = play(scenario(perception=faults), walkers, detections=(0.9, 0.4))
+    told = 0
+    for step, observation in enumerate(late):
+        # Looks at 0, 0.3, 0.6 …, told 0.5 s later.
+        look = (step - 5) // 3
+        expected = []
+        for person in now[3 * look].pedestrians if look >= 0 else ():
+            earlier = range(look + 1)
+            seen = sum(person.index in [v.index for v in now[3 * n].pedestrians] for n in earlier)
+            if seen >= looks[person.index]:
+                expected.append(person)
+        assert observation.pedestrians == tuple(expected)
+        told += len(expected)
+    assert told > 20
 
 
 def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
