@@ -42,7 +42,7 @@ DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"
 REFERENCE_SEED = 101
 
-MISSED = 8.890e-6
+MISSED = 9.154e-6
 """What ``quadrature`` prints."""
 
 _DETECTION_PROBABILITY = 0.17
