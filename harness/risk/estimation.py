@@ -40,6 +40,9 @@ _AFFORDABLE = 50_000
 _PILOT_EVENTS = (4, 0.25)
 """The pilot ends at this many events at least, and at this part of what the estimate will need."""
 
+_PILOT_MOST = 10_000
+"""Episodes of the pilot at most: what is not clear then is explored."""
+
 _PILOT_DOUBT = 0.05
 """The pilot ends where so few events are as unlikely as this if brute force were affordable."""
 
@@ -167,7 +170,8 @@ def _pilot(
     enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
     events = draws = 0
     while events < enough:
-        if stats.binom.cdf(events, draws, least) < _PILOT_DOUBT:
+        unlikely = stats.binom.cdf(events, draws, least) < _PILOT_DOUBT
+        if unlikely or draws >= _PILOT_MOST:
             return None, draws
         events += int(evaluate(layout.draw(POINTS, rng), "a first look").event.sum())
         draws += POINTS

@@ -43,6 +43,20 @@ def test_known_probabilities_lie_near_the_estimate(case, p: float) -> None:
         assert episodes < brute_force / 1000
 
 
+def test_brute_force_where_it_is_affordable_and_nothing_explored() -> None:
+    evaluate, truth = half_space(1e-2)
+    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(3))
+    assert findings.explorations == ()
+    assert (findings.weights == 1).all()
+    assert findings.estimate.ci_low < truth < findings.estimate.ci_high
+    # (1 − p)/(p cv²) is 9,900 for a coefficient of variation of 0.1.
+    assert findings.episodes < 3 * 9_900
+    # The first look ends, however little is wanted of it.
+    rare = estimate_probability(half_space(1e-6)[0], LAYOUT, np.random.default_rng(3), 1.0)
+    assert len(rare.explorations) == 3
+    assert rare.episodes < 60_000
+
+
 def test_an_event_that_everybody_meets() -> None:
     findings = estimate_probability(
         scored(lambda z: -np.ones(len(z))), LAYOUT, np.random.default_rng(1)
