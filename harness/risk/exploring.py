@@ -29,6 +29,9 @@ _MOST_LEVELS = 24
 _STANDSTILL = 3
 """After so many levels without a lower score there is no way down."""
 
+_LOWER = 1e-3
+"""A lower score is lower by this part at least: many have a least value, approached for ever."""
+
 _PARTS = (0.1, 0.3, 0.6)
 """Shares of the uniforms that a move draws anew."""
 
@@ -97,7 +100,7 @@ def explore(
         if level == 0:
             found = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
             return Exploration(np.concatenate(found), tuple(levels), rough, events, nearest)
-        standstill = standstill + 1 if score.min() >= nearest else 0
+        standstill = standstill + 1 if score.min() > (1 - _LOWER) * nearest else 0
         nearest = min(nearest, float(score.min()))
     return Exploration(z[:0], tuple(levels), 0.0, events, nearest)
 

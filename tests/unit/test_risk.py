@@ -76,6 +76,14 @@ def test_an_event_that_nobody_meets_is_bounded_not_zero() -> None:
     assert estimate.draws == findings.episodes
 
 
+def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
+    evaluate = scored(lambda z: 1 + np.exp(-z[:, 0]))
+    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))
+    assert findings.estimate.probability is None
+    # 1 + exp(−z) falls by less than a thousandth beyond z = 7, a tail of 1e-12: 12 levels of a tenth.
+    assert all(len(exploration.levels) <= 12 + 3 for exploration in findings.explorations)
+
+
 def test_failed_episodes_are_no_events_but_are_weighed() -> None:
     def score(z: np.ndarray) -> np.ndarray:
         return np.where(z[:, 1] > 0, np.nan, 1.5 - z[:, 0])
