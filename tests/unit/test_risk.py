@@ -80,7 +80,7 @@ def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
     evaluate = scored(lambda z: 1 + np.exp(-z[:, 0]))
     findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))
     assert findings.estimate.probability is None
-    # 1 + exp(−z) falls by less than a thousandth beyond z = 7, a tail of 1e-12: 12 levels of a tenth.
+    # It falls by less than a thousandth beyond z = 7, a tail of 1e-12: 12 levels of a tenth.
     assert all(len(exploration.levels) <= 12 + 3 for exploration in findings.explorations)
 
 
