@@ -50,6 +50,7 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     _apply(settings, document)
     plan = recall_plan(document)
     folder = RunFolder(claim_folder(out, plan.study.name))
+    finished = False
     try:
         folder.drop_shards()
         for cell in plan.study.cells:
@@ -57,6 +58,7 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
             for first, count, rows in scored(run, cell, traced):
                 folder.write_shard(cell.number, first, count, rows)
         finish(folder, plan)
+        finished = True
     except BaseException as error:
         # Nothing here can go on: what is half done would only be in the way.
         folder.drop_shards()
@@ -65,6 +67,8 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
         raise
     finally:
         folder.close()
+        if not finished and not any(out.iterdir()):
+            out.rmdir()
     return out
 
 

@@ -15,6 +15,9 @@ from harness.errors import InputError, nearest_name, one_line
 if TYPE_CHECKING:
     from harness.network.crossings import CrossingRow
 
+_SHOWN = 5
+"""Crossings that a refusal names."""
+
 
 def crossings(
     file: Annotated[
@@ -60,9 +63,8 @@ def crossings(
         row = found.get(edge or "")
         if row is None:
             near = nearest_name(edge or "", found)
-            raise InputError(
-                "--edge", f"no crossing {edge!r}", f"one of its {len(rows)} crossings", near
-            )
+            some = ", ".join([*found][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
+            raise InputError("--edge", f"no crossing {edge!r}", some or "none is there", near)
         if row.problem is not None:
             raise InputError(f"--edge {edge}", row.problem)
         _write_new(write, scenario_text(_seen_from(net, write.parent), row))

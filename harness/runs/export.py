@@ -3,20 +3,26 @@
 from pathlib import Path
 
 from harness.files import write_file
-from harness.results.reading import read_finished_manifest, read_table
+from harness.results.reading import read_table
+from harness.runs.run_data import finished_run
 
 
 def export_csv(folder: Path) -> list[Path]:
-    """Write every table of a run folder as CSV beside it.
+    """Write every table of a run folder as CSV beside it: all of them, or none.
 
     Raises:
-        InputError: no finished run, or a table cannot be read.
+        InputError: no finished run, or a table is missing or cannot be read.
     """
-    read_finished_manifest(folder)
+    finished_run(folder)
     written = []
-    for source in sorted(folder.glob("*.parquet")):
-        table = read_table(folder, source.stem)
-        target = source.with_suffix(".csv")
-        write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
-        written.append(target)
+    try:
+        for source in sorted(folder.glob("*.parquet")):
+            table = read_table(folder, source.stem)
+            target = source.with_suffix(".csv")
+            write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
+            written.append(target)
+    except BaseException:
+        for target in written:
+            target.unlink(missing_ok=True)
+        raise
     return written

@@ -8,6 +8,7 @@ import pytest
 import harness
 from harness.batch.scoring import score
 from harness.errors import InputError
+from harness.runs.export import export_csv
 from harness.scenario import Setting
 from harness.workers.tasks import Task
 from tests.batches import one_cell, sweep
@@ -57,3 +58,19 @@ def test_a_threshold_that_varies_is_refused(tmp_path: Path) -> None:
     run = made_up(tmp_path / "run", study, near_misses)
     with pytest.raises(InputError, match="varies in this run"):
         score(run, tmp_path / "again", [Setting("conflicts.pet_s", 3.0)])
+
+
+def test_a_damaged_run_leaves_nothing_behind(tmp_path: Path) -> None:
+    run = made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 4}), near_misses)
+    table = run / "pedestrians.parquet"
+    table.write_bytes(table.read_bytes()[:100])
+    with pytest.raises(InputError, match=r"pedestrians\.parquet: is damaged"):
+        score(run, tmp_path / "again", [Setting("conflicts.pet_s", 1.0)])
+    assert not (tmp_path / "again").exists()
+    before = {path.name for path in run.iterdir()}
+    with pytest.raises(InputError, match=r"pedestrians\.parquet: is damaged"):
+        export_csv(run)
+    table.unlink()
+    with pytest.raises(InputError, match=r"pedestrians\.parquet: is missing"):
+        export_csv(run)
+    assert {path.name for path in run.iterdir()} == before - {table.name}
