@@ -16,10 +16,12 @@ AASHTO's Green Book has the driver's eye 8 ft behind the front of the car at int
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """An arm's perception; durations in steps of the simulation.
+    """An arm's perception: its section of the scenario, and what follows from that.
 
     ``correlation`` is that of an error with itself one update later.
     """
+
+    section: PerceptionSection
 
     seed: int
     crossing: Crossing
@@ -27,10 +29,6 @@ class Sensor:
     eye_behind_m: float
     latency_steps: int
     update_steps: int
-    detection_probability: float
-    dropout_probability: float
-    position_sd_m: float
-    speed_sd_mps: float
     correlation: float
     obstacles: tuple[Rectangle, ...]
 
@@ -50,16 +48,13 @@ def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
     if section.is_perfect(step_s) and not obstacles:
         return None
     return Sensor(
+        section=section,
         seed=scenario.experiment.seed,
         crossing=scenario.crosswalk(),
         detection_range_m=vehicle.detection_range_m,
         eye_behind_m=min(EYE_BEHIND_BUMPER_M, vehicle.length_m),
         latency_steps=round(section.latency_s / step_s),
         update_steps=round(update_s / step_s),
-        detection_probability=section.detection_probability,
-        dropout_probability=section.dropout_probability,
-        position_sd_m=section.position_sd_m,
-        speed_sd_mps=section.speed_sd_mps,
         correlation=math.exp(-update_s / section.correlation_s) if section.correlation_s else 0.0,
         obstacles=tuple(Rectangle(*o.x_bounds_m, *o.y_bounds_m) for o in obstacles),
     )

@@ -43,11 +43,12 @@ class Track:
 
     def __init__(self, sensor: Sensor, pair: int, index: int, quantile: float | None) -> None:
         self._sensor, self._key = sensor, (pair, index)
-        self._wait = updates_until_found(quantile or 0.0, sensor.detection_probability)
+        section = self._section = sensor.section
+        self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
         self._found = False
         self._again: np.random.Generator | None = None
-        self._dropout = self._stream("dropout") if sensor.dropout_probability > 0 else None
-        erring = sensor.position_sd_m > 0 or sensor.speed_sd_mps > 0
+        self._dropout = self._stream("dropout") if section.dropout_probability > 0 else None
+        erring = section.position_sd_m > 0 or section.speed_sd_mps > 0
         self._noise = self._stream("perception_error") if erring else None
         # In standard deviations; the process is stationary from the first update on.
         self._errors = np.zeros(2) if self._noise is None else self._noise.standard_normal(2)
@@ -61,7 +62,7 @@ class Track:
         # One draw for each update, whatever came of it: strategies share them.
         drawn = 1.0 if self._dropout is None else self._dropout.random()
         if self._found:
-            if in_sight and drawn >= self._sensor.dropout_probability:
+            if in_sight and drawn >= self._section.dropout_probability:
                 return True
             self._found, self._wait = False, self._wait_again()
             return False
@@ -82,10 +83,10 @@ class Track:
         kept = self._sensor.correlation
         fresh = self._noise.standard_normal(2)
         self._errors = kept * self._errors + math.sqrt(1 - kept**2) * fresh
-        return place * self._sensor.position_sd_m, speed * self._sensor.speed_sd_mps
+        return place * self._section.position_sd_m, speed * self._section.speed_sd_mps
 
     def _wait_again(self) -> float:
-        probability = self._sensor.detection_probability
+        probability = self._section.detection_probability
         if probability >= 1:
             return 1
         if self._again is None:

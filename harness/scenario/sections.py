@@ -325,9 +325,9 @@ class PerceptionSection(_Section):
 
     def is_perfect(self, step_s: float) -> bool:
         """Whether it shows what is so at every step, but for what obstacles hide."""
-        faults = (self.latency_s, self.dropout_probability, self.position_sd_m, self.speed_sd_mps)
+        no_faults = {"update_s": None, "correlation_s": 1.0, "occlusion": True, "human": False}
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
-        return every_step and self.detection_probability == 1 and not any(faults)
+        return every_step and self.model_copy(update=no_faults) == PerceptionSection()
 
 
 class ModelSection(_Section):
