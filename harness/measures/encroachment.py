@@ -12,7 +12,8 @@ def pet_s(chunk: Chunk) -> FloatArray:
     """Smallest PET over the pedestrians of the record in s; NaN after a crash.
 
     The zone is where the ego's width and the walker's disc cross, along the road wherever they are
-    while they are in the ego's path.  0 if both were in it at once without touching (a corner);
+    while they are in the ego's path.  Who is in it when their walk begins, as some are after a
+    warm-up, enters it then.  0 if both were in it at once without touching (a corner);
     undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, with the pedestrian
     going on at their speed after the trace's end.
     """
@@ -23,13 +24,15 @@ def pet_s(chunk: Chunk) -> FloatArray:
     length = crossing.length_m
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)
+    began = np.array([walk.start_s for walk in legs.walks], dtype=float)
+    # Who leaves the zone and never enters it was in it from the start.
+    enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
     trace = legs.of_walk
     nearest, farthest = x_range(legs, enters, leaves)
     ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
     ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
     # NaN passes on: someone who never gets there has no PET.
     pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
-    began = np.array([walk.start_s for walk in legs.walks], dtype=float)
     counts = ~np.isnan(pet) & (began < chunk.end_s[trace]) & ~chunk.crashed[trace]
     return chunk.smallest(trace[counts], pet[counts])
 

@@ -203,11 +203,20 @@ def test_post_encroachment_time_needs_both_to_enter() -> None:
     assert standing.pet_s is None
 
 
-def test_post_encroachment_time_beside_the_centre_line() -> None:
-    def of(*legs: Leg) -> float | None:
-        walk = Walk(Arrival(0, legs[0].time_s, Side.NEAR, 0.5), legs[0].time_s, 1.5, legs=legs)
-        return measure([replace(drive([0.0] * 76), walks=(walk,))])[0].pet_s
+def pet_of(*legs: Leg) -> float | None:
+    walk = Walk(Arrival(0, legs[0].time_s, Side.NEAR, 0.5), legs[0].time_s, 1.5, legs=legs)
+    return measure([replace(drive([0.0] * 76), walks=(walk,))])[0].pet_s
 
+
+def test_post_encroachment_time_of_who_is_on_the_road_at_the_trigger() -> None:
+    # At y = 2 m, in the path already, at 0.5 m/s: he leaves it at 3.40 m after 2.8 s.
+    assert pet_of(Leg(0.0, 0.0, 2.0, 0.0, 0.5, 0.0)) == pytest.approx(5.95 - 2.8, abs=1e-9)
+    # At y = 3.5 m he has left it, and never enters.
+    assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
+
+
+def test_post_encroachment_time_beside_the_centre_line() -> None:
+    of = pet_of
     # He walks along x = 1.7 m: the bumper meets his line at 1.45 m, 31.45/5 = 6.29 s; the rear
     # leaves it at 1.95 m, 36.95/5 = 7.39 s.
     assert of(Leg(0.0, 1.7, 0.0, 0.0, 1.5, 0.0)) == pytest.approx(6.29 - 3.4 / 1.5, abs=1e-9)
