@@ -91,8 +91,8 @@ MEASURES = (
         "s",
         float,
         "from one road user leaving the contact zone to the other entering it, smallest over "
-        "pedestrians; zone: ego's width × disc, wherever they walk along the road. They go on after "
-        "the record's end; 0 where both are in it at once without touching (a corner)",
+        "pedestrians; zone: ego's width × disc, wherever they walk along the road. They go on "
+        "after the record's end; 0 where both are in it at once without touching (a corner)",
         "crash, or one of the two never enters",
         "Allen, Shin, Cooper 1978",
         "exact",

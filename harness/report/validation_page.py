@@ -67,7 +67,8 @@ def _context(validation: Validation) -> dict[str, Any]:
             "Ranked by the mean score of the pass time, without randomness its mean absolute "
             "error; 95 % intervals of a bootstrap over vehicles. Recorded pedestrians do not "
             "react: contacts count against every driver; in brackets those that only this "
-            "explains."
+            "explains.",
+            *validation.remarks,
         ],
         "failures": None,
         "player": _player(validation),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from harness.comparison import Interval
+from harness.errors import one_line
 from harness.report.console import make_console, print_table
 from harness.report.tables import Table, TableCell, count_cell, interval_cell, number, share_cell
 from harness.validation import FIGURES, LEFT_OUT, DriverFigures, Validation
@@ -20,6 +21,7 @@ def validation_document(validation: Validation) -> list[dict[str, Any]]:
         "encounters": passages.encounters,
         "contacts_recorded": sum(one.contact for one in validation.recorded),
         "left_out": dict(passages.left_out),
+        "remarks": list(validation.remarks),
     }
     documents = []
     for place in validation.ranked:
@@ -143,6 +145,8 @@ def print_validation(validation: Validation) -> None:
         "contacts count against every driver; in brackets those that only this explains.",
         soft_wrap=True,
     )
+    for remark in validation.remarks:
+        console.print(one_line(remark), soft_wrap=True)
 
 
 def _fitted(validation: Validation, driver: str) -> str:

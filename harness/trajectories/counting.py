@@ -67,6 +67,15 @@ class Tally:
         if number:
             self.dropped[level][reason] += int(number)
 
+    def remarks(self) -> list[str]:
+        """What was left out of the records, and assumed of them, a sentence each."""
+        dropped = (
+            f"{number} records left out: {REASONS['records'][reason]}"
+            for reason, number in self.dropped["records"].items()
+        )
+        skipped = (f"Clip {clip} not used: {why}" for clip, why in self.skipped.items())
+        return [*dropped, *skipped, *self.notes]
+
     def note(self, text: str) -> None:
         """Keep a remark once."""
         if text not in self.notes:

@@ -115,11 +115,17 @@ def write_rows(path: Path, extraction: Extraction, command: str) -> None:
     write_file(path, buffer.getvalue().to_pybytes())
 
 
-def read_clips(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> list[Clip]:
+def read_clips(
+    paths: str | Path | Sequence[str | Path],
+    format: str,
+    tally: Tally | None = None,
+    **options: Any,
+) -> list[Clip]:
     """The tracks behind an extraction, for figures.
 
     Args:
         paths, format, **options: as for ``extract``.
+        tally: is told what is left out and what is assumed.
 
     Returns:
         The usable clips in their fixed order.
@@ -131,7 +137,7 @@ def read_clips(paths: str | Path | Sequence[str | Path], format: str, **options:
     if known.clips is None:
         raise InputError(f"format {format}", "holds rows, not tracks")
     _, own = split_options(options, known.options, f"format {format}")
-    return list(known.clips(as_paths(paths), own, Tally()))
+    return list(known.clips(as_paths(paths), own, Tally() if tally is None else tally))
 
 
 def summary(extraction: Extraction) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from harness.scenario import Scenario
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, table_key
 from harness.trajectories import read_clips
+from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import split_options
 from harness.trajectories.formats import FORMATS
 from harness.validation.closed_loop import recorded_trace
@@ -21,7 +22,7 @@ from harness.validation.drivers import (
     outcomes_of,
     refit_without_folds,
 )
-from harness.validation.figures import DriverFigures, Ranked, figures_of, ranking
+from harness.validation.figures import DriverFigures, Ranked, few_vehicles, figures_of, ranking
 from harness.validation.outcomes import DriverOutcome, outcome_of
 from harness.validation.passages import Passages, find_passages
 
@@ -41,6 +42,8 @@ class Validation:
         ranked: the nearest first.
         folds: driver → folds of vehicles, without each of which its model was fitted again.
         in_sample: drivers that were fitted on these data and not fitted again.
+        remarks: what was left out of the records and assumed of them, and how far intervals over
+            so few vehicles can be trusted.
     """
 
     sources: tuple[str, ...]
@@ -51,6 +54,7 @@ class Validation:
     ranked: Sequence[Ranked]
     folds: Mapping[str, int]
     in_sample: tuple[str, ...]
+    remarks: tuple[str, ...]
 
 
 def validate(
@@ -84,7 +88,8 @@ def validate(
     else:
         rules = None  # read_clips refuses the format
     progress(0, 1, "reading")
-    clips = read_clips(list(paths), format_, **given)
+    tally = Tally()
+    clips = read_clips(list(paths), format_, tally, **given)
     found = find_passages(clips, scenario.vehicle(), scenario.experiment.step_s, rules)
     if not found.used:
         told = ", ".join(f"{reason}: {count}" for reason, count in found.left_out.items() if count)
@@ -126,6 +131,7 @@ def validate(
             *(with_model if fitted_on(model, found.used) and not refitted else ()),
             *(name for name in drivers if STRATEGIES_FITTED_ON.get(name) in sources),
         ),
+        remarks=(*tally.remarks(), *few_vehicles(found.vehicles)),
     )
 
 

@@ -19,7 +19,7 @@ from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.trajectories import Clip, Track, VehicleTrack
 from harness.validation import LEFT_OUT, figures, validate
-from harness.validation.figures import pass_time_score
+from harness.validation.figures import few_vehicles, pass_time_score
 from harness.validation.passages import crossing_about, find_passages
 
 RATE_HZ = 10.0
@@ -242,6 +242,48 @@ def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path
     assert "human_recorded was fitted on these very data" in page
     assert page.count("<svg") == 2
     assert json.loads((tmp_path / "out" / "validation.json").read_text()) == told
+
+
+def test_one_vehicle_has_no_intervals_and_tells_nobody_apart(tmp_path) -> None:
+    target = write_set(tmp_path, HardYield) / "trajectories_filtered"
+    for file in target.glob("clip_*"):
+        if not file.name.startswith("clip_00"):
+            file.unlink()
+    found = held(tmp_path)
+    assert found.passages.vehicles == 1
+    # The differences are there, but one vehicle does not say how others differ from it.
+    assert found.ranked[-1].difference_s > 0.05
+    for place in found.ranked:
+        assert set(place.not_told_apart) == set(DRIVERS) - {place.driver}
+        assert place.difference_interval_s is None
+        assert set(found.figures[place.driver].intervals.values()) == {None}
+    assert "One vehicle: no intervals, and no two drivers can be told apart." in found.remarks
+
+
+def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path, capsys) -> None:
+    target = write_set(tmp_path, HardYield) / "trajectories_filtered"
+    with (target / "clip_01_traj_ped_filtered.csv").open("a") as file:
+        file.write("7,1,ped,here,0.0\n")
+    (target / "clip_00_traj_ped_filtered.csv").write_text("id,frame,label,x_est,y_est\n")
+    arguments = ["validate", str(tmp_path), "--format", "vci", "--drivers", "hard_yield"]
+    app([*arguments, "--set", "vehicle_length_m=4.5"], standalone_mode=False)
+    shown = capsys.readouterr().out
+    assert "1 records left out: a needed cell holds text instead of a number" in shown
+    assert "Clip clip_00 not used: clip_00_traj_ped_filtered.csv" in shown
+    assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
+
+
+def test_what_few_vehicles_mean_for_an_interval() -> None:
+    # The middle 95 % of the bootstrap means of five normal values, 2,000 times.
+    rng = np.random.default_rng(1)
+    values = rng.normal(size=(2_000, 5))
+    means = values[:, rng.integers(0, 5, (400, 5))].mean(axis=-1)
+    low, high = np.quantile(means, [0.025, 0.975], axis=1)
+    held_0 = float(np.mean((low <= 0) & (high >= 0)))
+    assert few_vehicles(5) == [
+        "Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %."
+    ]
+    assert held_0 == pytest.approx(0.83, abs=0.03)
 
 
 def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None:
