@@ -216,7 +216,7 @@ def clustered_proportion(
     >>> clustered_proportion(np.arange(1_000) % 10 == 0, ones)  # nearly Clopper and Pearson's
     Proportion(value=0.1, low=0.082..., high=0.120..., successes=100, trials=1000)
     >>> clustered_proportion(np.repeat([1, 0], [1, 9]), 100 * np.ones(10))
-    Proportion(value=0.001, low=0.0000..., high=0.007..., successes=1, trials=1000)
+    Proportion(value=0.001, low=8.828...e-06, high=0.00680..., successes=1, trials=1000)
     """
     clusters, events, count = len(trials), int(np.sum(successes)), int(np.sum(trials))
     if count == 0:
