@@ -209,7 +209,7 @@ def longest_file(size: int) -> Iterator[None]:
 
 
 @pytest.mark.parametrize(
-    ("limit", "task_pairs", "what"), [(4_000, 50, "shards"), (12_000, 10, "parquet")]
+    ("limit", "task_pairs", "what"), [(4_000, 50, "shards"), (12_000, 5, "parquet")]
 )
 def test_a_disk_that_is_full_and_then_is_not(
     tmp_path: Path,
