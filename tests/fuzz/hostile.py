@@ -5,6 +5,7 @@ import json
 import re
 from collections.abc import Callable, Iterator
 from typing import Any
+from xml.sax.saxutils import escape
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -34,11 +35,19 @@ VALUES = st.recursive(
     max_leaves=6,
 )
 _WHERE = st.integers(0, 2**31)
+_NAMED_PLACES = st.sampled_from(["0,0", "0,0 0,0", "1e308,0 -1e308,0", "nan,nan 1,1", "1,2,3 4"])
 
 
 def hostile(content: bytes, suffix: str) -> st.SearchStrategy[bytes]:
     """A file's content spoilt, or other values where it has good ones."""
-    by_kind = {".json": _json, ".toml": _toml, ".parquet": _parquet, ".csv": _csv}
+    by_kind = {
+        ".json": _json,
+        ".toml": _toml,
+        ".parquet": _parquet,
+        ".csv": _csv,
+        ".xml": _xml,
+        ".osm": _xml,
+    }
     spoilt = cut_and_flipped(content)
     return st.one_of(by_kind[suffix](content), spoilt) if suffix in by_kind else spoilt
 
@@ -86,6 +95,27 @@ def _toml(content: bytes) -> st.SearchStrategy[bytes]:
         return (content.decode()[: at.start()] + new + content.decode()[at.end() :]).encode()
 
     return st.builds(change, _WHERE, VALUES)
+
+
+def _xml(content: bytes) -> st.SearchStrategy[bytes]:
+    """Other values of attributes, or elements that are missing or there twice."""
+    text = content.decode()
+    values = list(re.finditer(r'="([^"]*)"', text))
+    elements = list(re.finditer(r"(?m)^ *<(?!/|\?|!).*/>$", text))
+
+    def valued(place: int, value: Any) -> str:
+        at = values[place % len(values)]
+        return text[: at.start(1)] + escape(str(value), {'"': "&quot;"}) + text[at.end(1) :]
+
+    def missing_or_twice(place: int, times: int) -> str:
+        at = elements[place % len(elements)]
+        return text[: at.start()] + at[0] * times + text[at.end() :]
+
+    changed = st.one_of(
+        st.builds(valued, _WHERE, st.one_of(SCALARS, _NAMED_PLACES)),
+        st.builds(missing_or_twice, _WHERE, st.sampled_from([0, 2])),
+    )
+    return changed.map(lambda text: text.encode("utf-8", "replace"))
 
 
 def _csv(content: bytes) -> st.SearchStrategy[bytes]:

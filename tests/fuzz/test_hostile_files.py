@@ -1,11 +1,8 @@
 """Whatever is in a file, a command works or refuses it in one line: no traceback and no hang."""
 
-import contextlib
-import io
 import math
 import shutil
 import signal
-import sys
 import unicodedata
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,19 +14,32 @@ from hypothesis import given, strategies as st
 from pydantic import BaseModel
 
 from harness.batch import experiment
-from harness.cli import app as cli, batch
+from harness.cli import batch
 from harness.engine.shared import close_engine
 from harness.resources import shipped_directory
 from harness.scenario import Scenario
 from harness.trajectories import FORMATS
-from harness.workers.pool import LocalPool
-from tests.batches import Inline
+from tests.batches import here
 from tests.conftest import close_all
 from tests.fuzz.hostile import cases, hostile
 
 DATA = Path(__file__).resolve().parents[1] / "data"
+EXAMPLES = DATA.parents[1] / "examples"
 HANG_S = 120
 """No case takes nearly as long; what does, hangs."""
+
+HOURS = """
+arms = {av = "gap_yield", human = "human_yield"}
+ego = {initial_speed_mps = 8.0}
+traffic = {flow_per_hour = 300, duration_s = 60, warm_up_s = 20}
+experiment = {pairs = 2}
+"""
+SITE = """
+crossing = {net = "cctc.net.xml", edge = ":crosswalk_c0"}
+arms = {av = "gap_yield", human = "human_yield"}
+pedestrians = {walking_speed = {mean_mps = 1.3}}
+experiment = {pairs = 2}
+"""
 
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
 RUN = "earlier_run"
@@ -48,6 +58,17 @@ KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
         for form in FORMATS
     },
     "rows": (2_500, (FIT,)),
+    "network": (
+        5_000,
+        (
+            "crossings {file}",
+            "crossings {file} --write out/site.toml --edge :crosswalk_c0",
+            "run site.toml --out out",
+        ),
+    ),
+    "map": (1_000, ("crossings {file} --out out/site",)),
+    "hours": (600, ("report hours --out out/page.html", "score hours --out out/scored")),
+    "risk": (2_500, ("report risk --out out/page.html", "run risk/critical.toml --out out/again")),
 }
 """Cases of each kind of file in full, and the commands that read it; those that draw take long."""
 
@@ -63,11 +84,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.copy(shipped_directory("models") / f"{Scenario().model.name}.json", folder)
     shutil.copy(DATA / "rows_made_up.csv", folder)
     pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
+    shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", folder)
+    shutil.copy(EXAMPLES / "maps" / "zebra.osm", folder)
+    (folder / "hours.toml").write_text(HOURS, encoding="utf-8")
+    (folder / "site.toml").write_text(SITE, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
-        patch.setattr(LocalPool, "__init__", lambda pool, *_, **__: setattr(pool, "workers", 1))
-        patch.setattr(LocalPool, "submit", Inline.submit)
-        patch.setattr(LocalPool, "stop", lambda _: None)
+        assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
+        risk = "risk cctc --set arms.av=constant_speed --most-episodes 100 --out risk"
+        assert done_or_refused(*risk.split())
         yield folder
     close_engine()
 
@@ -80,34 +105,35 @@ def _nothing_runs(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def files_of(folder: Path, kind: str) -> list[Path]:
     kind = kind.split(",")[0]
-    named = {"scenario": "*.toml", "model": "*.json", "run": f"{RUN}/*", "rows": "rows*"}
+    named = {
+        "scenario": "*.toml",
+        "model": "*.json",
+        "run": f"{RUN}/*",
+        "rows": "rows*",
+        "network": "*.net.xml",
+        "map": "*.osm",
+        "hours": "hours/*",
+        "risk": "risk/*",
+    }
     found = folder.glob(named.get(kind, f"encounter/{kind}/**/*"))
     return sorted(path for path in found if path.is_file())
 
 
 def done_or_refused(*words: str) -> bool:
     """Whether a command did what it was told; else it refused in one line with exit code 2."""
-    out, err = io.StringIO(), io.StringIO()
     signal.alarm(HANG_S)  # nothing catches it: it ends the process
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "argv", ["harness", *words])
-        with (
-            contextlib.redirect_stdout(out),
-            contextlib.redirect_stderr(err),
-            pytest.raises(SystemExit) as ended,
-        ):
-            cli.main()
+    done = here(*words)
     signal.alarm(0)
-    code, said = ended.value.code, out.getvalue() + err.getvalue()
+    code, said = done.returncode, done.stdout + done.stderr
     assert code in (0, 1, 2), said
     assert "Traceback" not in said
     # A terminal obeys control characters, wherever they come from.
     assert not {c for c in said if unicodedata.category(c) in ("Cc", "Cs")} - {"\n"}, said
     if code == 2:
-        *before, line = err.getvalue().splitlines()
+        *before, line = done.stderr.splitlines()
         assert line.startswith("harness: ")
         # What breaks late may follow on a table or a progress bar.
-        assert (out.getvalue() == "" and not before) or "is damaged" in line, err.getvalue()
+        assert (done.stdout == "" and not before) or "is damaged" in line, done.stderr
     return code != 2
 
 
