@@ -48,7 +48,7 @@ class SumoRoad:
     ) -> None:
         self._api, self._close, self._step_s = api, close, step_s
         self._site, self._crossing = site, crossing
-        self.closed = False
+        self.closed = self.lost = False
         self.lanes = streams_of(site)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         self._everyone = [HeldPeople(api, site, crossing)]
@@ -73,6 +73,7 @@ class SumoRoad:
         try:
             yield
         except self._lost as error:
+            self.lost = True
             raise EngineError(f"SUMO lost the hour: {error}") from None
 
     def begin(

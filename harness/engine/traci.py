@@ -6,7 +6,7 @@ Slower than libsumo by far (every call crosses a socket).  The only module that 
 import contextlib
 import io
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,15 +17,24 @@ import traci
 from harness.encounter import Arrival, Crossing, Side, Vehicle
 from harness.engine.control import SumoEngine
 from harness.engine.protocol import Engine
-from harness.engine.starting import start_command, types_file
+from harness.engine.road import SumoRoad
+from harness.engine.starting import (
+    Following,
+    additional_file,
+    start_command,
+    traffic_types,
+    types_file,
+)
 from harness.engine.view import view_settings
 from harness.errors import EngineError
-from harness.roads import Place, read_site
+from harness.roads import Place, Site, read_site
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)
 _AROUND_M = 6.0
 """Shown beyond the trigger and the crosswalk's far side."""
+_ROAD_SHOWN_M = 60.0
+"""Of a road with traffic, from the crosswalk."""
 
 
 @dataclass(frozen=True)
@@ -73,8 +82,7 @@ class _Shown:
         self._step_s, self._steps = step_s, 0
         self._every = max(1, round(gui.every_s / step_s))
         reach = 0.7 * vehicle.trigger_range_m + _AROUND_M
-        x, y = engine.centre
-        traci.gui.setBoundary(_VIEW, x - reach, y - reach, x + reach, y + reach)
+        _look_at(engine.centre, reach)
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
@@ -86,10 +94,8 @@ class _Shown:
     ) -> tuple[float, float]:
         """See ``Engine.step``."""
         if self._folder is not None and self._steps % self._every == 0:
-            # SUMO takes the picture at the end of the step that follows.
             time_s = (self._steps + 1) * self._step_s
-            name = str((self._folder / f"t-{time_s:07.3f}-s.png").absolute())
-            traci.gui.screenshot(_VIEW, name, *_PIXELS)
+            _take(self._folder / f"t-{time_s:07.3f}-s.png")
         self._steps += 1
         return self._engine.step(speed_mps, pedestrians)
 
@@ -114,6 +120,59 @@ class _Shown:
         self._engine.close()
 
 
+def gui_road(
+    place: Place,
+    vehicle: Vehicle,
+    crossing: Crossing,
+    step_s: float,
+    following: Following,
+    gui: Gui,
+) -> SumoRoad:
+    """The same for hours of traffic."""
+    site = read_site(place)
+    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    types = additional_file(traffic_types(vehicle, limit_mps, following))
+    settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
+    close = _connected("sumo-gui", place, types, step_s, settings)
+    return _ShownRoad(close, site, crossing, limit_mps, step_s, gui)
+
+
+class _ShownRoad(SumoRoad):
+    """A road whose window is looked after, as ``_Shown``."""
+
+    def __init__(
+        self,
+        close: Callable[[], None],
+        site: Site,
+        crossing: Crossing,
+        limit_mps: float,
+        step_s: float,
+        gui: Gui,
+    ) -> None:
+        super().__init__(traci, close, site, crossing, limit_mps, step_s)
+        self._folder, self._shown_steps = gui.screenshots, 0
+        self._every = max(1, round(gui.every_s / step_s))
+        _look_at(site.frame.to_network(0.0, crossing.length_m / 2), _ROAD_SHOWN_M)
+
+    def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
+        """See ``SumoRoad.step``."""
+        if self._folder is not None and self._shown_steps % self._every == 0:
+            time_s = (self._shown_steps + 1) * self._step_s
+            _take(self._folder / f"t-{time_s:09.3f}-s.png")
+        self._shown_steps += 1
+        return super().step(places)
+
+
+def _look_at(centre: tuple[float, float], reach_m: float) -> None:
+    x, y = centre
+    traci.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
+
+
+def _take(file: Path) -> None:
+    """SUMO takes the picture at the end of the step that follows."""
+    traci.gui.screenshot(_VIEW, str(file.absolute()), *_PIXELS)
+
+
 def _start(
     program: str,
     place: Place,
@@ -122,11 +181,19 @@ def _start(
     step_s: float,
     settings: str,
 ) -> SumoEngine:
+    site = read_site(place)
+    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    close = _connected(program, place, types_file(vehicle, limit_mps), step_s, settings)
+    return SumoEngine(traci, close, site, vehicle, crossing, step_s)
+
+
+def _connected(
+    program: str, place: Place, added: str, step_s: float, settings: str
+) -> Callable[[], None]:
+    """Start SUMO and connect to it; returns what ends both."""
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = Path(folder.name) / "types.add.xml"
-    site = read_site(place)
-    limit = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    types.write_text(types_file(vehicle, limit), encoding="utf-8")
+    types.write_text(added, encoding="utf-8")
     _, *options = start_command(place.net, types, step_s, sumo_seed=1)
     if settings:
         view = Path(folder.name) / "view.xml"
@@ -148,4 +215,4 @@ def _start(
             traci.close()
         folder.cleanup()
 
-    return SumoEngine(traci, close, site, vehicle, crossing, step_s)
+    return close

@@ -1,25 +1,29 @@
-"""Shows a stored episode in sumo-gui: the same controller through TraCI, at a chosen pace."""
+"""Shows a stored episode or hour in sumo-gui: the same loop through TraCI, at a chosen pace."""
 
 import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from harness.encounter import Arm, Ending
 from harness.engine.installation import check_packages
-from harness.engine.protocol import Engine
-from harness.engine.shared import close_engine
+from harness.engine.shared import close_engine, following_of
 from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.measures import Outcome
 from harness.network import place_of
 from harness.replay.stored import StoredCell
+from harness.traffic.pairing import HourOutcome, HourRunner
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Gui
 
 
 @dataclass(frozen=True)
 class Watched:
-    """One episode that was shown, and how its record differs from the stored one."""
+    """One episode or hour that was shown, and how its record differs from the stored one."""
 
     arm: Arm
     differences: tuple[str, ...]
@@ -51,7 +55,7 @@ def watch(
         EngineError: sumo-gui did not start, or its window was closed.
     """
     check_packages()
-    from harness.engine.traci import Gui, gui_engine
+    from harness.engine.traci import Gui
 
     if not pace > 0:
         raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
@@ -60,9 +64,6 @@ def watch(
     if screenshots is not None and _in_use(screenshots):
         raise InputError(f"--screenshots {screenshots}", "is not empty", "a new or empty folder")
     stored = StoredCell(run, cell)
-    if stored.in_traffic:
-        what, allowed = "of hours of traffic", "the player in the page of `harness report`"
-        raise InputError("--gui", what, allowed)
     stored.check_pair(pair)
     _require_display()
     scenario = stored.cell.scenario
@@ -73,21 +74,43 @@ def watch(
             folder = screenshots / arm.value if len(arms) > 1 else screenshots
             folder.mkdir(parents=True, exist_ok=True)
         gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
-        place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
-        engine = gui_engine(*place, scenario.experiment.step_s, gui)
         try:
-            outcome = _run_arm(stored, pair, arm, engine)
+            outcome = (_hour if stored.in_traffic else _episode)(stored, pair, arm, gui)
         finally:
-            engine.close()
             close_engine()
-        if outcome.trace.ending is Ending.ENGINE_FAILED:
-            raise EngineError(f"sumo-gui: {outcome.trace.reason}")
         shown.append(Watched(arm, tuple(stored.differences(outcome))))
     return shown
 
 
-def _run_arm(stored: StoredCell, pair: int, arm: Arm, engine: Engine) -> Outcome:
-    return PairRunner(stored.cell.scenario, stored.model, lambda: engine).run_arm(pair, arm)
+def _episode(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome:
+    from harness.engine.traci import gui_engine
+
+    scenario = stored.cell.scenario
+    place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
+    engine = gui_engine(*place, scenario.experiment.step_s, gui)
+    try:
+        outcome = PairRunner(scenario, stored.model, lambda: engine).run_arm(pair, arm)
+    finally:
+        engine.close()
+    if outcome.trace.ending is Ending.ENGINE_FAILED:
+        raise EngineError(f"sumo-gui: {outcome.trace.reason}")
+    return outcome
+
+
+def _hour(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> HourOutcome:
+    from harness.engine.traci import gui_road
+
+    scenario = stored.cell.scenario
+    place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
+    road = gui_road(*place, scenario.experiment.step_s, following_of(scenario), gui)
+    try:
+        outcome = HourRunner(scenario, stored.model, lambda: road).run_arm(pair, arm)
+    finally:
+        if not road.closed:
+            road.close()
+    if road.lost:
+        raise EngineError(f"sumo-gui: {outcome.reason}")
+    return outcome
 
 
 def _require_display() -> None:
