@@ -229,4 +229,5 @@ def _check_flow(
         raise InputError(where, f"{max(values):g} vehicles where no lane leads", "0")
     if max(values) >= most and max(values) > 0:
         allowed = f"below {most:.4g}: lanes × 3600 s / a headway of tau_s + (length + min_gap_m)/v0"
-        raise InputError(where, f"{max(values):g} vehicles on {lanes} lanes", allowed)
+        plural = "" if lanes == 1 else "s"
+        raise InputError(where, f"{max(values):g} vehicles on {lanes} lane{plural}", allowed)

@@ -214,10 +214,15 @@ _TOML_WORDS = {
 }
 """What is allowed in a scenario file's words, where pydantic's are Python's."""
 
+_NUMBER, _NUMBERS = "constrained-float", "tuple[constrained-float, ...]"
+"""A key that is a number or a list of them is wrong as both, first as a number: once suffices."""
+
 
 def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
-    first = error.errors(include_url=False)[0]
-    path = [str(part) for part in first["loc"]]
+    first, *others = error.errors(include_url=False)
+    if _NUMBER in first["loc"] and isinstance(first["input"], list | tuple):
+        first = others[0]
+    path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
     key = ".".join(path)
     # A misspelt table is wrong in whatever option named a key of it.
     named = [full for full in key_sources if full == key or full.startswith(f"{key}.")]

@@ -52,12 +52,16 @@ class Crowd:
     def begin_step(self, now: float) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
         gone = []
+        blockers: dict[float, Moving | None] = {}  # for all who wait equally long
         for walker in self.walkers:
             if walker.due_s <= now:
-                if walker.start_s is None:
-                    self._look(walker, now, 0.0)
-                else:
+                if walker.start_s is not None:
                     gone.append(walker)
+                    continue
+                wait_s = self._wait_s(walker)
+                if wait_s not in blockers:
+                    blockers[wait_s] = self._blocker(wait_s, 0.0)
+                self._decide(walker, now, 0.0, blockers[wait_s])
         for walker in gone:
             self.walkers.remove(walker)
             self._leave(walker.index)
@@ -71,7 +75,9 @@ class Crowd:
             self.walkers.append(walker)
             coming = len(self.came) < len(self._arrivals)
             self._next_arrival_s = self._arrivals[len(self.came)].arrival_s if coming else math.inf
-            self._look(walker, arrival.arrival_s, arrival.arrival_s - now)
+            elapsed_s = arrival.arrival_s - now
+            blocker = self._blocker(self._wait_s(walker), elapsed_s)
+            self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
             walker.walk_until(then)
         if self._next_look_s <= then:
             for walker in self.walkers:
@@ -106,12 +112,13 @@ class Crowd:
             return True
         return not (gain_mps2 < 0 and speed_mps**2 <= -2 * gain_mps2 * to_edge)
 
-    def _look(self, walker: Walker, time_s: float, elapsed_s: float) -> None:
-        """Step off now, or wait for the next step."""
-        arrival = walker.arrival
-        wait_s = arrival.critical_gap_s
-        if wait_s is None:
-            wait_s = self._rules.kerb_wait_s
+    def _wait_s(self, walker: Walker) -> float:
+        """The gap they need."""
+        critical_gap_s = walker.arrival.critical_gap_s
+        return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
+
+    def _blocker(self, wait_s: float, elapsed_s: float) -> Moving | None:
+        """Who keeps somebody with that gap waiting, the first to be there; None: nobody."""
         nearest: Moving | None = None
         first_s = math.inf
         for lane in self._lanes:
@@ -123,6 +130,12 @@ class Crowd:
                 reaches_s = (-x - self._half_width_m) / speed if speed > 0 else 0.0
                 if nearest is None or reaches_s < first_s:
                     nearest, first_s = moving, reaches_s
+        return nearest
+
+    def _decide(
+        self, walker: Walker, time_s: float, elapsed_s: float, nearest: Moving | None
+    ) -> None:
+        """Step off now, or wait for the next step."""
         if nearest is not None:
             self._blockers.setdefault(walker.index, nearest)
             return

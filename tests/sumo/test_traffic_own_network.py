@@ -15,7 +15,10 @@ from harness.errors import InputError
 from harness.network.build import run_netconvert
 from harness.roads import Place, read_site, streams_of
 from harness.scenario import Scenario, remarks, validate
+from harness.traffic.hour import Hour
+from harness.traffic.lanes import Direction
 from harness.traffic.pairing import HourOutcome, HourRunner
+from harness.traffic.vehicles import LaneOnRoad, Moving
 from tests.sumo.test_own_network import CCTC, Road, built, random_road
 from tests.sumo.test_traffic import MODEL, check_everybody, hour_of
 
@@ -91,6 +94,26 @@ def test_a_curved_road_is_a_straight_one_of_its_length(tmp_path: Path, lanes: in
         "oncoming-0",
     }
     assert_same_passages(*outcomes)
+
+
+def test_x_is_where_sumo_has_the_vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the road of each lane when it comes to R0, after curve and junction, by SUMO's place."""
+    road = replace(STRAIGHT, turn_deg=-50.0, straight_m=150.0, lanes=2, lane_m=3.2)
+    net = built(road, tmp_path)
+    scenario = scenario_of(at(net))
+    frame = read_site(Place(net, ":cross_c0")).frame
+    take_over, places = Hour._take_over, []
+
+    def noted(self: Hour, moving: Moving, lane: LaneOnRoad, step: int) -> None:
+        x_m, y_m = frame.to_road(*road_for(scenario)._api.vehicle.getPosition(moving.name))
+        sign = 1 if lane.lane.direction is Direction.FORWARD else -1
+        places.append((sign * x_m - moving.x_m, y_m - lane.lane.centre_m))
+        take_over(self, moving, lane, step)
+
+    monkeypatch.setattr(Hour, "_take_over", noted)
+    hour_in(scenario)
+    assert len(places) >= 10
+    np.testing.assert_allclose(places, 0.0, atol=0.001)
 
 
 def test_one_vehicle_drives_as_in_a_generated_network(tmp_path: Path) -> None:
