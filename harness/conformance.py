@@ -61,7 +61,7 @@ SCENES: dict[str, Scene] = {
     "already past the lane when first seen": Scene(
         ((0.0, Side.NEAR, 1.5), (0.5, Side.NEAR, 1.4)), {"detection_range_m": 10.0}
     ),
-    # He steps off when the ego is at R = 2.5 m, 0.5 m before the crosswalk.
+    # They step off when the ego is at R = 2.5 m, 0.5 m before the crosswalk.
     "one steps off as it passes": Scene(((5.5, Side.FAR, 0.6),)),
     "some wait at the kerb": Scene(((3.8, Side.NEAR, 1.2), (4.5, Side.FAR, 1.2)), kerb_wait_s=2.0),
     "a fast, weak ego": Scene(

@@ -49,7 +49,7 @@ class Ending(StrEnum):
 
 
 class Contact(StrEnum):
-    """Where the ego touched the pedestrian: ``front`` if he stood ahead of the bumper."""
+    """Where the ego touched the pedestrian: ``front`` if they were ahead of the bumper."""
 
     FRONT = "front"
     SIDE = "side"
@@ -115,9 +115,9 @@ class EgoView(NamedTuple):
 class PedestrianView(NamedTuple):
     """What a strategy sees of one pedestrian.
 
-    ``lateral_m`` (L): distance along his direction to the centre of the ego's lane, negative
-    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while he stands.
-    ``on_crossing``: he has stepped off and is between the kerbs, walking or standing.
+    ``lateral_m`` (L): distance along their direction to the centre of the ego's lane, negative
+    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while they stand.
+    ``on_crossing``: they have stepped off and are between the kerbs, walking or standing.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -163,8 +163,8 @@ StrategyFactory = Callable[..., Strategy]
 class Leg(NamedTuple):
     """A stretch of a walk in the road frame, from ``time_s`` until the next leg begins.
 
-    He begins it at (``x_m``, ``y_m``) with that velocity; only the one across the road may change
-    on the way, at ``y_mps2``.
+    It begins at (``x_m``, ``y_m``) with that velocity.  Only the velocity across the road may
+    change on the way, at ``y_mps2``.
     """
 
     time_s: float
@@ -176,9 +176,9 @@ class Leg(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """One planned pedestrian: when he reaches the kerb, which one, and his speed's quantile.
+    """One planned pedestrian: when they reach which kerb, and their speed's quantile.
 
-    ``critical_gap_s`` is the shortest gap he accepts, None where the kerb rule alone decides.
+    ``critical_gap_s`` is the shortest gap they accept, None where the kerb rule alone decides.
     ``path`` is the whole walk of a timed pedestrian, who has no quantile; None for all others.
     ``detection_quantile`` is that of the time to their first detection, the larger the later; None
     where detection is certain.
@@ -197,9 +197,9 @@ class Arrival(NamedTuple):
 class Walk:
     """What became of one arrival in one arm.
 
-    ``start_s``, ``speed_mps`` and the state (``range_m``, ``vehicle_speed_mps``) he saw when he
-    stepped off are None for someone who never got to go.  ``legs`` None: he walks along x = 0
-    from kerb to kerb at ``speed_mps``; else ``speed_mps`` is the speed he wanted at first.
+    ``start_s``, ``speed_mps`` and the state (``range_m``, ``vehicle_speed_mps``) they saw when
+    they stepped off are None for someone who never got to go.  Without ``legs`` they walk along
+    x = 0 from kerb to kerb at ``speed_mps``; else ``speed_mps`` is what they wanted at first.
     """
 
     arrival: Arrival

@@ -174,7 +174,7 @@ def _report(finished: Any, quiet: bool, as_json: bool) -> None:
     else:
         print_run(finished)
     for failures, what in (
-        (finished.failures, "episodes failed in the engine"),
+        (finished.failures, "episodes failed"),
         (finished.output_failures, "episodes have no SUMO outputs, or others than they should"),
         (finished.disagreements, "records of the plain engine are not SUMO's"),
     ):

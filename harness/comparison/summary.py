@@ -75,7 +75,7 @@ class PairColumns:
 
     @property
     def tau_all(self) -> FloatArray:
-        """τ with the human's crashes counted by the time he had passed had nobody been touched.
+        """τ with the human's crashes counted by when it had passed had nobody been touched.
 
         NaN where the AV did not cross, where the human never passed, and where that time is not
         kept.

@@ -11,8 +11,8 @@ class CellConstants:
     """The cell's constants.
 
     ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
-    edge within that time, or while its body overlaps the crosswalk.  Whoever has a critical gap
-    of his own goes by that instead of ``kerb_wait_s``.
+    edge within that time, or while its body overlaps the crosswalk.  Somebody with a
+    critical gap goes by that instead of ``kerb_wait_s``.
     """
 
     vehicle: Vehicle

@@ -44,7 +44,7 @@ def run_episode(
         engine: an engine bound to the same vehicle, crossing and step as ``rules``.
         strategy: a fresh strategy object.
         arrivals: everyone who may come, by arrival time (s from the trigger, ≥ 0).
-        choose_speed: the walking speed of someone who steps off, given what he sees.
+        choose_speed: the walking speed of someone who steps off, given what they see.
         rules: the cell's constants.
         perception: the driver's, a fresh object; None: perfect within the detection range.
 
@@ -264,7 +264,7 @@ class Episode:
             self.next_event_s = min(self.next_event_s, walker.look_s)
 
     def _admit(self, arrival: Arrival, range_m: float, speed: float) -> None:
-        """Someone arrives: he waits for his time, looks for his gap, or is left to the engine."""
+        """Someone arrives: they wait for their time, look for a gap, or are left to the engine."""
         walker = self._walker(arrival)
         self.came.append(walker)
         self.walkers.append(walker)

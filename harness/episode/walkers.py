@@ -19,7 +19,7 @@ from harness.motion.contact import time_to_collision
 from harness.motion.walking import cleared_s
 
 LOOK_EVERY_S = 1.0
-"""How often a reactive pedestrian looks again after he has stepped off."""
+"""How often a reactive pedestrian looks again after stepping off."""
 
 
 SeenState = tuple[float, float] | tuple[None, None]
@@ -27,7 +27,7 @@ SeenState = tuple[float, float] | tuple[None, None]
 
 
 class ChooseSpeed(Protocol):
-    """The walking speed of someone who looks, given what he sees."""
+    """The walking speed of someone who looks, given what they see."""
 
     def __call__(
         self,
@@ -37,16 +37,16 @@ class ChooseSpeed(Protocol):
         lateral_m: float | None = None,
         /,
     ) -> float:
-        """Walking speed in m/s, > 0; ``lateral_m`` where he is no longer at his kerb."""
+        """Walking speed in m/s, > 0; ``lateral_m`` where they are no longer at their kerb."""
         ...
 
 
 class Walker:
-    """A pedestrian while he is at the crosswalk: steps off and keeps his speed.
+    """A pedestrian at the crosswalk, who steps off and keeps their speed.
 
-    ``due_s`` is when he needs attention at the beginning of a step: always while he waits, then
-    when he reaches the other kerb.  ``look_s`` is when he next looks at the ego by himself, inside
-    a step if need be.
+    ``due_s`` is when they need attention at the beginning of a step: always while they wait, then
+    when they reach the other kerb.  ``look_s`` is when they next look at the ego by themselves,
+    inside a step if need be.
     """
 
     __slots__ = (
@@ -109,7 +109,7 @@ class Walker:
         return 0.0
 
     def view(self) -> PedestrianView:
-        """What a strategy sees of him now."""
+        """What a strategy sees of them now."""
         return PedestrianView(
             self.index,
             self.side,
@@ -128,7 +128,7 @@ class Walker:
 
 
 class TimedWalker(Walker):
-    """Stands at the beginning of his path until its time has come, then follows it."""
+    """Stands at the beginning of their path until its time has come, then follows it."""
 
     __slots__ = ("_crossing", "_leg", "_path")
 
@@ -146,7 +146,7 @@ class TimedWalker(Walker):
         vehicle_speed_mps: float,
         to_lane_m: float | None = None,  # noqa: ARG002
     ) -> None:
-        """He starts; what he sees changes nothing, but is kept."""
+        """They start; what they see changes nothing, but is kept."""
         self.start_s, self.legs = self.look_s, list(self._path)
         self.wanted_mps = abs(self._path[-1].y_mps)
         self.seen = range_m, vehicle_speed_mps
@@ -165,12 +165,12 @@ class TimedWalker(Walker):
             walked_s = time_s - leg.time_s
             y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
             self._progress = min(self._along(y), self._length)
-            # Who steps back is seen standing, as those who walk by the engine's own model.
+            # Somebody who steps back is seen standing, as those who walk by the engine's own model.
             self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
         return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:
-        """See ``Walker.view``; before the kerb he is not on the crossing yet."""
+        """See ``Walker.view``; before the kerb they are not on the crossing yet."""
         started = self.start_s is not None
         return super().view()._replace(on_crossing=started and self._progress >= 0)
 
@@ -179,10 +179,10 @@ class TimedWalker(Walker):
 
 
 class ReactiveWalker(Walker):
-    """Looks again every second and walks on at the speed of his quantile given what he sees.
+    """Looks again every second and walks on at the speed of their quantile given what they see.
 
-    He stands instead, until he looks again, where at that speed he would be hit by an ego that
-    keeps its own, as long as his disc has not reached the ego's way.
+    If an ego that keeps its speed would hit them at that speed, they stand until they look again.
+    Once their disc has reached the ego's way they never stand.
     """
 
     __slots__ = ("_base", "_choose", "_vehicle")
@@ -257,7 +257,7 @@ class ReactiveWalker(Walker):
 class NativeWalker(Walker):
     """Walks by the engine's own model; what it did is noted after every step.
 
-    He steps off when he crosses his kerb's line, found by interpolation within the step.
+    They step off when they cross their kerb's line, found by interpolation within the step.
     """
 
     __slots__ = ("_place",)
@@ -273,7 +273,7 @@ class NativeWalker(Walker):
         return 0.0 if self._place is None else self._place[0]
 
     def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
-        """Where he is at ``then``, the end of the step that began at ``now``."""
+        """Where they are at ``then``, the end of the step that began at ``now``."""
         before, self._place = self._place, (x_m, y_m)
         progress = self._direction * (y_m - self._kerb)
         if before is not None:
@@ -285,7 +285,7 @@ class NativeWalker(Walker):
             self.due_s = then
 
     def view(self) -> PedestrianView:
-        """See ``Walker.view``; before the kerb he is not on the crossing yet."""
+        """See ``Walker.view``; before the kerb they are not on the crossing yet."""
         return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self, leg: Leg, progress_m: float) -> None:

@@ -124,9 +124,9 @@ def time_to_collision(
 
     Args:
         ahead_m: pedestrian's distance ahead of the front bumper (negative beside the body).
-        y_m: his y.
-        ahead_mps: rate of ``ahead_m``: his velocity along the road less the ego's speed.
-        y_mps: his velocity across the road.
+        y_m: the pedestrian's y.
+        ahead_mps: rate of ``ahead_m``: their velocity along the road less the ego's speed.
+        y_mps: their velocity across the road.
         body: (length, y of the right side, y of the left side) of the ego in m.
 
     Returns:

@@ -26,22 +26,22 @@ def timed_path(
 ) -> tuple[Leg, ...]:
     """The walk of a pedestrian whom a car that never brakes hits at a share of its width.
 
-    From rest he accelerates evenly over d_a to v_p and keeps that speed.  The front touches his
-    disc at T = (R0 − radius)/v0; his centre is then at L = width · (½ − share) from the car's
-    centre line.  So he starts at T − t, where t is the time he needs for d = start − L:
+    From rest they accelerate evenly over d_a to v_p and keep that speed.  The front touches their
+    disc at T = (R0 − radius)/v0; their centre is then at L = width · (½ − share) from the car's
+    centre line.  So they start at T − t, where t is the time they need for d = start − L:
     sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
 
     Args:
-        side: the side he comes from.
+        side: the side they come from.
         start_lateral_m: from where, in m from the car's centre line.
         acceleration_distance_m: d_a ≥ 0.
         speed_mps: v_p > 0.
-        impact_share: 0 at the edge of the car he reaches first, 1 at the other one.
-        vehicle: the ego, which meets him at its initial speed v0.
+        impact_share: 0 at the edge of the car they reach first, 1 at the other one.
+        vehicle: the ego, which meets them at its initial speed v0.
         crossing: where the lane lies.
 
     Returns:
-        One leg, or two where he accelerates.  The first one's time is negative where he would
+        One leg, or two where they accelerate.  The first one's time is negative where they would
         have to start before the trigger.  Source of the case: Euro NCAP, Test Protocol AEB/LSS
         VRU Systems (v4.5.1, 2024): CPNA and CPFA.
     """
@@ -78,7 +78,7 @@ def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
 
 
 def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
-    """When someone reaches the other kerb; None if he never stepped off, or stands for good."""
+    """When someone reaches the other kerb; None if they never stepped off, or stand for good."""
     if walk.start_s is None or walk.speed_mps is None:
         return None
     if walk.legs is None:
@@ -111,9 +111,9 @@ def states_at(
     """(x, y, speed, acceleration along the way) of someone who stepped off, at given times.
 
     Args:
-        walk: his walk.
+        walk: their walk.
         crossing: the crosswalk.
-        times_s: shape (n,), none before he stepped off.
+        times_s: shape (n,), none before they stepped off.
 
     Returns:
         Four arrays of shape (n,), in m, m, m/s and m/s².

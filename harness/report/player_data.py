@@ -186,7 +186,7 @@ def _words(record: dict[str, Any]) -> str:
             f"m/s, {record['contact']}"
         )
     else:
-        said = {Ending.TIMED_OUT: "timed out", Ending.ENGINE_FAILED: "failed in the engine"}[ending]
+        said = {Ending.TIMED_OUT: "timed out", Ending.ENGINE_FAILED: "failed"}[ending]
         said += f" ({record['reason']})" if record["reason"] else ""
     said += ", fell back on another strategy" if record["fallback"] else ""
     if record["min_time_advantage_s"] is not None:

@@ -9,7 +9,7 @@ from harness.scenario import Scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 
-MEASURED_ON = "DUT, 34 passages of 26 vehicles"
+MEASURED_ON = "34 recorded passages of 26 vehicles (DUT)"
 """Where ``MEASURED`` comes from: `harness validate` of DUT with these drivers, seed 1."""
 
 
@@ -31,10 +31,10 @@ MEASURED = {
         0.857,
         1.40,
         9,
-        "fitted on them; held out order right 81 % and off by 1.4 s, which is optimistic as its "
-        "rules were found on all of them",
+        "fitted on these passages; held out, the order is right in 81 %, which is optimistic as "
+        "its rules were found on all of them",
     ),
-    "human_gmm": Humanness(0.684, 7.50, 17, "fitted on them, held out by vehicle"),
+    "human_gmm": Humanness(0.684, 7.50, 17, "fitted on these passages, held out by vehicle"),
     "human_yield": Humanness(0.623, 6.74, 11.6),
     "soft_yield": Humanness(0.501, 11.24, 12),
     "hard_yield": Humanness(0.499, 11.45, 12),
@@ -56,10 +56,11 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
             said = f"how human it is{own} was not measured (harness validate)"
         else:
             said = (
-                f"order right {per_cent(found.order_right, 0)} %, pass time off by "
-                f"{found.pass_time_off_s:.1f} s in the median, contacts in {found.contacts:g} "
-                f"passages ({MEASURED_ON}{found.remark and ', ' + found.remark}); "
-                "recorded drivers 0 contacts"
+                f"in the place of the drivers of {MEASURED_ON}, among people who walk as "
+                f"recorded, its order of passing was right for {per_cent(found.order_right, 0)} % "
+                f"of them and its pass time off by {found.pass_time_off_s:.1f} s in the median; it "
+                f"touched somebody in {found.contacts:g} passages, the drivers in none"
+                f"{found.remark and '; ' + found.remark}"
             )
         lines.append(f"Reference {name}: {said}.")
     return list(dict.fromkeys(lines))

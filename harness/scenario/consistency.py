@@ -16,7 +16,7 @@ from harness.scenario.sections import (
 from harness.scenario.sight import check_sight, remarks_on_sight
 
 MAX_BEFORE_KERB_M = 8.0
-"""How far before his kerb a timed pedestrian may start: a footpath is 10 m long."""
+"""How far before their kerb a timed pedestrian may start: a footpath is 10 m long."""
 
 WIDEST_USUAL_LANE_M = 6.0
 """A lane that is wider is remarked upon: two lanes' width is easily taken for one's."""
@@ -161,7 +161,7 @@ def _check_pedestrians(scenario: Scenario, where: str) -> None:
 
 
 def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
-    """He starts on his footpath or on the road, clear of the car, and not before the trigger."""
+    """They start on their footpath or on the road, clear of the car, and not before the trigger."""
     ego = scenario.ego
     to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
     nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
@@ -169,7 +169,7 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
         raise InputError(
             f"{where}.start_lateral_m",
             f"{timed.start_lateral_m:g} m",
-            f"above {nearest:g} m, where the car would touch him, up to {farthest:g} m",
+            f"above {nearest:g} m, where the car would touch them, up to {farthest:g} m",
         )
     start_s = path_of(timed, scenario)[0].time_s
     if start_s < 0:
@@ -177,7 +177,7 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
         needed = ego.trigger_range_m - start_s * ego.initial_speed_mps
         raise InputError(
             f"{where}.speed_mps",
-            f"he would have to start {-start_s:.3g} s before the trigger",
+            f"they would have to start {-start_s:.3g} s before the trigger",
             f"ego.trigger_range_m of at least {needed:.4g} m, or a faster walk",
         )
 

@@ -76,7 +76,7 @@ def half_path(vehicle: Vehicle) -> float:
 
 
 def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
-    """From when to when a pedestrian is in the ego's path if he keeps his velocity, s from now.
+    """From when to when a pedestrian is in the ego's path if they keep their velocity, s from now.
 
     Returns:
         (enters, leaves): enters is 0 for one who is in it, leaves below 0 for one who is past it;

@@ -9,7 +9,7 @@ class EmergencyBrake:
     """Drives at v0, brakes at the maximum when the TTC to a pedestrian falls under a threshold.
 
     With both keeping their velocities the ego is over the pedestrian's line (x = 0) from
-    (R − r)/v to (R + l + r)/v, he is in its path from (L − h)/v_p to (L + h)/v_p; r = 0.25 m,
+    (R − r)/v to (R + l + r)/v, they are in its path from (L − h)/v_p to (L + h)/v_p; r = 0.25 m,
     l the vehicle's length, h half its width plus r.  The two are on a collision course where these
     times overlap, and the TTC is the first moment of both; so "about to enter the lane" means: in
     the ego's path while the ego is there.  The TTC is that of docs/measures.md but for the rounding

@@ -29,10 +29,11 @@ class GapYield:
 
     *Gap.*  From now on each pedestrian on the crossing is in the ego's path (half its width plus
     0.25 m either side of its centre) from t_in on, and has left the ego's lane (disc and all) at
-    t_free, at his present speed.  The ego, driving on, reaches the near edge at t_edge and its rear
-    bumper leaves his line (x = 0.25 m) at t_out.  Somebody is in the way if t_free > t_edge and his
-    time advantage t_in − t_out is not above ``critical_gap_s``.  With nobody in the way it goes.
-    With the bumper over the near edge the decision is made: then only t_in ≤ t_out is in the way.
+    t_free, at their present speed.  The ego, driving on, reaches the near edge at t_edge, and its
+    rear bumper leaves their line (x = 0.25 m) at t_out.  Somebody is in the way if t_free > t_edge
+    and the time advantage t_in − t_out is not above ``critical_gap_s``.  With nobody in the way it
+    goes.  With the bumper over the near edge it has decided: then only those with t_in ≤ t_out are
+    in the way.
 
     *Yielding.*  It reaches the near edge when the last one in the way has left its lane, with one
     constant deceleration 2 (s − v t_free)/t_free², s to the edge; where it would get there slower
@@ -40,9 +41,9 @@ class GapYield:
     t_free.  Since yielding makes it later, whoever it would have passed before may now be in the
     way too: all are looked at again until nobody is.
 
-    *Approach.*  Nobody can be seen before he steps off, and from the near kerb the path is a second
-    away or less (1.1 m at the CCTC), while at v = 5 m/s the ego takes 1.5 s to get out of his way:
-    only stopping helps, and it has to help until the bumper is over the near edge, from where on
+    *Approach.*  Nobody can be seen before they step off.  From the near kerb the path is a second
+    away or less (1.1 m at the CCTC), while at v = 5 m/s the ego takes 1.5 s to get out of the way.
+    So only stopping helps, and it has to help until the bumper is over the near edge: from there on
     nobody walks in front of the car any more (the rule at the kerb that holds in every scenario;
     ``kerb_wait_s`` is not relied on).  Therefore at every step that begins before the edge,
     R' − d(v') ≥ 0.35 m at its end: d(v') = v'²/2b + b step²/8 is what full braking takes on the
@@ -80,7 +81,7 @@ class GapYield:
 
 
 class _Person(NamedTuple):
-    """When someone comes into the ego's path and when he has left its lane, s from now."""
+    """When someone comes into the ego's path and when they have left its lane, s from now."""
 
     enters_s: float
     frees_s: float

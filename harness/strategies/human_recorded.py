@@ -26,7 +26,7 @@ class HumanRecorded:
 
     From now on, at present speeds, each pedestrian is in the ego's path (half its width plus
     0.3 m either side of its centre) from t_in to t_out.  The ego, going first from here, covers
-    his line (x = 0, with 0.3 m to spare) from t_arrive to t_gone: it pulls away with
+    their line (x = 0, with 0.3 m to spare) from t_arrive to t_gone: it pulls away with
     ``pulling_away_mps2`` up to v0.
 
     *Who counts*: everyone whose t_in is at most ``horizon_s`` and who is not past its path.

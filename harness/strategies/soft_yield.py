@@ -27,10 +27,10 @@ class SoftYield:
     T1 = t_x − sqrt(t_x² − 2 (R − v t_x) / a), t_x = remaining distance / v_p + time_margin_s.
     R ≥ v t_x: the pedestrian clears first and the speed is kept.  Of several pedestrians it plans
     for the one who leaves last, and plans again when that is another one.  With a positive margin
-    it keeps to the plan after he has left, until t_x.  The paper's strategy has no margin; its
+    it keeps to the plan after they have left, until t_x.  The paper's strategy has no margin; its
     aggressiveness (paper, figure 1) is here −time_margin_s.
 
-    *Limits.*  One plan for one walk: who changes his speed on the way is not planned for anew.
+    *Limits.*  One plan for one walk: when somebody changes speed on the way, the plan stays.
 
     *No answer* for someone who stands, where a ≥ 0, the root is of a negative number, the speed
     would fall below zero within T1, or a exceeds the vehicle's maximum deceleration: then
@@ -42,8 +42,8 @@ class SoftYield:
         p1: constant of the regression, m/s².
         p2: coefficient of the speed, 1/s.
         p3: coefficient of the range, 1/s².
-        time_margin_s: how long after the pedestrian has left it arrives at x = 0, s; before he has
-            left where negative.
+        time_margin_s: how long after the pedestrian has left it arrives at x = 0, s; if negative,
+            so long before.
     """
 
     AGGRESSIVENESS: ClassVar = {"time_margin_s": -1.0}  # a smaller margin is bolder

@@ -20,7 +20,7 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
     "tracks": {
         "one_record": "an object seen once only",
         "parked_vehicle": "vehicle that never gets away from where it was first seen",
-        "standing_pedestrian": "pedestrian who never gets away from where he was first seen",
+        "standing_pedestrian": "pedestrian who never gets away from where they were first seen",
         "sequence_too_short": "sensor sequence shorter than the minimum duration",
     },
     "pairs": {

@@ -91,7 +91,7 @@ def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Co
 
 
 def walker_of(track: Track, rules: ExtractionRules) -> Mover | None:
-    """A pedestrian with his path; None when he stands."""
+    """A pedestrian with their path; None when they stand."""
     shape = (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m)
     return _mover(track, shape, rules.min_pedestrian_travel_m)
 

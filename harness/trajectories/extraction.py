@@ -63,8 +63,8 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
 
     For each vehicle–pedestrian pair whose paths cross at an allowed angle, the conflict point is
     the first crossing along the vehicle's path. R is the path length from the front bumper to it;
-    L the pedestrian's distance from the line of the vehicle's path there, positive before he
-    passes it; v and v_p are the rates at which R and L shrink; the arrival time is R / v, the
+    L the pedestrian's distance from the line of the vehicle's path there, positive before they
+    pass it; v and v_p are the rates at which R and L shrink; the arrival time is R / v, the
     time advantage T_adv = |R/v − L/v_p| (the paper's section on variables). The ``mobileye``
     format takes R, L, v and v_p from the sensor, ``table`` from the file.
 

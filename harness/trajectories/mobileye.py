@@ -8,7 +8,7 @@ A pedestrian's position is the bus's plus Range along its heading and Transversa
 (the authors' scripts count the left as positive). Positions are metres in axes about the crossing,
 turned by −46.5° from east and north: buses of the paper's crossing drive along −x, and y is across
 the road. R is the sensor's Range; L is the distance across the road from the pedestrian to the bus,
-along his direction; v is the bus's own Speed; v_p = (last − first position across the road) /
+along their direction; v is the bus's own Speed; v_p = (last − first position across the road) /
 duration, one value per sequence. Nothing here needs the two paths to cross within the record.
 
 The sensor's lateral rate is dominated by the bus's yaw at long range (beyond about 15 m on the

@@ -54,7 +54,7 @@ class VehicleTrack(Track):
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One pedestrian as a sensor on the vehicle saw him: the pair's variables themselves.
+    """One pedestrian as a sensor on the vehicle saw them: the pair's variables themselves.
 
     Attributes:
         vehicle, pedestrian: keys of the clip's tracks.
