@@ -18,6 +18,7 @@ import pandas as pd
 TOLERANCE = 1e-6
 
 FLOW = ["pedestrians.flow_per_hour=1000"]
+WIDE = ["crossing.length_m=13", "crossing.lanes=2"]
 RUNS: dict[str, tuple[str, int, list[str], str]] = {
     "paper": ("cctc", 100, [], ""),
     "control": ("cctc", 100, ["arms.av=constant_speed", "arms.human=emergency_brake"], ""),
@@ -28,7 +29,7 @@ RUNS: dict[str, tuple[str, int, list[str], str]] = {
     "reactive": ("cctc_flow", 100, [*FLOW, "pedestrians.behaviour=reactive"], ""),
     "SUMO's people": ("cctc_flow", 100, [*FLOW, "pedestrians.behaviour=sumo"], ""),
     "busy": ("cctc_flow", 100, [*FLOW, "pedestrians.warm_up_s=60"], ""),
-    "two lanes": ("cctc_flow", 100, [*FLOW, "crossing.length_m=13", "crossing.lanes=2"], "ego.lane=0,1"),
+    "two lanes": ("cctc_flow", 100, [*FLOW, *WIDE], "ego.lane=0,1"),
     "test track": ("euro_ncap_vru", 1, [], ""),
     "eyes": (
         "cctc_flow",

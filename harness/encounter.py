@@ -104,6 +104,10 @@ class Crossing:
         return self.width_m / 2 + 1.0
 
 
+quick_tuple = tuple.__new__
+"""Makes a named tuple of a class and all its values, in half the time its own constructor takes."""
+
+
 class EgoView(NamedTuple):
     """What a strategy knows of itself; ``range_m`` is negative past the centre line."""
 

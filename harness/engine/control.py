@@ -4,7 +4,7 @@ The choices below are explained, with the measurements behind them, in docs/sumo
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
 from harness.engine.shown import Shown
@@ -44,6 +44,21 @@ def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
         lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
 
 
+class Calls(NamedTuple):
+    """What is called at every step."""
+
+    advance: Callable[[], object]
+    move: Callable[..., object]
+    set_speed: Callable[[str, float], object]
+    get_distance: Callable[[str], float]
+
+
+def calls_of(api: Any) -> Calls:
+    """The functions of libsumo or traci as their users know them."""
+    vehicle, person = api.vehicle, api.person
+    return Calls(api.simulationStep, person.moveToXY, vehicle.setSpeed, vehicle.getDistance)
+
+
 class SumoEngine:
     """Drives episodes in SUMO, one after another in the same simulation.
 
@@ -60,6 +75,7 @@ class SumoEngine:
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
+        calls: what is called at every step; None: the module's functions.
     """
 
     def __init__(
@@ -70,14 +86,16 @@ class SumoEngine:
         vehicle: Vehicle,
         crossing: Crossing,
         step_s: float,
+        calls: Calls | None = None,
     ) -> None:
         self._api, self._close = api, close
         self.closed = False
         self.centre = site.frame.to_network(0.0, crossing.length_m / 2)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
-        self._advance = api.simulationStep
-        self._set_speed, self._get_speed = api.vehicle.setSpeed, api.vehicle.getSpeed
-        self._get_distance, self._move = api.vehicle.getDistance, api.person.moveToXY
+        calls = calls or calls_of(api)
+        self._advance, self._move = calls.advance, calls.move
+        self._set_speed, self._get_distance = calls.set_speed, calls.get_distance
+        self._get_speed = api.vehicle.getSpeed
         self._vehicle, self._step_s = vehicle, step_s
         departure = site.ego.departure(vehicle.trigger_range_m)
         self._depart_position = repr(departure.position_m)
@@ -86,6 +104,8 @@ class SumoEngine:
         self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
         self._ego = ""
+        self._told_mps: float | None = None
+        """None: SUMO drives as it likes."""
         self._ids: dict[int, str] = {}
         self._kerbs = {
             Side.NEAR: site.frame.to_network(0.0, 0.0),
@@ -94,10 +114,7 @@ class SumoEngine:
         self._to_network, self._to_road = site.frame.to_network, site.frame.to_road
         self._shown = Shown(crossing.lane_centre_m, crossing.length_m, site.crossing_from)
         # Network coordinates of (0, y) are origin + y · across.
-        self._origin, self._across = (
-            self._kerbs[Side.NEAR],
-            (site.frame.across_x, site.frame.across_y),
-        )
+        self._line = (*self._kerbs[Side.NEAR], site.frame.across_x, site.frame.across_y)
         self._footpaths = {side: site.footpath(side) for side in Side}
         api.route.add("drive", departure.edges)
         if crossing.speed_limit_mps is not None:
@@ -112,7 +129,7 @@ class SumoEngine:
         self._steps = 0
         self._waiting: dict[int, tuple[float, float]] = {}
         self._collided = False
-        self._own_driver = False
+        self._own_driver, self._told_mps = False, None
         self._ego = f"ego-{self._episode}"
         try:
             # A person exists only after the step that follows its insertion, and moving one that
@@ -121,7 +138,7 @@ class SumoEngine:
             self._advance()
             self._waiting.update(coming)
             self._insert_ego()
-            self._hold_waiting()
+            self._hold_waiting(())
             self._advance()
             self._commanded = self._get_speed(self._ego)
             return self._start_x_m + self._get_distance(self._ego), self._commanded
@@ -136,14 +153,16 @@ class SumoEngine:
             if speed_mps is None:
                 self._hand_over()
                 pedestrians = self._as_shown(pedestrians)
-            else:
-                if self._own_driver:
-                    self._take_back()
-                self._set_speed(self._ego, speed_mps)
-            if pedestrians:
-                self._place(pedestrians)
+            elif speed_mps != self._told_mps:
+                # SUMO keeps to what it was told last.
+                self._tell(speed_mps)
+            origin_x, origin_y, across_x, across_y = self._line
+            move, ids = self._move, self._ids
+            for index, y in pedestrians:
+                x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+                move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
             if self._waiting:
-                self._hold_waiting()
+                self._hold_waiting(pedestrians)
             coming = None
             if self._announced < len(self._arrivals):
                 coming = self._announce_until((self._steps + 3) * self._step_s)
@@ -152,7 +171,7 @@ class SumoEngine:
             if coming:
                 self._waiting.update(coming)
             x = self._start_x_m + self._get_distance(self._ego)
-            if self._ids and x > self._collisions_from_m:
+            if x > self._collisions_from_m and ids:
                 self._note_collisions()
             if speed_mps is None:
                 speed_mps = self._get_speed(self._ego)
@@ -218,6 +237,15 @@ class SumoEngine:
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
 
+    def _tell(self, speed_mps: float) -> None:
+        """Let the strategy alone drive, at that speed at the end of the step."""
+        if self._own_driver:
+            self._api.vehicle.setType(self._ego, "ego")
+            self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
+            self._own_driver = False
+        self._set_speed(self._ego, speed_mps)
+        self._told_mps = speed_mps
+
     def _hand_over(self) -> None:
         """Let SUMO's own driver drive."""
         if self._own_driver:
@@ -226,14 +254,9 @@ class SumoEngine:
         vehicle.setType(self._ego, "driven")
         vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
         vehicle.setSpeed(self._ego, -1)
+        self._told_mps = None
         self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
         self._own_driver = True
-
-    def _take_back(self) -> None:
-        """Let the strategy alone drive again."""
-        self._api.vehicle.setType(self._ego, "ego")
-        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-        self._own_driver = False
 
     def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
         """Where SUMO's driver is shown those who are held."""
@@ -266,16 +289,10 @@ class SumoEngine:
         self._ids[index] = name
         return name
 
-    def _place(self, pedestrians: Sequence[tuple[int, float]]) -> None:
-        (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
-        move, ids = self._move, self._ids
-        for index, y in pedestrians:
-            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
-        for index, _ in pedestrians if self._waiting else ():
+    def _hold_waiting(self, placed: Sequence[tuple[int, float]]) -> None:
+        """Hold those who were announced where they will come, until they are placed."""
+        for index, _ in placed:
             self._waiting.pop(index, None)
-
-    def _hold_waiting(self) -> None:
         for index, (x, y) in self._waiting.items():
             self._move(self._ids[index], "", x, y, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import libsumo
+from libsumo import _libsumo
 
 from harness.encounter import Crossing, Vehicle
-from harness.engine.control import SumoEngine
+from harness.engine.control import Calls, SumoEngine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
     Following,
@@ -25,6 +26,14 @@ from harness.engine.starting import (
 )
 from harness.errors import EngineError
 from harness.roads import Place, read_site, streams_of
+
+_COMPILED = Calls(
+    _libsumo.simulation_step,
+    _libsumo.person_moveToXY,
+    _libsumo.vehicle_setSpeed,
+    _libsumo.vehicle_getDistance,
+)
+"""libsumo's functions without its wrappers in Python, which take 1.4 of a step's 10 µs."""
 
 _running: list[SumoEngine | SumoRoad] = []
 
@@ -65,7 +74,7 @@ def libsumo_engine(
     site = read_site(place)
     limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
     _start(place.net, types_file(vehicle, limit_mps), step_s, sumo_seed, outputs)
-    engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s)
+    engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s, _COMPILED)
     _running.append(engine)
     return engine
 

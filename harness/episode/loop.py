@@ -6,6 +6,7 @@ the trace; the loop only keeps what cannot be worked out later.
 
 import math
 from collections.abc import Generator, Sequence
+from operator import methodcaller
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from harness.encounter import (
     PedestrianView,
     Strategy,
     Trace,
+    quick_tuple,
 )
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import CellConstants
@@ -25,6 +27,8 @@ from harness.episode.deciding import ROUNDING_M, keeps_waiting, limited, strateg
 from harness.episode.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
 from harness.errors import EngineError, StrategyError
 from harness.perception.perception import Perception
+
+_VIEW = methodcaller("view")
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""
@@ -181,13 +185,15 @@ class Episode:
         note_x, note_speed = self.x_m.append, self.speed_mps.append
         walkers, natives = self.walkers, rules.behaviour == "sumo"
         perception = self.perception
+        most, least = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
         acceleration = 0.0
         x, speed = engine.begin(self._held())
         note_x(x)
         note_speed(speed)
         self._happen(0.0, 0.0, x, speed, 0.0)
+        then = 0.0
         for n in range(steps):
-            now, then = n * step, (n + 1) * step
+            now, then = then, (n + 1) * step
             for walker in walkers:
                 if walker.due_s <= now:
                     self._update_walkers(now, -x, speed)
@@ -196,17 +202,18 @@ class Episode:
             if perception is not None:
                 seen = perception.shown(n, x, [(walker.view(), walker.x_m) for walker in walkers])
                 self.shown.append(seen)
-            elif walkers and abs(x) <= detection:
-                seen = tuple([walker.view() for walker in walkers])
-            view = EgoView(-x, speed, acceleration)
-            wanted = yield Observation(now, step, view, vehicle, crossing, seen)
+            elif walkers and -detection <= x <= detection:
+                seen = tuple(map(_VIEW, walkers))
+            view = quick_tuple(EgoView, (-x, speed, acceleration))
+            wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
             if wanted is None:
                 # What the engine's driver does is known only afterwards: going on as it did until
                 # now, but not backwards.
                 acceleration = max(acceleration, -speed / step)
             else:
-                wanted = limited(wanted, vehicle, now)
+                if type(wanted) is not float or not least <= wanted <= most:
+                    wanted = limited(wanted, vehicle, now)
                 target = speed + wanted * step
                 if target < 0:
                     target = 0.0
@@ -217,7 +224,9 @@ class Episode:
             if natives:
                 x, after = self._step_with_natives(target, now, then)
             else:
-                self.places = places = [(w.index, w.walk_until(then)) for w in walkers]
+                self.places = places = []
+                for walker in walkers:
+                    places.append((walker.index, walker.walk_until(then)))
                 x, after = engine.step(target, places)
             if after != target:
                 acceleration = (after - speed) / step

@@ -14,6 +14,7 @@ from harness.encounter import (
     Side,
     Vehicle,
     Walk,
+    quick_tuple,
 )
 from harness.motion.contact import time_to_collision
 from harness.motion.walking import cleared_s
@@ -110,13 +111,10 @@ class Walker:
 
     def view(self) -> PedestrianView:
         """What a strategy sees of them now."""
-        return PedestrianView(
-            self.index,
-            self.side,
-            self._to_lane - self._progress,
-            self._length - self._progress,
-            self._speed,
-            self._speed > 0,
+        progress, speed = self._progress, self._speed
+        to_lane, remaining = self._to_lane - progress, self._length - progress
+        return quick_tuple(
+            PedestrianView, (self.index, self.side, to_lane, remaining, speed, speed > 0)
         )
 
     @property

@@ -45,17 +45,14 @@ class WalkingSpeeds:
     def _from_model(
         self, quantile: float, range_m: float, speed_mps: float, lateral_m: float
     ) -> float:
-        state = np.array([quantile]), np.array([range_m]), np.array([speed_mps])
         # Past the ego's lane there is no L: the curve says nothing there.
         if self._reading == "curve" and lateral_m > 0:
-            quantiles, ranges, speeds = state
-            walking = self._model.walking_speed_on_curve(
-                quantiles, ranges, np.array([lateral_m]), speeds
-            )
+            state = ([quantile], [range_m], [lateral_m], [speed_mps])
+            walking = self._model.walking_speed_on_curve(*map(np.array, state))
             # Where no walking speed fits the box, L says nothing and is left out.
             if not np.isnan(walking[0]):
                 return float(walking[0])
-        return float(self._model.walking_speed(*state)[0])
+        return self._model.walking_speed_at(quantile, range_m, speed_mps)
 
     def unconditional(self, quantile: float) -> float:
         """Walking speed in m/s at a quantile of someone who sees no ego."""

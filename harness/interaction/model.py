@@ -78,6 +78,12 @@ class InteractionModel:
         seen = self._seen(range_m, vehicle_speed_mps)
         return self._walking.ppf(np.asarray(quantile, dtype=float), seen)
 
+    def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
+        """``walking_speed`` of one pedestrian, to the last bit: plain numbers are quicker."""
+        return self._walking.ppf_at(
+            quantile, self._within(self._walking, (1 / range_m, vehicle_speed_mps))
+        )
+
     def walking_speed_unconditional(self, quantile: float) -> float:
         """v_p at a quantile of its marginal, for someone who meets no vehicle."""
         return self._walking_marginal.ppf_at(quantile, np.empty(0))
@@ -205,11 +211,7 @@ class InteractionModel:
         if inverse_time_advantage_per_s is not None:
             values.append(inverse_time_advantage_per_s)
             conditional = self._driving
-        # Asked for ten times a second of every driver: plain numbers are quicker than arrays.
-        limits = [self._limits[variable] for variable in conditional.given]
-        y = np.array(
-            [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
-        )
+        y = self._within(conditional, values)
         return conditional.mode_at(y) if quantile is None else conditional.ppf_at(quantile, y)
 
     def _walking_given(
@@ -228,6 +230,13 @@ class InteractionModel:
         conditional = self._walking if inverse_time is None else self._walking_given_time
         given = self._seen(range_m, vehicle_speed_mps, inverse_time)
         return _Walking(lambda x: conditional.pdf(x, given), lambda x: conditional.cdf(x, given))
+
+    def _within(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
+        """What is given, (g,), clamped; asked for in every episode, in numbers and not arrays."""
+        limits = [self._limits[variable] for variable in conditional.given]
+        return np.array(
+            [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
+        )
 
     def _clamp(self, values: FloatArray, variables: tuple[int, ...]) -> FloatArray:
         chosen = list(variables)
