@@ -1,17 +1,26 @@
 """What the harness costs on top of SUMO: ``python -m benchmarks.engine``.
 
-Every row is measured in this one run, in turns, so that the ratios hold on a noisy machine; the
-median over the rounds is printed.  Traffic: the paper's experiment, one ego and one pedestrian.
+Traffic: the paper's experiment, one ego and one pedestrian.  Ways that are compared are run in
+short turns in one process, and processor time is counted, so that the ratios within a turn hold
+on a machine that others use too; printed are their medians and quartiles over all turns.
 """
 
 import argparse
 import os
+import resource
 import statistics
+import subprocess
+import sys
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import libsumo
+import psutil
+import pyarrow.parquet as pq
 from rich.console import Console
 from rich.table import Table
 
@@ -20,39 +29,40 @@ from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
 from harness.episode.arrivals import planned_arrivals
-from harness.episode.pairing import PairRunner
+from harness.episode.pairing import CHUNK_PAIRS, PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
 from harness.network import place_of
 from harness.roads import read_site
 from harness.scenario import Scenario, Setting, load_scenario
 
+TURN = CHUNK_PAIRS
+"""Episodes of a turn: measured together, as in a run."""
+
+AV, CONTROL, HUMAN = "soft_yield", "constant_speed", "human_gmm"
+
 
 @dataclass
 class Cost:
-    """Seconds for some episodes."""
+    """Processor time of some episodes in s, with the interaction model's and the measures'."""
 
     seconds: float
-    episodes: int
-    steps: int
+    steps: Sequence[int]
+    """Of each episode."""
     model_s: float = 0.0
     measures_s: float = 0.0
 
     @property
-    def measures_share(self) -> float:
-        return self.measures_s / self.seconds
-
-    @property
     def per_step_us(self) -> float:
-        return (self.seconds - self.model_s) / self.steps * 1e6
+        return self.seconds / sum(self.steps) * 1e6
 
     @property
-    def model_us(self) -> float:
-        return self.model_s / self.steps * 1e6
+    def without_model_us(self) -> float:
+        return (self.seconds - self.model_s) / sum(self.steps) * 1e6
 
     @property
     def per_second(self) -> float:
-        return self.episodes / self.seconds
+        return len(self.steps) / self.seconds
 
 
 class TimedModel(InteractionModel):
@@ -60,200 +70,253 @@ class TimedModel(InteractionModel):
 
     spent_s = 0.0
 
-    def walking_speed(self, *args, **kwargs):  # type: ignore[no-untyped-def]
-        begin = time.perf_counter()
+    def walking_speed_at(self, *args, **kwargs):  # type: ignore[no-untyped-def]
+        begin = time.process_time()
         try:
-            return super().walking_speed(*args, **kwargs)
+            return super().walking_speed_at(*args, **kwargs)
         finally:
-            self.spent_s += time.perf_counter() - begin
+            self.spent_s += time.process_time() - begin
 
     def driver_speed(self, *args, **kwargs):  # type: ignore[no-untyped-def]
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             return super().driver_speed(*args, **kwargs)
         finally:
-            self.spent_s += time.perf_counter() - begin
+            self.spent_s += time.process_time() - begin
 
 
-def timed_model() -> TimedModel:
-    """The default model, timed."""
-    model = load_model(Scenario().model.name)
-    return TimedModel(model.mixture, model.name, model.provenance, model.sha256)
+class HarnessArm:
+    """One arm of the harness, turn by turn: plan, episode, contact and measures."""
+
+    def __init__(self, strategy: str, get_engine: Callable[[], Engine]) -> None:
+        self._scenario = load_scenario("cctc", [Setting("arms.av", strategy)])
+        model = load_model(Scenario().model.name)
+        self._model = TimedModel(model.mixture, model.name, model.provenance, model.sha256)
+        self._runner = PairRunner(self._scenario, self._model, get_engine)
+        self._next = 0
+        self.turn(1)
+
+    def turn(self, episodes: int) -> Cost:
+        """The next episodes."""
+        pairs = range(self._next, self._next + episodes)
+        self._next = pairs.stop
+        self._model.spent_s = 0.0
+        begin = used_s()
+        planned = {pair: planned_arrivals(self._scenario, pair) for pair in pairs}
+        traces: list[Trace] = []
+        for pair, arrivals in planned.items():
+            traces.append(self._runner._run_arm(Arm.AV, pair, arrivals))
+        simulated = used_s()
+        measure(traces)
+        end = used_s()
+        steps = [len(trace.x_m) - 1 for trace in traces]
+        return Cost(end - begin, steps, self._model.spent_s, end - simulated)
+
+    def forget_engine(self) -> None:
+        """The next episode asks for another one."""
+        self._runner._engine = None
 
 
-def harness_arm(strategy: str, episodes: int, make: Callable[[], Engine]) -> Cost:
-    """One arm of the harness: plan, episode, contact and measures."""
-    scenario = load_scenario("cctc", [Setting("arms.av", strategy)])
-    model = timed_model()
-    engine = make()
-    runner = PairRunner(scenario, model, lambda: engine)
-    runner._run_arm(Arm.AV, 0, planned_arrivals(scenario, 0))
-    model.spent_s = 0.0
-    begin = time.perf_counter()
-    traces: list[Trace] = []
-    planned = {pair: planned_arrivals(scenario, pair) for pair in range(episodes)}
-    for pair, arrivals in planned.items():
-        traces.append(runner._run_arm(Arm.AV, pair, arrivals))
-    simulated = time.perf_counter()
-    measure(traces)
-    end = time.perf_counter()
-    engine.close()
-    steps = sum(len(trace.x_m) - 1 for trace in traces)
-    return Cost(end - begin, episodes, steps, model.spent_s, end - simulated)
+class Bare:
+    """libsumo stepping one vehicle and one walking person, no call in between."""
+
+    def __init__(self) -> None:
+        site = read_site(place_of(load_scenario("cctc")))
+        self._near, self._far = site.footpaths
+        self._position = repr(site.ego.departure(30.0).position_m)
+        self._number = 0
+
+    def turn(self, steps: Sequence[int]) -> Cost:
+        """Episodes of so many steps, in the simulation that is open in this process."""
+        near, far = self._near, self._far
+        begin = used_s()
+        for count in steps:
+            self._number += 1
+            person, ego = f"person-{self._number}", f"vehicle-{self._number}"
+            libsumo.person.add(person, near.edge, near.inside_m)
+            libsumo.person.appendWalkingStage(person, [near.edge, far.edge], far.inside_m)
+            libsumo.simulationStep()
+            libsumo.vehicle.add(
+                ego,
+                "drive",
+                typeID="ego",
+                departLane="0",
+                departPos=self._position,
+                departSpeed="5.0",
+            )
+            libsumo.vehicle.setSpeedMode(ego, 32)
+            libsumo.vehicle.setSpeed(ego, 5.0)
+            libsumo.simulationStep()
+            for _ in range(count):
+                libsumo.simulationStep()
+            libsumo.vehicle.remove(ego)
+            if person in libsumo.person.getIDList():
+                libsumo.person.remove(person)
+        return Cost(used_s() - begin, steps)
+
+
+def used_s() -> float:
+    """Processor time of this process and of the SUMO processes it has started, so far."""
+    children = [process.cpu_times() for process in psutil.Process().children()]
+    return time.process_time() + sum(times.user + times.system for times in children)
+
+
+@contextmanager
+def opened(start: Callable[[], Engine]) -> Iterator[Engine]:
+    """An engine, closed at the end."""
+    engine = start()
+    try:
+        yield engine
+    finally:
+        engine.close()
+
+
+def local() -> Engine:
+    """SUMO in this process."""
+    scenario = load_scenario("cctc")
+    return libsumo_engine(place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1)
+
+
+def remote() -> Engine:
+    """SUMO in a process of its own."""
+    scenario = load_scenario("cctc")
+    return traci_engine(place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1)
 
 
 def bare(episodes: int, steps: int) -> Cost:
-    """libsumo stepping one vehicle and one walking person, no call in between."""
-    scenario = load_scenario("cctc")
-    place = place_of(scenario)
-    engine = libsumo_engine(place, scenario.vehicle(), scenario.crosswalk(), 0.1)
-    site = read_site(place)
-    begin = time.perf_counter()
-    for number in range(episodes):
-        person, ego = f"person-{number}", f"vehicle-{number}"
-        near, far = site.footpaths
-        libsumo.person.add(person, near.edge, near.inside_m)
-        libsumo.person.appendWalkingStage(person, [near.edge, far.edge], far.inside_m)
-        libsumo.simulationStep()
-        libsumo.vehicle.add(
-            ego,
-            "drive",
-            typeID="ego",
-            departLane="0",
-            departPos=repr(site.ego.departure(30.0).position_m),
-            departSpeed="5.0",
-        )
-        libsumo.vehicle.setSpeedMode(ego, 32)
-        libsumo.vehicle.setSpeed(ego, 5.0)
-        libsumo.simulationStep()
-        for _ in range(steps):
-            libsumo.simulationStep()
-        libsumo.vehicle.remove(ego)
-        if person in libsumo.person.getIDList():
-            libsumo.person.remove(person)
-    seconds = time.perf_counter() - begin
-    engine.close()
-    return Cost(seconds, episodes, episodes * steps)
+    """The floor, in a simulation of its own."""
+    with opened(local):
+        return Bare().turn([steps] * episodes)
 
 
-def restarted(episodes: int, start: Callable[[], Engine]) -> Cost:
-    """The harness's AV arm with a SUMO of its own for every episode."""
-    scenario = load_scenario("cctc")
-    model = timed_model()
-    planned = {pair: planned_arrivals(scenario, pair) for pair in range(episodes)}
-    engines: list[Engine] = []
+def beside_bare(strategy: str, turns: int) -> tuple[list[Cost], list[Cost]]:
+    """An arm and bare stepping of as many steps, in turns."""
+    arms, floors = [], []
+    with opened(local) as engine:
+        arm, floor = HarnessArm(strategy, lambda: engine), Bare()
+        for _ in range(turns):
+            arms.append(arm.turn(TURN))
+            floors.append(floor.turn(arms[-1].steps))
+    return arms, floors
 
-    def fresh() -> Engine:
-        engines.append(start())
-        return engines[-1]
 
-    runner = PairRunner(scenario, model, fresh)
-    steps = 0
-    begin = time.perf_counter()
-    for pair, arrivals in planned.items():
-        runner._engine = None
-        trace = runner._run_arm(Arm.AV, pair, arrivals)
+def beside_restarts(turns: int) -> tuple[list[Cost], list[Cost]]:
+    """The AV's arm on an open simulation, and with one started for each episode."""
+    kept, started = [], []
+    for _ in range(turns):
+        with opened(local) as engine:
+            kept.append(HarnessArm(AV, lambda engine=engine: engine).turn(TURN))  # type: ignore[misc]
+        engines: list[Engine] = []
+
+        def fresh(engines: list[Engine] = engines) -> Engine:
+            engines.append(local())
+            return engines[-1]
+
+        arm = HarnessArm(AV, fresh)
+        begin, steps = used_s(), []
+        for _ in range(TURN):
+            engines.pop().close()
+            arm.forget_engine()
+            steps += arm.turn(1).steps
+        started.append(Cost(used_s() - begin, steps))
         engines.pop().close()
-        steps += len(trace.x_m) - 1
-    return Cost(time.perf_counter() - begin, episodes, steps)
+    return kept, started
+
+
+def beside_traci(turns: int) -> tuple[list[Cost], list[Cost]]:
+    """The AV's arm in this process and through TraCI, both ends of its socket on one core.
+
+    Across cores the socket is 3 to 6 times slower.
+    """
+    everything = os.sched_getaffinity(0)
+    here, there = [], []
+    os.sched_setaffinity(0, {min(everything)})
+    try:
+        with opened(local) as engine, opened(remote) as server:
+            one, other = HarnessArm(AV, lambda: engine), HarnessArm(AV, lambda: server)
+            for _ in range(turns):
+                here.append(one.turn(TURN))
+                there.append(other.turn(TURN))
+    finally:
+        os.sched_setaffinity(0, everything)
+    return here, there
+
+
+def whole_run_us(few: int, many: int) -> float:
+    """Processor time of ``harness run cctc`` for each ego-step, start and imports apart.
+
+    Command and worker together, as the difference of two runs.
+    """
+    times, steps = [], []
+    for pairs in (few, many):
+        with tempfile.TemporaryDirectory() as folder:
+            run = [sys.executable, "-m", "harness", "run", "cctc", "-q", "--workers", "1"]
+            begin = resource.getrusage(resource.RUSAGE_CHILDREN)
+            subprocess.run(
+                [*run, "--pairs", str(pairs), "--out", f"{folder}/run"],
+                check=True,
+                capture_output=True,
+            )
+            end = resource.getrusage(resource.RUSAGE_CHILDREN)
+            episodes = pq.read_table(Path(folder) / "run" / "episodes.parquet")
+            steps.append(sum(episodes["steps"].to_pylist()))
+        times.append(end.ru_utime + end.ru_stime - begin.ru_utime - begin.ru_stime)
+    return (times[1] - times[0]) / (steps[1] - steps[0]) * 1e6
+
+
+def spread(values: Sequence[float]) -> str:
+    """Median and quartiles."""
+    low, middle, high = statistics.quantiles(values, n=4)
+    return f"{middle:.2f} ({low:.2f} to {high:.2f})"
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--episodes", type=int, default=200)
+    parser.add_argument("--turns", type=int, default=20, help="of each arm beside bare libsumo")
+    parser.add_argument("--rounds", type=int, default=5, help="of the whole run")
     options = parser.parse_args()
-    scenario = load_scenario("cctc")
-    place, vehicle, crossing = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
-
-    def local() -> Engine:
-        return libsumo_engine(place, vehicle, crossing, 0.1)
-
-    def remote() -> Engine:
-        return traci_engine(place, vehicle, crossing, 0.1)
-
-    # Both ends of TraCI's socket on one core: 3 to 6 times faster than across cores.
-    everything = os.sched_getaffinity(0)
-
-    def pinned(measure_it: Callable[[], Cost]) -> Cost:
-        os.sched_setaffinity(0, {min(everything)})
-        try:
-            return measure_it()
-        finally:
-            os.sched_setaffinity(0, everything)
-
-    n = options.episodes
-
-    def steps_of(arm: str) -> int:
-        """Steps of an episode of that arm, as just measured."""
-        cost = found[arm][-1]
-        return round(cost.steps / cost.episodes)
-
-    rows: dict[str, Callable[[], Cost]] = {
-        "AV arm (soft_yield)": lambda: harness_arm("soft_yield", n, local),
-        "bare libsumo, same steps as AV": lambda: bare(n, steps_of("AV arm (soft_yield)")),
-        "control arm (constant_speed)": lambda: harness_arm("constant_speed", n, local),
-        "bare libsumo, same steps as control": lambda: bare(
-            n, steps_of("control arm (constant_speed)")
-        ),
-        "human arm (human_gmm)": lambda: harness_arm("human_gmm", n, local),
-        "bare libsumo, same steps as human": lambda: bare(n, steps_of("human arm (human_gmm)")),
-        "libsumo started for each episode": lambda: restarted(max(1, n // 10), local),
-        "TraCI, one open server, one core": lambda: pinned(
-            lambda: harness_arm("soft_yield", max(1, n // 10), remote)
-        ),
-        "TraCI, a process for each episode": lambda: restarted(2, remote),
-    }
-    found: dict[str, list[Cost]] = {name: [] for name in rows}
-    for _ in range(options.rounds):
-        for name, measure_it in rows.items():
-            found[name].append(measure_it())
-    print_costs(found)
-
-
-def print_costs(found: dict[str, list[Cost]]) -> None:
-    """The table of all ways, and the ratios that mean something on a shared machine."""
-    table = Table(title="medians of the rounds")
-    for heading in ("way", "episodes/s", "µs/step", "model µs/step", "measures", "steps/episode"):
+    table = Table(title="medians of the turns, processor time")
+    for heading in ("way", "episodes/s", "µs/step", "of it the model", "measures"):
         table.add_column(heading)
-    for name, costs in found.items():
+    lines = []
+
+    def note(way: str, costs: Sequence[Cost]) -> None:
         table.add_row(
-            name,
+            way,
             f"{statistics.median(c.per_second for c in costs):.0f}",
-            f"{statistics.median(c.per_step_us for c in costs):.2f}",
-            f"{statistics.median(c.model_us for c in costs):.2f}",
-            f"{statistics.median(c.measures_share for c in costs):.1%}",
-            f"{costs[0].steps / costs[0].episodes:.0f}",
+            f"{statistics.median(c.per_step_us for c in costs):.1f}",
+            f"{statistics.median(c.per_step_us - c.without_model_us for c in costs):.1f}",
+            f"{statistics.median(c.measures_s / c.seconds for c in costs):.1%}",
         )
+
+    floor_us = []
+    for name, strategy in (("AV", AV), ("control", CONTROL), ("human", HUMAN)):
+        arms, floors = beside_bare(strategy, options.turns)
+        note(f"{name} arm ({strategy})", arms)
+        note("bare libsumo, as many steps", floors)
+        both = list(zip(arms, floors, strict=True))
+        floor_us += [floor.per_step_us for floor in floors]
+        without = spread([arm.without_model_us / floor.per_step_us for arm, floor in both])
+        with_it = spread([arm.per_step_us / floor.per_step_us for arm, floor in both])
+        lines.append(f"{name} arm: {without} × bare without the model's time, {with_it} with it")
+    for way, (ours, others) in (
+        ("libsumo started for each episode", beside_restarts(max(2, options.turns // 4))),
+        ("TraCI, one open server, one core", beside_traci(max(2, options.turns // 4))),
+    ):
+        note(way, others)
+        both = list(zip(ours, others, strict=True))
+        times = spread([one.per_second / other.per_second for one, other in both])
+        lines.append(f"AV arm: {times} × the episodes/s of: {way}")
+    whole = [whole_run_us(50, 550) for _ in range(options.rounds)]
+    lines.append(
+        f"`harness run cctc`: {spread(whole)} µs of command and worker per ego-step beyond the "
+        f"start, {statistics.median(whole) / statistics.median(floor_us):.2f} × bare"
+    )
     console = Console()
     console.print(table)
-    for arm, reference in (
-        ("AV arm (soft_yield)", "bare libsumo, same steps as AV"),
-        ("control arm (constant_speed)", "bare libsumo, same steps as control"),
-        ("human arm (human_gmm)", "bare libsumo, same steps as human"),
-    ):
-        ratios = [
-            a.per_step_us / b.per_step_us for a, b in zip(found[arm], found[reference], strict=True)
-        ]
-        with_model = [
-            (a.per_step_us + a.model_us) / b.per_step_us
-            for a, b in zip(found[arm], found[reference], strict=True)
-        ]
-        console.print(
-            f"{arm}: {statistics.median(ratios):.2f} × bare without the model's time, "
-            f"{statistics.median(with_model):.2f} × with it"
-        )
-    for other in ("libsumo started for each episode", "TraCI, one open server, one core"):
-        ratios = [
-            a.per_second / b.per_second
-            for a, b in zip(found["AV arm (soft_yield)"], found[other], strict=True)
-        ]
-        console.print(f"AV arm: {statistics.median(ratios):.1f} × the episodes/s of: {other}")
-    console.print(
-        "TraCI with a process for each episode spends most of its second in a fixed sleep of "
-        "traci.start: no figure to boast of."
-    )
+    for line in lines:
+        console.print(line)
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 TOLERANCE = 1e-6
@@ -77,6 +78,10 @@ def same(one: object, other: object) -> bool:
     if isinstance(one, float) and isinstance(other, float):
         both_missing = math.isnan(one) and math.isnan(other)
         return both_missing or one == other or abs(one - other) <= TOLERANCE
+    if isinstance(one, np.ndarray | list) and isinstance(other, np.ndarray | list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, dict) and isinstance(other, dict):
+        return list(one) == list(other) and all(map(same, one.values(), other.values()))
     return repr(one) == repr(other)
 
 

@@ -153,9 +153,11 @@ class SumoEngine:
             if speed_mps is None:
                 self._hand_over()
                 pedestrians = self._as_shown(pedestrians)
-            elif speed_mps != self._told_mps:
-                # SUMO keeps to what it was told last.
-                self._tell(speed_mps)
+            elif speed_mps != self._told_mps:  # SUMO keeps to what it was told last
+                if self._own_driver:
+                    self._take_back()
+                self._set_speed(self._ego, speed_mps)
+                self._told_mps = speed_mps
             origin_x, origin_y, across_x, across_y = self._line
             move, ids = self._move, self._ids
             for index, y in pedestrians:
@@ -237,15 +239,6 @@ class SumoEngine:
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._api.vehicle.setLaneChangeMode(self._ego, 0)
 
-    def _tell(self, speed_mps: float) -> None:
-        """Let the strategy alone drive, at that speed at the end of the step."""
-        if self._own_driver:
-            self._api.vehicle.setType(self._ego, "ego")
-            self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-            self._own_driver = False
-        self._set_speed(self._ego, speed_mps)
-        self._told_mps = speed_mps
-
     def _hand_over(self) -> None:
         """Let SUMO's own driver drive."""
         if self._own_driver:
@@ -257,6 +250,12 @@ class SumoEngine:
         self._told_mps = None
         self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
         self._own_driver = True
+
+    def _take_back(self) -> None:
+        """Let the strategy alone drive again."""
+        self._api.vehicle.setType(self._ego, "ego")
+        self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
+        self._own_driver = False
 
     def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
         """Where SUMO's driver is shown those who are held."""
