@@ -99,7 +99,9 @@ def libsumo_road(
     added = traffic_types(vehicle, limit_mps, following)
     if detectors is not None:
         last = (lane.approach for lane in streams_of(site))
-        added += e2_detectors((f"{each.edge}_{each.lane}" for each in last), detectors)
+        lanes = (f"{each.edge}_{each.lane}" for each in last)
+        # SUMO takes a relative name from the folder of the additional file.
+        added += e2_detectors(lanes, detectors.absolute())
     _start(place.net, additional_file(added), step_s, 1, outputs)
     road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
     _running.append(road)

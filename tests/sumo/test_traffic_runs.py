@@ -2,6 +2,7 @@
 
 import subprocess
 import time
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -183,12 +184,13 @@ def test_other_thresholds_count_anew(runs: list[Path], tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Both arms of the first pair, with SUMO's own outputs."""
-    out = tmp_path_factory.mktemp("again") / "0"
-    for replayed in replay(runs[0], 0, list(Arm), 0, out):
-        assert replayed.problem is None
-        assert replayed.differences == ()
-    return out
+    """Both arms of the first pair, with SUMO's own outputs, in a folder of a relative name."""
+    folder = tmp_path_factory.mktemp("again")
+    with chdir(folder):
+        for replayed in replay(runs[0], 0, list(Arm), 0, Path("0")):
+            assert replayed.problem is None
+            assert replayed.differences == ()
+    return folder / "0"
 
 
 def rows_of(run: Path, table: str, arm: str, pair: int = 0) -> list[dict[str, Any]]:
