@@ -31,7 +31,7 @@ def network(
     quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
     as_json: JsonOption = False,
 ) -> None:
-    """Build the scenario's SUMO network: plain-XML sources and the .net.xml."""
+    """Build the scenario's SUMO network, with its plain-XML sources."""
     from harness.scenario import read_scenario_file
 
     file = read_scenario_file(scenario, settings_of(settings))
@@ -67,7 +67,7 @@ def strategies(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List the strategies and their parameters, or check one against the rules for all."""
+    """List the strategies and their parameters, or check one."""
     if check is None:
         _list_strategies(quiet, as_json)
         return
@@ -104,7 +104,7 @@ def doctor(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check this installation: versions, SUMO, a network build, one episode."""
+    """Check this installation: versions, SUMO, a network, a pair."""
     from harness.report.listings import installation_checks
     from harness.versions import versions_of_runs
 

@@ -58,7 +58,8 @@ def _harness(
 
 for command in COMMANDS:
     app.command()(command)
-app.command("sweep", help="The other name of `harness run`.")(batch.run)
+    if command is batch.run:
+        app.command("sweep", help="The other name of `harness run`.")(command)
 app.add_typer(model.group, name="model")
 
 

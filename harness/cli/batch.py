@@ -47,7 +47,10 @@ def run(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run every pair once with the AV, once with the human driver; with --vary in many cells."""
+    """Run every pair once with the AV, once with the human driver.
+
+    With --vary: so in each cell of a sweep.
+    """
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.options import AUDIT_SHARE
 

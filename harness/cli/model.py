@@ -131,7 +131,10 @@ def fit(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Fit the interaction model to rows for each number of components and choose one."""
+    """Fit the interaction model to extracted rows.
+
+    One fit for each number of components, of which it chooses one.
+    """
     ks, state = model_options.components(components), model_options.state(near)
     box, weighing = model_options.bounds(bounds), model_options.weighing(weigh)
     model_options.check_target(out, "--out", ".json")

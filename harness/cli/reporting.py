@@ -28,7 +28,10 @@ def report(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a run or a risk as one page that opens anywhere: results, figures, episodes."""
+    """Write a run or a risk as one page that opens anywhere.
+
+    It holds results, figures and a player of episodes.
+    """
     if out is not None and out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--out {out}", "is no page", "a file that ends in .html")
     if out is not None and not out.parent.is_dir():

@@ -45,7 +45,7 @@ def replay(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run one episode again: with SUMO's own outputs on, or before your eyes in sumo-gui."""
+    """Run one episode again: with SUMO's outputs, or in sumo-gui."""
     from harness.encounter import Arm
 
     if arm not in ("av", "human", "both"):
@@ -133,7 +133,7 @@ def score(
     quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
     as_json: JsonOption = False,
 ) -> None:
-    """Recompute measures and summary from kept traces, without simulating."""
+    """Recompute measures from kept traces, or count other conflicts."""
     from harness.batch.scoring import score as recompute
 
     with unwinding():
@@ -165,7 +165,10 @@ def compare(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compare the strategies of a sweep, or of several runs, pair by pair; with limits, judge."""
+    """Compare strategies pair by pair, within or between runs.
+
+    With limits, say which values of a parameter keep them.
+    """
     from harness.runs.compare import compare as compare_run
 
     if out is not None:
@@ -214,7 +217,7 @@ def worst(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List the episodes to look at, each with the command that replays it."""
+    """List the worst episodes, with commands that replay them."""
     from harness.encounter import Arm
     from harness.report.worst_tables import worst_document, worst_tables
     from harness.runs.worst import got_worse, worst as worst_of
@@ -246,7 +249,7 @@ def export(
     quiet: QuietOption = False,  # noqa: ARG001  # paths are all it prints anyway
     as_json: JsonOption = False,
 ) -> None:
-    """Write the tables of a run folder in another format, beside the originals."""
+    """Write the tables of a run folder as CSV, beside the originals."""
     from harness.runs.export import export_csv
 
     if not csv:

@@ -50,7 +50,7 @@ def risk(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Estimate how probable a rare event of an episode is, with an interval."""
+    """Estimate the probability of a rare event of an episode."""
     from harness.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
 

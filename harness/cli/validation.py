@@ -51,7 +51,10 @@ def validate(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Hold drivers against recorded encounters: put them in the recorded driver's place."""
+    """Hold drivers against recorded encounters.
+
+    Each is put in the recorded driver's place.
+    """
     model_options.check_folder(out, "--out")
     from harness.report.validation_tables import print_validation, validation_document
     from harness.scenario import load_scenario, parse_setting
