@@ -26,10 +26,17 @@ def make_console() -> Console:
 def print_table(console: Console, table: Table) -> None:
     """Print a table; long words are folded, never cut."""
     shown = range(len(table.headings)) if table.terminal is None else table.terminal
+    longest = [max(len(word) for word in f"{table.headings[of]} ".split(" ")) for of in shown]
+    fits = sum(longest) + len(longest) < console.width
     printed = RichTable(title=table.caption, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for position in shown:
+    for position, word in zip(shown, longest, strict=True):
         # The first column says what a row is about: its names stay whole on a narrow terminal.
-        printed.add_column(table.headings[position], overflow="fold", no_wrap=position == 0)
+        printed.add_column(
+            table.headings[position],
+            overflow="fold",
+            no_wrap=position == 0,
+            min_width=word if fits else None,
+        )
     for row in table.rows:
         printed.add_row(*(_text(row[position], table.brief) for position in shown))
     console.print(printed)

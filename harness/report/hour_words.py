@@ -1,6 +1,7 @@
 """What is said of hours of traffic, on the terminal and the page alike: tables and sentences."""
 
 from harness.encounter import Arm
+from harness.report.sweep_tables import varied_headings
 from harness.report.tables import (
     Table,
     TableCell,
@@ -10,6 +11,7 @@ from harness.report.tables import (
     plain,
     share_cell,
 )
+from harness.report.words import level
 from harness.results.hour_summaries import GROWTH, HOUR_MEASURES, HoursSummary
 from harness.runs.run_data import RunData
 from harness.scenario import Cell
@@ -43,6 +45,8 @@ _OVER_CELLS = (
     "person_delay_h",
     "throughput_per_hour",
 )
+_ON_TERMINAL = 3
+"""Of these so many fit there."""
 
 
 def hour_tables(run: RunData) -> list[Table]:
@@ -162,8 +166,13 @@ def _over_cells(run: RunData) -> Table:
         values.insert(len(run.varied_keys), TableCell(", ".join(saturated) or "no"))
         rows.append(tuple(values))
     names = [f"{_NAMES[name]}{end}" for name in _OVER_CELLS for end in (", AV", ", human")]
-    headings = (*run.varied_keys, "saturated", *names)
-    return Table("traffic", "Traffic over the cells", headings, tuple(rows), sortable=True)
+    headings = (*varied_headings(run), "saturated", *names)
+    caption = (
+        f"Traffic over the cells, {level(run.confidence)} intervals under the values; all measures "
+        "and differences: summary.csv"
+    )
+    on_terminal = tuple(range(len(run.varied_keys) + 1 + 2 * _ON_TERMINAL))
+    return Table("traffic", caption, headings, tuple(rows), sortable=True, terminal=on_terminal)
 
 
 def _varied(cell: Cell) -> str:

@@ -79,7 +79,7 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
             )
         )
     front = (
-        *_headings(run),
+        *varied_headings(run),
         *(["AV drove"] if fell else []),
         "pairs",
         "μ",
@@ -135,7 +135,7 @@ def _safety_over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     if shown:
         kinds += [f"{conflict_name(av)} conflict" for av, _ in both_arms(shown[0].conflicts)]
     caption = f"{_cells(run, shown)}, AV / human: share of episodes, crashes count as conflicts."
-    headings = (*_headings(run), *kinds)
+    headings = (*varied_headings(run), *kinds)
     return Table("conflicts", caption, headings, tuple(rows), sortable=True, brief=True)
 
 
@@ -145,7 +145,7 @@ def _cells(run: RunData, shown: Sequence[CellResult]) -> str:
     return f"{total:,} cells{first}"
 
 
-def _headings(run: RunData) -> list[str]:
+def varied_headings(run: RunData) -> list[str]:
     """The varied keys' last words; the whole keys where those are not different."""
     words = [key.split(".")[-1] for key in run.varied_keys]
     return words if len(set(words)) == len(words) else run.varied_keys
