@@ -135,7 +135,7 @@ class Summary:
     mu: Interval
     cv: Interval
     kappa: Proportion
-    kappa_front: float | None
+    kappa_front: Proportion
     kappa_human: Proportion
     mu_without_fallback: float | None
     delay_s: Interval
@@ -204,7 +204,6 @@ def summarise(
     mu_met = _mean_of(met.tau, rng, confidence)
     delays_met = [_mean_of(delay, rng, confidence) for delay in met.delay_s]
     mu_worst = _mean_of(pairs.tau_worst(timeout_s, free_pass_s), rng, confidence)
-    kappa = _rate(pairs.crashed, pairs, 0, confidence)
     av_missing = pairs.crashed[0] | pairs.failed[0] | pairs.timed_out[0]
     ran = [~failed for failed in pairs.failed]
     return Summary(
@@ -216,8 +215,8 @@ def summarise(
         met_nobody=_count(~pairs.met_someone & ~pairs.any_failed),
         mu=mu,
         cv=cv,
-        kappa=kappa,
-        kappa_front=_count(pairs.front[0]) / kappa.trials if kappa.trials else None,
+        kappa=_rate(pairs.crashed, pairs, 0, confidence),
+        kappa_front=_rate(pairs.front, pairs, 0, confidence),
         kappa_human=_rate(pairs.crashed, pairs, 1, confidence),
         mu_without_fallback=_mean(pairs.tau[~pairs.av_fallback]),
         delay_s=delays[0],

@@ -72,15 +72,17 @@ def measure_rows(summary: Summary) -> list[Row]:
         _row("μ: AV time / human time (below 1: AV faster)", summary, "mu", paper="mu"),
         _row("μ with the human's crashes as if untouched", summary, "mu_all"),
         _row("μ of the pairs that met someone", summary, "mu_met_someone"),
-        ("μ without fallbacks", number(summary.mu_without_fallback, 4), "", "", ""),
     ]
+    if summary.fallbacks:
+        words = "pairs chosen by what the AV did"
+        rows.append(("μ without fallbacks", number(summary.mu_without_fallback, 4), "", "", words))
     if some_missing:
         words = "AV's crashes, failures, time-outs at the time-out"
         rows.append(_row("μ, worst case", summary, "mu_worst", remark=words))
     rows += [
         _row("c_v: spread of τ", summary, "cv", share=True, paper="cv"),
         _row("κ: crash rate, AV", summary, "kappa", share=True, paper="kappa"),
-        ("κ, hit by the car's front", _percent(summary.kappa_front), "", "", ""),
+        _row("κ, hit by the car's front", summary, "kappa_front", share=True),
         _row("κ of the pairs that met someone", summary, "kappa_met_someone", share=True),
     ]
     if some_missing:

@@ -47,7 +47,8 @@ COLUMNS = {
 SUMMARY = [
     *("pairs", "defined_pairs", "timed_out", "failed", "fallbacks", "met_nobody"),
     *("mu", "mu_ci_low", "mu_ci_high", "cv", "cv_ci_low", "cv_ci_high"),
-    *("kappa", "kappa_ci_low", "kappa_ci_high", "kappa_front"),
+    *("kappa", "kappa_ci_low", "kappa_ci_high"),
+    *("kappa_front", "kappa_front_ci_low", "kappa_front_ci_high"),
     *("kappa_human", "kappa_human_ci_low", "kappa_human_ci_high"),
 ]
 

@@ -214,7 +214,7 @@ def test_summary_of_hand_counted_pairs() -> None:
     assert (summary.clamped_speed_excess_mps, summary.clamped_range_excess_m) == (2.5, 20.0)
     # κ: 2 crashes in the 8 AV episodes that ran; the human's 2 in all 9.
     assert summary.kappa.value == pytest.approx(2 / 8)
-    assert summary.kappa_front == pytest.approx(1 / 8)
+    assert summary.kappa_front.value == pytest.approx(1 / 8)
     # Those with the front were avoidable, by the hand that made the pairs.
     assert summary.kappa_avoidable.value == pytest.approx(1 / 8)
     assert summary.kappa_avoidable.high == pytest.approx(stats.beta.ppf(0.975, 2, 7), abs=1e-10)
