@@ -27,6 +27,7 @@ from harness.traffic.closed_forms import (
     level_of_service,
     revised_hcm_delay_s,
 )
+from harness.traffic.demand import second_half_share
 from harness.traffic.lanes import lanes_of
 
 GROWTH = 0.05
@@ -83,8 +84,10 @@ HOUR_MEASURES = (
 class ArmOfHours:
     """What is said of one arm beside its measures.
 
-    ``growth``: vehicles that the road gained in the second half over that half's arrivals, mean
-    over pairs; ``saturated`` where it is more than ``GROWTH``.  ``yield_rate``: that of its
+    ``growth``: vehicles that the road gained in the second half over the arrivals expected in that
+    half, mean over pairs; ``saturated`` where it is more than ``GROWTH``.  The level of service of
+    vehicles is that of their control delay, and F on a saturated road (HCM: more than its
+    capacity).  ``yield_rate``: that of its
     drivers where they have one, else the share of pedestrians whom the first vehicle let go.
     """
 
@@ -194,13 +197,14 @@ def _arms(hours: pa.Table) -> tuple[Columns, Columns, int]:
 
 
 def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval]) -> ArmOfHours:
-    half = own["vehicles"] / 2
-    growths = _ratio(own["in_system_end"] - own["in_system_half"], half)
-    known = growths[~np.isnan(growths)]
     traffic = scenario.traffic
     assert traffic is not None
+    arrivals = second_half_share(traffic) * own["vehicles"]
+    growths = _ratio(own["in_system_end"] - own["in_system_half"], arrivals)
+    known = growths[~np.isnan(growths)]
     growth = float(known.mean()) if len(known) and not traffic.saturated else None
-    vehicle, people = means["vehicle_delay_s"].value, means["pedestrian_delay_s"].value
+    saturated = traffic.saturated or (growth is not None and growth > GROWTH)
+    people = means["pedestrian_delay_s"].value
     rate = _yield_rate(scenario, arm)
     if rate is None:
         rate = means["first_let_go"].value
@@ -209,14 +213,21 @@ def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval])
         not_through=int(own["not_through"].sum()),
         never_went=int(own["never_went"].sum()),
         growth=growth,
-        saturated=traffic.saturated or (growth is not None and growth > GROWTH),
+        saturated=saturated,
         kappa=clustered_proportion(own["crashes"], own["crossed"]),
         yield_rate=rate,
         hcm_pedestrian_delay_s=forms and forms[0],
         nchrp_pedestrian_delay_s=forms and forms[1],
-        los_vehicles=None if vehicle is None else level_of_service(vehicle, VEHICLE_LOS_S),
+        los_vehicles="F" if saturated else _level_of_vehicles(means),
         los_pedestrians=None if people is None else level_of_service(people, PEDESTRIAN_LOS_S),
     )
+
+
+def _level_of_vehicles(means: dict[str, Interval]) -> str | None:
+    """By the control delay; who is not through has at least ``vehicle_delay_s``."""
+    delays = [means[name].value for name in ("control_delay_s", "vehicle_delay_s")]
+    known = [delay for delay in delays if delay is not None]
+    return level_of_service(max(known), VEHICLE_LOS_S) if known else None
 
 
 def _of_arms(

@@ -212,14 +212,14 @@ def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]
 
 def _queue_rows(outcome: HourOutcome) -> Iterator[dict[str, Any]]:
     """One row for each minute and lane."""
-    scenario, log = outcome.scenario, outcome.log
-    assert scenario.traffic is not None
-    begin_s = scenario.traffic.warm_up_s
+    scenario, log, traffic = outcome.scenario, outcome.log, outcome.scenario.traffic
+    assert traffic is not None
+    begin_s = traffic.warm_up_s
     minutes = math.ceil(len(log.queues) / MINUTE_S)
     through = Counter(
         (passage.moving.plan.lane, math.floor((passage.passed_s - begin_s) / MINUTE_S))
         for passage in outcome.passages
-        if passage.passed_s is not None
+        if passage.passed_s is not None and passage.passed_s < begin_s + traffic.duration_s
     )
     samples = np.array(log.queues)
     for number, lane in enumerate(lanes_of(scenario)):

@@ -32,7 +32,7 @@ SCENARIO = """
 arms = {av = "gap_yield", human = "human_yield"}
 ego = {initial_speed_mps = 8.0}
 pedestrians = {flow_per_hour = 600}
-traffic = {flow_per_hour = 300, oncoming_per_hour = 200, duration_s = 60, warm_up_s = 20}
+traffic = {flow_per_hour = 300, oncoming_per_hour = 200, duration_s = 70, warm_up_s = 20}
 experiment = {pairs = 2}
 """
 
@@ -107,6 +107,29 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: P
     same_bytes(runs[0], out)
 
 
+def test_what_the_queues_let_through_is_the_throughput(runs: list[Path]) -> None:
+    """The last minute is cut short by the hour's end."""
+    hours = pd.read_parquet(runs[0] / "hours.parquet").set_index(["pair", "arm"])
+    queues = pd.read_parquet(runs[0] / "queues.parquet")
+    through = queues.groupby(["pair", "arm"])["let_through"].sum()
+    assert (queues["minute"].max(), through.sum() > 0) == (1, True)
+    # Each passage is one in 70 s.
+    assert hours["throughput_per_hour"].to_numpy() == pytest.approx(
+        through.reindex(hours.index).to_numpy() * 3600 / 70
+    )
+
+
+def test_vehicles_have_the_level_of_their_control_delay(runs: list[Path]) -> None:
+    """HCM 2010, exhibit 19-1: A to 10 s, B to 15 s, C to 25 s; F where the road is saturated."""
+    row = pd.read_csv(runs[0] / "summary.csv").iloc[0]
+    for end in ("", "_human"):
+        longest_s = max(row[f"control_delay_s{end}"], row[f"vehicle_delay_s{end}"])
+        level = next(
+            of for of, limit in zip("ABC", (10, 15, 25), strict=True) if longest_s <= limit
+        )
+        assert row[f"los_vehicles{end}"] == ("F" if row[f"saturated{end}"] else level)
+
+
 def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     run = harness.load_run(runs[0])
     assert len(run.hours) == 2 * 2
@@ -115,10 +138,10 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     (row,) = run.summary.to_dict("records")
     assert row["vehicle_delay_s"] == pytest.approx(mean_of_hours["av"], rel=1e-9)
     assert row["vehicle_delay_s_human"] == pytest.approx(mean_of_hours["human"], rel=1e-9)
-    # One minute with two lanes, two pairs and arms; everybody let through is counted once.
-    assert len(run.queues) == 2 * 2 * 2
+    # Two minutes of two lanes, pairs and arms each; everybody let through is counted once.
+    assert len(run.queues) == 2 * 2 * 2 * 2
     through = run.queues[run.queues["arm"] == "av"]["let_through"].sum() / 2
-    assert float(through) == pytest.approx(row["throughput_per_hour"] / 60)
+    assert float(through) == pytest.approx(row["throughput_per_hour"] * 70 / 3600)
     # No crash in two hours is no proof of none: a bound of the share, and none of the difference.
     assert (run.passages["ending"] == "crashed").sum() == 0
     assert (row["kappa"], row["crashes_per_1000"]) == (0.0, 0.0)
@@ -138,11 +161,11 @@ def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
     run = harness.load_run(runs[1])
     hour = shown_hour(run)
     assert hour is not None
-    assert (hour.begin_s, hour.end_s) == (0.0, 60.0)
+    assert (hour.begin_s, hour.end_s) == (0.0, 70.0)
     for arm in hour_document(run, hour)["arms"]:
         shown = {vehicle["number"]: vehicle for vehicle in arm["vehicles"]}
         rows = rows_of(runs[1], "passages", arm["arm"], hour.pair)
-        through = [row for row in rows if row["passed_s"] < 60.0]
+        through = [row for row in rows if row["passed_s"] < 70.0]
         assert len(through) >= 1
         for row in through:
             vehicle = shown[row["vehicle"]]
