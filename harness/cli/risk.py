@@ -59,16 +59,18 @@ def risk(
         raise unknown_name("--arm", "arm", arm, arms)
     if engine not in ("plain", "sumo"):
         raise InputError(f"--engine {engine}", "no such engine", "plain or sumo")
-    file = read_scenario_file(scenario, settings_of(settings, None, seed))
+    changes = settings_of(settings, None, seed)
+    file = read_scenario_file(scenario, changes)
     cells = study_of(file).cells
-    if len(cells) > 1:
-        raise InputError(scenario, f"has {len(cells)} cells", "one cell: --set its varied keys")
+    varied = {key for cell in cells for key in cell.varied} - {change.key for change in changes}
+    if len(cells) > 1 and varied:
+        allowed = f"one cell: --set {' --set '.join(f'{key}=…' for key in sorted(varied))}"
+        raise InputError(scenario, f"has {len(cells)} cells", allowed)
+    chosen = cells[0].scenario if len(cells) == 1 else file.scenario()
     from harness.risk.asking import Settings
     from harness.risk.folder import estimate_risk
 
-    asked = Settings(
-        file.name, cells[0].scenario, Arm(arm), event, target_cv, most_episodes, engine == "sumo"
-    )
+    asked = Settings(file.name, chosen, Arm(arm), event, target_cv, most_episodes, engine == "sumo")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(asked, out=out, workers=workers, progress=advance)
     show(folder, quiet, as_json)

@@ -94,10 +94,14 @@ def space_of(scenario: Scenario) -> Space:
     """The sampled uniforms of a scenario.
 
     Raises:
-        InputError: SUMO's own pedestrians walk, who are no function of uniforms, or nothing in an
-            episode is random.
+        InputError: hours of traffic; SUMO's own pedestrians, who are no function of uniforms; or
+            nothing in an episode is random.
     """
     pedestrians, perception = scenario.pedestrians, scenario.perception
+    if scenario.traffic is not None:
+        raise InputError(
+            "traffic", "is hours of many vehicles, not episodes of one", "no [traffic]"
+        )
     if pedestrians.behaviour == "sumo":
         raise InputError(
             "pedestrians.behaviour",
