@@ -24,10 +24,9 @@ from harness.report.words import (
     both_arms,
     both_shares,
     conflict_condition,
-    indicative,
     is_the_papers,
     level,
-    pairs_behind,
+    too_narrow,
 )
 from harness.results.measure_tables import ConflictRate
 from harness.runs.run_data import RunData
@@ -111,7 +110,7 @@ def _row(
     name: str, summary: Summary, key: str, share: bool = False, paper: str = "", remark: str = ""
 ) -> Row:
     interval: Interval = getattr(summary, key)
-    if key in INDICATIVE_BELOW and (few := indicative(pairs_behind(summary, key), key)):
+    if key in INDICATIVE_BELOW and (few := too_narrow(summary, key)):
         remark = f"{few}; {remark}".removesuffix("; ")
     if share:
         within = share_limits(interval, 2) or "undefined"
@@ -171,8 +170,7 @@ _ACRONYMS = ("ttc", "pet", "drac")
 
 def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
     """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
-    n = summary.defined_pairs
-    notes = {key: [words] if (words := indicative(n, key)) else [] for key in ("mu", "cv")}
+    notes = {key: [words] if (words := too_narrow(summary, key)) else [] for key in ("mu", "cv")}
     kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
     worst = f"{_percent(summary.kappa_worst.value)} with its failures and time-outs"
     return [

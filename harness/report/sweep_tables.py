@@ -17,9 +17,8 @@ from harness.report.words import (
     both_arms,
     both_shares,
     conflict_name,
-    indicative,
     level,
-    pairs_behind,
+    too_narrow,
 )
 from harness.runs.run_data import CellResult, RunData
 
@@ -42,10 +41,7 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     rows, few = [], False
     for result in shown:
         summary = result.summary
-        star = {
-            key: " *" if indicative(pairs_behind(summary, key), key) else ""
-            for key in INDICATIVE_BELOW
-        }
+        star = {key: " *" if too_narrow(summary, key) else "" for key in INDICATIVE_BELOW}
         few = few or any(star.values())
         rows.append(
             (

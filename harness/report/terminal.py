@@ -21,10 +21,9 @@ from harness.report.words import (
     count_lines,
     crash_lines,
     first_lines,
-    indicative,
     is_the_papers,
-    pairs_behind,
     sweep_lines,
+    too_narrow,
 )
 from harness.results.hour_summaries import hours_row
 from harness.results.measure_tables import conflict_row
@@ -94,9 +93,7 @@ def run_document(run: RunData) -> dict[str, Any]:
                 "summary": summary_row(result.summary),
                 "conflicts": [conflict_row(rate) for rate in result.conflicts],
                 "indicative": [
-                    name
-                    for name in INDICATIVE_BELOW
-                    if indicative(pairs_behind(result.summary, name), name)
+                    name for name in INDICATIVE_BELOW if too_narrow(result.summary, name)
                 ],
             }
             for result in run.results

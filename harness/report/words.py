@@ -239,9 +239,9 @@ def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
     said += f"time than {human}, the reference: μ = {mu.value:.4f} "
     said += f"({level(summary.confidence)} interval {limits(mu, 4) or 'undefined'}), "
     said += f"c_v = {_percent(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
-    words = [indicative(n, "mu")]
-    if not words[0] and indicative(n, "cv"):
-        words = [f"c_v: {indicative(n, 'cv')}"]
+    words = [too_narrow(summary, "mu")]
+    if not words[0] and (few := too_narrow(summary, "cv")):
+        words = [f"c_v: {few}"]
     if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
         words.append("the interval of μ holds 1: which is faster is not told")
     words.append(known_disagreement(av, human, mu.value))
@@ -308,10 +308,16 @@ def count_lines(result: CellResult) -> list[str]:
     return lines
 
 
-def indicative(n: int, key: str) -> str:
-    """The words of an interval that covers less than it says; empty where N is enough."""
+def too_narrow(summary: Summary, key: str) -> str:
+    """The words of an interval that covers less than it says.
+
+    Empty where N is enough, and where there is no interval.
+    """
+    interval: Interval = getattr(summary, key)
     least = INDICATIVE_BELOW[key]
-    return f"interval too narrow: about {least:,} pairs needed" if n < least else ""
+    if interval.low is None or pairs_behind(summary, key) >= least:
+        return ""
+    return f"interval too narrow: about {least:,} pairs needed"
 
 
 def pairs_behind(summary: Summary, key: str) -> int:
