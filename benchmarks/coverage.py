@@ -26,8 +26,9 @@ from harness.encounter import FloatArray
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
+from harness.results.episode_tables import episode_rows
 from harness.results.summaries import pair_columns
-from harness.results.tables import episode_rows, table_of
+from harness.results.tables import table_of
 from harness.scenario import Scenario, Setting, load_scenario
 
 SWEPT = 8

@@ -20,7 +20,8 @@ from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome, measure
-from harness.results.tables import episode_rows, table_of
+from harness.results.episode_tables import episode_rows
+from harness.results.tables import table_of
 from harness.scenario import Scenario, Setting, load_scenario
 
 SCENARIO = "cctc"

@@ -16,7 +16,8 @@ from benchmarks.coverage import plain_engine
 from benchmarks.known_truth import columns_of, model_of
 from harness.encounter import FloatArray
 from harness.episode.pairing import PairRunner
-from harness.results.tables import episode_rows, table_of
+from harness.results.episode_tables import episode_rows
+from harness.results.tables import table_of
 from harness.scenario import Setting, load_scenario
 
 SEEDS = (101, 102)

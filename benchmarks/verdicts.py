@@ -27,9 +27,9 @@ from harness.interaction import load_model
 from harness.measures import Outcome
 from harness.motion.walking import states_at
 from harness.replay.stored import differences_of
+from harness.results.episode_tables import episode_rows
 from harness.results.manifest import recall_study
 from harness.results.reading import read_finished_manifest, read_table
-from harness.results.tables import episode_rows
 from harness.scenario import Cell
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,

@@ -19,7 +19,8 @@ from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, Outcome
 from harness.measures.catalogue import MEASURES
-from harness.results.tables import table_of, trace_rows
+from harness.results.episode_tables import trace_rows
+from harness.results.tables import table_of
 from harness.scenario import EngineName, Scenario, load_scenario
 from harness.sketch import html_table, lines_sketch
 

@@ -15,10 +15,11 @@ from harness.encounter import Arm, Ending, Trace, Walk
 from harness.errors import InputError, nearest_name
 from harness.measures import Outcome, measure
 from harness.measures.catalogue import COLUMNS
+from harness.results.episode_tables import episode_rows
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.shards import DamagedShardError
-from harness.results.tables import ASKED, TABLES, encounter_tables, episode_rows
+from harness.results.tables import ASKED, TABLES, encounter_tables
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Cell, ConflictsSection, Scenario, Setting, validate
 from harness.scenario.file import apply_setting

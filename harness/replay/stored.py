@@ -12,10 +12,11 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
+from harness.results.episode_tables import episode_rows, pedestrian_rows
 from harness.results.hour_tables import hour_rows
 from harness.results.manifest import recall_study
 from harness.results.reading import read_finished_manifest, read_table
-from harness.results.tables import HOUR_TABLES, episode_rows, pedestrian_rows
+from harness.results.tables import HOUR_TABLES
 from harness.scenario import Cell, EngineName
 from harness.traffic.pairing import HourOutcome
 

@@ -19,6 +19,7 @@ import pyarrow as pa
 
 from harness.errors import InputError, resume_command
 from harness.files import cannot_write, write_file
+from harness.results.episode_tables import pair_rows
 from harness.results.reading import MANIFEST
 from harness.results.shards import (
     SHARDS,
@@ -30,7 +31,7 @@ from harness.results.shards import (
     shard_name,
     shards_of,
 )
-from harness.results.tables import TABLES, pair_rows, table_of, write_parquet
+from harness.results.tables import TABLES, table_of, write_parquet
 
 SUMO_OUTPUTS = "sumo"
 """The folder of SUMO's own outputs inside a run folder."""

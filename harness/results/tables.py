@@ -1,22 +1,19 @@
-"""The tables of a run: schemas, and how outcomes become rows.  Columns: docs/files.md.
+"""The tables of a run: their schemas, and how they are written.  Columns: docs/files.md.
 
 Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 """
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.encounter import Arm, FloatArray, Leg, Side, Trace
+from harness.encounter import Leg
 from harness.errors import InputError
 from harness.files import cannot_write, whole_file
-from harness.measures import MEASURES, Outcome
-from harness.motion.walking import cleared_s, states_at
-from harness.results.walk_rows import pedestrian_row
+from harness.measures import MEASURES
 
 SCHEMA = 2
 """Version of the run folder's format."""
@@ -195,8 +192,6 @@ out, and ``harness score`` adds it.
 
 _ROW_GROUP = 100_000
 
-_RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
-
 
 def table_of(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
     """Columns as the table of that name in ``TABLES``."""
@@ -251,131 +246,3 @@ def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> N
                 writer.write_table(rest.combine_chunks())
     except OSError as error:
         raise cannot_write(path, error) from None
-
-
-def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
-    """Columns of ``episodes.parquet``."""
-    rows: dict[str, list[Any]] = {name: [] for name in EPISODES.names}
-    for outcome in outcomes:
-        rows["cell"].append(cell)
-        rows["pair"].append(outcome.pair)
-        rows["arm"].append(outcome.arm.value)
-        rows["strategy"].append(outcome.strategy)
-        for name in _RECORD_COLUMNS:
-            rows[name].append(getattr(outcome.record, name))
-    return rows
-
-
-def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
-    """Columns of ``pedestrians.parquet``: everyone who arrived within the record."""
-    rows: dict[str, list[Any]] = {name: [] for name in PEDESTRIANS.names}
-    for outcome in outcomes:
-        end_s = outcome.record.end_s
-        for walk in outcome.trace.walks:
-            arrival = walk.arrival
-            if arrival.arrival_s > end_s:
-                continue
-            keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
-            row = pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), end_s)
-            for name, value in (keys | row).items():
-                rows[name].append(value)
-    return rows
-
-
-def audit_rows(cell: int, audited: Iterable[tuple[Outcome, str | None]]) -> dict[str, list[Any]]:
-    """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs."""
-    rows: dict[str, list[Any]] = {name: [] for name in AUDIT.names}
-    for outcome, difference in audited:
-        values = (cell, outcome.pair, outcome.arm.value, difference)
-        for column, value in zip(rows.values(), values, strict=True):
-            column.append(value)
-    return rows
-
-
-def pair_rows(cell: int, episodes: pa.Table) -> dict[str, list[Any]]:
-    """Columns of ``pairs.parquet`` from the episodes of one cell."""
-    rows: dict[str, list[Any]] = {name: [] for name in PAIRS.names}
-    times: dict[int, dict[str, float | None]] = {}
-    columns = (episodes[name].to_pylist() for name in ("pair", "arm", "pass_time_s"))
-    for pair, arm, time in zip(*columns, strict=True):
-        times.setdefault(pair, {})[arm] = time
-    for pair, arms in times.items():
-        av, human = arms[Arm.AV], arms[Arm.HUMAN]
-        rows["cell"].append(cell)
-        rows["pair"].append(pair)
-        rows["av_time_s"].append(av)
-        rows["human_time_s"].append(human)
-        rows["tau"].append(None if av is None or human is None else av / human)
-    return rows
-
-
-def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
-    """Columns of ``traces.parquet``: the ego's bumper and every pedestrian's centre.
-
-    At each step of the record, with the acceleration of the step that begins there (null at the
-    last); a pedestrian has rows from when they stepped off until they reach the other kerb.  Where
-    a strategy is not shown what is so, ``shown-<index>`` are the pedestrians as it was shown them.
-    """
-    rows: dict[str, list[Any]] = {name: [] for name in TRACES.names}
-    for outcome in outcomes:
-        trace, end_s = outcome.trace, outcome.record.end_s
-        if not len(trace.x_m):
-            continue  # failed before there was a state
-        count = outcome.record.steps + 1
-        times = np.arange(count, dtype=np.float64) * trace.step_s
-        speeds = trace.speed_mps[:count]
-        accelerations: list[float | None] = (np.diff(speeds) / trace.step_s).tolist()
-        lane = [trace.crossing.lane_centre_m] * count
-        _extend(
-            rows,
-            cell,
-            outcome,
-            "ego",
-            [
-                times.tolist(),
-                trace.x_m[:count].tolist(),
-                lane,
-                speeds.tolist(),
-                [*accelerations, None],
-            ],
-        )
-        for walk in trace.walks:
-            if walk.start_s is None or walk.start_s >= end_s:
-                continue
-            since = times[times >= walk.start_s]
-            x, y, speed, gain = states_at(walk, trace.crossing, since)
-            near = walk.arrival.side is Side.NEAR
-            on = y <= trace.crossing.length_m if near else y >= 0
-            columns = [values[on].tolist() for values in (since, x, y, speed, gain)]
-            _extend(rows, cell, outcome, f"pedestrian-{walk.arrival.index}", columns)
-        for index, columns in _shown(trace, times).items():
-            _extend(rows, cell, outcome, f"shown-{index}", columns)
-    return rows
-
-
-def _shown(trace: Trace, times: FloatArray) -> dict[int, list[list[Any]]]:
-    """Columns of everyone a strategy was shown, by index, at the times when they were."""
-    columns: dict[int, list[list[Any]]] = {}
-    for time, views in zip(times.tolist(), trace.shown or (), strict=False):
-        for view in views:
-            y_m = trace.crossing.place_of(view.side, view.remaining_m)
-            values = (time, 0.0, y_m, view.speed_mps, None)
-            for column, value in zip(
-                columns.setdefault(view.index, [[] for _ in values]), values, strict=True
-            ):
-                column.append(value)
-    return columns
-
-
-def _extend(
-    rows: dict[str, list[Any]], cell: int, outcome: Outcome, name: str, columns: list[list[Any]]
-) -> None:
-    count = len(columns[0])
-    rows["cell"] += [cell] * count
-    rows["pair"] += [outcome.pair] * count
-    rows["arm"] += [outcome.arm.value] * count
-    rows["object"] += [name] * count
-    for key, column in zip(
-        ("time_s", "x_m", "y_m", "speed_mps", "acceleration_mps2"), columns, strict=True
-    ):
-        rows[key] += column

@@ -19,6 +19,7 @@ from harness.comparison import PairColumns, Summary
 from harness.encounter import Ending
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
+from harness.results.episode_tables import pair_rows
 from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
 from harness.results.manifest import options_of, recall_study
 from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
@@ -32,14 +33,7 @@ from harness.results.summaries import (
     summary_from,
     summary_row,
 )
-from harness.results.tables import (
-    HOUR_TABLES,
-    HOUR_TRACES,
-    TABLES,
-    encounter_tables,
-    pair_rows,
-    table_of,
-)
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, TABLES, encounter_tables, table_of
 from harness.runs.notebook import run_html
 from harness.runs.run_tables import RunTables, read_summary, readable_shards
 from harness.scenario import Cell, EngineName, Scenario, Study

@@ -11,9 +11,9 @@ from harness.engine.shared import close_engine, open_engine, road_for
 from harness.episode.pairing import PairRunner
 from harness.errors import in_one_line
 from harness.measures import EpisodeKey, Outcome
+from harness.results.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
 from harness.results.hour_tables import hour_rows
 from harness.results.hour_traces import hour_trace_rows
-from harness.results.tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import EngineName
 from harness.traffic.pairing import HourRunner
 from harness.workers.audit import repeated_in_sumo

@@ -14,7 +14,7 @@ from harness.batch.experiment import run_study
 from harness.encounter import Ending
 from harness.errors import InputError
 from harness.measures.agreement import difference
-from harness.results.tables import episode_rows
+from harness.results.episode_tables import episode_rows
 from harness.scenario import Options
 from tests.batches import Inline, one_cell
 from tests.notebooks import as_main, run_cell, run_notebook

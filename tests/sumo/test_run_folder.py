@@ -16,7 +16,7 @@ import pytest
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
 from harness.network import place_of
-from harness.results.tables import episode_rows, pedestrian_rows, trace_rows
+from harness.results.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
 from tests.batches import here
 

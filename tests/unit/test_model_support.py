@@ -13,8 +13,9 @@ from harness.errors import InputError
 from harness.interaction import Asked, check_support
 from harness.measures import Outcome
 from harness.report.words import caveats
+from harness.results.episode_tables import episode_rows
 from harness.results.summaries import summarise_cell
-from harness.results.tables import episode_rows, table_of
+from harness.results.tables import table_of
 from harness.scenario import Cell, Scenario, load_scenario
 from tests.scenes import scenario
 

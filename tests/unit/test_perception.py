@@ -21,7 +21,7 @@ from harness.perception.occlusion import Rectangle, is_hidden
 from harness.perception.perception import Perception
 from harness.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
 from harness.perception.track import Track, updates_until_found
-from harness.results.tables import trace_rows
+from harness.results.episode_tables import trace_rows
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
 from tests.scenes import outcome_of, scenario

@@ -11,7 +11,7 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.results.tables import pedestrian_rows, trace_rows
+from harness.results.episode_tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
 from tests.scenes import outcome_of
 

@@ -12,7 +12,7 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.errors import InputError
 from harness.measures import measure
-from harness.results.tables import pedestrian_rows, trace_rows
+from harness.results.episode_tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import drive, outcome_of
