@@ -24,9 +24,9 @@ from benchmarks.engine import bare
 RATE_HZ = 200
 
 PARTS = {
-    "simulationStep": r"simulationStep \(libsumo",
-    "persons held by moveToXY": r"moveToXY \(libsumo",
-    "ego's setSpeed and getDistance": r"(setSpeed|getDistance|getSpeed) \(libsumo",
+    "simulationStep": r"_wrap_simulation_step \(",
+    "persons held by moveToXY": r"_wrap_person_moveToXY \(",
+    "ego's setSpeed and getDistance": r"_wrap_vehicle_(setSpeed|getDistance|getSpeed) \(",
     "ego and persons inserted and removed": r"(_insert_ego|_announce_until|begin|remove|end) "
     r"\(harness/engine/control",
     "SUMO started": r"libsumo_engine \(",
@@ -35,20 +35,20 @@ PARTS = {
     "the AV's strategy": r"\(harness/strategies/",
     "walking speeds: inverses of the model": r"__call__ \(harness/episode/walking_speeds",
     "measures": r"\(harness/measures/",
-    "pedestrians planned": r"\(harness/plan",
+    "pedestrians planned": r"\(harness/episode/arrivals",
     "strategy objects": r"make_strategy \(",
-    "the loop of the episode": r"\(harness/(episode|walkers|walking)",
+    "the loop of the episode": r"\(harness/episode/(loop|walkers|deciding)",
     "rows of the tables": r"\(harness/results",
     "waiting": r"_recv \(multiprocessing/connection",
     "imports": r"importlib",
-    "supervision in the worker": r"\(harness/(worker|pairing)|serve \(",
+    "supervision in the worker": r"\(harness/(workers|episode/pairing)|serve \(",
 }
 """Each part of a worker's time and how a frame of it looks; of several the innermost counts."""
 
 COMMAND = {
     "intervals": r"\(harness/comparison/",
-    "tables, summary, manifest": r"\(harness/(finish|summaries|measure_tables|manifest|results)",
-    "shards": r"\(harness/(shards|run_folder)",
+    "shards": r"\(harness/results/(shards|run_folder)",
+    "tables, summary, manifest": r"\(harness/(batch/finish|results)",
     "waiting": r"(_recv \(multiprocessing|_keep_busy \(|wait \(threading|_read \()",
     "imports": r"importlib",
 }
@@ -58,7 +58,7 @@ COMMAND = {
 def record(scenario: str, pairs: int, workers: int, folder: Path) -> list[tuple[str, int]]:
     """Run a batch under py-spy; gives the stacks with their numbers of samples."""
     raw = folder / "stacks.txt"
-    spy = [str(Path(sys.executable).with_name("py-spy")), "record", "--subprocesses"]
+    spy = [str(Path(sys.executable).with_name("py-spy")), "record", "--subprocesses", "--native"]
     run = [sys.executable, "-m", "harness", "run", scenario, "--pairs", str(pairs), "-q"]
     run += ["--workers", str(workers), "--out", str(folder / "run")]
     command = [*spy, "--rate", str(RATE_HZ), "--format", "raw", "--output", str(raw), "--", *run]
