@@ -102,7 +102,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for stack, samples in record(options.scenario, options.pairs, options.workers, folder):
-            if "-P -c" not in stack:
+            # Of a worker's command line, which has line breaks, the last line.
+            if " harness.engine.sumo /" not in stack:
                 command[part_of(stack, COMMAND)] += samples
             elif "_end_with_parent" not in stack:
                 workers[part_of(stack, PARTS)] += samples
