@@ -12,6 +12,7 @@ from rich.table import Table
 from harness.errors import one_line
 from harness.interaction import VARIABLES, InteractionModel
 from harness.report.console import make_console
+from harness.report.tables import counted
 from harness.trajectories import REASONS
 
 _SYMBOLS = ("1/R (1/m)", "v (m/s)", "v_p (m/s)", "1/T_adv (1/s)")
@@ -23,9 +24,9 @@ def print_extraction(summary: Mapping[str, Any], out: Path, figures: Sequence[Pa
     """Counts, quartiles, and what each rule left out."""
     console, counts = make_console(), summary["counts"]
     console.print(
-        f"{summary['rows']} rows of {_known(summary['encounters'])} encounters with "
-        f"{_known(summary['vehicles'])} vehicles, from {_known(counts['clips'])} clips "
-        f"({counts['candidates']} candidate rows)."
+        f"{counted(summary['rows'], 'row')} of {_some(summary['encounters'], 'encounter')} with "
+        f"{_some(summary['vehicles'], 'vehicle')}, from {_some(counts['clips'], 'clip')} "
+        f"({counted(counts['candidates'], 'candidate row')})."
     )
     table = Table(title="Quartiles")
     for heading in ("column", "rows", "min", "25 %", "median", "75 %", "max"):
@@ -162,15 +163,15 @@ def _print_card(console: Console, card: Mapping[str, Any]) -> None:
         + (f" ({by_column})." if by_column else ".")
     )
     console.print(
-        f"{_known(card['encounters'])} encounters, {_known(card['vehicles'])} vehicles "
+        f"{_some(card['encounters'], 'encounter')}, {_some(card['vehicles'], 'vehicle')} "
         f"(effective {_short(card['effective_vehicles'])}), effective rows "
         f"{_short(card['effective_rows'])}; weighed by {card['weigh']}."
     )
     console.print(
         f"Within {near['within_m']:g} m and {near['within_mps']:g} m/s of ({near['range_m']:g} m, "
         f"{near['vehicle_speed_mps']:g} m/s): {near['rows']} rows (effective "
-        f"{_short(near['effective_rows'])}), {_known(near['encounters'])} encounters, "
-        f"{_known(near['vehicles'])} vehicles (effective {_short(near['effective_vehicles'])})."
+        f"{_short(near['effective_rows'])}), {_some(near['encounters'], 'encounter')}, "
+        f"{_some(near['vehicles'], 'vehicle')} (effective {_short(near['effective_vehicles'])})."
     )
     for warning in card["warnings"]:
         console.print(f"Warning: {warning}")
@@ -184,8 +185,8 @@ def _print_files(console: Console, what: str, paths: Sequence[Path]) -> None:
         console.print(f"{what}: {', '.join(str(path) for path in paths)}", soft_wrap=True)
 
 
-def _known(value: Any) -> str:
-    return "unknown" if value is None else str(value)
+def _some(count: int | None, noun: str) -> str:
+    return f"unknown {noun}s" if count is None else counted(count, noun)
 
 
 def _short(value: float | None) -> str:
