@@ -101,7 +101,7 @@ def test_each_look_spends_its_share_of_the_error() -> None:
 
 def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 100)
-    monkeypatch.setattr(intervals, "RESAMPLES", 1_999)
+    monkeypatch.setattr(intervals, "RESAMPLES", 999)
     rng = np.random.default_rng(1)
     trials, holds, ends = 120, 0, set()
     for seed in range(trials):
