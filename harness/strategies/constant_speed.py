@@ -1,11 +1,12 @@
 """The control case: no yielding at all."""
 
 from harness.encounter import Observation
+from harness.strategies.driving import resume
 
 
 class ConstantSpeed:
-    """Keeps its speed whatever happens; must crash when geometry says so."""
+    """Drives at v0 whatever happens; must crash when geometry says so."""
 
-    def decide(self, observation: Observation, /) -> float:  # noqa: ARG002
-        """No acceleration, ever."""
-        return 0.0
+    def decide(self, observation: Observation, /) -> float:
+        """Back to v0 where the vehicle before has slowed it, as in hours of traffic; else 0."""
+        return resume(observation)

@@ -8,6 +8,7 @@ from harness.encounter import Arrival, Ending, FloatArray, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.loop import run_episode
+from harness.strategies.constant_speed import ConstantSpeed
 from harness.validation.passages import BEYOND_S, Passage
 
 
@@ -22,18 +23,20 @@ def drive(passage: Passage, strategy: Strategy) -> Trace:
         strategy: a fresh strategy object.
     """
     steps = len(passage.x_m) - 1 + round(BEYOND_S / passage.step_s)
+    # An engine begins at the speed that the strategy is to go back to; here the two differ, but
+    # for the driver at constant speed, whose speed is that of the start.
+    begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
     rules = CellConstants(
-        vehicle=passage.vehicle,
+        vehicle=begun if isinstance(strategy, ConstantSpeed) else passage.vehicle,
         crossing=passage.crossing,
         kerb_wait_s=0.0,
         step_s=passage.step_s,
         timeout_s=steps * passage.step_s,
         behaviour="constant",
     )
-    # An engine begins at the speed that the strategy is to go back to; here the two differ.
-    begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
     engine = PlainEngine(begun, passage.step_s)
-    return run_episode(engine, strategy, passage.arrivals, _as_recorded, rules)
+    trace = run_episode(engine, strategy, passage.arrivals, _as_recorded, rules)
+    return replace(trace, vehicle=passage.vehicle)
 
 
 def recorded_trace(passage: Passage) -> Trace:
