@@ -14,7 +14,7 @@ from harness.batch.experiment import resume, run_study
 from harness.engine.shared import close_engine
 from harness.errors import InputError
 from harness.scenario import Options
-from tests.batches import QUICK, Inline, one_cell, options_of
+from tests.batches import QUICK, Inline, here, one_cell, options_of
 
 CHECKOUT = Path(__file__).parents[2]
 
@@ -84,11 +84,9 @@ def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
 def test_the_template_runs_as_its_page_says(tmp_path: Path) -> None:
     shutil.copy(CHECKOUT / "examples" / "my_strategy.py", tmp_path)
     setting = "arms.av=my_strategy:MyStrategy"
-    done = harness(
-        "run", "cctc", "--pairs", 3, "--out", "run", "-q", "--set", setting, cwd=tmp_path
-    )
+    done = here("run", "cctc", "--pairs", 3, "--out", "run", "-q", "--set", setting, cwd=tmp_path)
     assert (done.returncode, done.stdout.strip()) == (0, "run"), done.stderr
-    again = harness("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
+    again = here("replay", "run", "--pair", 1, "--out", "again", cwd=tmp_path)
     assert again.returncode == 0, again.stdout + again.stderr
 
 

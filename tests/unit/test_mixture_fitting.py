@@ -232,6 +232,7 @@ print(found.hexdigest())
 """
 
 
+@pytest.mark.slow
 def test_numbers_do_not_depend_on_the_threads_of_the_linear_algebra():
     digests = set()
     for threads in ("1", "2"):
