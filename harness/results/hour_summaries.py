@@ -127,7 +127,13 @@ def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> H
 
     measures = {measure.name: _of_arms(measure, av, human, confidence) for measure in HOUR_MEASURES}
     arms = {
-        arm: _arm(own, scenario, arm, {name: found[place] for name, found in measures.items()})
+        arm: _arm(
+            own,
+            scenario,
+            arm,
+            {name: found[place] for name, found in measures.items()},
+            confidence,
+        )
         for place, (arm, own) in enumerate(((Arm.AV, av), (Arm.HUMAN, human)))
     }
     travel = _ratio(av["travel_time_s"], human["travel_time_s"])
@@ -196,7 +202,9 @@ def _arms(hours: pa.Table) -> tuple[Columns, Columns, int]:
     return av, human, int((~both).sum())
 
 
-def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval]) -> ArmOfHours:
+def _arm(
+    own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval], confidence: float
+) -> ArmOfHours:
     traffic = scenario.traffic
     assert traffic is not None
     arrivals = second_half_share(traffic) * own["vehicles"]
@@ -214,7 +222,7 @@ def _arm(own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval])
         never_went=int(own["never_went"].sum()),
         growth=growth,
         saturated=saturated,
-        kappa=clustered_proportion(own["crashes"], own["crossed"]),
+        kappa=clustered_proportion(own["crashes"], own["crossed"], confidence),
         yield_rate=rate,
         hcm_pedestrian_delay_s=forms and forms[0],
         nchrp_pedestrian_delay_s=forms and forms[1],
