@@ -41,7 +41,7 @@ def ego_states(traces: Sequence[Trace]) -> EgoStates:
 
 def crossing_time(trace: Trace, x_m: float) -> float | None:
     """When the front bumper reaches ``x_m``, exact within the step; None if it never does."""
-    step = int(np.searchsorted(trace.x_m, x_m, side="left"))
+    step = int(trace.x_m.searchsorted(x_m))
     if step >= len(trace.x_m):
         return None
     if step == 0:

@@ -5,6 +5,7 @@ a point and the ego grown by the disc's radius a rounded rectangle: two rectangl
 circles.  A contact is the first time the point enters it.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,8 @@ from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 
 _EPSILON_M = 1e-12
 _MARGIN_M = 1e-6
+_REAL_S = 1e-7
+"""A root whose imaginary part is below that is real: rounding parts a double one."""
 
 
 class Motion(NamedTuple):
@@ -48,51 +51,67 @@ def first_contact_in_step(
     """
     length, right, left = body
     radius = PEDESTRIAN_RADIUS_M
-    front = np.array(  # pedestrian ahead of bumper
-        [
-            -ego.acceleration_mps2 / 2,
-            walker_x.speed_mps - ego.speed_mps,
-            walker_x.place_m - ego.place_m,
-        ]
+    front = Motion(  # pedestrian ahead of bumper
+        walker_x.place_m - ego.place_m,
+        walker_x.speed_mps - ego.speed_mps,
+        -ego.acceleration_mps2,
     )
-    across = np.array([walker_y.acceleration_mps2 / 2, walker_y.speed_mps, walker_y.place_m])
-    ahead_range, across_range = _range(front, duration_s), _range(across, duration_s)
+    ahead_range, across_range = _range(front, duration_s), _range(walker_y, duration_s)
     # Only pieces that the path comes near can have a root; finding roots is what costs.
-    pieces = [
-        _shift(path, -edge)
-        for path, span, edges in (
-            (front, ahead_range, (radius, -length - radius)),
-            (across, across_range, (right - radius, left + radius)),
-        )
-        for edge in edges
-        if _near(span, edge, 0.0)
-    ]
+    candidates = [0.0]
+    for path, span, edges in (
+        (front, ahead_range, (radius, -length - radius)),
+        (walker_y, across_range, (right - radius, left + radius)),
+    ):
+        for edge in edges:
+            if _near(span, edge, 0.0):
+                candidates += _times_at(path, edge)
     for corner_x in (0.0, -length):
         for corner_y in (right, left):
             if _near(ahead_range, corner_x, radius) and _near(across_range, corner_y, radius):
-                dx, dy = _shift(front, -corner_x), _shift(across, -corner_y)
-                circle = np.polyadd(np.polymul(dx, dx), np.polymul(dy, dy))
-                pieces.append(_shift(circle, -(radius**2)))
-    candidates = [0.0]
-    for piece in pieces:
-        roots = np.roots(piece)
-        real = roots.real[np.abs(roots.imag) < 1e-7]
-        candidates += [float(t) for t in real if 0 <= t <= duration_s]
+                candidates += _times_at_circle(front, walker_y, corner_x, corner_y)
     for time in sorted(candidates):
-        ahead, y = float(np.polyval(front, time)), float(np.polyval(across, time))
+        if not 0 <= time <= duration_s:
+            continue
+        y = walker_y.at(time)
         # A root is found to about 1e-9; a grazing one counts as contact.
-        if gap(ahead, y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
+        if gap(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
             return time
     return None
 
 
-def _range(polynomial: FloatArray, duration_s: float) -> tuple[float, float]:
-    """Smallest and largest value of a polynomial, quadratic at most, over 0 … duration."""
-    square, slope, constant = np.concatenate((np.zeros(3 - len(polynomial)), polynomial)).tolist()
-    times = [0.0, duration_s]
-    if square != 0:
-        times.append(min(max(-slope / (2 * square), 0.0), duration_s))
-    values = [(square * time + slope) * time + constant for time in times]
+def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
+    """When a coordinate is at an edge; a path that misses it by rounding only touches it."""
+    square, slope, constant = path.acceleration_mps2 / 2, path.speed_mps, path.place_m - edge_m
+    if square == 0:
+        return () if slope == 0 else (-constant / slope,)
+    discriminant = slope * slope - 4 * square * constant
+    if discriminant < 0:
+        touches = math.sqrt(-discriminant) < 2 * abs(square) * _REAL_S
+        return (-slope / (2 * square),) if touches else ()
+    # The sum of equal signs: the other one loses digits.
+    larger = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
+    return (larger / square, constant / larger) if larger != 0 else (0.0,)
+
+
+def _times_at_circle(
+    ahead: Motion, across: Motion, corner_x: float, corner_y: float
+) -> list[float]:
+    """When a point that moves so is at the circle of the disc's radius around a corner."""
+    dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x)
+    dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y)
+    circle = np.convolve(dx, dx) + np.convolve(dy, dy)
+    circle[-1] -= PEDESTRIAN_RADIUS_M**2
+    roots = np.roots(circle)
+    times: list[float] = roots.real[np.abs(roots.imag) < _REAL_S].tolist()
+    return times
+
+
+def _range(path: Motion, duration_s: float) -> tuple[float, float]:
+    """Smallest and largest place over 0 … duration."""
+    values = [path.place_m, path.at(duration_s)]
+    if path.acceleration_mps2 != 0:
+        values.append(path.at(min(max(-path.speed_mps / path.acceleration_mps2, 0.0), duration_s)))
     return min(values), max(values)
 
 
@@ -180,9 +199,3 @@ def _enters_circle(x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray)
     time = (-b - np.sqrt(discriminant)) / a
     hit = (discriminant >= 0) & (a > 0) & (time >= 0)
     return np.where(c <= 0, 0.0, np.where(hit, time, np.inf))
-
-
-def _shift(polynomial: FloatArray, constant: float) -> FloatArray:
-    shifted = polynomial.copy()
-    shifted[-1] += constant
-    return shifted

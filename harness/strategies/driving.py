@@ -27,8 +27,11 @@ def towards(
 ) -> float:
     """Acceleration to a speed, at most that up (a0 where it is not said) and a0 down, in m/s²."""
     limit = observation.vehicle.resume_acceleration_mps2
+    most = limit if acceleration_mps2 is None else acceleration_mps2
     wanted = (speed_mps - observation.ego.speed_mps) / observation.step_s
-    return max(-limit, min(limit if acceleration_mps2 is None else acceleration_mps2, wanted))
+    if wanted > most:
+        return most
+    return wanted if wanted > -limit else -limit
 
 
 def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:

@@ -161,7 +161,8 @@ def _gain(observation: Observation, duration_s: float, speed_mps: float) -> floa
 
 
 def _last_to_leave(pedestrians: tuple[PedestrianView, ...]) -> PedestrianView | None:
-    crossing = [pedestrian for pedestrian in pedestrians if pedestrian.on_crossing]
-    if len(crossing) < 2:
-        return crossing[0] if crossing else None
-    return max(crossing, key=clearing_time)
+    last, cleared_s = None, -math.inf
+    for pedestrian in pedestrians:
+        if pedestrian.on_crossing and (needed_s := clearing_time(pedestrian)) > cleared_s:
+            last, cleared_s = pedestrian, needed_s
+    return last
