@@ -211,7 +211,8 @@ def main() -> None:
     console.print(table_of(f"{options.scenario}, medians of {options.rounds} rounds", found))
     one, two = found["1 worker"], found["2 workers"]
     console.print(
-        f"2 workers against 1: {ratio(two, one, lambda cost: cost.steady):.2f} × pairs/s steady, "
+        f"2 workers against 1: {ratio(two, one, lambda cost: cost.steady):.2f} × pairs/s steady "
+        f"({', '.join(f'{b.steady / a.steady:.2f}' for a, b in zip(one, two, strict=True))}), "
         f"{ratio(two, one, lambda cost: cost.per_second):.2f} × in the whole run; "
         f"{ratio(two, one, lambda cost: cost.cpu_per_pair_s):.3f} × the processor time per pair"
     )

@@ -181,15 +181,20 @@ def verdict(case: str) -> str:
         crashed, pairs = (sum(int(row[key]) for row in rows) for key in ("crashed", "pairs"))
         truth, error = crashed / pairs, math.sqrt(crashed) / pairs
         words = f"{truth:.3g} ± {error:.2g} by brute force ({crashed} of {pairs:,})"
+    lines = [f"{case}: {words}"]
     found = [row for row in _rows(SEEDS) if row["case"] == case]
-    values = np.array([float(row["probability"] or 0) for row in found])
-    held = sum(float(row["ci_low"]) <= truth <= float(row["ci_high"]) for row in found)
-    both = math.hypot(error, float(values.std(ddof=1)) / math.sqrt(len(found)))
-    return (
-        f"{case}: {words}; {held} of {len(found)} intervals hold it; mean {values.mean():.3g}, "
-        f"{(values.mean() - truth) / both:+.1f} standard errors away; "
-        f"{np.mean([int(row['episodes']) for row in found]):,.0f} episodes each"
-    )
+    for target in sorted({row["target_cv"] for row in found}):
+        asked = [row for row in found if row["target_cv"] == target]
+        values = np.array([float(row["probability"] or 0) for row in asked])
+        held = sum(float(row["ci_low"]) <= truth <= float(row["ci_high"]) for row in asked)
+        line = f"  --target-cv {target}: {held} of {len(asked)} intervals hold it"
+        if len(asked) > 1:
+            both = math.hypot(error, float(values.std(ddof=1)) / math.sqrt(len(asked)))
+            away = (values.mean() - truth) / both
+            line += f"; mean {values.mean():.3g}, {away:+.1f} standard errors away"
+        episodes = np.mean([int(row["episodes"]) for row in asked])
+        lines.append(f"{line}; {episodes:,.0f} episodes each")
+    return "\n".join(lines)
 
 
 def _versions() -> str:
