@@ -81,7 +81,7 @@ def run_document(run: RunData) -> dict[str, Any]:
         "engine": run.engine,
         "audit": audit_document(run),
         "cells": [
-            {"varied": cell.varied, "summary": hours_row(summary)}
+            {"varied": dict(cell.varied), "summary": hours_row(summary)}
             for cell, summary in run.hour_results
         ]
         if run.in_traffic

@@ -1,5 +1,6 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
+import json
 import subprocess
 import time
 from contextlib import chdir
@@ -25,7 +26,7 @@ from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.workers.pool import LocalPool
-from tests.batches import HARNESS, Inline, shell, start
+from tests.batches import HARNESS, Inline, here, shell, start
 from tests.sumo.test_watch import EGO_AT_V0, PEDESTRIAN, needs_xvfb, pixels
 
 SCENARIO = """
@@ -73,6 +74,11 @@ def same_bytes(one: Path, other: Path) -> None:
 
 def test_bytes_do_not_depend_on_workers(runs: list[Path]) -> None:
     same_bytes(*runs)
+
+
+def test_json_has_every_cell(runs: list[Path]) -> None:
+    (cell,) = json.loads(here("resume", runs[0], "--json").stdout)["cells"]
+    assert (cell["varied"], cell["summary"]["pairs"]) == ({}, 2)
 
 
 def test_an_interrupted_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: Path) -> None:
