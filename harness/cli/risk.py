@@ -17,7 +17,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import print_json, print_line, progress_bar
-from harness.errors import InputError, unknown_name
+from harness.errors import InputError, reading, unknown_name
 
 
 def risk(
@@ -93,7 +93,8 @@ def go_on_with_risk(
         raise InputError("--dask", "cannot go on with a risk", "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume_risk(folder, workers=workers, progress=advance)
-    show(folder, quiet, as_json)
+    with reading(folder):
+        show(folder, quiet, as_json)
 
 
 def report_risk(
@@ -114,7 +115,11 @@ def report_risk(
 
 
 def show(folder: Path, quiet: bool, as_json: bool) -> None:
-    """What a finished risk came to."""
+    """What a finished risk came to.
+
+    Raises:
+        typer.Exit: with code 1 where episodes failed, or differed between the engines.
+    """
     from harness.report.risk_terminal import print_risk
     from harness.risk.folder import read_risk
 
@@ -125,3 +130,5 @@ def show(folder: Path, quiet: bool, as_json: bool) -> None:
         print_line(str(folder))
     else:
         print_risk(result, folder)
+    if result["failed"] or result["differing"]:
+        raise typer.Exit(1)

@@ -58,7 +58,10 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
             if result["levels"]
             else "The estimate is brute force, which a first look found affordable."
         ],
-        "failures": {"words": "Episodes in which two engines differ:", "lines": differing}
+        "failures": {
+            "words": "Episodes in which two engines differ, the first:",
+            "lines": differing,
+        }
         if differing
         else None,
         "player": None,

@@ -36,6 +36,13 @@ def sentence(result: dict[str, Any]) -> str:
             f"{who}: all {counted(result['episodes'], 'episode')} failed; nothing is known of "
             f"P({result['event']})."
         )
+    if result["probability"] is None and result["events_in_all"]:
+        return (
+            f"{who}: no estimate of P({result['event']}). "
+            f"{counted(result['events_in_all'], 'episode')} ended in it, of which none is among "
+            f"the draws of the estimate ({result['draws']:,}), which bound it by "
+            f"{result['ci_high']:.2g} (one-sided {level})."
+        )
     if result["probability"] is None:
         event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"
         return (
@@ -55,7 +62,7 @@ def effort(result: dict[str, Any]) -> str:
         words += f"; brute force would have needed {result['brute_force_episodes']:,}"
         words += f"; effective sample size {result['effective_sample_size']:.0f}"
     words += f"; {result['compared_with_other_engine']:,} run in both engines, "
-    words += f"{len(result['differences'])} differ" if result["differences"] else "all equal"
+    words += f"{result['differing']:,} differ" if result["differing"] else "all equal"
     if result["timed_out"]:
         words += f"; {result['timed_out']:,} timed out and count as no event"
     if result["failed"]:

@@ -62,7 +62,8 @@ class Findings:
 
     ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
     ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
-    ``failed_weight`` is the probability that failed episodes would add if all were in the event.
+    ``events_in_all`` of them ended in the event.  ``failed_weight`` is the probability that failed
+    episodes would add if all were in the event.
     """
 
     estimate: Estimate
@@ -73,6 +74,7 @@ class Findings:
     numbers: NDArray[np.int64]
     keys: FloatArray
     episodes: int
+    events_in_all: int
     failed_weight: float
     warnings: tuple[str, ...]
 
@@ -153,6 +155,7 @@ def _estimate(
         drawn.numbers[event],
         keys_of(proposal, drawn.cases),
         counted.episodes,
+        counted.events,
         float(drawn.weight[drawn.failed].sum() / draws),
         tuple(warnings),
     )

@@ -50,15 +50,17 @@ class Evaluate(Protocol):
 
 
 class Counted:
-    """Counts the episodes of an evaluation."""
+    """Counts the episodes of an evaluation, and those in the event."""
 
     def __init__(self, evaluate: Evaluate) -> None:
         self._evaluate = evaluate
-        self.episodes = 0
+        self.episodes, self.events = 0, 0
 
     def __call__(
         self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
     ) -> Outcomes:
         """See ``Evaluate``."""
         self.episodes += len(z)
-        return self._evaluate(z, what, numbers)
+        outcomes = self._evaluate(z, what, numbers)
+        self.events += int(outcomes.event.sum())
+        return outcomes

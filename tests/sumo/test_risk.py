@@ -1,6 +1,7 @@
 """``harness risk`` from the shell: the same bytes on any number of workers, resumed, met again."""
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 from harness.cli import app as cli
 from harness.cli.app import app
 from harness.encounter import Arm
-from harness.errors import InterruptedRunError
+from harness.errors import InputError, InterruptedRunError
 from harness.risk.asking import Settings
 from harness.risk.folder import estimate_risk, resume_risk
 from harness.risk.writing import RESULT
@@ -84,6 +85,24 @@ def test_its_page_says_the_estimate_and_how_to_play(finished: Path, tmp_path: Pa
     assert "harness run" in text
     assert "critical.toml" in text
     assert text.count('<table id="way-') == len(result["ways"])
+
+
+def test_what_failed_or_differed_ends_with_exit_code_1(finished: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "risk"
+    shutil.copytree(finished, folder)
+    result = json.loads((finished / RESULT).read_text())
+    for wrong, code in (({}, 0), ({"failed": 1}, 1), ({"differing": 1}, 1)):
+        (folder / RESULT).write_text(json.dumps({**result, **wrong}))
+        assert CliRunner().invoke(app, ["resume", str(folder)]).exit_code == code
+
+
+def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "risk"
+    shutil.copytree(finished, folder)
+    (folder / RESULT).write_text("{}")
+    done = CliRunner().invoke(app, ["resume", str(folder)])
+    assert isinstance(done.exception, InputError)
+    assert "is damaged" in str(done.exception)
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:

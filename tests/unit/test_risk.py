@@ -76,6 +76,15 @@ def test_an_event_that_nobody_meets_is_bounded_not_zero() -> None:
     assert estimate.draws == findings.episodes
 
 
+def test_events_that_the_estimate_missed_are_counted() -> None:
+    findings = estimate_probability(
+        half_space(0.1)[0], LAYOUT, np.random.default_rng(3), most_draws=1
+    )
+    assert findings.estimate.probability is None
+    # A thousand draws of the first look at least, whose events have a standard deviation of 9.5.
+    assert findings.events_in_all > 50
+
+
 def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
     evaluate = scored(lambda z: 1 + np.exp(-z[:, 0]))
     findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))

@@ -7,6 +7,7 @@ import pytest
 
 from harness.comparison import Interval, PairColumns, proportion, summarise
 from harness.report.result_tables import measure_rows, tiles
+from harness.report.risk_terminal import effort, sentence
 from harness.report.tables import per_cent
 from harness.report.words import crash_lines, is_the_papers, tau_lines, walker_lines
 from harness.scenario import load_scenario, parse_setting
@@ -164,3 +165,41 @@ def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
 )
 def test_walking_speeds_of_dut_are_said_to_hardly_depend_on_the_car(setting, drawn) -> None:
     assert bool(walker_lines([load_scenario("cctc", [parse_setting(setting)])])) is drawn
+
+
+RISK = {
+    "scenario": "cctc",
+    "arm": "av",
+    "strategy": "constant_speed",
+    "event": "crashed",
+    "probability": None,
+    "ci_high": 0.95,
+    "confidence": 0.95,
+    "probability_worst": None,
+    "episodes": 1_001,
+    "brute_force_episodes": None,
+    "draws": 1,
+    "events_in_all": 0,
+    "failed": 0,
+    "timed_out": 0,
+    "compared_with_other_engine": 500,
+    "differing": 0,
+    "differences": [],
+}
+
+
+def test_a_risk_says_whether_a_way_to_the_event_was_found() -> None:
+    assert "no way to crash found in 1,001 episodes" in sentence(RISK)
+    # A first look saw crashes, the one draw of the estimate none.
+    seen = sentence({**RISK, "events_in_all": 190})
+    assert "no way" not in seen
+    assert "190 episodes ended in it" in seen
+    assert "of which none is among the draws of the estimate (1), which bound it by 0.95" in seen
+
+
+def test_a_risk_counts_every_record_in_which_the_engines_differ() -> None:
+    # The result keeps the words of the first ten alone.
+    assert "500 run in both engines, 37 differ." in effort(
+        {**RISK, "differing": 37, "differences": ["episode 1: pet_s"] * 10}
+    )
+    assert "500 run in both engines, all equal." in effort(RISK)
