@@ -28,9 +28,8 @@ from harness.measures import Outcome
 from harness.motion.walking import states_at
 from harness.replay.stored import differences_of
 from harness.results.episode_tables import episode_rows
-from harness.results.manifest import recall_study
-from harness.results.reading import read_finished_manifest, read_table
-from harness.scenario import Cell
+from harness.results.reading import MANIFEST, read_finished_manifest, read_table
+from harness.scenario import Cell, study_from
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,
 # MSLane::detectCollisions): a car is an octagon, its nose and tail tapered to 0.6 of the width
@@ -207,7 +206,7 @@ def verdicts_of(run: Path) -> dict[tuple[int, str], Verdicts]:
             more is not the stored one.
     """
     found = {}
-    for cell in recall_study(read_finished_manifest(run)).cells:
+    for cell in study_from(read_finished_manifest(run), MANIFEST).cells:
         arms, behaviour = cell.scenario.arms, cell.scenario.pedestrians.behaviour
         if "sumo_driver" in (arms.av, arms.human) or behaviour == "sumo":
             sys.exit(f"{run}: the rule is for people whom SUMO holds where they walk")

@@ -38,6 +38,11 @@ class Side(StrEnum):
     NEAR = "near"
     FAR = "far"
 
+    @property
+    def other(self) -> "Side":
+        """The kerb across the road."""
+        return Side.FAR if self is Side.NEAR else Side.NEAR
+
 
 class Ending(StrEnum):
     """How an episode ended; every planned episode has exactly one."""

@@ -8,9 +8,10 @@ from harness.episode.arms import check_arms
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.network import network_of
-from harness.results.manifest import manifest_of, options_of, recall_study
+from harness.results.manifest import manifest_of, options_of
+from harness.results.reading import MANIFEST
 from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
-from harness.scenario import Options, Scenario, Study
+from harness.scenario import Options, Scenario, Study, study_from
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES
 from harness.strategies.sumo_driver import SumoDriver
@@ -107,7 +108,6 @@ def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:
     """What the run of a manifest carries out.
 
     Raises:
-        InputError: see ``recall_study``, ``options_of`` and ``plan_of``.
+        InputError: see ``study_from`` and ``plan_of``.
     """
-    study = recall_study(document)
-    return plan_of(study, options_of(document, workers))
+    return plan_of(study_from(document, MANIFEST), options_of(document, workers))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.engine.people import PLACED, WALKER
 from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site
@@ -16,15 +17,10 @@ SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
 
 SPEED_MODE_OWN = 31
-"""SUMO's own driver with all his cares: safe speed, acceleration, deceleration, right of way."""
+"""SUMO's own driver with all its cares: safe speed, acceleration, deceleration, right of way."""
 
 COLLISION_REACH_M = 5.0
 """SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
-
-_KEEP_ROUTE_FREE = 2
-_MATCH_THRESHOLD_M = 1.0
-_NO_ANGLE = -1073741824.0
-"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
 
 
 def set_green(api: Any, signal: Signal) -> None:
@@ -45,7 +41,7 @@ def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
 
 
 class Calls(NamedTuple):
-    """What is called at every step."""
+    """The functions that are called at every step."""
 
     advance: Callable[[], object]
     move: Callable[..., object]
@@ -75,7 +71,7 @@ class SumoEngine:
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
-        calls: what is called at every step; None: the module's functions.
+        calls: the functions called at every step; None: the module's own.
     """
 
     def __init__(
@@ -90,7 +86,6 @@ class SumoEngine:
     ) -> None:
         self._api, self._close = api, close
         self.closed = False
-        self.centre = site.frame.to_network(0.0, crossing.length_m / 2)
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         calls = calls or calls_of(api)
         self._advance, self._move = calls.advance, calls.move
@@ -162,7 +157,7 @@ class SumoEngine:
             move, ids = self._move, self._ids
             for index, y in pedestrians:
                 x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-                move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+                move(ids[index], "", x_net, y_net, *PLACED)
             if self._waiting:
                 self._hold_waiting(pedestrians)
             coming = None
@@ -184,7 +179,7 @@ class SumoEngine:
             raise EngineError(f"SUMO lost the episode: {error}") from None
 
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """See ``Engine.let_walk``; he enters at the footpath's end, 1.5 m before the kerb."""
+        """See ``Engine.let_walk``; they enter at the footpath's end, 1.5 m before the kerb."""
         try:
             name = self._add_person(index, side, self._footpaths[side].end_m)
             self._api.person.setSpeed(name, speed_mps)
@@ -279,11 +274,11 @@ class SumoEngine:
         return coming
 
     def _add_person(self, index: int, side: Side, start_m: float) -> str:
-        """Put someone on the footpath of his side, on his way to the other one."""
+        """Put someone on the footpath of their side, on their way to the other one."""
         name = f"pedestrian-{self._episode}-{index}"
         origin = self._footpaths[side]
-        goal = self._footpaths[Side.FAR if side is Side.NEAR else Side.NEAR]
-        self._api.person.add(name, origin.edge, start_m, typeID="walker")
+        goal = self._footpaths[side.other]
+        self._api.person.add(name, origin.edge, start_m, typeID=WALKER)
         self._api.person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
         self._ids[index] = name
         return name
@@ -293,7 +288,7 @@ class SumoEngine:
         for index, _ in placed:
             self._waiting.pop(index, None)
         for index, (x, y) in self._waiting.items():
-            self._move(self._ids[index], "", x, y, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+            self._move(self._ids[index], "", x, y, *PLACED)
 
     def _note_collisions(self) -> None:
         # Two persons who pass each other are listed too; only the ego's hits count.

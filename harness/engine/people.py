@@ -11,10 +11,12 @@ from harness.roads import Site
 WALKER = "walker"
 """SUMO's type of a pedestrian."""
 
-_KEEP_ROUTE_FREE = 2
-_MATCH_THRESHOLD_M = 1.0
-_NO_ANGLE = -1073741824.0
-"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
+_INVALID_DOUBLE_VALUE = -1073741824.0
+PLACED = (_INVALID_DOUBLE_VALUE, 2, 1.0)
+"""The end of every ``moveToXY``: angle, keepRoute and matchThreshold (m).
+
+The angle follows from the movement, and the person leaves their route for the place.
+"""
 
 
 class HeldPeople:
@@ -46,9 +48,10 @@ class HeldPeople:
             side: (site.footpath(side).edge, site.footpath(side).inside_m) for side in Side
         }
         # Network coordinates of (0, y) are origin + y · across.
-        self._origin, self._across = (
-            site.frame.to_network(0.0, 0.0),
-            (site.frame.across_x, site.frame.across_y),
+        self._line = (
+            *site.frame.to_network(0.0, 0.0),
+            site.frame.across_x,
+            site.frame.across_y,
         )
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
         if shown is not None:
@@ -80,14 +83,11 @@ class HeldPeople:
         while self._next_s <= until_s:
             arrival = self._arrivals[self._announced]
             self._announced += 1
-            self._next_s = (
-                self._arrivals[self._announced].arrival_s
-                if self._announced < len(self._arrivals)
-                else math.inf
-            )
+            coming = self._announced < len(self._arrivals)
+            self._next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
             name = f"pedestrian{self._copy}-{self._hour}-{arrival.index}"
             origin, start_m = self._footpaths[arrival.side]
-            goal, goal_m = self._footpaths[Side.FAR if arrival.side is Side.NEAR else Side.NEAR]
+            goal, goal_m = self._footpaths[arrival.side.other]
             self._person.add(name, origin, start_m, typeID=WALKER + self._copy)
             self._person.appendWalkingStage(name, [origin, goal], goal_m)
             self._ids[arrival.index] = name
@@ -101,20 +101,20 @@ class HeldPeople:
         self._coming.clear()
 
     def _place(self, places: Sequence[tuple[int, float]]) -> None:
-        """Those with a place there; those announced wait at their kerbs."""
-        (origin_x, origin_y), (across_x, across_y) = self._origin, self._across
+        """Move those with a place to it; the others who are announced wait at their kerbs."""
+        origin_x, origin_y, across_x, across_y = self._line
         move, ids, waiting = self._move, self._ids, self._waiting
         if self._shown is not None:
             arrivals, y_of = self._arrivals, self._shown.y_of
             places = [(index, y_of(arrivals[index].side, y)) for index, y in places]
         for index, y in places:
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+            move(ids[index], "", x_net, y_net, *PLACED)
             if waiting:
                 waiting.pop(index, None)
         for index, y in waiting.items():
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, _NO_ANGLE, _KEEP_ROUTE_FREE, _MATCH_THRESHOLD_M)
+            move(ids[index], "", x_net, y_net, *PLACED)
 
     def remove(self, index: int) -> None:
         """Take away somebody who has reached the other kerb."""

@@ -44,7 +44,7 @@ class Engine(Protocol):
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
         """Let a pedestrian come from that side and walk by the engine's own model.
 
-        From the next step on, wanting that speed; he is not among those whom ``begin`` named.
+        From the next step on, wanting that speed; they are not among those whom ``begin`` named.
 
         Raises:
             EngineError: the engine has no pedestrians of its own.

@@ -8,17 +8,14 @@ from contextlib import contextmanager
 from typing import Any
 
 from harness.encounter import Arrival, Crossing
-from harness.engine.control import limit_speed, set_green
+from harness.engine.control import SPEED_MODE_OWN, limit_speed, set_green
 from harness.engine.people import WALKER, HeldPeople
 from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site, streams_of
 
 SPEED_MODE_FOLLOWING = 33
-"""SUMO keeps the vehicle from its leader, and alone from that; it knows no pedestrian."""
-
-SPEED_MODE_OWN = 31
-"""SUMO's own driver with all his cares, as in the encounter."""
+"""SUMO keeps the vehicle from its leader, and from nothing else: it knows no pedestrian."""
 
 
 class SumoRoad:
@@ -85,7 +82,8 @@ class SumoRoad:
             arrivals: all who come, by time; numbered from 0 on.
             shown_lanes_m: y of every lane's centre, if SUMO's own driver may be asked to drive
                 (``hand_over``): everybody is then put there once for each lane, as its drivers are
-                to be shown them.  None: he is not, and everybody is where they are.
+                to be shown them.  None: SUMO's driver is never asked, and everybody is where they
+                are.
         """
         self._hours += 1
         self._steps = 0
@@ -148,7 +146,7 @@ class SumoRoad:
         return gone
 
     def hand_over(self, name: str) -> None:
-        """Let SUMO's own driver drive a vehicle, people and all."""
+        """Let SUMO's own driver drive a vehicle: it then minds people too."""
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_OWN)
         self.drive(name, -1.0)
 

@@ -8,20 +8,24 @@ WAITING_M = 0.3
 """Someone who waits is shown this far behind the kerb, off the crossing."""
 
 ON_CROSSING_M = 0.1
-"""Who is shown on the crossing is at least so far from its far kerb."""
+"""Somebody who is shown on the crossing is at least so far from its far kerb."""
 
 COMING_M = 5.0
-"""Where someone is held who has not arrived yet: on his footpath, which SUMO's driver ignores."""
+"""Somebody who has not arrived yet is held so far behind their kerb, on their footpath.
+
+SUMO's driver ignores people there.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What the drivers of one lane are shown.
+    """Where the drivers of one lane are shown people.
 
-    SUMO takes everyone who is placed on its crossing for one who walks in the crossing's own
-    direction, and at the kerb itself for one on the crossing.  So who waits is shown behind his
-    kerb, and who walks against that direction mirrored at the centre of the lane: as far from its
-    path, on his way to it or away from it, until he has left the lane.
+    SUMO takes everyone who is placed on its crossing for somebody who walks in the crossing's own
+    direction; at the kerb itself, too, they are on the crossing to SUMO.  So people who wait are
+    shown behind their kerb.  People who walk against that direction are shown mirrored at the
+    centre of the lane: as far from its path, on their way to it or away from it, until they have
+    left the lane.
     """
 
     lane_centre_m: float

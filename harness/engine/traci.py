@@ -14,9 +14,8 @@ from tempfile import TemporaryDirectory
 import sumo
 import traci
 
-from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.encounter import Crossing, Vehicle
 from harness.engine.control import SumoEngine
-from harness.engine.protocol import Engine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
     Following,
@@ -58,66 +57,47 @@ def traci_engine(place: Place, vehicle: Vehicle, crossing: Crossing, step_s: flo
     Raises:
         EngineError: SUMO does not start or does not answer.
     """
-    return _start("sumo", place, vehicle, crossing, step_s, "")
+    site, types = _prepared(place, vehicle, crossing)
+    close = _connected("sumo", place, types, step_s, "")
+    return SumoEngine(traci, close, site, vehicle, crossing, step_s)
 
 
 def gui_engine(
     place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui
-) -> Engine:
+) -> SumoEngine:
     """Start sumo-gui, its view on the crosswalk, and connect to it.
 
     Raises:
         EngineError: it does not start (it needs a display) or does not answer.
     """
     settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
-    engine = _start("sumo-gui", place, vehicle, crossing, step_s, settings)
-    return _Shown(engine, vehicle, step_s, gui)
+    site, types = _prepared(place, vehicle, crossing)
+    close = _connected("sumo-gui", place, types, step_s, settings)
+    return _ShownEngine(close, site, vehicle, crossing, step_s, gui)
 
 
-class _Shown:
+class _ShownEngine(SumoEngine):
     """A SUMO engine whose window is looked after: the view at the start, pictures on the way."""
 
-    def __init__(self, engine: SumoEngine, vehicle: Vehicle, step_s: float, gui: Gui) -> None:
-        self._engine, self._folder = engine, gui.screenshots
-        self._step_s, self._steps = step_s, 0
-        self._every = max(1, round(gui.every_s / step_s))
-        reach = 0.7 * vehicle.trigger_range_m + _AROUND_M
-        _look_at(engine.centre, reach)
-
-    def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
-        """See ``Engine.begin``."""
-        self._steps = 0
-        return self._engine.begin(arrivals)
+    def __init__(
+        self,
+        close: Callable[[], None],
+        site: Site,
+        vehicle: Vehicle,
+        crossing: Crossing,
+        step_s: float,
+        gui: Gui,
+    ) -> None:
+        super().__init__(traci, close, site, vehicle, crossing, step_s)
+        self._gui = gui
+        _look_at(site, crossing, 0.7 * vehicle.trigger_range_m + _AROUND_M)
 
     def step(
         self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
     ) -> tuple[float, float]:
         """See ``Engine.step``."""
-        if self._folder is not None and self._steps % self._every == 0:
-            time_s = (self._steps + 1) * self._step_s
-            _take(self._folder / f"t-{time_s:07.3f}-s.png")
-        self._steps += 1
-        return self._engine.step(speed_mps, pedestrians)
-
-    def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """See ``Engine.let_walk``."""
-        self._engine.let_walk(index, side, speed_mps)
-
-    def place_of(self, index: int) -> tuple[float, float]:
-        """See ``Engine.place_of``."""
-        return self._engine.place_of(index)
-
-    def remove(self, index: int) -> None:
-        """See ``Engine.remove``."""
-        self._engine.remove(index)
-
-    def end(self) -> bool | None:
-        """See ``Engine.end``."""
-        return self._engine.end()
-
-    def close(self) -> None:
-        """See ``Engine.close``."""
-        self._engine.close()
+        _take(self._gui, self._steps, self._step_s, "07.3f")
+        return super().step(speed_mps, pedestrians)
 
 
 def gui_road(
@@ -138,7 +118,7 @@ def gui_road(
 
 
 class _ShownRoad(SumoRoad):
-    """A road whose window is looked after, as ``_Shown``."""
+    """A road whose window is looked after, as ``_ShownEngine``'s."""
 
     def __init__(
         self,
@@ -150,41 +130,33 @@ class _ShownRoad(SumoRoad):
         gui: Gui,
     ) -> None:
         super().__init__(traci, close, site, crossing, limit_mps, step_s)
-        self._folder, self._shown_steps = gui.screenshots, 0
-        self._every = max(1, round(gui.every_s / step_s))
-        _look_at(site.frame.to_network(0.0, crossing.length_m / 2), _ROAD_SHOWN_M)
+        self._gui = gui
+        _look_at(site, crossing, _ROAD_SHOWN_M)
 
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
         """See ``SumoRoad.step``."""
-        if self._folder is not None and self._shown_steps % self._every == 0:
-            time_s = (self._shown_steps + 1) * self._step_s
-            _take(self._folder / f"t-{time_s:09.3f}-s.png")
-        self._shown_steps += 1
+        _take(self._gui, self._steps, self._step_s, "09.3f")
         return super().step(places)
 
 
-def _look_at(centre: tuple[float, float], reach_m: float) -> None:
-    x, y = centre
+def _look_at(site: Site, crossing: Crossing, reach_m: float) -> None:
+    x, y = site.frame.to_network(0.0, crossing.length_m / 2)
     traci.gui.setBoundary(_VIEW, x - reach_m, y - reach_m, x + reach_m, y + reach_m)
 
 
-def _take(file: Path) -> None:
-    """SUMO takes the picture at the end of the step that follows."""
+def _take(gui: Gui, steps: int, step_s: float, form: str) -> None:
+    """Ask for a picture of the end of the step that follows, if one is due."""
+    if gui.screenshots is None or steps % max(1, round(gui.every_s / step_s)):
+        return
+    file = gui.screenshots / f"t-{(steps + 1) * step_s:{form}}-s.png"
     traci.gui.screenshot(_VIEW, str(file.absolute()), *_PIXELS)
 
 
-def _start(
-    program: str,
-    place: Place,
-    vehicle: Vehicle,
-    crossing: Crossing,
-    step_s: float,
-    settings: str,
-) -> SumoEngine:
+def _prepared(place: Place, vehicle: Vehicle, crossing: Crossing) -> tuple[Site, str]:
+    """The site of a place, and the types of its ego and pedestrians."""
     site = read_site(place)
     limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    close = _connected(program, place, types_file(vehicle, limit_mps), step_s, settings)
-    return SumoEngine(traci, close, site, vehicle, crossing, step_s)
+    return site, types_file(vehicle, limit_mps)
 
 
 def _connected(

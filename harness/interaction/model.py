@@ -93,25 +93,6 @@ class InteractionModel:
         speeds = np.asarray(speed_mps, dtype=float)
         return self._walking_marginal.pdf(speeds, np.empty((len(speeds), 0)))
 
-    def walking_speed_given_time_advantage(
-        self,
-        quantile: FloatArray,
-        range_m: FloatArray,
-        vehicle_speed_mps: FloatArray,
-        inverse_time_advantage_per_s: FloatArray,
-    ) -> FloatArray:
-        """v_p at a quantile of f(v_p | 1/R, v, 1/T_adv) (reading ``given_time_advantage``).
-
-        Args:
-            quantile: (n,) in [0, 1].
-            range_m, vehicle_speed_mps, inverse_time_advantage_per_s: (n,), clamped.
-
-        Returns:
-            Walking speeds in m/s, (n,), as of ``walking_speed``.
-        """
-        given = self._seen(range_m, vehicle_speed_mps, inverse_time_advantage_per_s)
-        return self._walking_given_time.ppf(np.asarray(quantile, dtype=float), given)
-
     def walking_speed_on_curve(
         self,
         quantile: FloatArray,

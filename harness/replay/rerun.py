@@ -117,10 +117,8 @@ def replay(
     pool = LocalPool(len(arms))
     folders: list[Path] = []
     try:
-        stored = StoredCell(run, cell)
-        stored.check_pair(pair)
-        if out.exists() and (not out.is_dir() or any(out.iterdir())):
-            raise InputError(f"--out {out}", "is not empty", "a new or empty folder")
+        stored = StoredCell(run, cell, pair)
+        refuse_in_use(out, "--out")
         folders = [out / arm.value if len(arms) > 1 else out for arm in arms]
         jobs = [
             repetition(stored, pair, arm, folder, hang_after_s)
@@ -152,8 +150,7 @@ def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm,
         InputError: no such run, cell or pair.
     """
     check_packages()
-    stored = StoredCell(run, cell)
-    stored.check_pair(pair)
+    stored = StoredCell(run, cell, pair)
     scenario = stored.cell.scenario
     runner: PairRunner | HourRunner
     if stored.in_traffic:
@@ -165,17 +162,19 @@ def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm,
     finally:
         close_engine()
     return {
-        arm: _repeated(outcome, stored.cell, stored.rows_of(pair, arm), stored.engine)
+        arm: Repeated(stored.differences(outcome), _traceback_of(outcome))
         for arm, outcome in outcomes.items()
     }
 
 
-def _repeated(
-    outcome: Outcome | HourOutcome, cell: Cell, rows: Rows, engine: EngineName
-) -> Repeated:
-    found = record_differences(outcome, cell.number, rows, engine)
-    traceback = outcome.traceback if isinstance(outcome, HourOutcome) else outcome.trace.traceback
-    return Repeated(tuple(found), traceback)
+def refuse_in_use(folder: Path, option: str) -> None:
+    """Refuse a place for new files that is a file, or a folder that holds any."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(f"{option} {folder}", "is not empty", "a new or empty folder")
+
+
+def _traceback_of(outcome: Outcome | HourOutcome) -> str | None:
+    return outcome.traceback if isinstance(outcome, HourOutcome) else outcome.trace.traceback
 
 
 def _replayed(job: Repetition, future: "Future[Repeated]") -> Replayed:
@@ -212,7 +211,8 @@ def run_again(job: Repetition) -> Repeated:
     close_engine()
     in_traffic = job.cell.scenario.traffic is not None
     outcome = _hour(job) if in_traffic else _episode(job)
-    return _repeated(outcome, job.cell, job.rows, job.engine)
+    differences = record_differences(outcome, job.cell.number, job.rows, job.engine)
+    return Repeated(tuple(differences), _traceback_of(outcome))
 
 
 def _episode(job: Repetition) -> Outcome:

@@ -14,10 +14,9 @@ from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.results.episode_tables import episode_rows, pedestrian_rows
 from harness.results.hour_tables import hour_rows
-from harness.results.manifest import recall_study
-from harness.results.reading import read_finished_manifest, read_table
+from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.tables import HOUR_TABLES
-from harness.scenario import Cell, EngineName
+from harness.scenario import Cell, EngineName, study_from
 from harness.traffic.pairing import HourOutcome
 
 Row = dict[str, Any]
@@ -31,14 +30,15 @@ class StoredCell:
     Args:
         run: the run folder.
         number: of the cell.
+        pair: one that must be there; None asks for none.
 
     Raises:
-        InputError: no finished run or no such cell, or its tables or model cannot be read.
+        InputError: no finished run, no such cell or pair, or its tables or model cannot be read.
     """
 
-    def __init__(self, run: Path, number: int) -> None:
+    def __init__(self, run: Path, number: int, pair: int | None = None) -> None:
         document = read_finished_manifest(run)
-        cells = recall_study(document).cells
+        cells = study_from(document, MANIFEST).cells
         if not 0 <= number < len(cells):
             raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
         self.cell: Cell = cells[number]
@@ -47,28 +47,24 @@ class StoredCell:
         self.model: InteractionModel = load_model(section.name, section.path)
         names = HOUR_TABLES if self.in_traffic else ("episodes", "pedestrians")
         self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
+        ran = self._rows[names[0]]
+        if pair is not None and (pair, Arm.AV.value) not in ran:
+            raise InputError("--pair", f"{pair}", f"0 to {max((one for one, _ in ran), default=0)}")
 
     @property
     def in_traffic(self) -> bool:
         """Whether its pairs are hours of traffic."""
         return self.cell.scenario.traffic is not None
 
-    def check_pair(self, pair: int) -> None:
-        """Refuse a pair that was not run."""
-        ran = self._rows["hours" if self.in_traffic else "episodes"]
-        if (pair, Arm.AV.value) not in ran:
-            last = max((pair for pair, _ in ran), default=0)
-            raise InputError("--pair", f"{pair}", f"0 to {last}")
-
     def rows_of(self, pair: int, arm: Arm) -> Rows:
         """The stored rows of an episode, or of an arm of an hour, by table."""
         key = (pair, arm.value)
         return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
-    def differences(self, outcome: Outcome | HourOutcome) -> Iterator[str]:
-        """What of an episode or an hour run again in SUMO is not as stored, in words."""
+    def differences(self, outcome: Outcome | HourOutcome) -> tuple[str, ...]:
+        """How an episode or an hour run again in SUMO is not as stored, in words."""
         rows = self.rows_of(outcome.pair, outcome.arm)
-        return record_differences(outcome, self.cell.number, rows, self.engine)
+        return tuple(record_differences(outcome, self.cell.number, rows, self.engine))
 
 
 def record_differences(
@@ -77,10 +73,10 @@ def record_differences(
     stored: Mapping[str, Sequence[Row]],
     engine: EngineName,
 ) -> Iterator[str]:
-    """What of an episode or an hour run again in SUMO is not as stored, in words.
+    """How an episode or an hour run again in SUMO is not as stored, in words.
 
-    Of SUMO's own record everything is the same to the last bit, of the plain engine's all numbers
-    are within ``TOLERANCE``; it has no verdict of SUMO's.
+    A record of SUMO's own is repeated to the last bit.  One of the plain engine is repeated within
+    ``TOLERANCE``, and has no verdict of SUMO's to compare.
 
     Args:
         outcome: what came out.
@@ -105,7 +101,7 @@ def record_differences(
 def differences_of(
     name: str, columns: Mapping[str, Sequence[Any]], stored: Sequence[Row], near: float = 0.0
 ) -> Iterator[str]:
-    """What of new columns of a table is not as its stored rows, in words.
+    """How new columns of a table are not as its stored rows, in words.
 
     Numbers that differ by at most ``near``, absolutely or relatively, are the same.
     """

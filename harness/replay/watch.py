@@ -14,6 +14,7 @@ from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.measures import Outcome
 from harness.network import place_of
+from harness.replay.rerun import refuse_in_use
 from harness.replay.stored import StoredCell
 from harness.traffic.pairing import HourOutcome, HourRunner
 
@@ -61,10 +62,9 @@ def watch(
         raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
     if not every_s > 0:
         raise InputError("--every", f"{every_s:g} s", "above 0")
-    if screenshots is not None and _in_use(screenshots):
-        raise InputError(f"--screenshots {screenshots}", "is not empty", "a new or empty folder")
-    stored = StoredCell(run, cell)
-    stored.check_pair(pair)
+    if screenshots is not None:
+        refuse_in_use(screenshots, "--screenshots")
+    stored = StoredCell(run, cell, pair)
     _require_display()
     scenario = stored.cell.scenario
     shown = []
@@ -78,7 +78,7 @@ def watch(
             outcome = (_hour if stored.in_traffic else _episode)(stored, pair, arm, gui)
         finally:
             close_engine()
-        shown.append(Watched(arm, tuple(stored.differences(outcome))))
+        shown.append(Watched(arm, stored.differences(outcome)))
     return shown
 
 
@@ -121,7 +121,3 @@ def _require_display() -> None:
             "there is no display (DISPLAY is not set)",
             "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
         )
-
-
-def _in_use(folder: Path) -> bool:
-    return folder.exists() and (not folder.is_dir() or any(folder.iterdir()))

@@ -1,12 +1,12 @@
 """The manifest of a run: everything it depends on, written down, recalled, and checked."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from harness.errors import InputError
 from harness.interaction import InteractionModel
 from harness.results.tables import SCHEMA
-from harness.scenario import Options, Precision, Study, study_from
+from harness.scenario import Options, Precision, Study
 from harness.scenario.options import AUDIT_SHARE
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
@@ -42,21 +42,8 @@ def manifest_of(
     }
 
 
-def recall_study(document: dict[str, Any], where: str = "manifest.json") -> Study:
-    """The study of a manifest as ``read_manifest`` gives it.
-
-    Args:
-        document: the manifest.
-        where: the file, for messages.
-
-    Raises:
-        InputError: its scenario or a varied value is not accepted.
-    """
-    return study_from(document, where)
-
-
-def options_of(document: dict[str, Any], workers: int | None = None) -> Options:
-    """The options of a manifest that decide what a run holds."""
+def options_of(document: Mapping[str, Any], workers: int | None = None) -> Options:
+    """The options of a manifest, as ``read_manifest`` gives it, that decide what a run holds."""
     until = document["until"]
     return Options(
         traces=document["traces"],

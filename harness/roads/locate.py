@@ -72,7 +72,7 @@ def _approaches(network: RoadNetwork, crossing: Edge) -> Iterator[tuple[Lane, Pa
     for edge in sorted(edges, key=lambda edge: edge.id not in crossing.crossed):
         for lane in edge.lanes:
             path = path_over(network, lane, ends) if lane.allows("passenger") else None
-            # What merely touches a crosswalk's end is on a road that it does not lead over.
+            # A lane that merely touches a crosswalk's end is on a road that it does not lead over.
             if path is not None and any(each.edge in crossing.crossed for each in path.lanes):
                 yield lane, path
 
@@ -113,7 +113,6 @@ def _site(
         footpaths=_footpaths(network, crossing, reverse=reverse),
         pedestrian_priority=any(link.state in ("M", "G") for link in _onto(network, crossing)),
         signal=_signal(network, crossing, lane),
-        left_hand=network.left_hand,
     )
 
 

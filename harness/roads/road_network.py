@@ -115,7 +115,6 @@ class RoadNetwork:
     edges: dict[str, Edge] = field(default_factory=dict)
     lanes: dict[str, Lane] = field(default_factory=dict)
     into: dict[str, list[Edge]] = field(default_factory=dict)
-    junctions: dict[str, str] = field(default_factory=dict)
     onward: dict[str, list[Link]] = field(default_factory=dict)
     backward: dict[str, list[Link]] = field(default_factory=dict)
     location: dict[str, str] = field(default_factory=dict)
@@ -203,8 +202,6 @@ class _Reader:
             self.network.edges[self._edge.id] = self._edge
             if self._edge.function == "normal":
                 self.network.into.setdefault(self._edge.end, []).append(self._edge)
-        elif tag == "junction":
-            self.network.junctions[attributes["id"]] = attributes.get("type", "")
         elif tag == "location":
             self.network.location.update(attributes)
 

@@ -149,7 +149,7 @@ class Footpath:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A traffic light at the crosswalk, and which of its links are pedestrians'."""
+    """A traffic light at the crosswalk, and which of its links are for pedestrians."""
 
     id: str
     crossing_links: frozenset[int]
@@ -173,7 +173,6 @@ class Site:
         footpaths: each side's.
         pedestrian_priority: whether SUMO's own drivers yield there.
         signal: the traffic light that rules it, None without one.
-        left_hand: whether traffic keeps left.
     """
 
     frame: RoadFrame
@@ -189,7 +188,6 @@ class Site:
     footpaths: tuple[Footpath, Footpath]
     pedestrian_priority: bool
     signal: Signal | None
-    left_hand: bool
 
     @property
     def bearing_deg(self) -> float:

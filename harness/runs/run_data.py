@@ -21,7 +21,7 @@ from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.results.episode_tables import pair_rows
 from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
-from harness.results.manifest import options_of, recall_study
+from harness.results.manifest import options_of
 from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
 from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
 from harness.results.shards import Shard
@@ -36,7 +36,7 @@ from harness.results.summaries import (
 from harness.results.tables import HOUR_TABLES, HOUR_TRACES, TABLES, encounter_tables, table_of
 from harness.runs.notebook import run_html
 from harness.runs.run_tables import RunTables, read_summary, readable_shards
-from harness.scenario import Cell, EngineName, Scenario, Study
+from harness.scenario import Cell, EngineName, Scenario, Study, study_from
 from harness.workers.tasks import Failure
 
 
@@ -337,7 +337,7 @@ class RunData:
     @property
     def confidence(self) -> float:
         """Of each interval of the run."""
-        return confidence_of(self.study, options_of(dict(self.manifest)))
+        return confidence_of(self.study, options_of(self.manifest))
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -385,7 +385,7 @@ def load_run(path: str | Path) -> RunData:
     """
     folder = Path(path)
     document = read_manifest(folder)
-    study = recall_study(document, str(folder / MANIFEST))
+    study = study_from(document, str(folder / MANIFEST))
     counts = document["counts"]
     finished = counts is not None
     if not finished:

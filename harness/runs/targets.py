@@ -23,7 +23,7 @@ class MissedTarget:
 
 def missed_targets(run: RunData) -> list[MissedTarget]:
     """The cells of a finished run in which ``--until`` did not reach its target."""
-    until = options_of(dict(run.manifest)).until
+    until = options_of(run.manifest).until
     if until is None or not run.finished:
         return []
     missed = []

@@ -39,9 +39,7 @@ class Lane:
 
     def own_side(self, side: Side) -> Side:
         """A kerb, named from the ego's direction, as vehicles of this lane name it."""
-        if self.direction is Direction.FORWARD:
-            return side
-        return Side.FAR if side is Side.NEAR else Side.NEAR
+        return side if self.direction is Direction.FORWARD else side.other
 
 
 def lanes_of(scenario: Scenario) -> tuple[Lane, ...]:

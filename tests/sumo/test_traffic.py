@@ -152,7 +152,7 @@ def test_oncoming_is_the_ego_turned_round(strategy: str, side: Side) -> None:
     """
     scenario = scenario_of({"duration_s": 120.0})
     begins = 10.0 + 270 / 5.0
-    other = Side.FAR if side is Side.NEAR else Side.NEAR
+    other = side.other
     people = [Arrival(0, begins + 3.0, side, 0.4)]
     turned = [people[0]._replace(side=other)]
     _, _, (forward,) = hour_of(scenario, [[100], []], people, strategy)
