@@ -6,12 +6,14 @@ from harness.report.tables import (
     TableCell,
     count_cell,
     interval_cell,
-    plain,
+    level,
+    named_values,
     share_cell,
     value_cell,
 )
-from harness.report.words import av_label, caveats, joined_caveats, level, sentence
+from harness.report.words import av_label, caveats, joined_caveats, sentence
 from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
+from harness.scenario import as_written
 
 _NAMED = 4
 """Cells named in a word about another; the JSON document has all."""
@@ -21,7 +23,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
     """Every group's cells and their front, the differences, and the allowed values."""
     tables = []
     for number, group in enumerate(result.groups):
-        shared = ", ".join(f"{key} = {plain(value)}" for key, value in group.group.shared.items())
+        shared = named_values(group.group.shared)
         name = f"{result.name}, {shared}" if shared else result.name
         tables.append(_cell_table(group, f"compared-{number}", name))
         if group.comparisons:
@@ -34,7 +36,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
 
 
 def comparison_caveats(result: RunComparison) -> list[str]:
-    """What has to be known before any number of the comparison is read."""
+    """What a reader has to know before any number of the comparison."""
     of_cells = {
         cell.number: caveats(cell.strategy, summary)
         for group in result.groups
@@ -71,7 +73,10 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
     numbers = [cell.number for cell in result.group.cells]
     rows = []
     for item in result.comparisons:
-        star = {key: "*" if key in item.indicative else "" for key in _STARRED}
+        star = {
+            key: "*" if key in item.indicative else ""
+            for key in ("mu_difference", "delay_difference_s")
+        }
         rows.append(
             (
                 count_cell(numbers[item.a]),
@@ -91,12 +96,9 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
     return Table(name, words, headings, tuple(rows), sortable=True)
 
 
-_STARRED = ("mu_difference", "delay_difference_s")
-
-
 def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     sweep, allowed = result.sweep, result.limits
-    fixed = "".join(f", {name} = {plain(value)}" for name, value in sweep.fixed.items())
+    fixed = "".join(f", {name} = {as_written(value)}" for name, value in sweep.fixed.items())
     bold = sweep.aggressiveness
     rows = []
     for position, judgement in enumerate(result.found.judgements):
@@ -127,7 +129,7 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     """The verdict in words.
 
     Args:
-        result: on the values of one parameter.
+        result: the judgement of each value of one parameter.
         error: chance that any of the bounds is wrong.
     """
     sweep, found = result.sweep, result.found
@@ -180,7 +182,9 @@ def comparison_lines(result: RunComparison) -> list[str]:
 
 def _values(result: SweepResult, verdict: Verdict) -> str:
     judged = zip(result.sweep.values, result.found.judgements, strict=True)
-    return ", ".join(plain(value) for value, judgement in judged if judgement.verdict is verdict)
+    return ", ".join(
+        as_written(value) for value, judgement in judged if judgement.verdict is verdict
+    )
 
 
 def _words(standing: Standing, result: GroupResult) -> str:
@@ -192,7 +196,7 @@ def _words(standing: Standing, result: GroupResult) -> str:
 
 
 def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
-    """Of these cells, the first few."""
+    """The numbers of the first few of these cells."""
     shown = [str(result.group.cells[position].number) for position in positions]
     more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
     return ", ".join(shown[:_NAMED]) + more

@@ -11,20 +11,18 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from harness.encounter import Arm, Arrival, Crossing, FloatArray, Side
+from harness.encounter import Arrival, Crossing, FloatArray, Side
 from harness.report.style import (
-    AV,
+    ARM_LOOKS,
     BLUE,
     GRID,
-    HUMAN,
     MUTED,
     SERIES,
     VERMILLION,
     finish,
     legend_below,
 )
-
-_ARMS = {Arm.AV: ("AV", AV), Arm.HUMAN: ("human", HUMAN)}
+from harness.report.tables import ARM_NAMES, counted
 
 
 def draw_arrivals(
@@ -119,16 +117,16 @@ def _profiles(
     found = []
     for (label, rows), series in zip(traces.items(), SERIES, strict=False):
         ego = rows[rows["object"] == "ego"]
-        for arm, (name, look) in _ARMS.items():
+        for arm, look in ARM_LOOKS.items():
             own = ego[ego["arm"] == arm.value]
             if len(own):
-                found.append((own, (series.colour, look.dash), f"{label}, {name}"))
+                found.append((own, (series.colour, look.dash), f"{label}, {ARM_NAMES[arm]}"))
     return found
 
 
 def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
     episodes = len(_profiles(traces))
-    return f"n = {episodes} episodes of {len(traces)} pair{'s'[: len(traces) != 1]}"
+    return f"n = {episodes} episodes of {counted(len(traces), 'pair')}"
 
 
 def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
@@ -149,7 +147,7 @@ def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
     smallest = np.full(len(times), np.nan)
     for name, walker in parts.items():
         if not str(name).startswith("pedestrian-"):
-            continue  # as the strategy was shown them, which is not where they were
+            continue  # where the strategy was shown them, which is not where they were
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
         # Which way they go; someone seen once, or standing, is taken to be near the kerb they left.
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)

@@ -1,8 +1,7 @@
 """Which episodes a report shows, and their traces: kept ones read, others simulated again."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import pandas as pd
 
@@ -36,7 +35,7 @@ _DANGEROUS = {
     "smallest TTC": "min_ttc_s",
     "largest DRAC": "-max_drac_mps2",
 }
-"""Reasons by danger, with the AV's column; a minus: the largest value."""
+"""Reasons by danger, with the AV's column; a minus before it asks for the largest values."""
 
 Key = tuple[int, int]
 """(cell, pair)."""
@@ -46,8 +45,8 @@ Key = tuple[int, int]
 class ShownPair:
     """A pair with the traces of both arms, columns as ``RunData.traces``.
 
-    ``reasons`` say why it is shown; ``note`` says where the trace comes from, when it was not
-    kept, and ``differences`` how an episode simulated again is not as stored.
+    ``reasons`` say why it is shown.  Where the trace was not kept, ``note`` says where it comes
+    from and ``differences`` how the episode simulated again is not as stored.
     """
 
     cell: int
@@ -133,17 +132,38 @@ def shown_pairs(run: RunData, chosen: dict[str, list[Key]]) -> list[ShownPair]:
 
 
 def _simulate(run: RunData, keys: Iterable[Key]) -> Iterator[ShownPair]:
-    """The pairs run again on SUMO, and compared with what is stored.
+    """The pairs run again on SUMO, and compared with what is stored."""
+    for task, result in simulated_again([task_of(run, *key) for key in sorted(keys)]):
+        differences = differences_from_stored(run, task, result, ("episodes", "pedestrians"))
+        rows = table_of("traces", result.rows["traces"]).to_pandas()
+        verdict = "differs from" if differences else "is identical to"
+        note = f"Simulated again for this page; the record {verdict} the stored one."
+        yield ShownPair(task.cell, task.first_pair, (), rows, note, differences)
+
+
+def simulated_again(tasks: Sequence[Task]) -> Iterator[tuple[Task, TaskResult]]:
+    """Run stored pairs again; a report keeps no log, for a pair's record says what became of it.
 
     In processes of their own: an episode may kill or hang the one it runs in.
     """
-    tasks = [task_of(run, cell, pair) for cell, pair in sorted(keys)]
     pool = LocalPool(min(_WORKERS, default_workers(), max(1, len(tasks))))
     try:
-        for task, result in run_tasks(pool, tasks, _ignore):
-            yield _compared(run, task, result)
+        yield from run_tasks(pool, tasks, lambda _event, **_details: None)
     finally:
         pool.stop()
+
+
+def differences_from_stored(
+    run: RunData, task: Task, result: TaskResult, names: Iterable[str]
+) -> tuple[str, ...]:
+    """How the tables of these names that came out differ from those of the run, in words."""
+    return tuple(
+        difference
+        for name in names
+        for difference in differences_of(
+            name, result.rows[name], run.rows_of(name, task.cell, task.first_pair).to_pylist()
+        )
+    )
 
 
 def task_of(run: RunData, cell: int, pair: int) -> Task:
@@ -160,21 +180,6 @@ def task_of(run: RunData, cell: int, pair: int) -> Task:
         stack_file=None,
         engine=run.engine,
     )
-
-
-def _compared(run: RunData, task: Task, result: TaskResult) -> ShownPair:
-    differences: list[str] = []
-    for name in ("episodes", "pedestrians"):
-        stored = run.rows_of(name, task.cell, task.first_pair).to_pylist()
-        differences += differences_of(name, result.rows[name], stored)
-    rows = table_of("traces", result.rows["traces"]).to_pandas()
-    verdict = "differs from" if differences else "is identical to"
-    note = f"Simulated again for this page; the record {verdict} the stored one."
-    return ShownPair(task.cell, task.first_pair, (), rows, note, tuple(differences))
-
-
-def _ignore(event: str, **details: Any) -> None:
-    """A report has no log: what becomes of a pair stands in its record."""
 
 
 def nothing_to_show(error: HarnessError) -> str:

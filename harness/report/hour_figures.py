@@ -7,9 +7,10 @@ from matplotlib.axes import Axes
 
 from harness.encounter import Arm
 from harness.report import style
-from harness.report.player_data import ARM_NAMES
 from harness.report.shown_hour import ShownHour
 from harness.report.style import Picture
+from harness.report.tables import ARM_NAMES
+from harness.report.words import pair_name
 from harness.runs.run_data import RunData
 from harness.traffic.lanes import Direction, lanes_of
 
@@ -25,12 +26,11 @@ def time_space(run: RunData, hour: ShownHour) -> Picture:
     lanes = lanes_of(scenario)
     forward_m = [lane.centre_m for lane in lanes if lane.direction is Direction.FORWARD]
     names = {Arm.AV: scenario.arms.av, Arm.HUMAN: scenario.arms.human}
-    looks = {Arm.AV: style.AV, Arm.HUMAN: style.HUMAN}
     for arm, axes in zip(Arm, panels, strict=True):
-        _panel(axes, hour, arm, forward_m, looks[arm])
+        _panel(axes, hour, arm, forward_m, style.ARM_LOOKS[arm])
         style.finish(axes, "time since the warm-up (s)", "distance to the crosswalk (m)")
         axes.set_title(style.figure_text(f"{ARM_NAMES[arm]}: {names[arm]}"), loc="left")
-    where = f"Cell {hour.cell}, pair {hour.pair}" if run.varied_keys else f"Pair {hour.pair}"
+    where = pair_name(run, hour.cell, hour.pair).capitalize()
     note = f" {hour.note}" if hour.note else ""
     return Picture(
         "time-space",

@@ -7,16 +7,15 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from harness.comparison import Interval
-from harness.encounter import Arm
 from harness.report import style
 from harness.report.hour_figures import time_space
 from harness.report.shown_hour import ShownHour
 from harness.report.style import Picture
 from harness.report.sweep_pictures import across_key, axis_label
-from harness.report.tables import plain
+from harness.report.tables import ARM_NAMES
 from harness.results.hour_summaries import HoursSummary
 from harness.runs.run_data import RunData
-from harness.scenario import Cell
+from harness.scenario import Cell, as_written
 
 _OVER = (
     ("vehicle_delay_s", "delay of vehicles (s)", "Delay of vehicles"),
@@ -43,7 +42,7 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
     """A measure over the main varied key: a line for each strategy, and one for the reference."""
     groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
     for cell, summary in run.hour_results:
-        others = [plain(value) for other, value in cell.varied.items() if other != key]
+        others = [as_written(value) for other, value in cell.varied.items() if other != key]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
     figure, (axes,) = style.new_figure()
     drawn = False
@@ -52,7 +51,7 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
         drawn |= _line(axes, _points(cells, key, name, 0), f"AV: {label}", look)
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}
     if len(references) == 1:
-        (cells,) = [next(iter(groups.values()))]
+        cells = next(iter(groups.values()))
         label = f"reference: {next(iter(references))}"
         drawn |= _line(axes, _points(cells, key, name, 1), label, style.HUMAN)
     if not drawn:
@@ -99,13 +98,16 @@ def _line(axes: Axes, points: Points, label: str, look: style.Look) -> bool:
 def _queues(run: RunData) -> Picture:
     """Queued vehicles over the hour, mean over pairs and lanes, both arms."""
     figure, (axes,) = style.new_figure()
-    for arm, label, look in (
-        (Arm.AV, "AV", style.AV),
-        (Arm.HUMAN, "human", style.HUMAN),
-    ):
+    for arm, look in style.ARM_LOOKS.items():
         own = run.queues[run.queues["arm"] == arm.value]
         mean: pd.Series[float] = own.groupby("minute")["mean"].mean()
-        axes.plot(mean.index, mean.to_numpy(), color=look.colour, linestyle=look.dash, label=label)
+        axes.plot(
+            mean.index,
+            mean.to_numpy(),
+            color=look.colour,
+            linestyle=look.dash,
+            label=ARM_NAMES[arm],
+        )
     style.finish(axes, "minute", "queued vehicles per lane")
     style.legend_below(axes)
     return Picture(

@@ -7,8 +7,10 @@ import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Arm
-from harness.report.player_data import ARM_NAMES, rounded, short
+from harness.report.player_data import rounded, short
 from harness.report.shown_hour import ShownHour
+from harness.report.tables import ARM_NAMES
+from harness.report.words import pair_name
 from harness.runs.run_data import RunData
 from harness.traffic.lanes import Direction, lanes_of
 
@@ -17,14 +19,14 @@ EVERY_S = 0.5
 
 BEHIND_M = 140.0
 AHEAD_M = 60.0
-"""What is shown of the road, upstream and downstream of the ego's direction."""
+"""How much of the road is shown, upstream and downstream in the ego's direction."""
 
 
 def hour_player(run: RunData, hour: ShownHour) -> dict[str, Any]:
-    """What the page's template takes: a sentence, and the document as text."""
-    which = f"cell {hour.cell}, pair {hour.pair}" if run.varied_keys else f"pair {hour.pair}"
+    """A sentence about the hour, and its document as text, for the page's template."""
     words = (
-        f"All vehicles of {which} around the longest queue of the AV's arm, from "
+        f"All vehicles of {pair_name(run, hour.cell, hour.pair)} around the longest queue of the "
+        "AV's arm, from "
         f"{hour.begin_s:g} s to {hour.end_s:g} s after the warm-up; a whole hour is too large for "
         f"a page. {hour.note} {' '.join(hour.differences[:1])}"
     )
@@ -81,7 +83,7 @@ def _arm(run: RunData, hour: ShownHour, arm: Arm) -> dict[str, Any]:
                 "y": short(y_m),
                 "oncoming": y_m in oncoming,
                 "strategy": strategy,
-                # Those of the warm-up have no row.
+                # Vehicles of the warm-up have no row.
                 "automated": arm is Arm.AV and (strategy or unknown) == scenario.arms.av,
                 "t": rounded(rows["time_s"].to_numpy()[kept]),
                 "x": rounded(rows["x_m"].to_numpy()[kept]),

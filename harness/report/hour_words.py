@@ -1,20 +1,21 @@
-"""What is said of hours of traffic, on the terminal and the page alike: tables and sentences."""
+"""Tables and sentences about hours of traffic, for the terminal and the page alike."""
 
 from harness.encounter import Arm
 from harness.report.sweep_tables import varied_headings
 from harness.report.tables import (
+    ARM_NAMES,
     Table,
     TableCell,
     counted,
     interval_cell,
+    level,
+    named_values,
     number,
-    plain,
     share_cell,
 )
-from harness.report.words import level
 from harness.results.hour_summaries import GROWTH, HOUR_MEASURES, HoursSummary
 from harness.runs.run_data import RunData
-from harness.scenario import Cell
+from harness.scenario import Cell, as_written
 
 _DIGITS = 2
 
@@ -36,8 +37,6 @@ _NAMES = {
     "conflicts_drac_per_1000": "conflicts per 1,000: DRAC",
 }
 
-_ARMS = {Arm.AV: "AV", Arm.HUMAN: "human"}
-
 _OVER_CELLS = (
     "crashes_per_1000",
     "vehicle_delay_s",
@@ -46,7 +45,7 @@ _OVER_CELLS = (
     "throughput_per_hour",
 )
 _ON_TERMINAL = 3
-"""Of these so many fit there."""
+"""So many of ``_OVER_CELLS`` fit on the terminal."""
 
 
 def hour_tables(run: RunData) -> list[Table]:
@@ -57,10 +56,10 @@ def hour_tables(run: RunData) -> list[Table]:
 
 
 def hour_lines(run: RunData) -> list[str]:
-    """What has to be known before any number: crashes and saturation first."""
+    """What a reader has to know before any number: crashes and saturation first."""
     lines = [line for arm in Arm if (line := _crashes(run, arm))]
     for cell, summary in run.hour_results:
-        which = f"{_varied(cell)}: " if run.varied_keys else ""
+        which = f"{named_values(cell.varied)}: " if run.varied_keys else ""
         lines += [which + line for line in _warnings(cell, summary)]
     return lines
 
@@ -77,13 +76,13 @@ def _crashes(run: RunData, arm: Arm) -> str:
     if run.varied_keys:
         often = (
             f"in {len(crashed)} of {counted(len(run.hour_results), 'cell')}, at most "
-            f"{1000 * (most or 0.0):.3g} per 1,000 passages ({_varied(cell)})"
+            f"{1000 * (most or 0.0):.3g} per 1,000 passages ({named_values(cell.varied)})"
         )
     else:
         often = f"in {kappa.successes:,} of {counted(kappa.trials, 'passage')}"
     return (
-        f"Crashes ({_ARMS[arm]}) {often}: traffic goes on as if nobody had been hit, so no delay "
-        "has what a crash costs."
+        f"Crashes ({ARM_NAMES[arm]}) {often}: traffic goes on as if nobody had been hit, so no "
+        "delay has what a crash costs."
     )
 
 
@@ -91,7 +90,7 @@ def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
     traffic = cell.scenario.traffic
     assert traffic is not None
     lines = []
-    for arm, name in _ARMS.items():
+    for arm, name in ARM_NAMES.items():
         own = summary.arms[arm]
         if own.saturated and own.growth is not None:
             lines.append(
@@ -116,7 +115,6 @@ def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
 
 
 def _of_one_cell(summary: HoursSummary) -> Table:
-    level = f"{100 * summary.confidence:.4g} %"
     rows: list[tuple[TableCell, ...]] = [
         (
             TableCell("travel time, AV / human"),
@@ -151,18 +149,19 @@ def _of_one_cell(summary: HoursSummary) -> Table:
         values = [getattr(summary.arms[arm], attribute) or "undefined" for arm in Arm]
         rows.append((TableCell(name), *(TableCell(v) for v in values), TableCell("")))
     headings = ("mean over hours", "AV", "human", "AV − human")
-    caption = f"Traffic, N = {counted(summary.pairs, 'pair')} of hours, {level} intervals"
+    caption = f"Traffic, N = {counted(summary.pairs, 'pair')} of hours"
+    caption += f", {level(summary.confidence)} intervals"
     return Table("traffic", caption, headings, tuple(rows))
 
 
 def _over_cells(run: RunData) -> Table:
     rows = []
     for cell, summary in run.hour_results:
-        values = [TableCell(plain(cell.varied[key])) for key in run.varied_keys]
+        values = [TableCell(as_written(cell.varied[key])) for key in run.varied_keys]
         for name in _OVER_CELLS:
             for found in summary.measures[name][:2]:
                 values.append(interval_cell(found, _DIGITS))
-        saturated = [_ARMS[arm] for arm in Arm if summary.arms[arm].saturated]
+        saturated = [ARM_NAMES[arm] for arm in Arm if summary.arms[arm].saturated]
         values.insert(len(run.varied_keys), TableCell(", ".join(saturated) or "no"))
         rows.append(tuple(values))
     names = [f"{_NAMES[name]}{end}" for name in _OVER_CELLS for end in (", AV", ", human")]
@@ -173,7 +172,3 @@ def _over_cells(run: RunData) -> Table:
     )
     on_terminal = tuple(range(len(run.varied_keys) + 1 + 2 * _ON_TERMINAL))
     return Table("traffic", caption, headings, tuple(rows), sortable=True, terminal=on_terminal)
-
-
-def _varied(cell: Cell) -> str:
-    return ", ".join(f"{key} = {plain(value)}" for key, value in cell.varied.items())

@@ -1,7 +1,5 @@
-"""A run folder as one page: no network, opens from disk, everything from files escaped."""
+"""A run folder as one page."""
 
-import base64
-import hashlib
 import math
 import shlex
 from collections.abc import Iterator, Sequence
@@ -9,13 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jinja2
 from jinja2.utils import htmlsafe_json_dumps
 
 from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
-from harness.files import write_file
-from harness.interaction import InteractionModel
 from harness.report import style
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
@@ -28,8 +23,8 @@ from harness.report.plots import save
 from harness.report.reference_words import reference_lines, references_compared
 from harness.report.result_tables import result_tables, statistics_table, tiles
 from harness.report.shown_hour import ShownHour, shown_hour
-from harness.report.svg import inline_svg
-from harness.report.tables import Table, counted, plain
+from harness.report.tables import Table, counted
+from harness.report.template import drawn, flat, page_in, write_page
 from harness.report.words import (
     PAPER_REMARK,
     audit_lines,
@@ -46,10 +41,8 @@ from harness.report.words import (
 from harness.runs.compare import compare
 from harness.runs.run_data import RunData
 from harness.runs.strategy_groups import strategy_groups
-from harness.versions import versions_of_runs
+from harness.scenario import as_written
 
-PAGE = "report.html"
-_TEMPLATES = Path(__file__).parent / "templates"
 _MOST_FAILURES = 20
 _MOST_COMPARISONS = 60
 """Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
@@ -75,92 +68,59 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
     Raises:
         InputError: nothing is finished yet, tables are damaged, or a place cannot be written.
     """
-    page = out or run.path / PAGE
-    if page.is_dir():
-        raise InputError(f"--out {page}", "is a folder", "a file to write")
+    page = page_in(run.path, out)
     if (run.hours if run.in_traffic else run.pairs).empty:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Whatever is damaged is found before anything is written.
     context = _context(run)
-    shown, chosen, no_player = ([], {}, "") if run.in_traffic else _shown(run)
-    hour, no_hour = _hour(run) if run.in_traffic else (None, "")
-    model, no_model = (None, "") if run.in_traffic else _model(run)
+    shown, episodes, pictures = (_hour_shown if run.in_traffic else _pairs_shown)(run)
     written: list[Path] = []
     drawn_pictures = []
     with style.styled():
-        of_traffic = run.in_traffic
-        pictures = hour_pictures(run, hour) if of_traffic else pictures_of(run, model, shown)
         for picture in pictures:
             drawn_pictures.append(drawn(picture))
             if figures is not None:
                 style.caption(picture.figure, picture.caption)
                 written += save(picture.figure, figures, picture.name)
-    context |= {
-        "player": _player(run, chosen, shown) if shown else None,
-        "hour": None if hour is None else hour_player(run, hour),
-        "no_player": no_player or no_hour,
-        "pictures": drawn_pictures,
-        "figure_remarks": [no_model] if no_model else [],
-    }
-    text = filled(context)
-    # A file may hold what is no text; a page must be.
-    write_file(page, text.encode("utf-8", errors="replace"))
-    again: list[ShownPair | ShownHour] = [*shown, *([] if hour is None else [hour])]
-    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in again if p.differences)
+    write_page(page, context | episodes | {"pictures": drawn_pictures})
+    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
     return Written(page, tuple(written), tuple(differing))
 
 
-def _shown(run: RunData) -> tuple[list[ShownPair], dict[str, list[tuple[int, int]]], str]:
-    chosen = choose_pairs(run)
-    if run.kept_traces:
-        return shown_pairs(run, chosen), chosen, ""
+_Shown = tuple[Sequence[ShownPair | ShownHour], dict[str, Any], Iterator[style.Picture]]
+"""What is shown of a run, how the page shows it, and the figures."""
+
+
+def _pairs_shown(run: RunData) -> _Shown:
+    chosen, shown, no_player = choose_pairs(run), list[ShownPair](), ""
     try:
-        return shown_pairs(run, chosen), chosen, ""
+        shown = shown_pairs(run, chosen)
     except HarnessError as error:
+        if run.kept_traces:
+            raise
         # A model or a strategy may have gone since; the numbers are still there.
-        return [], chosen, nothing_to_show(error)
-
-
-def _hour(run: RunData) -> tuple[ShownHour | None, str]:
+        no_player = nothing_to_show(error)
+    model, remarks = None, []
     try:
-        return shown_hour(run), "No hour ran in both arms."
-    except HarnessError as error:
-        return None, nothing_to_show(error)
-
-
-def _model(run: RunData) -> tuple[InteractionModel | None, str]:
-    try:
-        return run.model_of(0), ""
+        model = run.model_of(0)
     except InputError as error:
-        return None, f"Figures of the interaction model are left out: {error}."
-
-
-def drawn(picture: style.Picture) -> dict[str, str]:
-    """A picture as the template takes it."""
-    return {
-        "name": picture.name,
-        "title": picture.title,
-        "caption": picture.caption,
-        "svg": inline_svg(picture.figure, f"f-{picture.name}", picture.title, picture.caption),
+        remarks = [f"Figures of the interaction model are left out: {error}."]
+    episodes = {
+        "player": _player(run, chosen, shown) if shown else None,
+        "no_player": no_player,
+        "figure_remarks": remarks,
     }
+    return shown, episodes, pictures_of(run, model, shown)
 
 
-def filled(context: dict[str, Any]) -> str:
-    """The page with everything in it that is the same on every one: styles and scripts."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_TEMPLATES),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    player = "hour.js" if context["hour"] else "player.js"
-    shared = {
-        "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "scripts": [_script(name) for name in ("page.js", player)],
-        "version": versions_of_runs()["harness"],
-    }
-    return environment.get_template(PAGE).render(context | shared)
+def _hour_shown(run: RunData) -> _Shown:
+    hour, no_hour = None, "No hour ran in both arms."
+    try:
+        hour = shown_hour(run)
+    except HarnessError as error:
+        no_hour = nothing_to_show(error)
+    episodes = {"hour": hour and hour_player(run, hour), "no_player": no_hour}
+    return [hour] if hour else [], episodes, hour_pictures(run, hour)
 
 
 def _context(run: RunData) -> dict[str, Any]:
@@ -200,13 +160,6 @@ def _context(run: RunData) -> dict[str, Any]:
         "maker": "harness report",
         "made_from": "the run folder alone",
     }
-
-
-def _script(name: str) -> dict[str, str]:
-    """A script with the hash that lets it, and nothing else, run in the page."""
-    text = (_TEMPLATES / name).read_text(encoding="utf-8")
-    digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
-    return {"text": text, "hash": f"'sha256-{digest}'"}
 
 
 def _unfinished(run: RunData) -> str:
@@ -305,7 +258,7 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     step = f"{scenario.experiment.step_s:g} s, time-out {scenario.experiment.timeout_s:g} s"
     yield "step", step
     for key in run.varied_keys:
-        values = list(dict.fromkeys(plain(cell.varied[key]) for cell in run.study.cells))
+        values = list(dict.fromkeys(as_written(cell.varied[key]) for cell in run.study.cells))
         listed = ", ".join(values[:12]) + (" …" if len(values) > 12 else "")
         yield f"varied: {key}", listed
     if manifest["until"]:
@@ -313,15 +266,6 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
         yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
     yield "versions", ", ".join(f"{name} {of}" for name, of in dict(manifest["versions"]).items())
     yield "traces", "kept" if run.kept_traces else "not kept"
-
-
-def flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Every key of the scenario with its value."""
-    for key, value in tree.items():
-        if isinstance(value, dict) and value:
-            yield from flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", "" if value is None else plain(value)
 
 
 def _player(

@@ -1,4 +1,4 @@
-"""Which figures a run gets, with their captions: data from the run folder into ``*_figures``."""
+"""The figures of a run with their captions: data from its folder go into ``*_figures``."""
 
 from collections.abc import Iterator, Sequence
 from typing import cast
@@ -21,7 +21,8 @@ from harness.report import (
 from harness.report.episode_traces import ShownPair
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
-from harness.report.words import PAPER, is_the_papers, level
+from harness.report.tables import counted, level
+from harness.report.words import PAPER, is_the_papers, pair_name
 from harness.roads import read_network, site_at
 from harness.runs.run_data import RunData
 from harness.scenario import Scenario
@@ -69,7 +70,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     tau = run.pairs["tau"].to_numpy(dtype=float)
     scenario = run.scenario_of(0)
     defined = int(np.count_nonzero(~np.isnan(tau)))
-    counted = f"n = {defined:,} of {len(tau):,} pair{'s'[: len(tau) != 1]}"
+    count = f"n = {defined:,} of {counted(len(tau), 'pair')}"
     figure, (axes,) = style.new_figure()
     reference = float(PAPER["mu"]) if is_the_papers(scenario) else None
     tau_figures.draw_running_mean(axes, tau, reference)
@@ -77,26 +78,26 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
         "tau-mean",
         "Running mean of τ",
         "Mean of the first n values of τ = AV time / human time, with its 95 % band (Student's t): "
-        f"{counted}.",
+        f"{count}.",
         figure,
     )
     figure, (axes,) = style.new_figure()
     row = run.summary.iloc[0]
-    interval = tuple(float(row[f"mu{end}"]) for end in ("", "_ci_low", "_ci_high"))
-    mu = (interval[0], interval[1], interval[2]) if np.isfinite(interval).all() else None
+    interval = float(row["mu"]), float(row["mu_ci_low"]), float(row["mu_ci_high"])
+    mu = interval if np.isfinite(interval).all() else None
     fallback = _of_arm(run.episodes, Arm.AV)["fallback"].to_numpy(dtype=bool)
     tau_figures.draw_tau_distribution(axes, tau, fallback, mu, run.confidence)
     yield Picture(
         "tau-distribution",
         "Distribution of τ",
-        f"Histogram of τ with μ and its {level(run.confidence)} interval; {counted}, "
+        f"Histogram of τ with μ and its {level(run.confidence)} interval; {count}, "
         f"{int(fallback.sum()):,} with a fallback of the AV.",
         figure,
     )
 
 
 def _arrivals(run: RunData) -> Picture:
-    """Of the first pair that has at least the mean number within the minute."""
+    """Arrivals of the first pair to which at least the mean number comes within a minute."""
     scenario = run.scenario_of(0)
     flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
     wanted = max(1, round(flow * ARRIVALS_S / 3600))
@@ -133,16 +134,13 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
     for reason in ("lowest τ", "median τ", "highest τ"):
         pair = next((pair for pair in shown if reason in pair.reasons), None)
         if pair is not None and not any(other is pair for other in chosen.values()):
-            where = (
-                f"cell {pair.cell}, pair {pair.pair}" if run.varied_keys else f"pair {pair.pair}"
-            )
-            chosen[f"{where}, {reason}"] = pair
+            chosen[f"{pair_name(run, pair.cell, pair.pair)}, {reason}"] = pair
     if not chosen:
         chosen[f"pair {shown[0].pair} of cell {shown[0].cell}"] = shown[0]
     traces = {label: pair.rows for label, pair in chosen.items()}
     caption = (
         "The ego's speed over its {} in chosen pairs, one colour for each pair, solid for the AV, "
-        f"dashed for the human; n = {len(traces)} pair{'s'[: len(traces) != 1]}."
+        f"dashed for the human; n = {counted(len(traces), 'pair')}."
     )
     figure, (axes,) = style.new_figure(height=4.4)
     width_m = run.scenario_of(shown[0].cell).crossing.width_m
@@ -196,7 +194,7 @@ def _safety(run: RunData) -> Picture:
 
 
 def _walking(run: RunData, model: InteractionModel) -> Picture | None:
-    """Everyone who stepped off in the AV's arm, beside the mean of the model's densities."""
+    """Speeds of everyone who stepped off in the AV's arm, beside the model's mean density."""
     scenario = run.scenario_of(0)
     walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset="speed_mps")
     if walkers.empty or scenario.pedestrians.walking_speed is not None:
@@ -218,7 +216,7 @@ def _walking(run: RunData, model: InteractionModel) -> Picture | None:
 def _mean_density(
     model: InteractionModel, scenario: Scenario, walkers: pd.DataFrame, grid: FloatArray
 ) -> FloatArray:
-    """Mean over the walkers (some of them, where there are many) of f(v_p | what they saw)."""
+    """Mean of f(v_p | the state each walker saw), over some of the walkers where they are many."""
     few = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
     some = walkers.iloc[few]
     crossing = scenario.crosswalk()

@@ -11,16 +11,15 @@ import pandas as pd
 from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Ending, FloatArray
 from harness.report.episode_figures import time_advantage
 from harness.report.episode_traces import Key, ShownPair
-from harness.report.tables import plain
+from harness.report.tables import ARM_NAMES, named_values
+from harness.report.words import pair_name
 from harness.runs.run_data import RunData
 
 MOST_STATES = 1_500
 """States of one arm; longer episodes are thinned evenly, first and last kept."""
 
 MOST_BYTES = 3_000_000
-"""Of all episodes; the rest is left out."""
-
-ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "human"}
+"""Size of all episodes together; the rest is left out."""
 
 
 def player_document(
@@ -83,15 +82,12 @@ def _episode(run: RunData, pair: ShownPair) -> dict[str, Any]:
     records = {row["arm"]: row for row in run.rows_of("episodes", pair.cell, pair.pair).to_pylist()}
     walkers = run.rows_of("pedestrians", pair.cell, pair.pair).to_pylist()
     tau = _tau(records)
-    where = f"cell {pair.cell}, pair {pair.pair}" if run.varied_keys else f"pair {pair.pair}"
     varied = run.study.cells[pair.cell].varied
     return {
         "cell": pair.cell,
         "pair": pair.pair,
-        "title": where,
-        "varied": ", ".join(
-            f"{key} = {plain(value)}" for key, value in varied.items() if value is not None
-        ),
+        "title": pair_name(run, pair.cell, pair.pair),
+        "varied": named_values({key: of for key, of in varied.items() if of is not None}),
         "result": "τ undefined" if tau is None else f"τ = {tau:.3f}",
         "note": " ".join([pair.note or "", *pair.differences]).strip(),
         "arms": [
@@ -149,7 +145,7 @@ def _kept(states: int) -> np.ndarray:
 
 
 def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
-    """Where they are at the states kept, from ``from`` on; when they came and stepped off.
+    """A pedestrian's places at the states kept, from number ``from`` on, and their times.
 
     ``x`` is left out where they keep to the crosswalk's centre line.
     """
@@ -169,7 +165,7 @@ def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> di
 
 
 def _shown(index: int, rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
-    """Where the strategy was shown a pedestrian: y at the states kept, ``at`` their numbers."""
+    """Where the strategy was shown a pedestrian: y at the states kept whose numbers are ``at``."""
     on = np.flatnonzero(np.isin(times, rows["time_s"].to_numpy()))
     y = rows["y_m"].to_numpy()[np.searchsorted(rows["time_s"].to_numpy(), times[on])]
     return {"index": index, "at": on.tolist(), "y": rounded(y)}
@@ -211,5 +207,5 @@ def short(value: float | None) -> float | None:
     """To three decimals; None where it is undefined."""
     if value is None or not math.isfinite(value):
         return None
-    short = round(float(value), 3)
-    return int(short) if short == int(short) else short
+    rounded = round(float(value), 3)
+    return int(rounded) if rounded == int(rounded) else rounded

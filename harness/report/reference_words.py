@@ -66,12 +66,16 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
     return list(dict.fromkeys(lines))
 
 
+def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
+    """Whether a scenario leaves every parameter of a built-in strategy as it is."""
+    defaults = {of.name: of.default for of in parameters_of(STRATEGIES[strategy])}
+    return defaults | scenario.strategies.get(strategy, {}) == defaults
+
+
 def _as_measured(scenario: Scenario, name: str) -> bool:
-    defaults = {of.name: of.default for of in parameters_of(STRATEGIES[name])}
-    own = scenario.model.path is not None or scenario.model.name != "dut"
-    uses_model = name == "human_gmm"
-    same = defaults | scenario.strategies.get(name, {}) == defaults
-    return same and not (own and uses_model)
+    """Whether the driver is the one that was validated; ``human_gmm`` is its model's."""
+    own_model = (scenario.model.name, scenario.model.path) != ("dut", None)
+    return keeps_its_defaults(scenario, name) and not (own_model and name == "human_gmm")
 
 
 STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
@@ -79,7 +83,7 @@ STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
 
 
 def known_disagreement(av: str, human: str, mu: float) -> str:
-    """That another shipped reference is known to say the opposite of μ; empty where none is.
+    """A warning where another shipped reference is known to say the opposite of μ; else empty.
 
     In docs/study.md each of ``STUDIED`` took more time than ``human_recorded`` in every scenario,
     and less than ``human_gmm`` in ``cctc``.
@@ -103,7 +107,7 @@ def known_disagreement(av: str, human: str, mu: float) -> str:
 
 
 def references_compared(run: RunData) -> list[str]:
-    """A sentence on a run whose cells differ in nothing but the reference; none on others."""
+    """A sentence about a run whose cells differ in the reference alone; none about others."""
     return _agreement(run.results) if tuple(run.varied_keys) == ("arms.human",) else []
 
 

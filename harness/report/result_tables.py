@@ -11,9 +11,10 @@ from harness.report.tables import (
     Table,
     TableCell,
     counted,
+    level,
     limits,
     number,
-    per_cent,
+    percentage,
     share_cell,
     share_limits,
     sort_key,
@@ -25,7 +26,6 @@ from harness.report.words import (
     both_shares,
     conflict_condition,
     is_the_papers,
-    level,
     too_narrow,
 )
 from harness.results.measure_tables import ConflictRate
@@ -114,7 +114,7 @@ def _row(
         remark = f"{few}; {remark}".removesuffix("; ")
     if share:
         within = share_limits(interval, 2) or "undefined"
-        return name, _percent(interval.value), within, paper, remark
+        return name, percentage(interval.value), within, paper, remark
     digits = 4 if key.startswith("mu") else 2
     within = limits(interval, digits) or "undefined"
     return name, number(interval.value, digits), within, paper, remark
@@ -162,17 +162,14 @@ def _three(value: float | None) -> str:
 def _spoken(column: str) -> str:
     """A column's name without its unit."""
     words = re.sub(r"_(s|m|mps|mps2|mps3)$", "", column).split("_")
-    return " ".join(word.upper() if word in _ACRONYMS else word for word in words)
-
-
-_ACRONYMS = ("ttc", "pet", "drac")
+    return " ".join(word.upper() if word in ("ttc", "pet", "drac") else word for word in words)
 
 
 def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
     """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
     notes = {key: [words] if (words := too_narrow(summary, key)) else [] for key in ("mu", "cv")}
     kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
-    worst = f"{_percent(summary.kappa_worst.value)} with its failures and time-outs"
+    worst = f"{percentage(summary.kappa_worst.value)} with its failures and time-outs"
     return [
         {
             "name": "pairs",
@@ -214,7 +211,3 @@ def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
 
 def _within(interval: str, of: str) -> str:
     return f"{of}: {interval}" if interval else "no interval"
-
-
-def _percent(value: float | None) -> str:
-    return "undefined" if value is None else f"{per_cent(value, 2)} %"

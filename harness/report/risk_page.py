@@ -1,15 +1,14 @@
-"""A finished risk as one page, in the form of a run's: the estimate, the ways to the event."""
+"""A finished risk as one page: the estimate, and the ways to the event."""
 
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harness.errors import InputError
-from harness.files import write_file
-from harness.report.page import PAGE, filled, flat
 from harness.report.risk_terminal import effort, sentence, ways_table
-from harness.report.tables import Table, TableCell, per_cent, plain
+from harness.report.tables import Table, TableCell, per_cent
+from harness.report.template import flat, page_in, write_page
+from harness.scenario import as_written
 
 _PEOPLE_SHOWN = 12
 
@@ -28,11 +27,8 @@ def write_risk_page(
     Raises:
         InputError: the place is a folder.
     """
-    page = out or folder / PAGE
-    if page.is_dir():
-        raise InputError(f"--out {page}", "is a folder", "a file to write")
-    text = filled(_context(folder, asked, result))
-    write_file(page, text.encode("utf-8", errors="replace"))
+    page = page_in(folder, out)
+    write_page(page, _context(folder, asked, result))
     return page
 
 
@@ -46,11 +42,8 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
         "heading": heading,
         "where": "Folder",
         "folder": str(folder),
-        "unfinished": "",
         "opening": [sentence(result), effort(result)],
         "caveats": result["warnings"],
-        "tiles": [],
-        "verdicts": [],
         "tables": list(_tables(result)),
         "remarks": [
             "The estimate is the mean weight of independent draws; the explorations only say where "
@@ -64,13 +57,10 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
         }
         if differing
         else None,
-        "player": None,
-        "hour": None,
         "no_player": f"The likeliest episodes are pairs of a scenario: harness run {critical} "
         "--traces --out CRITICAL, then harness report CRITICAL, whose page plays them."
         if result["ways"]
         else "No episode of the estimate ended in the event.",
-        "pictures": [],
         "figure_remarks": ["A risk has no figures."],
         "facts": list(_facts(asked)),
         "scenario": list(flat(asked["scenario"])),
@@ -144,7 +134,7 @@ def _facts(asked: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "arm", asked["arm"]
     yield "event", asked["event"]
     yield "engine", "SUMO" if asked["in_sumo"] else "plain, checked in SUMO"
-    yield "wanted coefficient of variation", plain(asked["target_cv"])
+    yield "wanted coefficient of variation", as_written(asked["target_cv"])
     yield "seed", str(asked["seed"])
     model = asked["model"]
     yield "interaction model", f"{model['name']}, sha256 {model['sha256'][:16]}…"

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.report.console import make_console, print_table
-from harness.report.tables import Table, TableCell, counted, per_cent
+from harness.report.tables import Table, TableCell, counted, level, per_cent
 
 _PEOPLE_SHOWN = 4
 
@@ -30,7 +30,7 @@ def print_risk(result: dict[str, Any], folder: Path) -> None:
 def sentence(result: dict[str, Any]) -> str:
     """The probability in one sentence, or that no way to the event was found."""
     who = f"{result['strategy']} ({result['arm']}) in {result['scenario']}"
-    level = f"{100 * result['confidence']:g} %"
+    sure = level(result["confidence"])
     if result["failed"] == result["episodes"]:
         return (
             f"{who}: all {counted(result['episodes'], 'episode')} failed; nothing is known of "
@@ -47,11 +47,11 @@ def sentence(result: dict[str, Any]) -> str:
         event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"
         return (
             f"{who}: no way {event} found in {counted(result['episodes'], 'episode')}; "
-            f"brute force bounds the probability by {result['ci_high']:.2g} (one-sided {level})."
+            f"brute force bounds the probability by {result['ci_high']:.2g} (one-sided {sure})."
         )
     return (
         f"{who}: P({result['event']}) = {result['probability']:.3g} "
-        f"[{result['ci_low']:.3g}, {result['ci_high']:.3g}] per episode ({level} interval)."
+        f"[{result['ci_low']:.3g}, {result['ci_high']:.3g}] per episode ({sure} interval)."
     )
 
 

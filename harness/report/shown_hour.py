@@ -6,20 +6,18 @@ import pandas as pd
 
 from harness.encounter import Arm
 from harness.errors import HarnessError
-from harness.replay.stored import differences_of
-from harness.report.episode_traces import task_of
+from harness.report.episode_traces import differences_from_stored, simulated_again, task_of
 from harness.results.tables import HOUR_TABLES, HOUR_TRACES, table_of
 from harness.runs.run_data import RunData
-from harness.workers.execution import run_tasks
-from harness.workers.pool import LocalPool
 
 
 @dataclass(frozen=True)
 class ShownHour:
     """A stretch of one pair, from ``begin_s`` to ``end_s`` since the end of the warm-up.
 
-    ``ways`` has the rows of ``traces`` of both arms, ``walks`` those of ``walks``; ``note`` says
-    where they come from, and ``differences`` how an hour simulated again is not as stored.
+    ``ways`` has the rows of ``traces`` of both arms, ``walks`` those of ``walks``.  Where they
+    were not kept, ``note`` says where they come from and ``differences`` how the hour simulated
+    again is not as stored.
     """
 
     cell: int
@@ -71,23 +69,12 @@ def _ways(
     if run.kept_traces:
         traces, walks = (run.rows_of(name, cell, pair) for name in HOUR_TRACES)
         return traces.to_pandas(), walks.to_pandas(), "", ()
-    # In a process of its own: an hour may kill or hang the one it runs in.
-    pool = LocalPool(1)
-    try:
-        results = list(run_tasks(pool, [task_of(run, cell, pair)], lambda _event, **_details: None))
-    finally:
-        pool.stop()
+    results = list(simulated_again([task_of(run, cell, pair)]))
     if len(results) != 1:
         raise HarnessError(f"cell {cell} pair {pair} could not be simulated again")
-    rows = results[0][1].rows
-    differences = tuple(
-        difference
-        for name in HOUR_TABLES
-        for difference in differences_of(
-            name, rows[name], run.rows_of(name, cell, pair).to_pylist()
-        )
-    )
+    task, result = results[0]
+    differences = differences_from_stored(run, task, result, HOUR_TABLES)
     verdict = "differ from" if differences else "are identical to"
     note = f"Simulated again for this page; the records {verdict} the stored ones."
-    ways, walks = (table_of(name, rows[name]).to_pandas() for name in HOUR_TRACES)
+    ways, walks = (table_of(name, result.rows[name]).to_pandas() for name in HOUR_TRACES)
     return ways, walks, note, differences

@@ -1,7 +1,7 @@
 """The one style of every figure: colours, dashes, markers, hatches, and quiet axes.
 
 Colours are those of Okabe and Ito (2008), told apart by the colour-blind, the two pale ones
-darkened; what a colour says, a dash, marker or hatch says too, so figures survive greyscale.  The
+darkened.  Dash, marker or hatch say what a colour says, so figures survive greyscale.  The
 page swaps the same colours for lighter ones in its dark scheme, so no figure uses any other.
 """
 
@@ -17,6 +17,8 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
+
+from harness.encounter import Arm
 
 INK = "#1b1f24"
 MUTED = "#57606a"
@@ -46,6 +48,7 @@ class Look:
 
 AV = Look(BLUE, "-", "o")
 HUMAN = Look(VERMILLION, "--", "s")
+ARM_LOOKS = {Arm.AV: AV, Arm.HUMAN: HUMAN}
 SERIES = (
     AV,
     HUMAN,

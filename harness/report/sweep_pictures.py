@@ -11,8 +11,7 @@ from harness.comparison import Limits, Verdict
 from harness.report import style, sweep_figures as draw
 from harness.report.comparison_tables import allowed_lines
 from harness.report.style import Picture
-from harness.report.tables import plain
-from harness.report.words import level as words_of_level
+from harness.report.tables import level as words_of_level
 from harness.runs.compare import allowed_values
 from harness.runs.comparisons import SweepResult
 from harness.runs.run_data import RunData
@@ -22,6 +21,7 @@ from harness.runs.strategy_groups import (
     parameter_sweeps,
     strategy_groups,
 )
+from harness.scenario import as_written
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (
@@ -78,7 +78,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
     """Measures over one key, a line for each combination of the others."""
     summary = run.summary
     others = [name for name in run.varied_keys if name != key]
-    labels = [", ".join(plain(row[name]) for name in others) for _, row in summary.iterrows()]
+    labels = [", ".join(as_written(row[name]) for name in others) for _, row in summary.iterrows()]
     if not others:
         labels = [run.scenario.arms.av] * len(summary)
     if len(set(labels)) > len(style.SERIES):
@@ -123,7 +123,7 @@ def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
         (group, parameter)
         for group in strategy_groups(run.study)
         for parameter in parameter_sweeps(group)
-        # How late it sees is drawn for all strategies together.
+        # How late an AV sees is drawn for all strategies together.
         if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_perception
     ]
     return found if len(found) <= _MOST_SWEEPS else []
@@ -152,12 +152,13 @@ def _aggressiveness(
             limit, band = None, f"{words_of_level(run.confidence)} interval"
         else:
             swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
-            values = [np.array([getattr(of, part) for of in swept], dtype=float) for part in _PARTS]
+            parts = ("value", "low", "high")
+            values = [np.array([getattr(of, part) for of in swept], dtype=float) for part in parts]
             line = draw.Line(parameter.strategy, x, *values)
             limits, band = judged.limits, "bounds for all values together"
             limit = (limits.mu0, "μ0") if measure == "mu" else (limits.kappa0, "κ0")
         draw.draw_aggressiveness(panel, line, label, up, counted, limit, allowed, band)
-    where = "".join(f", {key} = {plain(value)}" for key, value in group.shared.items())
+    where = "".join(f", {key} = {as_written(value)}" for key, value in group.shared.items())
     said = "no limits μ0 and κ0 given, so no interval is marked as allowed"
     if judged is not None:
         said = " ".join(allowed_lines(judged, 1 - run.confidence)).rstrip(".")
@@ -169,9 +170,6 @@ def _aggressiveness(
         f"{parameter.strategy}{where}: {said}; {counted}.",
         figure,
     )
-
-
-_PARTS = ("value", "low", "high")
 
 
 def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> SweepResult | None:

@@ -8,6 +8,7 @@ from harness.report.tables import (
     TableCell,
     count_cell,
     interval_cell,
+    level,
     share_cell,
     sort_key,
     value_cell,
@@ -17,13 +18,24 @@ from harness.report.words import (
     both_arms,
     both_shares,
     conflict_name,
-    level,
     too_narrow,
 )
 from harness.runs.run_data import CellResult, RunData
 
 MOST_ROWS = 2_000
 """Cells of a sweep in a table; the others are in the run folder's files."""
+
+_COUNTS = {
+    "pairs with τ": "defined_pairs",
+    "met someone": "met_someone",
+    "met nobody": "met_nobody",
+    "AV timed out": "timed_out_av",
+    "human timed out": "timed_out_human",
+    "strategy failed": "failed_strategy",
+    "engine failed": "failed_engine",
+    "fallbacks": "fallbacks",
+}
+"""Headings of the counts, and their names in a summary."""
 
 
 def sweep_tables(run: RunData) -> list[Table]:
@@ -100,18 +112,6 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
         caption += " * interval too narrow: too few pairs."
     shown_on_terminal = tuple(range(len(front)))
     return Table("cells", caption, headings, tuple(rows), sortable=True, terminal=shown_on_terminal)
-
-
-_COUNTS = {
-    "pairs with τ": "defined_pairs",
-    "met someone": "met_someone",
-    "met nobody": "met_nobody",
-    "AV timed out": "timed_out_av",
-    "human timed out": "timed_out_human",
-    "strategy failed": "failed_strategy",
-    "engine failed": "failed_engine",
-    "fallbacks": "fallbacks",
-}
 
 
 def _label(result: CellResult) -> str:

@@ -1,10 +1,13 @@
 """A table as the terminal and the page both show it: rows of cells, and how numbers are written."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from harness.comparison import Interval
+from harness.encounter import Arm
+from harness.scenario import as_written
 
 
 @dataclass(frozen=True)
@@ -43,9 +46,12 @@ class Table:
     brief: bool = False
 
 
-def plain(value: Any) -> str:
-    """A scenario's value as a user would write it."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
+ARM_NAMES = {Arm.AV: "AV", Arm.HUMAN: "human"}
+
+
+def named_values(values: Mapping[str, Any]) -> str:
+    """Keys of a scenario with their values: ``ego.lane = 1, arms.av = gap_yield``."""
+    return ", ".join(f"{key} = {as_written(value)}" for key, value in values.items())
 
 
 def number(value: float | None, digits: int) -> str:
@@ -54,7 +60,7 @@ def number(value: float | None, digits: int) -> str:
 
 
 def per_cent(share: float, decimals: int) -> str:
-    """A share times 100 with so many decimals, or as many as show two digits of a small one.
+    """A share times 100, with so many decimals or with more: two digits of a small one show.
 
     A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
     """
@@ -62,6 +68,20 @@ def per_cent(share: float, decimals: int) -> str:
     if value != 0 and abs(value) < 10.0 ** (1 - decimals):
         decimals = max(decimals, 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{decimals}f}"
+
+
+def percentage(share: float | None) -> str:
+    """A share in per cent, with its sign, to two decimals."""
+    return "undefined" if share is None else f"{per_cent(share, 2)} %"
+
+
+def level(confidence: float) -> str:
+    """The confidence of an interval in words.
+
+    >>> level(0.95), level(1 - 0.05 / 3)
+    ('95 %', '98.33 %')
+    """
+    return f"{100 * confidence:.4g} %"
 
 
 def counted(count: int, noun: str) -> str:
@@ -95,7 +115,7 @@ def count_cell(value: int) -> TableCell:
 def value_cell(value: Any) -> TableCell:
     """The value of a scenario's key."""
     numeric = isinstance(value, int | float) and not isinstance(value, bool)
-    return TableCell(plain(value), sort=repr(value) if numeric else None)
+    return TableCell(as_written(value), sort=repr(value) if numeric else None)
 
 
 def interval_cell(interval: Interval, digits: int, star: str = "") -> TableCell:

@@ -14,8 +14,7 @@ from scipy import special
 from harness.comparison import CONFIDENCE
 from harness.encounter import FloatArray
 from harness.report.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend_below
-
-PERCENT = f"{100 * CONFIDENCE:g} %"
+from harness.report.tables import level
 
 _MOST_POINTS = 400
 _MOST_DOTS = 1_000
@@ -43,41 +42,26 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     total = len(tau)
     if total and total <= _MOST_DOTS:
         axes.plot(
-            np.arange(1, total + 1),
-            tau,
-            ".",
-            color=MUTED,
-            ms=3.5,
-            alpha=0.6,
-            label="τ of one pair",
-            zorder=1,
-        )
+            np.arange(1, total + 1), tau, ".", color=MUTED, ms=3.5, alpha=0.6,
+            label="τ of one pair", zorder=1,
+        )  # fmt: skip
     ns = np.unique(np.linspace(1, total, min(total, _MOST_POINTS)).astype(int))
     mean, half = running_mean(tau)
+    low, high = mean - half, mean + half
     axes.plot(ns, mean[ns - 1], color=AV.colour, ls=AV.dash, lw=1.8, label="mean of the first n")
     banded = ns[ns >= _FIRST_BAND]
     if len(banded):
-        low, high = (mean + sign * half for sign in (-1, 1))
         axes.fill_between(
-            banded,
-            low[banded - 1],
-            high[banded - 1],
-            color=AV.colour,
-            alpha=0.18,
-            lw=0,
-            label=f"its {PERCENT} band",
-        )
+            banded, low[banded - 1], high[banded - 1], color=AV.colour, alpha=0.18, lw=0,
+            label=f"its {level(CONFIDENCE)} band",
+        )  # fmt: skip
     if reference is not None:
         axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
     axes.set_xlim(0, max(total, 1) * 1.01)
     if total > _MOST_DOTS:
         # The first few means, of few pairs, would set the scale for all.
-        low, high = (mean + sign * half for sign in (-1, 1))
-        ends = [
-            low[_SETTLED:].min(),
-            high[_SETTLED:].max(),
-            *([] if reference is None else [reference]),
-        ]
+        ends = [low[_SETTLED:].min(), high[_SETTLED:].max()]
+        ends += [] if reference is None else [reference]
         room = 0.08 * (max(ends) - min(ends))
         axes.set_ylim(min(ends) - room, max(ends) + room)
     finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
@@ -146,7 +130,7 @@ def draw_tau_distribution(
         value, low, high = mu
         axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
         axes.axvspan(
-            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {100 * confidence:.4g} % interval"
+            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {level(confidence)} interval"
         )
     axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))

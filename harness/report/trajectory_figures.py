@@ -177,15 +177,12 @@ def _set_limits(axes: Axes) -> None:
 
 def _legend(axes: Axes, handles: list[Line2D], columns: int) -> None:
     """The legend below the x label, a fixed distance under the axes whatever their height."""
-    figure = axes.get_figure(root=True)
-    if figure is None:
-        return
-    below = axes.transAxes + ScaledTranslation(0, LEGEND_DROP_INCH, figure.dpi_scale_trans)
+    drop = ScaledTranslation(0, LEGEND_DROP_INCH, axes.figure.dpi_scale_trans)
     axes.legend(
         handles=handles,
         loc="upper center",
         bbox_to_anchor=(0.5, 0.0),
-        bbox_transform=below,
+        bbox_transform=axes.transAxes + drop,
         ncols=columns,
         frameon=False,
         fontsize=9,

@@ -11,12 +11,9 @@ from matplotlib.axes import Axes
 from harness.report import style
 from harness.validation import DriverOutcome, Validation
 
-MOST_DRIVERS = len(style.SERIES)
-"""Lines side by side that can be told apart: of more drivers the nearest are shown."""
-
 
 def draw_errors(axes: Axes, validation: Validation) -> None:
-    """Share of drives whose pass time is off by at most x, a line for each driver."""
+    """Share of drives whose pass time is off by at most x: a line for every near driver."""
     real = [one.pass_time_s for one in validation.recorded]
     for place, look in zip(validation.ranked, style.SERIES, strict=False):
         off = np.sort(

@@ -1,4 +1,4 @@
-"""A validation as one page, in the form of a run's: tables, figures, passages to watch."""
+"""A validation as one page: tables, figures, passages to watch."""
 
 import json
 from pathlib import Path
@@ -11,7 +11,7 @@ from harness.encounter import PEDESTRIAN_RADIUS_M, Trace, Walk
 from harness.files import write_file
 from harness.motion.walking import cleared_s, states_at
 from harness.report import style
-from harness.report.page import drawn, filled
+from harness.report.template import drawn, write_page
 from harness.report.validation_figures import pictures_of
 from harness.report.validation_tables import validation_document, validation_tables
 from harness.validation import DriverOutcome, Passage, Validation
@@ -31,10 +31,10 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
     text = json.dumps(validation_document(validation), indent=1, ensure_ascii=False)
     with style.styled():
         pictures = [drawn(picture) for picture in pictures_of(validation)]
-    shown = filled(_context(validation) | {"pictures": pictures})
+    context = _context(validation) | {"pictures": pictures}
     folder.mkdir(parents=True, exist_ok=True)
     write_file(document, text.encode())
-    write_file(page, shown.encode("utf-8", errors="replace"))
+    write_page(page, context)
     return [page, document]
 
 
@@ -48,7 +48,6 @@ def _context(validation: Validation) -> dict[str, Any]:
         "heading": f"Drivers held against {sources}",
         "where": "Data",
         "folder": sources,
-        "unfinished": "",
         "opening": [
             f"{len(passages.used)} recorded passages of {passages.vehicles} vehicles through "
             f"groups of crossing pedestrians, {passages.encounters} encounters. Nearest to the "
@@ -59,9 +58,6 @@ def _context(validation: Validation) -> dict[str, Any]:
                 for name in validation.in_sample
             ),
         ],
-        "tiles": [],
-        "caveats": [],
-        "verdicts": [],
         "tables": validation_tables(validation),
         "remarks": [
             "Ranked by the mean score of the pass time, without randomness its mean absolute "
@@ -70,13 +66,8 @@ def _context(validation: Validation) -> dict[str, Any]:
             "explains.",
             *validation.remarks,
         ],
-        "failures": None,
         "player": _player(validation),
-        "hour": None,
-        "no_player": "",
-        "figure_remarks": [],
         "facts": [("data", sources), ("drivers", ", ".join(validation.figures))],
-        "scenario": [],
         "maker": "harness validate",
         "made_from": "the recordings",
     }
@@ -167,7 +158,7 @@ def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> dict[
 
 
 def _walker(walk: Walk, trace: Trace) -> dict[str, Any] | None:
-    """Somebody's places at the steps at which they are there."""
+    """Places of a pedestrian at the steps at which they are there."""
     start, index = walk.arrival.arrival_s, walk.arrival.index
     cleared = cleared_s(walk, trace.crossing)
     first = int(np.ceil(start / trace.step_s - 1e-9))

@@ -1,4 +1,4 @@
-"""What is said about a result, on the page and on the terminal alike: sentences, names, levels.
+"""Sentences and names about a result, for the page and the terminal alike.
 
 ``caveats`` come before any number; the other lines come after the table.
 """
@@ -8,13 +8,21 @@ from collections.abc import Iterable, Mapping, Sequence
 from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
 from harness.encounter import Arm
 from harness.measures import MEASURES
-from harness.report.reference_words import known_disagreement
-from harness.report.tables import counted, limits, number, per_cent, share_limits
+from harness.report.reference_words import keeps_its_defaults, known_disagreement
+from harness.report.tables import (
+    counted,
+    level,
+    limits,
+    number,
+    per_cent,
+    percentage,
+    share_limits,
+)
 from harness.results.measure_tables import CONFLICTS, ConflictRate
 from harness.runs.run_data import CellResult, RunData
 from harness.runs.targets import missed_targets
 from harness.scenario import Scenario
-from harness.strategies.parameters import knows_the_model, parameters_of
+from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import STRATEGIES, fallback_of
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
@@ -35,6 +43,11 @@ _MOST = 0.5
 """From this share on something is said before any number."""
 
 
+def pair_name(run: RunData, cell: int, pair: int) -> str:
+    """``cell 2, pair 7``, or ``pair 7`` where the run has one cell."""
+    return f"cell {cell}, pair {pair}" if run.varied_keys else f"pair {pair}"
+
+
 def is_the_papers(scenario: Scenario) -> bool:
     """Whether the paper's Table II, arms and pedestrian run here (any N, seed and model)."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
@@ -43,7 +56,7 @@ def is_the_papers(scenario: Scenario) -> bool:
         (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
         and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
         and arms == ("soft_yield", "human_gmm")
-        and all(_keeps_its_defaults(scenario, name) for name in arms)
+        and all(keeps_its_defaults(scenario, name) for name in arms)
         and (pedestrians.behaviour, pedestrians.timed) == ("constant", ())
         and pedestrians.first_at_trigger
         and pedestrians.max_count == 1
@@ -51,10 +64,10 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def knowledge_lines(run: RunData) -> list[str]:
-    """Which strategies of a run were given what their pedestrians are drawn from.
+    """Which strategies of a run were given the model that their pedestrians are drawn from.
 
-    The manifest says it, since looking at a run imports no module; one from before it did knows
-    the built-in ones alone.
+    The manifest says it, since looking at a run imports no module of a user's.  A manifest from
+    before it did tells of the built-in strategies alone.
     """
     names = run.manifest["know_the_model"]
     if names is None:
@@ -69,7 +82,7 @@ def knowledge_lines(run: RunData) -> list[str]:
 
 
 def walker_lines(scenarios: Iterable[Scenario]) -> list[str]:
-    """What the card of the model ``dut`` says of walking speeds, where a run draws them from it."""
+    """A warning of the card of the model ``dut``, where a run draws walking speeds from it."""
     drawn = any(
         (of.model.name, of.model.path) == ("dut", None)
         and of.model.pedestrian_reading != "unconditional"
@@ -83,11 +96,6 @@ def walker_lines(scenarios: Iterable[Scenario]) -> list[str]:
         'pedestrian_reading = "unconditional" draws them without the car.'
     )
     return [said] if drawn else []
-
-
-def _keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
-    defaults = {of.name: of.default for of in parameters_of(STRATEGIES[strategy])}
-    return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
 def av_label(strategy: str, summary: Summary) -> str:
@@ -108,7 +116,7 @@ def av_label(strategy: str, summary: Summary) -> str:
 
 
 def first_lines(run: RunData) -> list[str]:
-    """What is said before any number: caveats of the cells, and targets that were missed."""
+    """The lines before any number: caveats of the cells, and targets that were missed."""
     of_cells = {of.cell.number: caveats(of.cell.scenario.arms.av, of.summary) for of in run.results}
     lines = joined_caveats(of_cells) if run.varied_keys else of_cells[0]
     return [*(sentence(words) for words in lines), *_missed_lines(run)]
@@ -144,7 +152,7 @@ def sentence(words: str) -> str:
 
 
 def caveats(av: str, summary: Summary) -> list[str]:
-    """What has to be known before any number of a cell is read; often nothing.
+    """What a reader has to know before any number of a cell; often nothing.
 
     Args:
         av: the AV's strategy.
@@ -165,13 +173,13 @@ def caveats(av: str, summary: Summary) -> list[str]:
         said.append(
             f"{summary.failed:,} of {counted(summary.pairs, 'pair')} failed (strategy failed: "
             f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): μ and κ "
-            f"leave them out; in the worst case κ is {_percent(summary.kappa_worst.value)} and μ "
+            f"leave them out; in the worst case κ is {percentage(summary.kappa_worst.value)} and μ "
             f"{number(summary.mu_worst.value, 4)}"
         )
     if av_label(av, summary) != av:
         said.append(
             f"the AV's strategy {av} fell back on {fallback_of(av)} in "
-            f"{_whole_percent(summary.fallback_share)} of the episodes that met someone: what is "
+            f"{_wholepercentage(summary.fallback_share)} of the episodes that met someone: what is "
             f"measured is mostly {fallback_of(av)}"
         )
     return [*said, *_outside_the_model(summary), *_direction(summary)]
@@ -180,7 +188,7 @@ def caveats(av: str, summary: Summary) -> list[str]:
 def _outside_the_model(summary: Summary) -> list[str]:
     """How often the interaction model answered for another ego than the one at hand."""
     of_arms = {"AV": summary.clamped_share, "human": summary.clamped_share_human}
-    shares = [f"{_percent(share)} ({arm})" for arm, share in of_arms.items() if share]
+    shares = [f"{percentage(share)} ({arm})" for arm, share in of_arms.items() if share]
     if not shares:
         return []
     beyond = [
@@ -238,7 +246,7 @@ def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
     said = f"In the mean over the {counted(n, 'pair')} in which both crossed the AV took {much} "
     said += f"time than {human}, the reference: μ = {mu.value:.4f} "
     said += f"({level(summary.confidence)} interval {limits(mu, 4) or 'undefined'}), "
-    said += f"c_v = {_percent(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
+    said += f"c_v = {percentage(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
     words = [too_narrow(summary, "mu")]
     if not words[0] and (few := too_narrow(summary, "cv")):
         words = [f"c_v: {few}"]
@@ -282,7 +290,7 @@ def crash_lines(summary: Summary) -> list[str]:
         elif kappa.trials:
             lines.append(
                 f"The {who} crashed in {kappa.successes:,} of {counted(kappa.trials, 'episode')}: "
-                f"κ = {_percent(kappa.value)} ({share_limits(kappa, 2)}, "
+                f"κ = {percentage(kappa.value)} ({share_limits(kappa, 2)}, "
                 f"{level(summary.confidence)} interval)."
             )
     return lines
@@ -303,7 +311,7 @@ def count_lines(result: CellResult) -> list[str]:
     if summary.fallbacks:
         lines.append(
             f"{av} fell back on {fallback_of(av)} in {counted(summary.fallbacks, 'episode')}: "
-            f"{_whole_percent(summary.fallback_share)} of those that met someone."
+            f"{_wholepercentage(summary.fallback_share)} of those that met someone."
         )
     return lines
 
@@ -329,15 +337,6 @@ def pairs_behind(summary: Summary, key: str) -> int:
     if key.startswith("pedestrian"):
         return summary.met_someone
     return summary.defined_pairs_met_someone if "met_someone" in key else summary.defined_pairs
-
-
-def level(confidence: float) -> str:
-    """The confidence of an interval in words.
-
-    >>> level(0.95), level(1 - 0.05 / 3)
-    ('95 %', '98.33 %')
-    """
-    return f"{100 * confidence:.4g} %"
 
 
 def both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, ConflictRate]]:
@@ -367,9 +366,5 @@ def both_shares(av: Interval, human: Interval) -> tuple[str, str]:
     return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
 
 
-def _percent(value: float | None) -> str:
-    return "undefined" if value is None else f"{per_cent(value, 2)} %"
-
-
-def _whole_percent(share: float | None) -> str:
+def _wholepercentage(share: float | None) -> str:
     return "undefined" if share is None else f"{100 * share:.0f} %"

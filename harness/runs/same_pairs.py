@@ -9,12 +9,13 @@ from harness.errors import InputError
 from harness.measures.agreement import TOLERANCE
 from harness.runs.run_data import RunData
 from harness.runs.strategy_groups import StrategyGroup, all_but_the_strategy
+from harness.scenario import as_written, flatten
 
 _NAMED = 5
 """Keys named in a refusal."""
 
 _OF_THE_HUMAN = ("ending", "steps", "pedestrians", "arrivals", "pass_time_s", "pedestrian_delay_s")
-"""What says that the reference arm met the same people and drove as before."""
+"""Columns that are equal where the reference arm met the same people and drove as before."""
 
 
 def names_of(runs: Sequence[RunData]) -> list[str]:
@@ -37,7 +38,7 @@ def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -
     for number, run in enumerate(runs):
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
-    # One that goes with none of the others is told what separates it from the first.
+    # A run that goes with none of the others is told what separates it from the first.
     for number in (*range(1, len(runs)), 0):
         together = {m.run for group in groups if _has(group, number) for m in group.cells}
         if together == {number}:
@@ -59,7 +60,7 @@ def _has(group: StrategyGroup, run: int) -> bool:
 def _refuse_other_scenario(one: RunData, other: RunData) -> None:
     """Name the keys of the two cells that differ least."""
     trees = [
-        [_flat(all_but_the_strategy(cell.scenario)) for cell in run.study.cells]
+        [flatten(all_but_the_strategy(cell.scenario)) for cell in run.study.cells]
         for run in (one, other)
     ]
     differences = min(([*_different(a, b)] for a in trees[0] for b in trees[1]), key=len)
@@ -75,21 +76,10 @@ def _refuse_other_scenario(one: RunData, other: RunData) -> None:
 def _different(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
     for key in dict.fromkeys([*a, *b]):
         if a.get(key) != b.get(key):
-            yield f"{key} {_word(b.get(key))} instead of {_word(a.get(key))}"
-
-
-def _word(value: Any) -> str:
-    return "none" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
+            before, after = (
+                "none" if of is None else as_written(of) for of in (a.get(key), b.get(key))
+            )
+            yield f"{key} {after} instead of {before}"
 
 
 def _refuse_other_models(runs: Sequence[RunData]) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.scenario import Cell, PerceptionSection, Scenario, Study
+from harness.scenario import Cell, PerceptionSection, Scenario, Study, as_written
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
 
@@ -161,7 +161,7 @@ def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
         alike = (other for _, name, other in distinct.values() if name == strategy)
         varied = _varied(alike)
         told = {name.removeprefix(_PERCEPTION): parameters.get(name) for name in varied}
-        words = [strategy, *(f"{name}={_word(value)}" for name, value in told.items())]
+        words = [strategy, *(f"{name}={as_written(value)}" for name, value in told.items())]
         if names[run]:
             words.append(f"({names[run]})")
         members.append(StrategyCell(run, number, cell, strategy, parameters, " ".join(words)))
@@ -215,7 +215,3 @@ def _is_number(value: Any) -> bool:
 
 def _frozen(value: Any) -> str:
     return json.dumps(value, sort_keys=True, default=str)
-
-
-def _word(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

@@ -24,6 +24,8 @@ from harness.scenario.sections import (
 from harness.scenario.study import (
     Cell,
     Study,
+    as_written,
+    flatten,
     of_today,
     parse_variation,
     study_from,
@@ -47,6 +49,8 @@ __all__ = [
     "Study",
     "TrafficSection",
     "WalkingSpeedSection",
+    "as_written",
+    "flatten",
     "hang_limit_s",
     "load_scenario",
     "of_today",

@@ -108,10 +108,15 @@ def parse_setting(text: str) -> Setting:
     key = key.strip()
     if not equals or not key:
         raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
+    return Setting(key, toml_value(raw))
+
+
+def toml_value(text: str) -> Any:
+    """A value that an option gives: TOML, or the text itself where it is none."""
     try:
-        return Setting(key, parse_toml(f"value = {raw}")["value"])
+        return parse_toml(f"value = {text}")["value"]
     except ValueError:
-        return Setting(key, raw.strip())
+        return text.strip()
 
 
 def validate(

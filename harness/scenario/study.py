@@ -11,7 +11,7 @@ from typing import Any
 
 from harness.documents import parse_toml
 from harness.errors import InputError
-from harness.scenario.file import ScenarioFile, Setting, apply_setting, validate
+from harness.scenario.file import ScenarioFile, Setting, apply_setting, toml_value, validate
 from harness.scenario.sections import Scenario
 from harness.scenario.units import in_si
 
@@ -156,15 +156,8 @@ def parse_variation(text: str) -> Variation:
     try:
         values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
     except ValueError:
-        values = [_value(part.strip()) for part in raw.split(",")]
+        values = [toml_value(part.strip()) for part in raw.split(",")]
     return key.strip(), _expand(values, where)
-
-
-def _value(text: str) -> Any:
-    try:
-        return parse_toml(f"value = {text}")["value"]
-    except ValueError:
-        return text
 
 
 def _expand(values: Sequence[Any], where: str) -> list[Any]:
@@ -201,7 +194,7 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
     where = f"{source}: sweep"
     named = table.get("cells")
     if named is None:
-        flat = _flatten(table)
+        flat = flatten(table)
         if not flat:
             raise InputError(where, "nothing to vary", "a list of values for each key that varies")
         for key, values in flat.items():
@@ -219,7 +212,7 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
         raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
     if not named:
         raise InputError(f"{where}.cells", "nothing to vary", "at least one cell")
-    return [_flatten(cell) for cell in named]
+    return [flatten(cell) for cell in named]
 
 
 def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
@@ -239,15 +232,20 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
     ]
 
 
-def _flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as dotted keys."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, dict):
-            flat.update(_flatten(value, f"{prefix}{key}."))
+            flat |= flatten(value, f"{prefix}{key}.")
         else:
             flat[f"{prefix}{key}"] = value
     return flat
+
+
+def as_written(value: Any) -> str:
+    """A scenario's value as a user would write it."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _value_at(tree: Mapping[str, Any], key: str) -> Any:
