@@ -116,7 +116,10 @@ def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> Inpu
     """The refusal of a name that is not in a known set, with the nearest valid one."""
     names = sorted(valid)
     return InputError(
-        where, f"unknown {kind} {name!r}", ", ".join(names), nearest_name(name, names)
+        where,
+        f"unknown {kind} {name!r}",
+        ", ".join(names) or f"none, as there is no {kind}",
+        nearest_name(name, names),
     )
 
 

@@ -140,11 +140,17 @@ def validate(
         raise _explain(error, source, key_sources or {}) from None
     except InputError as error:
         key = error.where.removeprefix(f"{source}: ")
-        if key not in (key_sources or {}):
+        named = _set_by(key, key_sources or {})
+        if named is None:
             raise
-        where = f"{(key_sources or {})[key]} {key}"
+        where = f"{(key_sources or {})[named]} {key}"
         raise InputError(where, error.problem, error.allowed, error.nearest) from None
     return scenario
+
+
+def _set_by(key: str, key_sources: Mapping[str, str]) -> str | None:
+    """The setting that gave a key its value: of the key itself, or of the array it stands in."""
+    return next((full for full in key_sources if f"{key}.".startswith(f"{full}.")), None)
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -230,8 +236,13 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
     path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
     key = ".".join(path)
     # A misspelt table is wrong in whatever option named a key of it.
-    named = [full for full in key_sources if full == key or full.startswith(f"{key}.")]
-    where = f"{key_sources[named[-1]]} {named[-1]}" if named else f"{source}: {key}"
+    named = [full for full in key_sources if full.startswith(f"{key}.")]
+    by = _set_by(key, key_sources)
+    where = f"{source}: {key}"
+    if by is not None:
+        where = f"{key_sources[by]} {key}"
+    elif named:
+        where = f"{key_sources[named[-1]]} {named[-1]}"
     if key in _GONE:
         return InputError(where, "is gone", _GONE[key])
     if first["type"] == "extra_forbidden":

@@ -235,6 +235,9 @@ def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
         assert part in message
 
 
+CAR = "{x_m=-8.0,length_m=4.2,width_m=1.8,"
+
+
 @pytest.mark.parametrize(
     ("setting", "parts"),
     [
@@ -251,6 +254,13 @@ def test_what_is_said_of_mistakes(text: str, parts: list[str]) -> None:
         # Accepted by itself, but it does not fit the others.
         ("ego.trigger_range_m=3", ["--set ego.trigger_range_m", "at least", "3.5 m"]),
         ("experiment.step_s=0.0123", ["--set experiment.step_s", "whole milliseconds"]),
+        # In an entry of an array that the option gave.
+        (f"crossing.obstacles=[{CAR}y_m=2.0}}]", ["--set crossing.obstacles.0.y_m", "ego's path"]),
+        (f"crossing.obstacles=[{CAR}y_m=true}}]", ["--set crossing.obstacles.0.y_m", "True"]),
+        (
+            f'crossing.obstacles=[{CAR}y_m=-1.0,case="CPNA"}}]',
+            ["--set crossing.obstacles.0.case", "unknown case 'CPNA'; allowed: none"],
+        ),
     ],
 )
 def test_what_is_said_of_wrong_settings(setting: str, parts: list[str]) -> None:
