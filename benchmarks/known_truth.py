@@ -154,15 +154,18 @@ def _always(speed_mps: float) -> Callable[..., float]:
 
 
 def columns_of(episodes: pa.Table) -> tuple[Columns, Columns]:
-    """Of the AV's and the human's rows: pass time, ending, and what conflicts go by."""
-    names = ("pass_time_s", "min_ttc_s", "min_time_advantage_s", "pet_s", "max_drac_mps2")
+    """Of the AV's and the human's rows: pass times, ending, and what conflicts go by."""
+    names = ("pass_time_s", "untouched_pass_time_s", "pedestrian_delay_s")
+    names += ("min_ttc_s", "min_time_advantage_s", "pet_s", "max_drac_mps2")
     found = []
     for first in (0, 1):
         rows = episodes.take(np.arange(first, episodes.num_rows, 2))
         numbers = {name: np.array(rows[name].to_pylist(), dtype=float) for name in names}
         crashed = np.array(rows["ending"].to_pylist()) == "crashed"
         avoidable = np.array([bool(value) for value in rows["avoidable"].to_pylist()])
-        found.append({**numbers, "crashed": crashed, "avoidable": crashed & avoidable})
+        front = np.array(rows["contact"].to_pylist()) == "front"
+        marks = {"crashed": crashed, "avoidable": crashed & avoidable, "front": crashed & front}
+        found.append({**numbers, **marks})
     return found[0], found[1]
 
 
@@ -173,11 +176,17 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
     tau = tau_of(episodes)
     mean, square = np.nanmean(tau), np.nanmean(tau**2)
     truth["mu"], truth["cv"] = float(mean), float(np.sqrt(square - mean**2) / mean)
+    truth |= _left_out(av, human)
+    truth["kappa_front"] = float(av["front"].mean())
     for arm, end in ((av, ""), (human, "_human")):
         crashed = arm["crashed"]
         truth[f"kappa{end}"] = float(crashed.mean())
         truth[f"kappa_avoidable{end}"] = float(arm["avoidable"].mean())
         truth[f"delay{end}_s"] = float(np.nanmean(arm["pass_time_s"])) - FREE_S
+        truth[f"pedestrian_delay{end}_s"] = float(arm["pedestrian_delay_s"].mean())
+        # The one pedestrian steps off in every pair.
+        truth[f"kappa{end}_met_someone"] = truth[f"kappa{end}"]
+        truth[f"delay{end}_met_someone_s"] = truth[f"delay{end}_s"]
         for name, conflict in (
             ("ttc", arm["min_ttc_s"] < 1.5),
             ("time_advantage", arm["min_time_advantage_s"] < 1.5),
@@ -186,6 +195,21 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
         ):
             truth[f"{name}{end}"] = float((conflict | crashed).mean())
     return truth
+
+
+def _left_out(av: Columns, human: Columns) -> dict[str, float]:
+    """What stands beside μ and κ: what they leave out, counted or at its worst."""
+    timeout_s = scenario_of({}).experiment.timeout_s
+    av_s, human_s = av["pass_time_s"], human["untouched_pass_time_s"]
+    missing = np.isnan(av_s)
+    worst = np.where(missing, timeout_s, av_s) / np.where(np.isnan(human_s), FREE_S, human_s)
+    return {
+        "mu_all": float(np.nanmean(av_s / human_s)),
+        "mu_met_someone": float(np.nanmean(av_s / human["pass_time_s"])),
+        "delay_difference_human_s": float(np.nanmean(av_s - human_s)),
+        "mu_worst": float(worst.mean()),
+        "kappa_worst": float(missing.mean()),
+    }
 
 
 def truth_of_differences(first: pa.Table, second: pa.Table) -> dict[str, float]:
