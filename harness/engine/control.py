@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
-from harness.engine.people import PLACED, WALKER
+from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, WALKER
 from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site
@@ -157,7 +157,7 @@ class SumoEngine:
             move, ids = self._move, self._ids
             for index, y in pedestrians:
                 x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-                move(ids[index], "", x_net, y_net, *PLACED)
+                move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
             if self._waiting:
                 self._hold_waiting(pedestrians)
             coming = None
@@ -288,7 +288,7 @@ class SumoEngine:
         for index, _ in placed:
             self._waiting.pop(index, None)
         for index, (x, y) in self._waiting.items():
-            self._move(self._ids[index], "", x, y, *PLACED)
+            self._move(self._ids[index], "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
     def _note_collisions(self) -> None:
         # Two persons who pass each other are listed too; only the ego's hits count.

@@ -11,12 +11,14 @@ from harness.roads import Site
 WALKER = "walker"
 """SUMO's type of a pedestrian."""
 
-_INVALID_DOUBLE_VALUE = -1073741824.0
-PLACED = (_INVALID_DOUBLE_VALUE, 2, 1.0)
-"""The end of every ``moveToXY``: angle, keepRoute and matchThreshold (m).
+NO_ANGLE = -1073741824.0
+"""SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
 
-The angle follows from the movement, and the person leaves their route for the place.
-"""
+KEEP_ROUTE = 2
+"""The person leaves their route for the place."""
+
+MATCH_THRESHOLD_M = 1.0
+"""How far SUMO looks for a lane.  Named one by one: unpacking costs a hundredth of a step."""
 
 
 class HeldPeople:
@@ -109,12 +111,12 @@ class HeldPeople:
             places = [(index, y_of(arrivals[index].side, y)) for index, y in places]
         for index, y in places:
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, *PLACED)
+            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
             if waiting:
                 waiting.pop(index, None)
         for index, y in waiting.items():
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-            move(ids[index], "", x_net, y_net, *PLACED)
+            move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
 
     def remove(self, index: int) -> None:
         """Take away somebody who has reached the other kerb."""
