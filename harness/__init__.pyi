@@ -23,7 +23,8 @@ from .report import figures as figures
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
 from .runs.compare import compare as compare
 from .runs.comparisons import RunComparison as RunComparison
-from .runs.run_data import RunData as RunData, load_run as load_run
+from .runs.opening import load_run as load_run
+from .runs.run_data import RunData as RunData
 from .runs.worst import got_worse as got_worse, worst as worst
 from .scenario import (
     Options as Options,

@@ -31,7 +31,7 @@ def lines_sketch(lines: Sequence[tuple[str, Sequence[Point]]], title: str) -> st
 
     Args:
         lines: each a name and its points.
-        title: what the picture shows, for who cannot see it too.
+        title: what the picture shows, also for people who cannot see it.
     """
     points = [point for _, line in lines for point in line]
     if not points:
@@ -57,7 +57,7 @@ def intervals_sketch(
 
     Args:
         intervals: name, value, low, high; without a value it is left out.
-        title: what the picture shows, for who cannot see it too.
+        title: what the picture shows, also for people who cannot see it.
         mark: where a thin line stands.
     """
     known = [

@@ -15,7 +15,8 @@ from harness.replay.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
 from harness.results.reading import MANIFEST, read_manifest
 from harness.results.run_folder import RunFolder, claim_folder
-from harness.runs.run_data import RunData, load_run
+from harness.runs.opening import load_run
+from harness.runs.run_data import RunData
 from harness.scenario import Cell, Options, Study, hang_limit_s
 from harness.strategies.own import is_of_this_process
 from harness.workers.execution import run_tasks

@@ -14,7 +14,8 @@ from harness.results.measure_tables import conflict_rates, conflict_row, measure
 from harness.results.run_folder import RunFolder
 from harness.results.summaries import confidence_of, summarise_cell, summary_row
 from harness.results.tables import write_parquet
-from harness.runs.run_data import RunData, load_run
+from harness.runs.opening import load_run
+from harness.runs.run_data import RunData
 from harness.scenario import Study
 
 

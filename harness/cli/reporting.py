@@ -47,7 +47,7 @@ def report(
         return
     from harness.report.page import write_report
     from harness.report.tables import counted
-    from harness.runs.run_data import load_run
+    from harness.runs.opening import load_run
 
     run = load_run(run_folder)
     with unwinding():

@@ -55,6 +55,18 @@ class Interval:
     low: float | None
     high: float | None
 
+    def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
+        """The value under a name, its limits under ``<name>_<kind>_low`` and ``_high``."""
+        return {name: self.value, f"{name}_{kind}_low": self.low, f"{name}_{kind}_high": self.high}
+
+    def words(self, form: str) -> str:
+        """The value with its limits, where there are any; ``form`` as in ``format``."""
+        if self.value is None:
+            return "undefined"
+        if self.low is None or self.high is None:
+            return f"{self.value:{form}}"
+        return f"{self.value:{form}} ({self.low:{form}} … {self.high:{form}})"
+
 
 UNDEFINED = Interval(None, None, None)
 

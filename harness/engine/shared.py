@@ -52,8 +52,7 @@ def road_for(scenario: Scenario) -> SumoRoad:
 
 def following_of(scenario: Scenario) -> Following:
     """How the vehicles of a scenario with traffic keep their distance."""
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     return Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
 
 

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from harness.comparison import Interval, Standing, Summary
+from harness.comparison import Standing, Summary
 from harness.report.words import av_label, caveats
 from harness.results.summaries import summary_row
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
@@ -54,10 +54,10 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
         "a": a.label,
         "b": b.label,
         "defined_in_both": item.defined_in_both,
-        **_columns("mu_difference", item.mu_difference),
-        **_columns("mu_worst_difference", item.mu_worst_difference),
+        **item.mu_difference.columns("mu_difference"),
+        **item.mu_worst_difference.columns("mu_worst_difference"),
         "crossed_in_both": item.crossed_in_both,
-        **_columns("delay_difference_s", item.delay_difference_s),
+        **item.delay_difference_s.columns("delay_difference_s"),
         "ran_in_both": crashes.pairs,
         "crashed_in_a_alone": crashes.only_a,
         "crashed_in_b_alone": crashes.only_b,
@@ -112,19 +112,11 @@ def _sweep_document(result: SweepResult, group: GroupResult) -> dict[str, Any]:
                 "verdict": judgement.verdict.value,
                 "pairs": judgement.swept.pairs,
                 "pairs_needed": judgement.pairs_needed,
-                **_columns("mu", judgement.swept.mu, "bound"),
-                **_columns("kappa", judgement.swept.kappa, "bound"),
+                **judgement.swept.mu.columns("mu", "bound"),
+                **judgement.swept.kappa.columns("kappa", "bound"),
                 "confidence": 1 - group.level / (2 * len(sweep.values)),
                 "indicative": ["mu_bound"] if result.indicative[position] else [],
             }
             for position, judgement in enumerate(found.judgements)
         ],
-    }
-
-
-def _columns(name: str, interval: Interval, kind: str = "ci") -> dict[str, float | None]:
-    return {
-        name: interval.value,
-        f"{name}_{kind}_low": interval.low,
-        f"{name}_{kind}_high": interval.high,
     }

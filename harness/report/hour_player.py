@@ -66,8 +66,7 @@ def _arm(run: RunData, hour: ShownHour, arm: Arm) -> dict[str, Any]:
     near = ways["time_s"].between(hour.begin_s - 1.0, hour.end_s + 1.0)
     lanes = lanes_of(scenario)
     oncoming = {lane.centre_m for lane in lanes if lane.direction is Direction.ONCOMING}
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     unknown = scenario.arms.av if traffic.av_share == 1 else scenario.arms.human
     vehicles = []
     for name, rows in ways[near].groupby("object", sort=False):

@@ -87,8 +87,7 @@ def _crashes(run: RunData, arm: Arm) -> str:
 
 
 def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
-    traffic = cell.scenario.traffic
-    assert traffic is not None
+    traffic = cell.scenario.known_traffic
     lines = []
     for arm, name in ARM_NAMES.items():
         own = summary.arms[arm]

@@ -53,8 +53,7 @@ def shown_hour(run: RunData) -> ShownHour | None:
 
 
 def _stretch(run: RunData, cell: int, pair: int) -> tuple[float, float]:
-    traffic = run.scenario_of(cell).traffic
-    assert traffic is not None
+    traffic = run.scenario_of(cell).known_traffic
     queues = run.queues
     own = queues[(queues["cell"] == cell) & (queues["pair"] == pair) & (queues["arm"] == Arm.AV)]
     worst = own.sort_values(["longest", "minute"], ascending=[False, True]).iloc[0]

@@ -9,76 +9,84 @@ import pyarrow as pa
 from harness.encounter import Arm, FloatArray, Side, Trace
 from harness.measures import Outcome
 from harness.motion.walking import cleared_s, states_at
-from harness.results.tables import AUDIT, EPISODES, PAIRS, PEDESTRIANS, TRACES
+from harness.results.tables import (
+    AUDIT,
+    EPISODES,
+    PAIRS,
+    PEDESTRIANS,
+    TRACES,
+    Columns,
+    columns_of,
+)
 from harness.results.walk_rows import pedestrian_row
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
 
 
-def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
+def _keys(cell: int, outcome: Outcome) -> dict[str, Any]:
+    """The columns that say which episode a row is of."""
+    return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+
+
+def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
     """Columns of ``episodes.parquet``."""
-    rows: dict[str, list[Any]] = {name: [] for name in EPISODES.names}
-    for outcome in outcomes:
-        rows["cell"].append(cell)
-        rows["pair"].append(outcome.pair)
-        rows["arm"].append(outcome.arm.value)
-        rows["strategy"].append(outcome.strategy)
-        for name in _RECORD_COLUMNS:
-            rows[name].append(getattr(outcome.record, name))
-    return rows
+    return columns_of(
+        EPISODES,
+        (
+            _keys(cell, outcome)
+            | {"strategy": outcome.strategy}
+            | {name: getattr(outcome.record, name) for name in _RECORD_COLUMNS}
+            for outcome in outcomes
+        ),
+    )
 
 
-def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
+def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
     """Columns of ``pedestrians.parquet``: everyone who arrived within the record."""
-    rows: dict[str, list[Any]] = {name: [] for name in PEDESTRIANS.names}
-    for outcome in outcomes:
-        end_s = outcome.record.end_s
-        for walk in outcome.trace.walks:
-            arrival = walk.arrival
-            if arrival.arrival_s > end_s:
-                continue
-            keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
-            row = pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), end_s)
-            for name, value in (keys | row).items():
-                rows[name].append(value)
-    return rows
+    return columns_of(
+        PEDESTRIANS,
+        (
+            _keys(cell, outcome)
+            | pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), outcome.record.end_s)
+            for outcome in outcomes
+            for walk in outcome.trace.walks
+            if walk.arrival.arrival_s <= outcome.record.end_s
+        ),
+    )
 
 
-def audit_rows(cell: int, audited: Iterable[tuple[Outcome, str | None]]) -> dict[str, list[Any]]:
+def audit_rows(cell: int, audited: Iterable[tuple[Outcome, str | None]]) -> Columns:
     """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs."""
-    rows: dict[str, list[Any]] = {name: [] for name in AUDIT.names}
-    for outcome, difference in audited:
-        values = (cell, outcome.pair, outcome.arm.value, difference)
-        for column, value in zip(rows.values(), values, strict=True):
-            column.append(value)
-    return rows
+    return columns_of(
+        AUDIT,
+        (_keys(cell, outcome) | {"difference": difference} for outcome, difference in audited),
+    )
 
 
-def pair_rows(cell: int, episodes: pa.Table) -> dict[str, list[Any]]:
+def pair_rows(cell: int, episodes: pa.Table) -> Columns:
     """Columns of ``pairs.parquet`` from the episodes of one cell."""
-    rows: dict[str, list[Any]] = {name: [] for name in PAIRS.names}
     times: dict[int, dict[str, float | None]] = {}
     columns = (episodes[name].to_pylist() for name in ("pair", "arm", "pass_time_s"))
     for pair, arm, time in zip(*columns, strict=True):
         times.setdefault(pair, {})[arm] = time
+    rows: list[dict[str, Any]] = []
     for pair, arms in times.items():
         av, human = arms[Arm.AV], arms[Arm.HUMAN]
-        rows["cell"].append(cell)
-        rows["pair"].append(pair)
-        rows["av_time_s"].append(av)
-        rows["human_time_s"].append(human)
-        rows["tau"].append(None if av is None or human is None else av / human)
-    return rows
+        tau = None if av is None or human is None else av / human
+        rows.append(
+            {"cell": cell, "pair": pair, "av_time_s": av, "human_time_s": human, "tau": tau}
+        )
+    return columns_of(PAIRS, rows)
 
 
-def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> dict[str, list[Any]]:
+def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
     """Columns of ``traces.parquet``: the ego's bumper and every pedestrian's centre.
 
-    At each step of the record, with the acceleration of the step that begins there (null at the
-    last); a pedestrian has rows from when they stepped off until they reach the other kerb.  Where
-    a strategy is not shown what is so, ``shown-<index>`` are the pedestrians as it was shown them.
+    There is a row at each step of the record, with the acceleration of the step that begins there
+    (null at the last).  A pedestrian has rows from when they stepped off until they reach the other
+    kerb.  Where perception errs, ``shown-<index>`` is a pedestrian as the strategy was shown them.
     """
-    rows: dict[str, list[Any]] = {name: [] for name in TRACES.names}
+    rows = columns_of(TRACES, ())
     for outcome in outcomes:
         trace, end_s = outcome.trace, outcome.record.end_s
         if not len(trace.x_m):
@@ -130,7 +138,7 @@ def _shown(trace: Trace, times: FloatArray) -> dict[int, list[list[Any]]]:
 
 
 def _extend(
-    rows: dict[str, list[Any]], cell: int, outcome: Outcome, name: str, columns: list[list[Any]]
+    rows: Columns, cell: int, outcome: Outcome, name: str, columns: list[list[Any]]
 ) -> None:
     count = len(columns[0])
     rows["cell"] += [cell] * count

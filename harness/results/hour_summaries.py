@@ -14,7 +14,7 @@ import pyarrow as pa
 
 from harness.comparison import Interval, Proportion, clustered_proportion, student_mean
 from harness.encounter import Arm, FloatArray
-from harness.errors import InputError
+from harness.results.summaries import check_pairs
 from harness.scenario import Scenario
 from harness.strategies.registry import find_strategy
 from harness.traffic.closed_forms import (
@@ -82,13 +82,13 @@ HOUR_MEASURES = (
 
 @dataclass(frozen=True, slots=True)
 class ArmOfHours:
-    """What is said of one arm beside its measures.
+    """The results of one arm beside its measures.
 
-    ``growth``: vehicles that the road gained in the second half over the arrivals expected in that
-    half, mean over pairs; ``saturated`` where it is more than ``GROWTH``.  The level of service of
-    vehicles is that of their control delay, and F on a saturated road (HCM: more than its
-    capacity).  ``yield_rate``: that of its
-    drivers where they have one, else the share of pedestrians whom the first vehicle let go.
+    ``growth`` is the mean over pairs of the vehicles that the road gained in the second half, over
+    the arrivals expected in that half.  The arm is ``saturated`` where that is more than
+    ``GROWTH``.  The level of service of vehicles is that of their control delay, and F on a
+    saturated road (HCM: more than its capacity).  ``yield_rate`` is the drivers' parameter where
+    they have one, else the share of pedestrians whom the first vehicle let go.
     """
 
     not_through: int
@@ -124,7 +124,6 @@ def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> H
         InputError: the rows are not two arms of each pair.
     """
     av, human, failed = _arms(hours)
-
     measures = {measure.name: _of_arms(measure, av, human, confidence) for measure in HOUR_MEASURES}
     arms = {
         arm: _arm(
@@ -147,6 +146,13 @@ def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> H
     )
 
 
+_OF_AN_ARM = (
+    *("not_through", "never_went", "growth", "yield_rate"),
+    *("hcm_pedestrian_delay_s", "nchrp_pedestrian_delay_s", "los_vehicles", "los_pedestrians"),
+)
+"""What ``summary.csv`` has of each arm beside its measures and κ."""
+
+
 def hours_row(summary: HoursSummary) -> dict[str, float | int | str | bool | None]:
     """A summary as the columns of ``summary.csv``; an interval becomes three."""
     row: dict[str, float | int | str | bool | None] = {
@@ -154,40 +160,24 @@ def hours_row(summary: HoursSummary) -> dict[str, float | int | str | bool | Non
         "failed": summary.failed,
         "confidence": summary.confidence,
     }
-
-    def put(name: str, interval: Interval) -> None:
-        row[name] = interval.value
-        row[f"{name}_ci_low"], row[f"{name}_ci_high"] = interval.low, interval.high
-
     ends = {Arm.AV: "", Arm.HUMAN: "_human"}
     for arm, end in ends.items():
         row[f"saturated{end}"] = summary.arms[arm].saturated
-    put("mu", summary.mu)
+    row |= summary.mu.columns("mu")
     for arm, end in ends.items():
-        put(f"kappa{end}", summary.arms[arm].kappa)
-    for name, (av, human, difference) in summary.measures.items():
-        put(name, av)
-        put(f"{name}_human", human)
-        put(f"{name}_difference", difference)
+        row |= summary.arms[arm].kappa.columns(f"kappa{end}")
+    for name, found in summary.measures.items():
+        for interval, end in zip(found, ("", "_human", "_difference"), strict=True):
+            row |= interval.columns(f"{name}{end}")
     for arm, end in ends.items():
-        own = summary.arms[arm]
-        for name in ("not_through", "never_went", "growth", "yield_rate"):
-            row[f"{name}{end}"] = getattr(own, name)
-        for name in ("hcm_pedestrian_delay_s", "nchrp_pedestrian_delay_s"):
-            row[f"{name}{end}"] = getattr(own, name)
-        row[f"los_vehicles{end}"], row[f"los_pedestrians{end}"] = (
-            own.los_vehicles,
-            own.los_pedestrians,
-        )
+        for name in _OF_AN_ARM:
+            row[f"{name}{end}"] = getattr(summary.arms[arm], name)
     return row
 
 
 def _arms(hours: pa.Table) -> tuple[Columns, Columns, int]:
     """The columns of both arms over the pairs in which neither failed, and how many others."""
-    arms, pairs = hours["arm"].to_pylist(), hours["pair"].to_pylist()
-    count = len(pairs) // 2
-    if arms != [Arm.AV.value, Arm.HUMAN.value] * count or pairs[::2] != pairs[1::2]:
-        raise InputError("hours", "are not two arms of each pair of a cell", "one run's hours")
+    check_pairs(hours, "hours")
     ran = np.array([reason is None for reason in hours["reason"].to_pylist()], dtype=bool)
     both = ran[::2] & ran[1::2]
     columns = {
@@ -205,8 +195,7 @@ def _arms(hours: pa.Table) -> tuple[Columns, Columns, int]:
 def _arm(
     own: Columns, scenario: Scenario, arm: Arm, means: dict[str, Interval], confidence: float
 ) -> ArmOfHours:
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     arrivals = second_half_share(traffic) * own["vehicles"]
     growths = _ratio(own["in_system_end"] - own["in_system_half"], arrivals)
     known = growths[~np.isnan(growths)]
@@ -232,7 +221,7 @@ def _arm(
 
 
 def _level_of_vehicles(means: dict[str, Interval]) -> str | None:
-    """By the control delay; who is not through has at least ``vehicle_delay_s``."""
+    """By the control delay; a vehicle that is not through has at least ``vehicle_delay_s``."""
     delays = [means[name].value for name in ("control_delay_s", "vehicle_delay_s")]
     known = [delay for delay in delays if delay is not None]
     return level_of_service(max(known), VEHICLE_LOS_S) if known else None
@@ -265,8 +254,7 @@ def _of_arms(
 
 def _yield_rate(scenario: Scenario, arm: Arm) -> float | None:
     """The rate at which an arm's drivers yield by themselves; None where a strategy has none."""
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     human = _own_rate(scenario, scenario.arms.human)
     if arm is Arm.HUMAN:
         return human
@@ -289,10 +277,9 @@ def _closed_forms(
 ) -> tuple[float, float] | None:
     """The HCM's and NCHRP 17-87's delay of pedestrians at this road: t_c = L/S_p, t_s = 0.
 
-    S_p is the speed at which its pedestrians walked, v what came of vehicles.
+    S_p is the speed at which its pedestrians walked, v the flow of vehicles that came.
     """
-    traffic, crossing = scenario.traffic, scenario.crosswalk()
-    assert traffic is not None
+    traffic, crossing = scenario.known_traffic, scenario.crosswalk()
     speeds = own["walking_mps"][~np.isnan(own["walking_mps"])]
     seconds = traffic.duration_s * max(1, len(own["vehicles"]))
     vehicles = float(own["vehicles"].sum()) / seconds

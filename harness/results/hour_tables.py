@@ -28,7 +28,7 @@ Rows = dict[str, dict[str, list[Any]]]
 
 @dataclass(frozen=True, slots=True)
 class _Counted:
-    """What of an hour counts: vehicles due and people coming between warm-up and end."""
+    """The part of an hour that counts: vehicles due and people coming between warm-up and end."""
 
     begin_s: float
     end_s: float
@@ -72,8 +72,7 @@ def _append(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
 
 
 def _counted(outcome: HourOutcome) -> _Counted:
-    traffic = outcome.scenario.traffic
-    assert traffic is not None
+    traffic = outcome.scenario.known_traffic
     begin_s, end_s = traffic.warm_up_s, traffic.warm_up_s + traffic.duration_s
 
     def counts(passage: Passage) -> bool:
@@ -86,10 +85,9 @@ def _counted(outcome: HourOutcome) -> _Counted:
 
 
 def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
-    """The row of an arm in ``hours``: sums, means and counts over what counts."""
+    """The row of an arm in ``hours``: sums, means and counts over those that count."""
     scenario, log = outcome.scenario, outcome.log
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     passages, walks = counted.passages, counted.walks
     last_s = log.last_step * scenario.experiment.step_s
     waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
@@ -118,9 +116,8 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
         "crossed": len(passages),
     }
     if not traffic.saturated:
-        vehicle, insert_x = scenario.vehicle(), {p.moving.insert_x_m for p in passages}
-        assert len(insert_x) <= 2
-        # Who is not through by the end has lost at least the time until then.
+        vehicle = scenario.vehicle()
+        # A vehicle that is not through by the end has lost at least the time until then.
         delays = [_at_least(p, last_s, vehicle.initial_speed_mps) for p in passages]
         ways = [
             (vehicle.length_m + scenario.crosswalk().width_m / 2 - p.moving.insert_x_m)
@@ -147,15 +144,14 @@ def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
 
 
 def _automated(outcome: HourOutcome, passage: Passage) -> bool:
-    traffic = outcome.scenario.traffic
-    assert traffic is not None
+    traffic = outcome.scenario.known_traffic
     return outcome.arm is Arm.AV and passage.moving.plan.uniform < traffic.av_share
 
 
 def passage_counts(
     passages: Sequence[Mapping[str, Any]], limits: ConflictsSection
 ) -> dict[str, float | None]:
-    """What ``hours`` says of its rows of ``passages``: stops, crashes and conflicts of each kind.
+    """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts of each kind.
 
     A crash counts as a conflict of every kind.
     """
@@ -212,8 +208,7 @@ def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]
 
 def _queue_rows(outcome: HourOutcome) -> Iterator[dict[str, Any]]:
     """One row for each minute and lane."""
-    scenario, log, traffic = outcome.scenario, outcome.log, outcome.scenario.traffic
-    assert traffic is not None
+    scenario, log, traffic = outcome.scenario, outcome.log, outcome.scenario.known_traffic
     begin_s = traffic.warm_up_s
     minutes = math.ceil(len(log.queues) / MINUTE_S)
     through = Counter(

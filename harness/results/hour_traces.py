@@ -1,4 +1,4 @@
-"""Everybody's way through an hour as rows, and a passage's trace made of them again.
+"""The ways of vehicles and people through an hour as rows, and a passage's trace made of them.
 
 Columns: docs/files.md.  Times count from the end of the warm-up; x and y are the ego's, so vehicles
 of the other direction drive towards smaller x.
@@ -17,7 +17,7 @@ from harness.results.hour_tables import Rows, walk_row
 from harness.results.tables import PEDESTRIANS, TRACES
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Scenario
-from harness.traffic.lanes import Direction, Lane, lanes_of
+from harness.traffic.lanes import Lane, lanes_of
 from harness.traffic.pairing import HourOutcome
 from harness.traffic.passages import as_seen
 from harness.traffic.vehicles import Moving
@@ -43,20 +43,15 @@ def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
             for column, more in zip(traces.values(), (*values, *columns[1:]), strict=True):
                 column += more
         for walk in outcome.log.walks:
-            row = keys | walk_row(outcome, walk, _begin_s(outcome.scenario))
+            row = keys | walk_row(outcome, walk, outcome.scenario.known_traffic.warm_up_s)
             for name, column in walks.items():
                 column.append(row[name])
     return {"traces": traces, "walks": walks}
 
 
-def _begin_s(scenario: Scenario) -> float:
-    assert scenario.traffic is not None
-    return scenario.traffic.warm_up_s
-
-
 def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:
     """Name, and columns from ``time_s`` on without the object, of everybody."""
-    step_s, begin_s = outcome.scenario.experiment.step_s, _begin_s(outcome.scenario)
+    step_s, begin_s = outcome.scenario.experiment.step_s, outcome.scenario.known_traffic.warm_up_s
     for passage in outcome.passages:
         columns = _vehicle(passage.moving, step_s, begin_s)
         if columns[0]:
@@ -91,7 +86,7 @@ def _vehicle(moving: Moving, step_s: float, begin_s: float) -> list[list[Any]]:
         *gains,
         *[None] * (len(rows) - len(before) - len(gains)),
     ]
-    sign = 1.0 if lane.direction is Direction.FORWARD else -1.0
+    sign = lane.direction.sign
     return [
         [step * step_s - begin_s for step, _, _ in rows],
         [sign * x for _, x, _ in rows],
@@ -139,11 +134,11 @@ def _trace(
     times, x, speed = states[f"vehicle-{row['vehicle']}"]
     passed_s = math.inf if row["passed_s"] is None else row["passed_s"] + step_s - _ROUNDING_S
     own = (times > trigger_s - _ROUNDING_S) & (times < passed_s)
-    times, sign = times[own], 1.0 if lane.direction is Direction.FORWARD else -1.0
+    times, sign = times[own], lane.direction.sign
     until_s = float(times[-1]) + _ROUNDING_S
     if row["passed_s"] is None:
         until_s = math.inf
-    # Whoever had left a step before it came to R0 had been taken away.
+    # People who had left a step before it came to R0 had been taken away.
     met = [
         as_seen(walk, lane, trigger_s, crosswalk)
         for due_s, walk in everyone

@@ -59,7 +59,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     Raises:
         InputError: they are not: an arm is missing, or rows of two runs are mixed.
     """
-    _check_pairs(episodes)
+    check_pairs(episodes, "episodes")
     arm = np.array(episodes["arm"].to_pylist())
     ending = np.array(episodes["ending"].to_pylist())
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
@@ -107,15 +107,17 @@ def _failed_strategy(episodes: pa.Table) -> np.ndarray:
     return np.array([(reason or "").startswith("the strategy ") for reason in reasons])
 
 
-def _check_pairs(episodes: pa.Table) -> None:
-    arms, pairs = episodes["arm"].to_pylist(), episodes["pair"].to_pylist()
-    whole = len(arms) > 0 and len(arms) % 2 == 0
-    whole = whole and arms[::2] == [Arm.AV.value] * (len(arms) // 2)
-    whole = whole and arms[1::2] == [Arm.HUMAN.value] * (len(arms) // 2)
-    if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != len(pairs) // 2:
-        raise InputError(
-            "episodes", "are not two arms of each pair of a cell", "one run's episodes"
-        )
+def check_pairs(rows: pa.Table, what: str) -> None:
+    """Refuse rows of a cell that are not two arms of each pair, the AV's first.
+
+    Raises:
+        InputError: an arm is missing, or rows of two runs are mixed.
+    """
+    arms, pairs = rows["arm"].to_pylist(), rows["pair"].to_pylist()
+    count = len(arms) // 2
+    whole = count > 0 and arms == [Arm.AV.value, Arm.HUMAN.value] * count
+    if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != count:
+        raise InputError(what, "are not two arms of each pair of a cell", f"one run's {what}")
 
 
 def summary_row(summary: Summary) -> dict[str, float | int | None]:
@@ -123,12 +125,8 @@ def summary_row(summary: Summary) -> dict[str, float | int | None]:
     row: dict[str, float | int | None] = {}
     for field in fields(Summary):
         value = getattr(summary, field.name)
-        if isinstance(value, Interval):
-            row[field.name] = value.value
-            row[f"{field.name}_ci_low"] = value.low
-            row[f"{field.name}_ci_high"] = value.high
-        else:
-            row[field.name] = value
+        named = isinstance(value, Interval)
+        row |= value.columns(field.name) if named else {field.name: value}
     return row
 
 
@@ -153,14 +151,13 @@ def summary_from(row: Mapping[str, Any], pairs: PairColumns) -> Summary:
     for field in fields(Summary):
         name, kind = field.name, kinds[field.name]
         if kind not in (Interval, Proportion):
-            values[name] = int(row[name]) if kind is int else _known(row[name])
+            values[name] = int(row[name]) if kind is int else known(row[name])
             continue
-        value, low, high = (_known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high"))
-        if kind is Interval:
-            values[name] = Interval(value, low, high)
-        else:
+        found = values[name] = interval_from(row, name)
+        if kind is Proportion:
             of = int(np.count_nonzero(_episodes_behind(name, pairs)))
-            values[name] = Proportion(value, low, high, round((value or 0.0) * of), of)
+            count = round((found.value or 0.0) * of)
+            values[name] = Proportion(found.value, found.low, found.high, count, of)
     return Summary(**values)
 
 
@@ -172,5 +169,11 @@ def _episodes_behind(name: str, pairs: PairColumns) -> np.ndarray:
     return ran & pairs.met_someone if "_met" in name else ran
 
 
-def _known(value: float | None) -> float | None:
+def interval_from(row: Any, name: str) -> Interval:
+    """The interval in three columns of a row of ``summary.csv``, a mapping or a pandas series."""
+    return Interval(*(known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high")))
+
+
+def known(value: float | None) -> float | None:
+    """The number, or None where a table holds none."""
     return None if value is None or np.isnan(value) else float(value)

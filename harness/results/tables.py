@@ -3,7 +3,7 @@
 Schemas are fixed; a missing value is null, never 0, -1 or infinity.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ ASKED = {
     "clamped_speed_excess_mps": pa.float64(),
     "clamped_range_excess_m": pa.float64(),
 }
-"""What of an episode its traces do not tell: how the interaction model was asked."""
+"""Columns of an episode that its traces do not tell: how the interaction model was asked."""
 
 EPISODES = pa.schema(
     [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *ASKED.items()]
@@ -160,7 +160,7 @@ TABLES = {
 
 
 def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
-    """What the tasks of a run of encounters bring: the tables of its shards."""
+    """The tables that the tasks of a run of encounters bring, and its shards hold."""
     return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
 
 
@@ -168,9 +168,9 @@ HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 """What a run of traffic holds."""
 
 HOUR_TRACES = ("traces", "walks")
-"""What it holds besides with ``--traces``."""
+"""What a run of traffic holds besides with ``--traces``."""
 
-_KEY = ("cell", "pair", "arm")
+_KEY = [name for name, _ in _KEYS]
 NEEDED = {
     "hours": {*HOURS.names},
     "passages": {*PASSAGES.names} - {*_MEASURES} | {"delay_s"},
@@ -191,6 +191,19 @@ out, and ``harness score`` adds it.
 """
 
 _ROW_GROUP = 100_000
+
+
+Columns = dict[str, list[Any]]
+"""A table's values by column."""
+
+
+def columns_of(schema: pa.Schema, rows: Iterable[Mapping[str, Any]]) -> Columns:
+    """Rows as columns; a value that a row does not have is null."""
+    columns: Columns = {name: [] for name in schema.names}
+    for row in rows:
+        for name, column in columns.items():
+            column.append(row.get(name))
+    return columns
 
 
 def table_of(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:

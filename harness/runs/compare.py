@@ -24,7 +24,8 @@ from harness.comparison import (
 from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
-from harness.runs.run_data import RunData, finished_run
+from harness.runs.opening import finished_run
+from harness.runs.run_data import RunData
 from harness.runs.same_pairs import check_same_pairs, names_of
 from harness.runs.strategy_groups import (
     ParameterSweep,
@@ -59,7 +60,7 @@ def compare(
         InputError: a run is not finished, a limit is out of range, no two cells can be compared,
             or the reference arm did not meet the same people in all runs.
     """
-    opened = [run if isinstance(run, RunData) else finished_run(run) for run in runs]
+    opened = [finished_run(run) for run in runs]
     several = len(opened) > 1
     names = names_of(opened) if several else [""]
     groups = groups_over([run.study for run in opened], names)
@@ -119,7 +120,7 @@ def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Li
 
 
 class _Steps:
-    """Counts what is done."""
+    """Counts the comparisons that are done."""
 
     def __init__(self, planned: int, progress: Progress) -> None:
         self._done, self._planned, self._progress = 0, planned, progress

@@ -18,6 +18,9 @@ from harness.comparison import (
 from harness.runs.strategy_groups import ParameterSweep, StrategyGroup
 from harness.sketch import html_table, intervals_sketch
 
+_DRAWN = 12
+"""Differences in a notebook's picture."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -40,7 +43,7 @@ class Comparison:
 
     @property
     def indicative(self) -> list[str]:
-        """Differences of which N is too small for their intervals to hold what they say."""
+        """Differences whose intervals rest on too few pairs to hold what they say."""
         counts = {
             "mu_difference": self.defined_in_both,
             "mu_worst_difference": self.pairs_in_both,
@@ -59,7 +62,7 @@ class SweepResult:
 
     @property
     def indicative(self) -> tuple[bool, ...]:
-        """Of every value, whether N is too small for μ's bound to hold what it says."""
+        """For each value, whether μ's bound rests on too few pairs to hold what it says."""
         least = INDICATIVE_COMPARED_BELOW["mu_bound"]
         return tuple(judgement.swept.defined_pairs < least for judgement in self.found.judgements)
 
@@ -92,9 +95,9 @@ class GroupResult:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """All of a run, or of several; ``confidence`` is that of each interval.
+    """The comparison of a run's cells, or of several runs'.
 
-    ``name`` is the first one's.
+    ``name`` is the first run's; ``confidence`` is that of each interval.
     """
 
     folders: tuple[Path, ...]
@@ -110,8 +113,8 @@ class RunComparison:
             [
                 words,
                 str(item.defined_in_both),
-                _in_words(item.mu_difference),
-                _in_words(item.delay_difference_s),
+                item.mu_difference.words(".4f"),
+                item.delay_difference_s.words(".4f"),
                 f"{item.crashes.only_a} / {item.crashes.only_b}",
                 f"{item.p_holm:.2g}",
             ]
@@ -119,22 +122,7 @@ class RunComparison:
         ]
         headings = ("A − B", "pairs", "μ", "delay s", "crashed in A / B alone", "p (Holm)")
         caption = f"{self.name}: intervals of {100 * self.confidence:.3g} %"
-        drawn = [(words, *_limits_of(item.mu_difference)) for words, item in pairs[:_DRAWN]]
+        first = [(words, item.mu_difference) for words, item in pairs[:_DRAWN]]
+        drawn = [(words, of.value, of.low, of.high) for words, of in first]
         title = "differences of μ with their intervals; the line is 0"
         return html_table(caption, headings, rows) + intervals_sketch(drawn, title, 0.0)
-
-
-_DRAWN = 12
-
-
-def _limits_of(interval: Interval) -> tuple[float | None, float | None, float | None]:
-    return interval.value, interval.low, interval.high
-
-
-def _in_words(interval: Interval) -> str:
-    if interval.value is None:
-        return "undefined"
-    known = interval.low is not None and interval.high is not None
-    return f"{interval.value:.4f}" + (
-        f" ({interval.low:.4f} … {interval.high:.4f})" if known else ""
-    )

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from harness.files import write_file
 from harness.results.reading import read_table
-from harness.runs.run_data import finished_run
+from harness.runs.opening import finished_run
 
 
 def export_csv(folder: Path) -> list[Path]:

@@ -4,6 +4,7 @@ from typing import Any
 
 import pandas as pd
 
+from harness.results.summaries import interval_from
 from harness.sketch import html_table, intervals_sketch
 
 _MOST = 12
@@ -33,22 +34,14 @@ def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool
                 _with_limits(row, "delay_s"),
             ]
         )
-        values = (_known(row[f"mu{end}"]) for end in ("", "_ci_low", "_ci_high"))
-        intervals.append((label, *values))
+        mu = interval_from(row, "mu")
+        intervals.append((label, mu.value, mu.low, mu.high))
     more = f", {len(summary) - _MOST} more cells" if len(summary) > _MOST else ""
     caption = f"{name}{'' if finished else ' (unfinished)'}{more}"
     headings = ["cell", *varied, "pairs", "μ", "κ", "delay AV s"]
-    picture = intervals_sketch(intervals, f"{name}: μ with its interval; the line is μ = 1", 1.0)  # type: ignore[arg-type]
+    picture = intervals_sketch(intervals, f"{name}: μ with its interval; the line is μ = 1", 1.0)
     return html_table(caption, headings, rows) + picture
 
 
 def _with_limits(row: "pd.Series[Any]", name: str) -> str:
-    value, low, high = (_known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high"))
-    if value is None:
-        return "undefined"
-    limits = "" if low is None or high is None else f" ({low:.4g} … {high:.4g})"
-    return f"{value:.4g}{limits}"
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None or pd.isna(value) else float(value)
+    return interval_from(row, name).words(".4g")

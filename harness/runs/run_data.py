@@ -23,7 +23,6 @@ from harness.results.episode_tables import pair_rows
 from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
 from harness.results.manifest import options_of
 from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
-from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
 from harness.results.shards import Shard
 from harness.results.summaries import (
     confidence_of,
@@ -33,16 +32,16 @@ from harness.results.summaries import (
     summary_from,
     summary_row,
 )
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, TABLES, encounter_tables, table_of
+from harness.results.tables import TABLES, table_of
 from harness.runs.notebook import run_html
-from harness.runs.run_tables import RunTables, read_summary, readable_shards
-from harness.scenario import Cell, EngineName, Scenario, Study, study_from
+from harness.runs.run_tables import RunTables, read_summary
+from harness.scenario import Cell, EngineName, Scenario, Study
 from harness.workers.tasks import Failure
 
 
 @dataclass(frozen=True)
 class CellResult:
-    """What came out of one cell."""
+    """The results of one cell."""
 
     cell: Cell
     summary: Summary
@@ -84,7 +83,7 @@ class RunData:
 
     @property
     def varied_keys(self) -> list[str]:
-        """What a sweep varies; nothing for a run of one cell."""
+        """The keys that a sweep varies; none for a run of one cell."""
         return self.study.varied_keys
 
     @property
@@ -127,7 +126,7 @@ class RunData:
 
     @property
     def in_traffic(self) -> bool:
-        """Whether it is of hours of traffic: it then has ``hours`` in place of ``episodes``."""
+        """Whether it simulates hours of traffic, and has ``hours`` in place of ``episodes``."""
         return self.study.in_traffic
 
     @cached_property
@@ -269,7 +268,7 @@ class RunData:
 
     @property
     def engine(self) -> EngineName:
-        """What moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""
+        """The engine that moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""
         engine: EngineName = self.manifest["engine"]
         return engine
 
@@ -297,20 +296,18 @@ class RunData:
 
     @cached_property
     def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, what differs) of each of ``audited`` that SUMO makes otherwise."""
+        """(cell, pair, arm, what differs) of each row of ``audited`` that differs in SUMO."""
         rows = self.audited.dropna(subset="difference")
         return tuple(rows.itertuples(index=False, name=None))
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
+        rows = self._tables.read("hours" if self.in_traffic else "episodes")
         if self.in_traffic:
-            hours = self._tables.read("hours")
-            failed = hours.filter(pc.is_valid(hours["reason"]))
-            columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
-            return tuple((*where, reason) for *where, reason in zip(*columns, strict=True))
-        episodes = self._tables.read("episodes")
-        failed = episodes.filter(pc.equal(episodes["ending"], Ending.ENGINE_FAILED.value))
+            failed = rows.filter(pc.is_valid(rows["reason"]))
+        else:
+            failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
         columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
         return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
 
@@ -336,7 +333,7 @@ class RunData:
 
     @property
     def confidence(self) -> float:
-        """Of each interval of the run."""
+        """The confidence of each interval of the run."""
         return confidence_of(self.study, options_of(self.manifest))
 
     def _repr_html_(self) -> str:
@@ -368,55 +365,6 @@ class RunData:
     def _need_traces(self) -> None:
         if not self.kept_traces:
             raise InputError(str(self.path), "kept no traces", "a run with --traces")
-
-
-def load_run(path: str | Path) -> RunData:
-    """Open a run folder, finished or not.
-
-    Args:
-        path: the folder.
-
-    Returns:
-        Its content; tables are read when they are asked for.
-
-    Raises:
-        InputError: it is no run folder, one of another format version, an incomplete copy, or
-            damaged.
-    """
-    folder = Path(path)
-    document = read_manifest(folder)
-    study = study_from(document, str(folder / MANIFEST))
-    counts = document["counts"]
-    finished = counts is not None
-    if not finished:
-        shards = readable_shards(folder, study)
-        if read_manifest(folder)["counts"] is not None:
-            # It was finished while its shards were read, and they are gone.
-            return load_run(folder)
-        return RunData(folder, document, study, finished=False, shards=shards)
-    expected = {"cells": len(study.cells), **counts}
-    audit = document["engine"] == "plain"
-    names = ("cells", "pairs", *encounter_tables(traces=document["traces"], audit=audit))
-    if study.in_traffic:
-        names = ("cells", *HOUR_TABLES, *(HOUR_TRACES if document["traces"] else ()))
-        expected.pop("pairs", None)
-    for name in names:
-        found = count_rows(folder, name)
-        rows = expected.get(name, found)
-        if found != rows:
-            where = str(folder / f"{name}.parquet")
-            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
-    return RunData(folder, document, study, finished=True)
-
-
-def finished_run(path: str | Path) -> RunData:
-    """Open a run folder whose run is finished.
-
-    Raises:
-        InputError: as ``load_run``, or the run was broken off or is still going on.
-    """
-    read_finished_manifest(Path(path))
-    return load_run(path)
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

@@ -11,12 +11,14 @@ import pandas as pd
 from harness.encounter import Arm, Ending
 from harness.errors import InputError, unknown_name
 from harness.measures.agreement import TOLERANCE
-from harness.runs.run_data import RunData, finished_run
+from harness.results.summaries import known
+from harness.runs.opening import finished_run
+from harness.runs.run_data import RunData
 from harness.runs.same_pairs import check_same_pairs, names_of
 from harness.runs.strategy_groups import StrategyCell, groups_over
 
 FIRST = ("pet_s", "min_ttc_s", "delay_s", "contact_speed_mps")
-"""What episodes are ranked by."""
+"""Measures by which episodes are ranked."""
 
 CONFLICT_S = 5.0
 """A PET or TTC above this counts as this: no conflict (SSAM's largest PET, FHWA-HRT-08-051)."""
@@ -47,7 +49,7 @@ class WorstEpisode:
 
     @property
     def command(self) -> str:
-        """What shows it in sumo-gui, as it can be pasted into a shell."""
+        """The shell command that shows it in sumo-gui."""
         cell = f" --cell {self.cell}" if self.cell else ""
         where = shlex.quote(str(self.run))
         return f"harness replay {where}{cell} --pair {self.pair} --arm {self.arm.value} --gui"
@@ -71,7 +73,7 @@ def worst(
         InputError: no finished run of encounters, no such measure, or ``most`` is less than 1.
     """
     _check(by, most)
-    data = run if isinstance(run, RunData) else finished_run(run)
+    data = finished_run(run)
     rows = _episodes(data, by, arm)
     bad = rows[rows["badness"] > _least(by)].nlargest(most, "badness", keep="all")
     return _ranked(data, bad, "badness", by, arm)[:most]
@@ -102,7 +104,7 @@ def got_worse(
         InputError: as ``worst``, or the runs cannot be compared pair by pair.
     """
     _check(by, most)
-    now, then = (of if isinstance(of, RunData) else finished_run(of) for of in (run, since))
+    now, then = finished_run(run), finished_run(since)
     groups = groups_over([then.study, now.study], names_of([then, now]))
     check_same_pairs([then, now], groups)
     old, new = (_episodes(of, by, arm) for of in (then, now))
@@ -178,7 +180,7 @@ def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> fl
 
 
 def _least(by: str) -> float:
-    """Nothing of an episode of this badness is worth a look."""
+    """An episode of this badness, or less, is not worth a look."""
     if by == "delay_s":
         return -math.inf
     return _NO_CONTACT_MPS if by == "contact_speed_mps" else -CONFLICT_S
@@ -192,11 +194,7 @@ def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpi
         int(row["pair"]),
         arm,
         Ending(row["ending"]),
-        _known(row[by]),
-        _known(row[f"{by}{_BEFORE}"]) if compared else None,
+        known(row[by]),
+        known(row[f"{by}{_BEFORE}"]) if compared else None,
         Ending(row[f"ending{_BEFORE}"]) if compared else None,
     )
-
-
-def _known(value: float | None) -> float | None:
-    return None if value is None or math.isnan(value) else float(value)

@@ -217,8 +217,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> N
 def _check_flow(
     flow: float | tuple[float, ...], lanes: int, scenario: Scenario, where: str
 ) -> None:
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     values = flow if isinstance(flow, tuple) else (flow,)
     quarters = math.ceil(traffic.duration_s / QUARTER_S - 1e-9)
     if isinstance(flow, tuple) and len(flow) != quarters:

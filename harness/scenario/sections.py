@@ -467,6 +467,12 @@ class Scenario(_Section):
     limits: LimitsSection = LimitsSection()
     traffic: TrafficSection | None = None
 
+    @property
+    def known_traffic(self) -> TrafficSection:
+        """``[traffic]`` of a scenario that is known to have it."""
+        assert self.traffic is not None
+        return self.traffic
+
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""
         values = self.ego.model_dump(exclude={"lane"})
@@ -514,13 +520,10 @@ class Scenario(_Section):
         """Shortest headway of vehicles that do not disturb each other at v0; whole steps.
 
         The following distance of SUMO's Krauss model at v0: tau_s + (length + min_gap_m)/v0.
-
-        Raises:
-            AssertionError: there is no ``[traffic]``.
         """
-        assert self.traffic is not None
-        spaced_m = self.ego.length_m + self.traffic.min_gap_m
-        headway_s = self.traffic.tau_s + spaced_m / self.ego.initial_speed_mps
+        traffic = self.known_traffic
+        spaced_m = self.ego.length_m + traffic.min_gap_m
+        headway_s = traffic.tau_s + spaced_m / self.ego.initial_speed_mps
         step_s = self.experiment.step_s
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 

@@ -6,11 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.episode.arrivals import SECONDS_PER_HOUR
 from harness.scenario import QUARTER_S, Scenario, TrafficSection
 from harness.seeding import stream
 from harness.traffic.lanes import Direction, Lane, lanes_of
-
-SECONDS_PER_HOUR = 3600.0
 
 _BLOCK = 64
 
@@ -47,8 +46,7 @@ def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Sc
     Yields:
         Vehicles due in [0, warm-up + duration), without end where the lanes are saturated.
     """
-    traffic = scenario.traffic
-    assert traffic is not None
+    traffic = scenario.known_traffic
     seed, step_s = scenario.experiment.seed, scenario.experiment.step_s
     road = lanes_of(scenario)
     place, key = road.index(lane), (list(Direction).index(lane.direction), lane.index)

@@ -13,6 +13,11 @@ class Direction(StrEnum):
     FORWARD = "forward"
     ONCOMING = "oncoming"
 
+    @property
+    def sign(self) -> float:
+        """1 where its vehicles drive towards greater x of the ego's frame, −1 where not."""
+        return 1.0 if self is Direction.FORWARD else -1.0
+
 
 @dataclass(frozen=True, slots=True)
 class Lane:

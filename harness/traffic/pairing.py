@@ -56,9 +56,8 @@ class HourRunner:
         get_road: Callable[[], SumoRoad],
         paths: bool = False,
     ) -> None:
-        assert scenario.traffic is not None
         self._scenario, self._model, self._get_road = scenario, model, get_road
-        self._traffic, self._paths = scenario.traffic, paths
+        self._traffic, self._paths = scenario.known_traffic, paths
         self._rules = constants_of(scenario)
         self._speeds = WalkingSpeeds(scenario, model)
         check_arms(scenario, model)

@@ -10,7 +10,7 @@ from harness.encounter import Crossing, Ending, Trace, Walk
 from harness.episode.cell_constants import CellConstants
 from harness.measures import EpisodeRecord, measure
 from harness.measures.ego import crossing_time
-from harness.traffic.lanes import Direction, Lane
+from harness.traffic.lanes import Lane
 from harness.traffic.log import HourLog
 from harness.traffic.vehicles import Moving
 
@@ -108,13 +108,13 @@ def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Tr
 
 def as_seen(walk: Walk, lane: Lane, begin_s: float, crossing: Crossing) -> Walk:
     """A walk in a passage's own time, and from its lane's direction."""
-    turned = lane.direction is Direction.ONCOMING
     arrival = walk.arrival._replace(
         arrival_s=walk.arrival.arrival_s - begin_s, side=lane.own_side(walk.arrival.side)
     )
     legs = walk.legs
     if legs is not None:
-        sign, base = (-1.0, crossing.length_m) if turned else (1.0, 0.0)
+        sign = lane.direction.sign
+        base = 0.0 if sign > 0 else crossing.length_m
         legs = tuple(
             leg._replace(
                 time_s=leg.time_s - begin_s,

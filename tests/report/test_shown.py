@@ -9,7 +9,7 @@ import pytest
 from harness.report.episode_figures import time_advantage
 from harness.report.episode_traces import choose_pairs, shown_pairs
 from harness.report.player_data import player_document
-from harness.runs.run_data import load_run
+from harness.runs.opening import load_run
 from harness.scenario import Options
 from tests.batches import one_cell
 from tests.report.conftest import simulate

@@ -15,7 +15,8 @@ from harness.measures.agreement import TOLERANCE
 from harness.replay.rerun import debug
 from harness.report.words import audit_lines
 from harness.results.run_folder import RunFolder
-from harness.runs.run_data import RunData, load_run
+from harness.runs.opening import load_run
+from harness.runs.run_data import RunData
 from harness.scenario import Options, Scenario, Study
 from harness.workers.audit import audit_of
 from tests.batches import FLOW, Inline, one_cell, sweep

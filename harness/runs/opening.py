@@ -1,0 +1,61 @@
+"""Opens run folders: finished or not, and checked against their manifest."""
+
+from pathlib import Path
+
+from harness.errors import InputError
+from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
+from harness.runs.run_data import RunData
+from harness.runs.run_tables import readable_shards
+from harness.scenario import study_from
+
+
+def load_run(path: str | Path) -> RunData:
+    """Open a run folder, finished or not.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        Its content; tables are read when they are asked for.
+
+    Raises:
+        InputError: it is no run folder, one of another format version, an incomplete copy, or
+            damaged.
+    """
+    folder = Path(path)
+    document = read_manifest(folder)
+    study = study_from(document, str(folder / MANIFEST))
+    counts = document["counts"]
+    finished = counts is not None
+    if not finished:
+        shards = readable_shards(folder, study)
+        if read_manifest(folder)["counts"] is not None:
+            # It was finished while its shards were read, and they are gone.
+            return load_run(folder)
+        return RunData(folder, document, study, finished=False, shards=shards)
+    expected = {"cells": len(study.cells), **counts}
+    audit = document["engine"] == "plain"
+    names = ("cells", "pairs", *encounter_tables(traces=document["traces"], audit=audit))
+    if study.in_traffic:
+        names = ("cells", *HOUR_TABLES, *(HOUR_TRACES if document["traces"] else ()))
+        expected.pop("pairs", None)
+    for name in names:
+        found = count_rows(folder, name)
+        rows = expected.get(name, found)
+        if found != rows:
+            where = str(folder / f"{name}.parquet")
+            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+    return RunData(folder, document, study, finished=True)
+
+
+def finished_run(run: RunData | str | Path) -> RunData:
+    """Open a run folder whose run is finished; an open run is given back.
+
+    Raises:
+        InputError: as ``load_run``, or the run was broken off or is still going on.
+    """
+    if isinstance(run, RunData):
+        return run
+    read_finished_manifest(Path(run))
+    return load_run(run)
