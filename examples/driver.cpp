@@ -1,4 +1,4 @@
-// A strategy in a process of its own, as examples/driver.py: arms.av = "exec:./driver 2.5".
+// A strategy in a process of its own, as examples/driver.py: arms.av = "exec:./driver --comfortable 2.5".
 //   g++ -std=c++17 -O2 -o driver examples/driver.cpp
 // One JSON line for each observation on standard input, one number (m/s²) back.
 #include <algorithm>
@@ -24,7 +24,7 @@ static bool in_the_way(const std::string& line) {
 }
 
 int main(int count, char** words) {
-    const double comfortable = count > 1 ? std::stod(words[1]) : 2.5;
+    const double comfortable = count > 2 ? std::stod(words[2]) : 2.5;
     std::cout << std::setprecision(17);
     for (std::string line; std::getline(std::cin, line);) {
         const std::size_t ego = line.find("\"ego\""), vehicle = line.find("\"vehicle\"");

@@ -107,11 +107,13 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
     """What ``risk.json`` or ``result.json`` of a folder holds.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: there is none, the risk is not finished, or the file is damaged.
     """
     try:
         document = json.loads((folder / name).read_text(encoding="utf-8"))
     except OSError:
+        if name == RESULT and (folder / ASKED).is_file():
+            raise InputError(str(folder), "is not finished", resume_command(folder)) from None
         raise InputError(str(folder), f"has no {name}", "a folder of harness risk") from None
     except ValueError:
         raise InputError(str(folder / name), "is damaged", "as harness risk writes it") from None

@@ -15,7 +15,7 @@ from harness.cli.app import app
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.risk.asking import Settings
-from harness.risk.folder import estimate_risk, resume_risk
+from harness.risk.folder import estimate_risk, read_risk, resume_risk
 from harness.risk.writing import RESULT
 from harness.scenario import read_scenario_file
 from tests.batches import CHECKOUT, HARNESS, Inline
@@ -61,6 +61,8 @@ def test_same_bytes_after_an_interruption_and_in_processes(finished: Path, tmp_p
     with pytest.raises(InterruptedRunError, match="harness resume"):
         estimate_risk(settings(), out=tmp_path / "again", make_executor=Broken)
     assert not (tmp_path / "again" / RESULT).exists()
+    with pytest.raises(InputError, match="is not finished; allowed: harness resume"):
+        read_risk(tmp_path / "again")
     resume_risk(tmp_path / "again", workers=2)
     for name in FILES:
         assert (tmp_path / "again" / name).read_bytes() == (finished / name).read_bytes()

@@ -141,7 +141,10 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
     subprocess.run(
         ["g++", "-std=c++17", "-O1", "-o", here / "driver", source], check=True, timeout=60
     )
-    assert same(traces("exec:./driver 2.5", model), traces(Inside, model))
+    assert same(traces("exec:./driver", model), traces(Inside, model))
+    gently = "--comfortable 0.5"
+    alike = traces(f"exec:./driver.py {gently}", model)
+    assert same(traces(f"exec:./driver {gently}", model), alike)
 
 
 @pytest.mark.parametrize(
