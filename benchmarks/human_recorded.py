@@ -23,8 +23,9 @@ from harness.strategies.human_yield import HumanYield
 from harness.trajectories import read_clips
 from harness.validation.closed_loop import drive, recorded_trace
 from harness.validation.figures import pass_time_score
+from harness.validation.finding import find_passages
 from harness.validation.outcomes import order_of, pass_time_of
-from harness.validation.passages import Passage, find_passages
+from harness.validation.passages import Passage
 
 SETS, FOLDS, SEED = 60, 5, 1
 DRAWS = 4

@@ -3,7 +3,7 @@
 from typing import Any
 
 from harness.comparison import Standing, Summary
-from harness.report.words import av_label, caveats
+from harness.report.caveats import av_label, caveats
 from harness.results.summaries import summary_row
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.runs.strategy_groups import StrategyCell

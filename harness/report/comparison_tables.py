@@ -1,6 +1,7 @@
 """The tables and sentences of a comparison, for the terminal and the page alike."""
 
 from harness.comparison import Place, Standing, SweepVerdict, Verdict
+from harness.report.caveats import av_label, caveats, joined_caveats, sentence
 from harness.report.tables import (
     Table,
     TableCell,
@@ -11,7 +12,6 @@ from harness.report.tables import (
     share_cell,
     value_cell,
 )
-from harness.report.words import av_label, caveats, joined_caveats, sentence
 from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
 from harness.scenario import as_written
 

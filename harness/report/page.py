@@ -12,6 +12,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
 from harness.report import style
+from harness.report.caveats import av_label, first_lines
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
 from harness.report.hour_pictures import hour_pictures
@@ -28,10 +29,8 @@ from harness.report.template import drawn, flat, page_in, write_page
 from harness.report.words import (
     PAPER_REMARK,
     audit_lines,
-    av_label,
     count_lines,
     crash_lines,
-    first_lines,
     is_the_papers,
     knowledge_lines,
     sweep_lines,

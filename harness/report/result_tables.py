@@ -6,6 +6,7 @@ from typing import Any
 
 from harness.comparison import INDICATIVE_BELOW, Interval, Summary
 from harness.measures import MEASURES
+from harness.report.caveats import av_label
 from harness.report.sweep_tables import sweep_tables
 from harness.report.tables import (
     Table,
@@ -21,7 +22,6 @@ from harness.report.tables import (
 )
 from harness.report.words import (
     PAPER,
-    av_label,
     both_arms,
     both_shares,
     conflict_condition,

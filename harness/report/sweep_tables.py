@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from harness.comparison import INDICATIVE_BELOW
+from harness.report.caveats import av_label
 from harness.report.tables import (
     Table,
     TableCell,
@@ -13,13 +14,7 @@ from harness.report.tables import (
     sort_key,
     value_cell,
 )
-from harness.report.words import (
-    av_label,
-    both_arms,
-    both_shares,
-    conflict_name,
-    too_narrow,
-)
+from harness.report.words import both_arms, both_shares, conflict_name, too_narrow
 from harness.runs.run_data import CellResult, RunData
 
 MOST_ROWS = 2_000

@@ -4,6 +4,7 @@ import shlex
 from typing import Any
 
 from harness.comparison import INDICATIVE_BELOW
+from harness.report.caveats import av_label, caveats, first_lines
 from harness.report.comparison_tables import (
     comparison_caveats,
     comparison_lines,
@@ -16,11 +17,8 @@ from harness.report.result_tables import result_tables
 from harness.report.words import (
     PAPER_REMARK,
     audit_lines,
-    av_label,
-    caveats,
     count_lines,
     crash_lines,
-    first_lines,
     is_the_papers,
     sweep_lines,
     too_narrow,

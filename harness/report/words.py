@@ -1,26 +1,25 @@
 """Sentences and names about a result, for the page and the terminal alike.
 
-``caveats`` come before any number; the other lines come after the table.
+The lines that come before any number are in ``caveats``.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
 from harness.encounter import Arm
 from harness.measures import MEASURES
+from harness.report.caveats import NOTHING_TESTED, sentence, whole_percent
 from harness.report.reference_words import keeps_its_defaults, known_disagreement
 from harness.report.tables import (
     counted,
     level,
     limits,
-    number,
     per_cent,
     percentage,
     share_limits,
 )
 from harness.results.measure_tables import CONFLICTS, ConflictRate
 from harness.runs.run_data import CellResult, RunData
-from harness.runs.targets import missed_targets
 from harness.scenario import Scenario
 from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import STRATEGIES, fallback_of
@@ -34,13 +33,8 @@ PAPER_REMARK = (
     "answer for walkers under 0.976 m/s at (30 m, 5 m/s), where Hard-Yield takes over here."
 )
 
-NOTHING_TESTED = "no pedestrian was met: nothing was tested"
-
 _NAMED = 8
-"""Records, or cells, named in a line."""
-
-_MOST = 0.5
-"""From this share on something is said before any number."""
+"""Records named in a line."""
 
 
 def pair_name(run: RunData, cell: int, pair: int) -> str:
@@ -98,30 +92,6 @@ def walker_lines(scenarios: Iterable[Scenario]) -> list[str]:
     return [said] if drawn else []
 
 
-def av_label(strategy: str, summary: Summary) -> str:
-    """The AV's strategy; with what drove in its place, where it mostly fell back on that.
-
-    Args:
-        strategy: its name, or what tells it apart from others.
-        summary: of its cell.
-
-    >>> from types import SimpleNamespace
-    >>> av_label("soft_yield", SimpleNamespace(fallback_share=1.0))
-    'soft_yield (hard_yield in 100 %)'
-    """
-    share = summary.fallback_share
-    if share is None or share < _MOST:
-        return strategy
-    return f"{strategy} ({fallback_of(strategy.split()[0])} in {100 * share:.0f} %)"
-
-
-def first_lines(run: RunData) -> list[str]:
-    """The lines before any number: caveats of the cells, and targets that were missed."""
-    of_cells = {of.cell.number: caveats(of.cell.scenario.arms.av, of.summary) for of in run.results}
-    lines = joined_caveats(of_cells) if run.varied_keys else of_cells[0]
-    return [*(sentence(words) for words in lines), *_missed_lines(run)]
-
-
 def audit_lines(run: RunData) -> list[str]:
     """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
     if run.engine == "sumo":
@@ -135,98 +105,6 @@ def audit_lines(run: RunData) -> list[str]:
     ]
     more = [f"{len(differ) - _NAMED} more in audit.parquet."] if len(differ) > _NAMED else []
     return [line, *named, *more]
-
-
-def joined_caveats(of_cells: Mapping[int, Sequence[str]]) -> list[str]:
-    """The caveats of several cells by number; those that say the same stand together."""
-    cells: dict[str, list[int]] = {}
-    for cell, lines in of_cells.items():
-        for words in lines:
-            cells.setdefault(words, []).append(cell)
-    return [f"cell{'s' * (len(of) > 1)} {_listed(of)}: {words}" for words, of in cells.items()]
-
-
-def sentence(words: str) -> str:
-    """Words with a capital and a full stop."""
-    return f"{words[0].upper()}{words[1:]}."
-
-
-def caveats(av: str, summary: Summary) -> list[str]:
-    """What a reader has to know before any number of a cell; often nothing.
-
-    Args:
-        av: the AV's strategy.
-        summary: of the cell.
-    """
-    said = []
-    if summary.failed_av == summary.pairs:
-        said.append("no episode of the AV ran to its end: nothing was tested")
-    elif summary.met_nobody == summary.pairs:
-        said.append(NOTHING_TESTED)
-    if summary.timed_out >= _MOST * summary.pairs:
-        said.append(
-            f"{summary.timed_out:,} of {counted(summary.pairs, 'pair')} timed out "
-            f"(AV {summary.timed_out_av:,}, human {summary.timed_out_human:,}): μ, c_v and the "
-            "delays are those of the others alone"
-        )
-    if summary.failed:
-        said.append(
-            f"{summary.failed:,} of {counted(summary.pairs, 'pair')} failed (strategy failed: "
-            f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): μ and κ "
-            f"leave them out; in the worst case κ is {percentage(summary.kappa_worst.value)} and μ "
-            f"{number(summary.mu_worst.value, 4)}"
-        )
-    if av_label(av, summary) != av:
-        said.append(
-            f"the AV's strategy {av} fell back on {fallback_of(av)} in "
-            f"{_wholepercentage(summary.fallback_share)} of the episodes that met someone: what is "
-            f"measured is mostly {fallback_of(av)}"
-        )
-    return [*said, *_outside_the_model(summary), *_direction(summary)]
-
-
-def _outside_the_model(summary: Summary) -> list[str]:
-    """How often the interaction model answered for another ego than the one at hand."""
-    of_arms = {"AV": summary.clamped_share, "human": summary.clamped_share_human}
-    shares = [f"{percentage(share)} ({arm})" for arm, share in of_arms.items() if share]
-    if not shares:
-        return []
-    beyond = [
-        f"{value:.3g} {unit}"
-        for value, unit in (
-            (summary.clamped_speed_excess_mps, "m/s too fast"),
-            (summary.clamped_range_excess_m, "m too far"),
-        )
-        if value is not None and value > 0
-    ]
-    return [
-        f"the interaction model was asked outside its data in {' and '.join(shares)} of the "
-        f"cases, by up to {' and '.join(beyond)}: it answers for the fastest or farthest car it "
-        "knows"
-    ]
-
-
-def _direction(summary: Summary) -> list[str]:
-    """Which way μ errs where it lies outside the interval of ``mu_all``."""
-    mu, of_all = summary.mu.value, summary.mu_all
-    if mu is None or of_all.low is None or of_all.high is None or of_all.low <= mu <= of_all.high:
-        return []
-    way = ("above", "slower") if mu > of_all.high else ("below", "faster")
-    return [
-        f"μ lies {way[0]} the interval of μ over all pairs ({number(mu, 4)}; "
-        f"{limits(of_all, 4)}): without the pairs in which the reference crashed the AV looks "
-        f"{way[1]} than it is"
-    ]
-
-
-def _missed_lines(run: RunData) -> list[str]:
-    """What ``--until`` did not reach."""
-    return [
-        f"The target {of.measure} ± {of.target:g} was missed"
-        + (f" in cell {of.cell}" if run.varied_keys else "")
-        + f": ± {number(of.half_width, 4)} after all {of.pairs:,} pairs."
-        for of in missed_targets(run)
-    ]
 
 
 def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
@@ -271,11 +149,6 @@ def sweep_lines(results: Sequence[CellResult]) -> list[str]:
     ]
 
 
-def _listed(cells: Sequence[int]) -> str:
-    shown = ", ".join(str(cell) for cell in cells[:_NAMED])
-    return shown + (f" and {len(cells) - _NAMED:,} more" if len(cells) > _NAMED else "")
-
-
 def crash_lines(summary: Summary) -> list[str]:
     """What each arm's crashes say; of none, what its N can show."""
     lines = []
@@ -311,7 +184,7 @@ def count_lines(result: CellResult) -> list[str]:
     if summary.fallbacks:
         lines.append(
             f"{av} fell back on {fallback_of(av)} in {counted(summary.fallbacks, 'episode')}: "
-            f"{_wholepercentage(summary.fallback_share)} of those that met someone."
+            f"{whole_percent(summary.fallback_share)} of those that met someone."
         )
     return lines
 
@@ -364,7 +237,3 @@ def both_shares(av: Interval, human: Interval) -> tuple[str, str]:
     values = ["undefined" if of.value is None else per_cent(of.value, 1) for of in both]
     ranges = [share_limits(of).removesuffix(" %") or "undefined" for of in both]
     return f"{' / '.join(values)} %", f"{' / '.join(ranges)} %"
-
-
-def _wholepercentage(share: float | None) -> str:
-    return "undefined" if share is None else f"{100 * share:.0f} %"

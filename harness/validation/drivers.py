@@ -48,25 +48,24 @@ def outcomes_of(
 
     def once(draw: int) -> list[DriverOutcome]:
         return [
-            _outcome(name, passage, _strategy(scenario, name, number, draw, model_of(passage)))
+            # Streams are keyed by a pair: each drive of a passage has one of its own.
+            _outcome(
+                name,
+                passage,
+                make_strategy(scenario, name, number * DRAWS + draw, model_of(passage)),
+            )
             for number, passage in enumerate(passages)
         ]
 
     draws = [once(0)]
     if "rng" in needs(find_strategy(name, "--drivers")):
         draws.append(once(1))
-        if any(_differ(one, other) for one, other in zip(*draws, strict=True)):
+        pairs = zip(*draws, strict=True)
+        if any(not np.array_equal(one.trace.x_m, other.trace.x_m) for one, other in pairs):
             draws += [once(draw) for draw in range(2, DRAWS)]
         else:
             draws.pop()
     return [list(of) for of in zip(*draws, strict=True)]
-
-
-def _strategy(
-    scenario: Scenario, name: str, number: int, draw: int, model: InteractionModel
-) -> Strategy:
-    # Streams are keyed by a pair: each drive of a passage has one of its own.
-    return make_strategy(scenario, name, number * DRAWS + draw, model)
 
 
 def _outcome(name: str, passage: Passage, strategy: Strategy) -> DriverOutcome:
@@ -74,10 +73,6 @@ def _outcome(name: str, passage: Passage, strategy: Strategy) -> DriverOutcome:
     if trace.ending is Ending.ENGINE_FAILED:
         raise HarnessError(f"{name} in {passage.name}: {trace.reason}")
     return outcome_of(passage, trace)
-
-
-def _differ(one: DriverOutcome, other: DriverOutcome) -> bool:
-    return not np.array_equal(one.trace.x_m, other.trace.x_m)
 
 
 STRATEGIES_FITTED_ON = {"human_recorded": "dut"}

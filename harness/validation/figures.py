@@ -1,24 +1,18 @@
-"""How near a driver model comes to the recorded drivers: figures with intervals, and a ranking."""
+"""How near a driver model comes to the recorded drivers: figures with intervals."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from harness.encounter import FloatArray
-from harness.seeding import resampling
+from harness.validation.bootstrap import middle, resamples
 from harness.validation.outcomes import HORIZONS_S, DriverOutcome
 from harness.validation.passages import Passage
 
-RESAMPLES = 1_000
-"""Bootstrap resamples of vehicles."""
-
-_TRUSTED = 0.935
-"""Intervals that hold less often are called too narrow, as those of a run are."""
-
 Outcomes = Sequence[Sequence[DriverOutcome]]
-"""Of one driver: for each passage one outcome, or one for each draw of a random model."""
+"""Outcomes of one driver: for each passage one, or one for each draw of a random model."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +21,7 @@ class DriverFigures:
 
     Attributes:
         driver: its name.
-        random: whether its draws differ; ``draws`` is how many drives there are of a passage.
+        draws: how many drives there are of a passage: 1 where draws do not differ.
         values: figure → value over all passages, None where undefined (``FIGURES`` has the words).
         intervals: figure → 95 % interval of a bootstrap over vehicles, None where undefined.
         score_s: (passages,) what drivers are ranked by, see ``pass_time_score``.
@@ -79,7 +73,7 @@ def figures_of(
     """The figures of one driver.
 
     A random model's draws of a passage share its weight.  Intervals are percentiles over
-    ``RESAMPLES`` resamples of whole vehicles, the same ones for every driver.
+    resamples of whole vehicles, the same ones for every driver.
 
     Args:
         driver: its name.
@@ -93,7 +87,7 @@ def figures_of(
     values = {name: figure(table, everything) for name, figure in _COMPUTE.items()}
     samples = resamples(passages, seed)
     intervals = {
-        name: _interval([figure(table, sample) for sample in samples])
+        name: middle([figure(table, sample) for sample in samples])
         for name, figure in _COMPUTE.items()
         if name not in _COUNTED
     }
@@ -105,88 +99,6 @@ def figures_of(
         score_s=table.score_s,
         left_out=table.left_out(),
     )
-
-
-def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
-    """Passages of vehicles drawn with replacement, ``RESAMPLES`` times; none of a single vehicle.
-
-    One vehicle says nothing of how others differ from it.
-    """
-    vehicles = list(dict.fromkeys(passage.vehicle_id for passage in passages))
-    if len(vehicles) < 2:
-        return []
-    of = {vehicle: number for number, vehicle in enumerate(vehicles)}
-    numbers = np.array([of[passage.vehicle_id] for passage in passages])
-    own = [np.flatnonzero(numbers == number) for number in range(len(vehicles))]
-    rng = resampling(seed, "validation")
-    draws = rng.integers(0, len(vehicles), (RESAMPLES, len(vehicles)))
-    return [np.concatenate([own[vehicle] for vehicle in draw]) for draw in draws.tolist()]
-
-
-def few_vehicles(vehicles: int) -> list[str]:
-    """What has to be said of intervals over so few vehicles; nothing from 93.5 % on.
-
-    The percentiles of the bootstrap of a mean lie √((n − 1)/n) · 1.96 standard errors about it,
-    where Student's t asks for more: of normal values they hold P(|t| < that), with n − 1 degrees
-    of freedom, and less of skewed ones.
-
-    >>> few_vehicles(5)
-    ['Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %.']
-    >>> few_vehicles(30)
-    []
-    """
-    if vehicles < 2:
-        return ["One vehicle: no intervals, and no two drivers can be told apart."]
-    reach = special.ndtri(0.975) * np.sqrt((vehicles - 1) / vehicles)
-    holds = float(2 * special.stdtr(vehicles - 1, reach) - 1)
-    if holds >= _TRUSTED:
-        return []
-    return [
-        f"Intervals rest on {vehicles} vehicles: too narrow, of a mean they hold "
-        f"{100 * holds:.0f} % at most, not 95 %."
-    ]
-
-
-@dataclass(frozen=True, slots=True)
-class Ranked:
-    """A driver's place: 1 is nearest to the recorded drivers.
-
-    ``not_told_apart`` names the drivers from which the paired difference of the scores does not
-    tell it apart: the 95 % interval of the bootstrap over vehicles includes 0.
-    """
-
-    driver: str
-    rank: int
-    difference_s: float
-    difference_interval_s: tuple[float, float] | None
-    not_told_apart: tuple[str, ...]
-
-
-def ranking(
-    figures: Sequence[DriverFigures], passages: Sequence[Passage], seed: int
-) -> list[Ranked]:
-    """Drivers by their mean score, the lowest first.
-
-    ``difference_s`` is a driver's mean score less the first one's, passage by passage.
-    """
-    order = sorted(figures, key=lambda one: float(one.score_s.mean()))
-    samples = resamples(passages, seed)
-
-    def between(one: DriverFigures, other: DriverFigures) -> tuple[float, float] | None:
-        difference = one.score_s - other.score_s
-        return _interval([float(difference[sample].mean()) for sample in samples])
-
-    ranked = []
-    for place, one in enumerate(order, start=1):
-        alike = [
-            other.driver
-            for other in order
-            if other is not one and ((span := between(one, other)) is None or _holds_zero(span))
-        ]
-        best = float(one.score_s.mean() - order[0].score_s.mean())
-        span = None if one is order[0] else between(one, order[0])
-        ranked.append(Ranked(one.driver, place, best, span, tuple(alike)))
-    return ranked
 
 
 def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
@@ -316,19 +228,6 @@ _COMPUTE: Mapping[str, Callable[[_Table, np.ndarray], float | None]] = {
     "timed_out": lambda t, s: float(t.timed_out[s].sum()),
     **{name: _distance(name) for name in _DISTRIBUTIONS},
 }
-
-
-def _interval(values: Sequence[float | None]) -> tuple[float, float] | None:
-    """The middle 95 %; None where a resample has no value, or there is none."""
-    known = [value for value in values if value is not None]
-    if not known or len(known) < len(values):
-        return None
-    low, high = np.quantile(known, [0.025, 0.975])
-    return float(low), float(high)
-
-
-def _holds_zero(span: tuple[float, float]) -> bool:
-    return span[0] <= 0 <= span[1]
 
 
 def _shares(outcomes: Outcomes, of: Callable[[DriverOutcome], bool]) -> FloatArray:

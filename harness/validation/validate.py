@@ -14,6 +14,7 @@ from harness.trajectories import read_clips
 from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import split_options
 from harness.trajectories.formats import FORMATS
+from harness.validation.bootstrap import few_vehicles
 from harness.validation.closed_loop import recorded_trace
 from harness.validation.drivers import (
     STRATEGIES_FITTED_ON,
@@ -22,9 +23,11 @@ from harness.validation.drivers import (
     outcomes_of,
     refit_without_folds,
 )
-from harness.validation.figures import DriverFigures, Ranked, few_vehicles, figures_of, ranking
+from harness.validation.figures import DriverFigures, figures_of
+from harness.validation.finding import find_passages
 from harness.validation.outcomes import DriverOutcome, outcome_of
-from harness.validation.passages import Passages, find_passages
+from harness.validation.passages import Passages
+from harness.validation.ranking import Ranked, ranking
 
 Progress = Callable[[int, int, str], None]
 
@@ -76,7 +79,7 @@ def validate(
             accelerations, step and seed.
         folds: of vehicles; a model fitted on the same data is fitted again without each.
         options: of the extraction, and of the format's reader.
-        progress: told how much of what is done.
+        progress: told (steps done, steps planned, what they are).
 
     Raises:
         InputError: unknown format, option or driver, data that cannot be read, no passage.
@@ -136,7 +139,7 @@ def validate(
 
 
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
-    """Refuse unknown names, parameters and those who need SUMO, before anything is read."""
+    """Refuse unknown drivers and parameters, and SUMO's own driver, before anything is read."""
     if not drivers:
         raise InputError("--drivers", "names nobody", "e.g. human_gmm,human_yield")
     for name in drivers:

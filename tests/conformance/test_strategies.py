@@ -191,7 +191,7 @@ def test_what_stops_every_check_is_one_fault(made_up: str) -> None:
 
 
 def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.conformance.DECIDE_LIMIT_S", 0.2)
+    monkeypatch.setattr("harness.conformance.subject.DECIDE_LIMIT_S", 0.2)
     try:
         verdicts = check_strategy(f"{made_up}:Hangs")
     finally:

@@ -12,7 +12,7 @@ from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import InputError
 from harness.interaction import Asked, check_support
 from harness.measures import Outcome
-from harness.report.words import caveats
+from harness.report.caveats import caveats
 from harness.results.episode_tables import episode_rows
 from harness.results.summaries import summarise_cell
 from harness.results.tables import table_of

@@ -18,9 +18,10 @@ from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.trajectories import Clip, Track, VehicleTrack
-from harness.validation import LEFT_OUT, figures, validate
-from harness.validation.figures import few_vehicles, pass_time_score
-from harness.validation.passages import crossing_about, find_passages
+from harness.validation import LEFT_OUT, bootstrap, find_passages, validate
+from harness.validation.bootstrap import few_vehicles
+from harness.validation.figures import pass_time_score
+from harness.validation.finding import crossing_about
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5
@@ -29,7 +30,7 @@ DRIVERS = {"hard_yield": HardYield, "gap_yield": GapYield, "emergency_brake": Em
 
 @pytest.fixture(autouse=True)
 def _few_resamples(monkeypatch) -> None:
-    monkeypatch.setattr(figures, "RESAMPLES", 50)
+    monkeypatch.setattr(bootstrap, "RESAMPLES", 50)
 
 
 @dataclass(frozen=True)
