@@ -21,7 +21,7 @@ from harness.measures import EpisodeRecord, Outcome
 from harness.measures.catalogue import MEASURES
 from harness.results.episode_tables import trace_rows
 from harness.results.tables import table_of
-from harness.scenario import EngineName, Scenario, load_scenario
+from harness.scenario import EngineName, Scenario, engine_named, load_scenario
 from harness.sketch import html_table, lines_sketch
 
 if TYPE_CHECKING:
@@ -57,6 +57,10 @@ class EpisodeOutcome:
         """One row per step and object, as ``RunData.traces``."""
         frame: pd.DataFrame = table_of("traces", trace_rows(0, [self.outcome])).to_pandas()
         return frame
+
+    def __repr__(self) -> str:
+        """What a debugger shows: the whole trace would bury it."""
+        return f"<EpisodeOutcome pair {self.outcome.pair}, {self.arm.value}: {self.record.ending}>"
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
@@ -99,11 +103,18 @@ class PairOutcome:
         draw_speed_over_distance(drawn, traces, self.scenario.crosswalk().width_m)
         return drawn
 
+    def __repr__(self) -> str:
+        """What a debugger shows."""
+        return f"<PairOutcome {self._title}: {self.av!r}, {self.human!r}>"
+
+    @property
+    def _title(self) -> str:
+        tau = "undefined" if self.tau is None else f"{self.tau:.3f}"
+        return f"pair {self.pair}: τ = {tau}"
+
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        both = [self.av, self.human]
-        tau = "undefined" if self.tau is None else f"{self.tau:.3f}"
-        title = f"pair {self.pair}: τ = {tau}"
+        both, title = [self.av, self.human], self._title
         return _table(title, both) + _picture(title, both) + _problems(both)
 
 
@@ -140,6 +151,7 @@ def run_pair(
         raise InputError("scenario", "is of hours of traffic", "a scenario without [traffic]")
     if pair < 0:
         raise InputError("pair", f"{pair}", "0 or more")
+    engine = engine_named(engine)
     check_packages()
     chosen = scenario
     model = load_model(scenario.model.name, scenario.model.path)

@@ -24,7 +24,7 @@ from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
-from harness.scenario import EngineName, Scenario, load_scenario
+from harness.scenario import EngineName, Scenario, engine_named, load_scenario
 from harness.strategies.vector import observation_vector
 
 Vector = NDArray[np.float32]
@@ -95,17 +95,17 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     ) -> None:
         if nearest < 1:
             raise InputError("nearest", f"{nearest!r}", "1 or more")
-        if engine not in ("sumo", "plain"):
-            raise InputError("engine", f"{engine!r}", "'sumo' or 'plain'")
         if not isinstance(scenario, Scenario):
             scenario = load_scenario(scenario, settings or {})
         elif settings:
             raise InputError(
                 "settings", "stand beside a Scenario", "a name or file, or no settings"
             )
+        if scenario.traffic is not None:
+            raise InputError("scenario", "is of hours of traffic", "a scenario without [traffic]")
         self._scenario = scenario
         self._model = load_model(scenario.model.name, scenario.model.path)
-        self._nearest, self._reward, self._kind = nearest, reward, engine
+        self._nearest, self._reward, self._kind = nearest, reward, engine_named(engine)
         self._runner: PairRunner | None = None
         self._next_pair = 0
         self._episode: Episode | None = None

@@ -145,8 +145,9 @@ def _cluster(dask: str | None) -> Iterator[Any]:
 
 
 def _engine(name: str, audit: float | None) -> Any:
-    if name not in ("sumo", "plain"):
-        raise InputError(f"--engine {name}", "no such engine", "sumo or plain")
+    from harness.scenario import engine_named
+
+    engine_named(name, "--engine")
     if name == "sumo" and audit is not None:
         raise InputError("--audit", "goes with --engine plain", "--engine plain")
     return name

@@ -52,13 +52,12 @@ def risk(
 ) -> None:
     """Estimate the probability of a rare event of an episode."""
     from harness.encounter import Arm
-    from harness.scenario import read_scenario_file, study_of
+    from harness.scenario import engine_named, read_scenario_file, study_of
 
     arms = [member.value for member in Arm]
     if arm not in arms:
         raise unknown_name("--arm", "arm", arm, arms)
-    if engine not in ("plain", "sumo"):
-        raise InputError(f"--engine {engine}", "no such engine", "plain or sumo")
+    in_sumo = engine_named(engine, "--engine") == "sumo"
     changes = settings_of(settings, None, seed)
     file = read_scenario_file(scenario, changes)
     cells = study_of(file).cells
@@ -70,7 +69,7 @@ def risk(
     from harness.risk.asking import Settings
     from harness.risk.folder import estimate_risk
 
-    asked = Settings(file.name, chosen, Arm(arm), event, target_cv, most_episodes, engine == "sumo")
+    asked = Settings(file.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(asked, out=out, workers=workers, progress=advance)
     show(folder, quiet, as_json)

@@ -60,6 +60,8 @@ def compare(
         InputError: a run is not finished, a limit is out of range, no two cells can be compared,
             or the reference arm did not meet the same people in all runs.
     """
+    if not runs:
+        raise InputError("compare", "no run", "one run, or several")
     opened = [finished_run(run) for run in runs]
     several = len(opened) > 1
     names = names_of(opened) if several else [""]

@@ -105,6 +105,11 @@ class RunComparison:
     confidence: float
     groups: tuple[GroupResult, ...]
 
+    def __repr__(self) -> str:
+        """What a debugger shows."""
+        count = sum(len(group.comparisons) for group in self.groups)
+        return f"<RunComparison of {', '.join(map(str, self.folders))}: {count} comparisons>"
+
     def _repr_html_(self) -> str:
         """What a notebook shows: every difference with its interval."""
         named = [(group.group.cells, item) for group in self.groups for item in group.comparisons]

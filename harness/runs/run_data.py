@@ -336,6 +336,10 @@ class RunData:
         """The confidence of each interval of the run."""
         return confidence_of(self.study, options_of(self.manifest))
 
+    def __repr__(self) -> str:
+        """What a debugger shows."""
+        return f"<RunData {self.name} in {self.path}>"
+
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         if self.in_traffic:

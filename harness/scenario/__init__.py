@@ -9,7 +9,13 @@ from harness.scenario.file import (
     read_scenario_file,
     validate,
 )
-from harness.scenario.options import EngineName, Options, Precision, hang_limit_s
+from harness.scenario.options import (
+    EngineName,
+    Options,
+    Precision,
+    engine_named,
+    hang_limit_s,
+)
 from harness.scenario.sections import (
     QUARTER_S,
     ConflictsSection,
@@ -50,6 +56,7 @@ __all__ = [
     "TrafficSection",
     "WalkingSpeedSection",
     "as_written",
+    "engine_named",
     "flatten",
     "hang_limit_s",
     "load_scenario",

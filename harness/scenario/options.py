@@ -1,12 +1,27 @@
 """How a run is carried out; nothing of it changes what one pair gives."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
+from harness.errors import unknown_name
 from harness.scenario.sections import Scenario
 
 EngineName = Literal["sumo", "plain"]
 """SUMO, or the same kinematics in plain Python."""
+
+
+def engine_named(name: str, where: str = "engine") -> EngineName:
+    """The engine of that name.
+
+    Raises:
+        InputError: there is none; ``where`` says what was given.
+    """
+    for engine in get_args(EngineName):
+        if engine == name:
+            found: EngineName = engine
+            return found
+    raise unknown_name(where, "engine", str(name), get_args(EngineName))
+
 
 AUDIT_SHARE = 0.01
 """Share of the pairs that the plain engine's runs repeat in SUMO."""

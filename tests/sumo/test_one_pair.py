@@ -120,6 +120,13 @@ def test_what_a_notebook_shows() -> None:
     assert {*found.traces["arm"]} == {"av", "human"}
 
 
+def test_what_a_debugger_shows_is_a_line() -> None:
+    found = harness.run_pair("cctc", 2, settings={"arms.av": "hard_yield"}, engine="plain")
+    assert repr(found.av) == "<EpisodeOutcome pair 2, av: crossed>"
+    assert repr(found).startswith("<PairOutcome pair 2: τ = 1.")
+    assert len(repr(found)) < 200
+
+
 def test_a_strategy_that_raises_says_where() -> None:
     with as_main() as names:
         run_cell("class Bad:\n    def decide(self, observation):\n        return 1 / 0\n", names)
@@ -140,6 +147,16 @@ def test_a_strategy_that_raises_says_where() -> None:
 def test_refused(arguments: tuple[Any, ...], said: str) -> None:
     with pytest.raises(InputError, match=said):
         harness.run_pair(*arguments)
+
+
+def test_an_engine_that_there_is_not_is_refused() -> None:
+    with pytest.raises(InputError, match="unknown engine 'plan'; allowed: plain, sumo"):
+        harness.run_pair("cctc", engine="plan")  # type: ignore[arg-type]
+
+
+def test_no_run_is_no_comparison() -> None:
+    with pytest.raises(InputError, match="no run"):
+        harness.compare()
 
 
 def test_the_example_notebook(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

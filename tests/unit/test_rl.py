@@ -187,6 +187,10 @@ def test_the_vector_takes_the_nearest_first():
 def test_misuse_is_refused_in_words():
     with pytest.raises(InputError, match="nearest"):
         environment(nearest=0)
+    with pytest.raises(InputError, match="unknown engine 'plan'"):
+        environment(engine="plan")
+    with pytest.raises(InputError, match="is of hours of traffic"):
+        environment(scenario="traffic")
     with pytest.raises(InputError, match="flow_per_hour"):
         environment({"pedestrians.flow_per_hours": 1})
     with pytest.raises(InputError, match="pair"):
