@@ -6,6 +6,7 @@ from harness.comparison import Summary
 from harness.report.tables import counted, limits, number, percentage
 from harness.runs.run_data import RunData
 from harness.runs.targets import missed_targets
+from harness.scenario import Scenario
 from harness.strategies.registry import fallback_of
 
 NOTHING_TESTED = "no pedestrian was met: nothing was tested"
@@ -36,7 +37,7 @@ def av_label(strategy: str, summary: Summary) -> str:
 
 def first_lines(run: RunData) -> list[str]:
     """The lines before any number: caveats of the cells, and targets that were missed."""
-    of_cells = {of.cell.number: caveats(of.cell.scenario.arms.av, of.summary) for of in run.results}
+    of_cells = {of.cell.number: caveats(of.cell.scenario, of.summary) for of in run.results}
     lines = joined_caveats(of_cells) if run.varied_keys else of_cells[0]
     return [*(sentence(words) for words in lines), *_missed_lines(run)]
 
@@ -55,14 +56,19 @@ def sentence(words: str) -> str:
     return f"{words[0].upper()}{words[1:]}."
 
 
-def caveats(av: str, summary: Summary) -> list[str]:
+def caveats(scenario: Scenario, summary: Summary) -> list[str]:
     """What a reader has to know before any number of a cell; often nothing.
 
     Args:
-        av: the AV's strategy.
+        scenario: of the cell.
         summary: of the cell.
     """
-    said = []
+    av, said = scenario.arms.av, []
+    if scenario.pedestrians.drawn:
+        said.append(
+            "the pairs were chosen for what happens in them (pedestrians.drawn, as harness risk "
+            "writes it): no share, mean or interval here says how often anything happens"
+        )
     if summary.failed_av == summary.pairs:
         said.append("no episode of the AV ran to its end: nothing was tested")
     elif summary.met_nobody == summary.pairs:

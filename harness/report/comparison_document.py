@@ -85,7 +85,7 @@ def _cell_document(
         "label": av_label(cell.label, summary),
         "strategy": cell.strategy,
         "parameters": cell.parameters,
-        "caveats": caveats(cell.strategy, summary),
+        "caveats": caveats(cell.cell.scenario, summary),
         **summary_row(summary),
         "place": standing.place.value,
         "dominated_by": numbers(standing.dominated_by),

@@ -38,7 +38,7 @@ def comparison_tables(result: RunComparison) -> list[Table]:
 def comparison_caveats(result: RunComparison) -> list[str]:
     """What a reader has to know before any number of the comparison."""
     of_cells = {
-        cell.number: caveats(cell.strategy, summary)
+        cell.number: caveats(cell.cell.scenario, summary)
         for group in result.groups
         for cell, summary in zip(group.group.cells, group.summaries, strict=True)
     }

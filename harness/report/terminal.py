@@ -87,7 +87,7 @@ def run_document(run: RunData) -> dict[str, Any]:
             {
                 "varied": dict(result.cell.varied),
                 "av": av_label(result.cell.scenario.arms.av, result.summary),
-                "caveats": caveats(result.cell.scenario.arms.av, result.summary),
+                "caveats": caveats(result.cell.scenario, result.summary),
                 "summary": summary_row(result.summary),
                 "conflicts": [conflict_row(rate) for rate in result.conflicts],
                 "indicative": [

@@ -192,10 +192,11 @@ def _warnings(
     if p is None:
         return []
     words = []
-    if estimate.effective_sample_size < _SMALL_SAMPLE:
+    weighted = bool(proposal.components)
+    # The interval of brute force is exact, however few events there were.
+    if weighted and estimate.effective_sample_size < _SMALL_SAMPLE:
         size = estimate.effective_sample_size
         words.append(f"the effective sample size is {size:.0f}: the interval is too narrow")
-    weighted = bool(proposal.components)
     if weighted and estimate.largest_share is not None and estimate.largest_share > _LARGE_SHARE:
         share = 100 * estimate.largest_share
         words.append(f"one draw holds {share:.0f} % of the estimate: the interval is too narrow")

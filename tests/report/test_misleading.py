@@ -63,8 +63,10 @@ class Told:
 def told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
-    def tell(fates: Any, pairs: int = 40, options: Options | None = None) -> Told:
-        study = one_cell("cctc", {"experiment.pairs": pairs})
+    def tell(
+        fates: Any, pairs: int = 40, options: Options | None = None, **changes: object
+    ) -> Told:
+        study = one_cell("cctc", {"experiment.pairs": pairs, **changes})
         made_up(tmp_path / "run", study, fates, options)
         return Told(harness.load_run(tmp_path / "run"), capsys, monkeypatch)
 
@@ -79,6 +81,13 @@ def test_one_pair_is_not_1_pairs(told: Any) -> None:
     for text in (found.text, found.page):
         assert "1 pair" in text
         assert not re.search(r"(?<![\d,.])1 (pairs|episodes)\b", text)
+
+
+def test_pairs_that_were_chosen_for_their_crashes_are_no_sample(told: Any) -> None:
+    drawn = [{"episode": number, "quantile": [0.5], "side": [0.2]} for number in range(3)]
+    found = told(lambda *_: "crashed", pairs=3, **{"pedestrians.drawn": drawn})
+    assert found.number("kappa") == 1
+    found.says_first("the pairs were chosen for what happens in them")
 
 
 def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:

@@ -94,7 +94,7 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
     assert summary.clamped_share is not None
     assert summary.clamped_share > 0.5
     assert summary.clamped_speed_excess_mps == pytest.approx(13.89 - 8.0, abs=0.01)
-    said = " ".join(caveats("hard_yield", summary))
+    said = " ".join(caveats(scene, summary))
     assert "asked outside its data" in said
     assert "5.89 m/s too fast" in said
 

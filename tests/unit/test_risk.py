@@ -57,6 +57,15 @@ def test_brute_force_where_it_is_affordable_and_nothing_explored() -> None:
     assert rare.episodes < 60_000
 
 
+def test_few_events_of_brute_force_have_an_exact_interval_and_no_warning() -> None:
+    findings = estimate_probability(half_space(1e-2)[0], LAYOUT, np.random.default_rng(3), 0.5)
+    estimate = findings.estimate
+    assert 0 < estimate.events < 30
+    exact = stats.binomtest(estimate.events, estimate.draws).proportion_ci(method="exact")
+    assert (estimate.ci_low, estimate.ci_high) == pytest.approx((exact.low, exact.high))
+    assert findings.warnings == ()
+
+
 def test_an_event_that_everybody_meets() -> None:
     findings = estimate_probability(
         scored(lambda z: -np.ones(len(z))), LAYOUT, np.random.default_rng(1)
