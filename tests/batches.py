@@ -118,6 +118,21 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
     return subprocess.CompletedProcess([], ended.value.code, out.getvalue(), err.getvalue())
 
 
+def printed(*arguments: object) -> str:
+    """What ``harness`` prints of a result, run as by ``here``."""
+    done = here(*arguments)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def refusal(*arguments: object, cwd: Path | None = None) -> str:
+    """The one line with which ``harness`` refuses something; it prints nothing else."""
+    done = here(*arguments, cwd=cwd)
+    assert (done.returncode, done.stdout) == (2, ""), done
+    (line,) = done.stderr.splitlines()
+    return line
+
+
 def shell(
     *arguments: object, env: dict[str, str] | None = None, cwd: Path | None = None
 ) -> "subprocess.CompletedProcess[str]":

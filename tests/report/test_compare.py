@@ -2,14 +2,12 @@
 
 import csv
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from harness.cli import app
 from harness.comparison import Place, SweepVerdict, Verdict
 from harness.errors import InputError
 from harness.results import summaries
@@ -17,7 +15,7 @@ from harness.runs.compare import compare
 from harness.runs.comparisons import RunComparison
 from harness.scenario import Options, Precision
 from harness.workers.tasks import Task
-from tests.batches import one_cell, sweep
+from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import FREE_S, Fate, Fates, made_up
 
 
@@ -184,21 +182,9 @@ def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     assert only(compare(run, mu0=1.0, kappa0=0.05)).found.verdict is SweepVerdict.SOME
 
 
-def shell(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["harness", "compare", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        app.main()
-    code = caught.value.code
-    assert isinstance(code, int)
-    return code
-
-
-def test_json_and_csv(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_and_csv(run: Path, tmp_path: Path) -> None:
     out = tmp_path / "comparison.csv"
-    assert shell(monkeypatch, run, "--json", "--out", out) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(printed("compare", run, "--json", "--out", out))
     first = document["groups"][0]
     assert first["shared"] == {"pedestrians.flow_per_hour": 50}
     assert [cell["place"] for cell in first["cells"]] == [
@@ -217,15 +203,11 @@ def test_json_and_csv(
     assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
     assert rows[1]["indicative"] == "mu_difference mu_worst_difference delay_difference_s"
     # The same file is not written over.
-    assert shell(monkeypatch, run, "--out", out) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "exists already" in refusal("compare", run, "--out", out)
 
 
-def test_tables(
-    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert shell(monkeypatch, run) == 0
-    text = capsys.readouterr().out
+def test_tables(run: Path) -> None:
+    text = printed("compare", run)
     assert "pedestrians.flow_per_hour = 50" in text
     assert "dominated by 0" in text
     assert "0 / 10" in text
@@ -245,16 +227,10 @@ def test_tables(
         ((1.0, 0.01), "At the present estimates about 477 pairs would show one of them allowed"),
     ],
 )
-def test_verdicts_in_words(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    limits: tuple[float, float],
-    said: str,
-) -> None:
+def test_verdicts_in_words(tmp_path: Path, limits: tuple[float, float], said: str) -> None:
     run = margins(tmp_path / "run", {}, bolder_with_less)
-    assert shell(monkeypatch, run, "--mu0", limits[0], "--kappa0", limits[1]) == 0
-    assert said in " ".join(capsys.readouterr().out.split())
+    text = printed("compare", run, "--mu0", limits[0], "--kappa0", limits[1])
+    assert said in " ".join(text.split())
 
 
 @pytest.mark.parametrize(
@@ -268,17 +244,8 @@ def test_verdicts_in_words(
         (["--out", "nowhere/comparison.csv"], "there is no folder nowhere"),
     ],
 )
-def test_refused(
-    run: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    options: list[object],
-    words: str,
-) -> None:
-    assert shell(monkeypatch, run, *options) == 2
-    printed = capsys.readouterr()
-    assert words in printed.err
-    assert (printed.out, len(printed.err.splitlines())) == ("", 1)
+def test_refused(run: Path, options: list[object], words: str) -> None:
+    assert words in refusal("compare", run, *options)
 
 
 def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
@@ -369,17 +336,13 @@ def test_another_reference_is_refused(tmp_path: Path) -> None:
         compare(one, slower)
 
 
-def test_several_runs_in_the_shell(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_several_runs_in_the_shell(tmp_path: Path) -> None:
     runs = [version(tmp_path / "yesterday", 9.0), version(tmp_path / "today", 8.0)]
-    assert shell(monkeypatch, *runs, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(printed("compare", *runs, "--json"))
     assert document["folders"] == [str(run) for run in runs]
     cells = document["groups"][0]["cells"]
     assert [(cell["cell"], cell["folder"]) for cell in cells] == [
         (0, str(runs[0])),
         (1, str(runs[1])),
     ]
-    assert shell(monkeypatch, *runs) == 0
-    assert "(today)" in capsys.readouterr().out
+    assert "(today)" in printed("compare", *runs)

@@ -8,36 +8,24 @@ the scenario was dropped.
 import csv
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import app as cli
+from tests.batches import printed
 
 EARLIER = Path(__file__).parents[1] / "data" / "earlier_run"
 
 
-def done(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:
-    monkeypatch.setattr(sys, "argv", ["harness", *arguments])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert caught.value.code == 0
-
-
-def test_it_opens_in_report_compare_score_and_export(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    shutil.copytree(EARLIER, tmp_path / "run")
-    monkeypatch.chdir(tmp_path)
-    done(monkeypatch, "report", "run")
-    assert "gap_yield" in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
-    capsys.readouterr()
-    done(monkeypatch, "compare", "run", "--json")
-    assert len(json.loads(capsys.readouterr().out)["groups"]) == 1
-    done(monkeypatch, "export", "run", "--csv")
-    assert (tmp_path / "run" / "episodes.csv").read_text(encoding="utf-8").count("\n") == 1 + 8
-    done(monkeypatch, "score", "run", "--out", "again")
+def test_it_opens_in_report_compare_score_and_export(tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(EARLIER, run)
+    printed("report", run)
+    assert "gap_yield" in (run / "report.html").read_text(encoding="utf-8")
+    assert len(json.loads(printed("compare", run, "--json"))["groups"]) == 1
+    printed("export", run, "--csv")
+    assert (run / "episodes.csv").read_text(encoding="utf-8").count("\n") == 1 + 8
+    printed("score", run, "--out", tmp_path / "again")
     for name in ("mu", "kappa", "delay_s"):
         assert column(tmp_path / "again", name) == pytest.approx(column(EARLIER, name), abs=1e-9)
 

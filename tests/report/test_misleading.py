@@ -3,14 +3,12 @@
 import csv
 import json
 import re
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import harness
-from harness.cli import app
 from harness.encounter import Observation
 from harness.errors import InputError
 from harness.interaction import InteractionModel
@@ -21,7 +19,7 @@ from harness.results import summaries
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision
 from harness.workers.tasks import Task
-from tests.batches import one_cell, scenario_file, sweep
+from tests.batches import one_cell, printed, scenario_file, sweep
 from tests.made_up import Fate, made_up
 from tests.report.conftest import simulate
 
@@ -260,19 +258,14 @@ def test_an_old_run_cannot_tell_mu_of_all_pairs() -> None:
         assert result.summary.mu_all.value is None
 
 
-def test_a_comparison_says_first_that_half_timed_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_comparison_says_first_that_half_timed_out(tmp_path: Path) -> None:
     study = sweep("cctc", {"experiment.pairs": 8}, "arms.av=soft_yield,hard_yield")
 
     def fates(task: Task, pair: int) -> Fate:
         return "timed_out" if task.scenario.arms.av == "hard_yield" and pair < 5 else 9.0
 
     run = made_up(tmp_path / "run", study, fates)
-    monkeypatch.setattr(sys, "argv", ["harness", "compare", str(run)])
-    with pytest.raises(SystemExit):
-        app.main()
-    text = " ".join(capsys.readouterr().out.split())
+    text = " ".join(printed("compare", run).split())
     words = "Cell 1: 5 of 8 pairs timed out (AV 5, human 0)"
     assert text.index(words) < text.index("pairs with τ")
     assert "A − B (negative: A is faster)" in text

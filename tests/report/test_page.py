@@ -5,7 +5,6 @@ import hashlib
 import json
 import re
 import shutil
-import sys
 from html.parser import HTMLParser
 from itertools import islice, pairwise
 from pathlib import Path
@@ -16,10 +15,10 @@ import pytest
 
 import harness
 import harness.report.page as page_module
-from harness.cli import app as cli
 from harness.report.episode_traces import TIME_ADVANTAGE, choose_pairs
 from harness.report.page import write_report
 from harness.report.player_data import player_document
+from tests.batches import here, printed, refusal
 from tests.report.conftest import HOSTILE
 
 VOID = {"meta", "link", "input", "img", "br", "hr"}
@@ -234,27 +233,14 @@ def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) 
 # --- the command ----------------------------------------------------------------------------------
 
 
-def run_command(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["harness", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    return int(caught.value.code or 0)
-
-
 def test_report_writes_page_and_figures(
-    single: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pictures_of = page_module.pictures_of
     monkeypatch.setattr(page_module, "pictures_of", lambda *given: islice(pictures_of(*given), 1))
     out, figures = tmp_path / "page.html", tmp_path / "figures"
-    assert (
-        run_command(monkeypatch, "report", single, "--out", out, "--figures", figures, "--json")
-        == 0
-    )
-    document = json.loads(capsys.readouterr().out)
+    text = printed("report", single, "--out", out, "--figures", figures, "--json")
+    document = json.loads(text)
     assert document["page"] == str(out)
     assert sorted(document["figures"]) == sorted(str(path) for path in figures.iterdir())
     assert {path.name for path in figures.iterdir()} == {"tau-mean.pdf", "tau-mean.png"}
@@ -263,13 +249,10 @@ def test_report_writes_page_and_figures(
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(
-    unfinished: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run_command(monkeypatch, "report", unfinished, "--quiet") == 0
-    printed = capsys.readouterr()
-    assert printed.out == f"{unfinished / 'report.html'}\n"
-    assert printed.err == ""
+def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(unfinished: Path) -> None:
+    done = here("report", unfinished, "--quiet")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == f"{unfinished / 'report.html'}\n"
     found = Page(unfinished / "report.html")
     assert "This run is not finished." in found.words
     assert "8 of 12 planned pairs are in this page" in found.words
@@ -285,20 +268,10 @@ def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(
         (["RUN", "--figures", "RUN/manifest.json"], "is a file"),
     ],
 )
-def test_refusals_are_one_line(
-    single: Path,
-    arguments: list[str],
-    words: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_refusals_are_one_line(single: Path, arguments: list[str], words: str) -> None:
     before = sorted(single.iterdir())
     given = [word.replace("RUN", str(single)) for word in arguments]
-    assert run_command(monkeypatch, "report", *given) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    assert len(printed.err.splitlines()) == 1
-    assert words in printed.err
+    assert words in refusal("report", *given)
     assert sorted(single.iterdir()) == before
 
 
@@ -309,12 +282,7 @@ PARTS = [f"{name}.parquet" for name in TABLES] + ["summary.csv", "manifest.json"
 @pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("what", ["missing", "cut", "other"])
 def test_a_partial_or_damaged_folder_is_one_line_and_nothing_is_written(
-    single: Path,
-    tmp_path: Path,
-    part: str,
-    what: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    single: Path, tmp_path: Path, part: str, what: str
 ) -> None:
     folder = tmp_path / "run"
     shutil.copytree(single, folder)
@@ -324,27 +292,16 @@ def test_a_partial_or_damaged_folder_is_one_line_and_nothing_is_written(
     if spoilt is not None:
         (folder / part).write_bytes(spoilt)
     before = sorted(folder.iterdir())
-    code = run_command(monkeypatch, "report", folder, "--figures", tmp_path / "figures")
-    printed = capsys.readouterr()
-    assert code == 2
-    assert len(printed.err.splitlines()) == 1
-    assert str(folder) in printed.err
-    assert printed.out == ""
+    assert str(folder) in refusal("report", folder, "--figures", tmp_path / "figures")
     assert sorted(folder.iterdir()) == before
     assert not (tmp_path / "figures").exists()
 
 
-def test_a_run_without_a_finished_pair_is_refused(
-    unfinished: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_a_run_without_a_finished_pair_is_refused(unfinished: Path, tmp_path: Path) -> None:
     folder = tmp_path / "begun"
     shutil.copytree(unfinished, folder)
     shutil.rmtree(folder / "shards")
-    assert run_command(monkeypatch, "report", folder) == 2
-    assert "no pair is finished yet" in capsys.readouterr().err
+    assert "no pair is finished yet" in refusal("report", folder)
 
 
 def test_what_is_worth_watching(swept: Path) -> None:

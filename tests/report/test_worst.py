@@ -2,16 +2,14 @@
 
 import json
 import shlex
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import app
 from harness.encounter import Arm, Ending
 from harness.errors import InputError
 from harness.runs.worst import got_worse, worst
-from tests.batches import one_cell
+from tests.batches import one_cell, printed, refusal
 from tests.made_up import Fate, made_up
 
 
@@ -85,26 +83,13 @@ def test_the_reference_is_the_same_in_both(runs: tuple[Path, Path]) -> None:
     assert got_worse(runs[1], runs[0], "delay_s", arm=Arm.HUMAN) == []
 
 
-def shell(monkeypatch: pytest.MonkeyPatch, *arguments: object) -> int:
-    monkeypatch.setattr(sys, "argv", ["harness", *map(str, arguments)])
-    with pytest.raises(SystemExit) as caught:
-        app.main()
-    assert isinstance(caught.value.code, int)
-    return caught.value.code
-
-
-def test_in_the_shell(
-    runs: tuple[Path, Path], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert shell(monkeypatch, "worst", runs[0], "--diff", runs[1], "-n", 2, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+def test_in_the_shell(runs: tuple[Path, Path]) -> None:
+    document = json.loads(printed("worst", runs[0], "--diff", runs[1], "-n", 2, "--json"))
     assert [episode["pair"] for episode in document["episodes"]] == [6, 0]
     assert document["episodes"][1]["pet_s"] == 1.0
-    assert shell(monkeypatch, "worst", runs[0], "-n", 1, "--quiet") == 0
-    words = shlex.split(capsys.readouterr().out)
+    words = shlex.split(printed("worst", runs[0], "-n", 1, "--quiet"))
     assert words[1:] == ["replay", str(runs[0]), "--pair", "4", "--arm", "av", "--gui"]
-    assert shell(monkeypatch, "worst", runs[0]) == 0
-    assert "worst by pet_s" in capsys.readouterr().out
+    assert "worst by pet_s" in printed("worst", runs[0])
 
 
 @pytest.mark.parametrize(
@@ -116,15 +101,8 @@ def test_in_the_shell(
         (["--diff", "nowhere"], "nowhere: is no run folder"),
     ],
 )
-def test_refused(
-    runs: tuple[Path, Path],
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    options: list[str],
-    said: str,
-) -> None:
-    assert shell(monkeypatch, "worst", runs[0], *options) == 2
-    assert said in capsys.readouterr().err
+def test_refused(runs: tuple[Path, Path], options: list[str], said: str) -> None:
+    assert said in refusal("worst", runs[0], *options)
 
 
 def test_runs_without_counterparts(runs: tuple[Path, Path], tmp_path: Path) -> None:

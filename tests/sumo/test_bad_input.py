@@ -15,37 +15,27 @@ from typing import Any
 import pytest
 
 from harness.batch.experiment import run_study
-from harness.cli import app as cli
 from harness.resources import shipped_directory
 from harness.scenario import Options, Setting, parse_variation, read_scenario_file, study_of
+from tests.batches import here, printed, refusal
 
 Refuse = Callable[..., str]
 
 
 @pytest.fixture
-def refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Refuse:
+def refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Refuse:
     """Runs the command line in an empty folder; returns the one line it was refused with."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> str:
         kept = {path: path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
         folders = {path for path in tmp_path.rglob("*") if path.is_dir()}
-        monkeypatch.setattr(sys, "argv", ["harness", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            cli.main()
-        printed = capsys.readouterr()
-        assert caught.value.code == 2, printed
-        assert printed.out == ""
-        lines = printed.err.splitlines()
-        assert len(lines) == 1, printed.err
-        assert lines[0].startswith("harness: ")
-        assert "Traceback" not in printed.err
+        line = refusal(*arguments)
+        assert line.startswith("harness: ")
         # Nothing new, nothing changed, nothing half-written.
         assert {p: p.read_bytes() for p in tmp_path.rglob("*") if p.is_file()} == kept
         assert {path for path in tmp_path.rglob("*") if path.is_dir()} == folders
-        return lines[0]
+        return line
 
     return run
 
@@ -286,24 +276,16 @@ def test_network_into_a_file(refused: Refuse, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("group", [[], ["model"]])
-def test_a_command_with_commands_of_its_own_alone_says_its_help(
-    group: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", ["harness", *group])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    printed = capsys.readouterr()
-    assert (caught.value.code, printed.out) == (2, "")
-    lines = [line.strip() for line in printed.err.splitlines()]
+def test_a_command_with_commands_of_its_own_alone_says_its_help(group: list[str]) -> None:
+    done = here(*group)
+    assert (done.returncode, done.stdout) == (2, "")
+    lines = [line.strip() for line in done.stderr.splitlines()]
     assert "Commands:" in lines
     assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
 
 
-def test_version(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys, "argv", ["harness", "--version"])
-    with pytest.raises(SystemExit) as caught:
-        cli.main()
-    assert (caught.value.code, capsys.readouterr().out) == (0, version("crosswalk-harness") + "\n")
+def test_version() -> None:
+    assert printed("--version") == version("crosswalk-harness") + "\n"
 
 
 def test_unknown_options_and_commands(refused: Refuse) -> None:

@@ -3,22 +3,18 @@
 import json
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from typer.testing import CliRunner
 
-from harness.cli import app as cli
-from harness.cli.app import app
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.risk.asking import Settings
 from harness.risk.folder import estimate_risk, read_risk, resume_risk
 from harness.risk.writing import RESULT
 from harness.scenario import read_scenario_file
-from tests.batches import CHECKOUT, HARNESS, Inline
+from tests.batches import CHECKOUT, HARNESS, Inline, here, printed, refusal
 
 FILES = ("result.json", "failures.parquet", "critical.toml")
 
@@ -79,8 +75,7 @@ def test_its_critical_episodes_crash_again_in_sumo(finished: Path, tmp_path: Pat
 
 def test_its_page_says_the_estimate_and_how_to_play(finished: Path, tmp_path: Path) -> None:
     page = tmp_path / "risk.html"
-    done = CliRunner().invoke(app, ["report", str(finished), "--out", str(page)])
-    assert done.exit_code == 0, done.output
+    printed("report", finished, "--out", page)
     text = page.read_text()
     result = json.loads((finished / RESULT).read_text())
     assert f"= {result['probability']:.3g} " in text
@@ -95,16 +90,14 @@ def test_what_failed_or_differed_ends_with_exit_code_1(finished: Path, tmp_path:
     result = json.loads((finished / RESULT).read_text())
     for wrong, code in (({}, 0), ({"failed": 1}, 1), ({"differing": 1}, 1)):
         (folder / RESULT).write_text(json.dumps({**result, **wrong}))
-        assert CliRunner().invoke(app, ["resume", str(folder)]).exit_code == code
+        assert here("resume", folder).returncode == code
 
 
 def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:
     folder = tmp_path / "risk"
     shutil.copytree(finished, folder)
     (folder / RESULT).write_text("{}")
-    done = CliRunner().invoke(app, ["resume", str(folder)])
-    assert isinstance(done.exception, InputError)
-    assert "is damaged" in str(done.exception)
+    assert "is damaged" in refusal("resume", folder)
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
@@ -131,19 +124,6 @@ def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
         (["cctc_flow", "--set", 'pedestrians.behaviour="sumo"'], "cannot be sampled"),
     ],
 )
-def test_bad_input_is_one_line(
-    arguments: list[str],
-    words: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["harness", "risk", *arguments, "--out", "risk"])
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
-    assert ended.value.code == 2
-    said = capsys.readouterr().err
-    assert len(said.splitlines()) == 1
-    assert words in said
+def test_bad_input_is_one_line(arguments: list[str], words: str, tmp_path: Path) -> None:
+    assert words in refusal("risk", *arguments, "--out", tmp_path / "risk")
     assert not (tmp_path / "risk").exists()

@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.cli import app as cli
 from harness.interaction import read_model
 from harness.report import model_figures
+from tests.batches import here
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 
@@ -39,16 +39,13 @@ def made_up(count: int = 160) -> pd.DataFrame:
 
 
 @pytest.fixture
-def harness(monkeypatch, capsys, tmp_path):
+def harness(monkeypatch, tmp_path):
     """Runs the command line in an empty folder; gives exit code, stdout, stderr."""
     monkeypatch.chdir(tmp_path)
 
     def run(*words: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["harness", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        captured = capsys.readouterr()
-        return end.value.code, captured.out, captured.err
+        done = here(*words)
+        return done.returncode, done.stdout, done.stderr
 
     return run
 

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import app
 from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
@@ -24,6 +23,7 @@ from harness.scenario import (
 )
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
+from tests.batches import here
 
 MODULE = '''
 class Steady:
@@ -304,24 +304,21 @@ def test_the_group_is_the_documented_one() -> None:
     assert own.GROUP == "harness.strategies"
 
 
-def checked(name: str, monkeypatch: pytest.MonkeyPatch, capsys) -> tuple[int, list[str]]:
-    monkeypatch.setattr(sys, "argv", ["harness", "strategies", "--check", name])
-    with pytest.raises(SystemExit) as caught:
-        app.main()
-    printed = capsys.readouterr()
-    assert "Traceback" not in printed.err
-    return caught.value.code, (printed.out + printed.err).splitlines()
+def checked(name: str) -> tuple[int, list[str]]:
+    done = here("strategies", "--check", name)
+    assert "Traceback" not in done.stderr
+    return done.returncode, (done.stdout + done.stderr).splitlines()
 
 
-def test_checked_from_the_shell(write: Write, monkeypatch, capsys) -> None:
+def test_checked_from_the_shell(write: Write) -> None:
     write("mine_k", MODULE)
-    code, lines = checked("mine_k:Steady", monkeypatch, capsys)
+    code, lines = checked("mine_k:Steady")
     assert (code, len(lines)) == (0, len(CHECKS))
     assert all(line.startswith("ok  ") for line in lines)
-    code, lines = checked("mine_k:Demanding", monkeypatch, capsys)
+    code, lines = checked("mine_k:Demanding")
     assert (code, len(lines)) == (1, len(CHECKS) + 1)
     assert lines[-1].startswith("note     it knows the pedestrians' distribution")
     assert "FAILED   every parameter has a default: no default for needed" in lines
-    code, lines = checked("mine_k:Demandin", monkeypatch, capsys)
+    code, lines = checked("mine_k:Demandin")
     assert (code, len(lines)) == (2, 1)
     assert "did you mean 'Demanding'?" in lines[0]

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.cli.app import app
 from harness.encounter import Arrival, Leg, Side, Vehicle
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
@@ -22,6 +21,7 @@ from harness.validation import LEFT_OUT, bootstrap, find_passages, validate
 from harness.validation.bootstrap import few_vehicles
 from harness.validation.figures import pass_time_score
 from harness.validation.finding import crossing_about
+from tests.batches import printed
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5
@@ -223,14 +223,13 @@ def test_score_of_a_random_model_is_the_integral_over_its_distribution() -> None
     assert pass_time_score(draws, 0.3) == pytest.approx(0.3**3 / 3 + 0.7**3 / 3, abs=1e-3)
 
 
-def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path, capsys) -> None:
+def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path) -> None:
     # A set of the name of that on which human_recorded was fitted.
     folder = write_set(tmp_path / "dut", HardYield)
     drivers = "emergency_brake,hard_yield,human_recorded"
     words = ["validate", str(folder), "--format", "vci", "--set", f"frame_rate_hz={RATE_HZ:g}"]
     words += ["--set", f"vehicle_length_m={LENGTH_M}", "--drivers", drivers]
-    app([*words, "--json", "--out", str(tmp_path / "out")], standalone_mode=False)
-    told = json.loads(capsys.readouterr().out)
+    told = json.loads(printed(*words, "--json", "--out", tmp_path / "out"))
     first = told[0]
     assert {one["driver"] for one in told} == set(drivers.split(","))
     assert [one["driver"] for one in told if one["fitted_on_these_data"]] == ["human_recorded"]
@@ -261,14 +260,13 @@ def test_one_vehicle_has_no_intervals_and_tells_nobody_apart(tmp_path) -> None:
     assert "One vehicle: no intervals, and no two drivers can be told apart." in found.remarks
 
 
-def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path, capsys) -> None:
+def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path) -> None:
     target = write_set(tmp_path, HardYield) / "trajectories_filtered"
     with (target / "clip_01_traj_ped_filtered.csv").open("a") as file:
         file.write("7,1,ped,here,0.0\n")
     (target / "clip_00_traj_ped_filtered.csv").write_text("id,frame,label,x_est,y_est\n")
     arguments = ["validate", str(tmp_path), "--format", "vci", "--drivers", "hard_yield"]
-    app([*arguments, "--set", "vehicle_length_m=4.5"], standalone_mode=False)
-    shown = capsys.readouterr().out
+    shown = printed(*arguments, "--set", "vehicle_length_m=4.5")
     assert "1 records left out: a needed cell holds text instead of a number" in shown
     assert "Clip clip_00 not used: clip_00_traj_ped_filtered.csv" in shown
     assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
