@@ -114,7 +114,7 @@ quick_tuple = tuple.__new__
 
 
 class EgoView(NamedTuple):
-    """What a strategy knows of itself; ``range_m`` is negative past the centre line."""
+    """The ego as its strategy knows it; ``range_m`` is negative past the centre line."""
 
     range_m: float
     speed_mps: float

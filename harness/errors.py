@@ -77,7 +77,7 @@ _BROKEN = (
     *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
     *(NotImplementedError, RecursionError, TypeError, ValueError),
 )
-"""What Python and its libraries raise on data they cannot use."""
+"""Exceptions that Python and its libraries raise on data they cannot use."""
 
 
 @contextmanager
@@ -108,7 +108,7 @@ def one_line(text: str) -> str:
 
 
 def resume_command(folder: object) -> str:
-    """What finishes a run, as it can be pasted into a shell."""
+    """The shell command that finishes a run."""
     return f"harness resume {shlex.quote(str(folder))}"
 
 

@@ -187,7 +187,7 @@ def _picture(title: str, episodes: list[EpisodeOutcome]) -> str:
 
 
 def _problems(episodes: list[EpisodeOutcome]) -> str:
-    """What the strategies that raised have to say."""
+    """The tracebacks of strategies that raised."""
     failed = [of for of in episodes if of.record.ending is Ending.ENGINE_FAILED]
     words = [[of.arm.value, of.trace.traceback or of.record.reason or ""] for of in failed]
     return html_table("failed", ["arm", "why"], words) if words else ""

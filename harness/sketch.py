@@ -1,4 +1,4 @@
-"""What a notebook shows of a result at once: a table and a small picture, as HTML and SVG.
+"""A result as a notebook shows it at once: a table and a small picture, as HTML and SVG.
 
 Pictures to look at closely are those of ``harness.figures``.
 """

@@ -1,4 +1,4 @@
-"""What a run carries out: its study with the models loaded and everything checked."""
+"""The plan of a run: its study with the models loaded and everything checked."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,7 +20,7 @@ from harness.workers.audit import Audit, audit_of
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run carries out: every cell, its model by the cell's number, and how."""
+    """The plan of a run: its cells, the model of each by number, and the options."""
 
     study: Study
     models: dict[int, InteractionModel]
@@ -36,7 +36,7 @@ class Plan:
 
     @cached_property
     def audits(self) -> dict[int, Audit]:
-        """What of each cell is repeated in SUMO, by number; nothing where all takes place there."""
+        """The audit of each cell in SUMO, by number; empty where all takes place in SUMO."""
         if self.options.engine == "sumo":
             return {}
         return {
@@ -93,7 +93,7 @@ def _refuse_for_plain(study: Study, options: Options) -> None:
 
 
 def _need_of_sumo(scenario: Scenario) -> str | None:
-    """What of a scenario only SUMO can do; None where the plain engine does the same."""
+    """The part of a scenario that only SUMO can do; None where the plain engine does the same."""
     if scenario.traffic is not None:
         return "[traffic]"
     if scenario.pedestrians.behaviour == "sumo":
@@ -105,7 +105,7 @@ def _need_of_sumo(scenario: Scenario) -> str | None:
 
 
 def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:
-    """What the run of a manifest carries out.
+    """The plan of the run of a manifest.
 
     Raises:
         InputError: see ``study_from`` and ``plan_of``.

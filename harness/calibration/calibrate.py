@@ -50,7 +50,7 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What was fitted and which K was chosen.
+    """The fits, and the K that was chosen.
 
     Attributes:
         candidates: by K, ascending.

@@ -155,7 +155,7 @@ def _table(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _rule(calibration: Calibration) -> dict[str, Any]:
-    """What the paper's rule would have chosen; null where it cannot be applied."""
+    """The K that the paper's rule would have chosen; null where it cannot be applied."""
     try:
         found = by_rule({c.components: c.bic for c in calibration.candidates})
     except InputError:

@@ -63,7 +63,7 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """What all jobs have in common."""
+    """The data that all jobs have in common."""
 
     sample: Sample
     settings: Settings

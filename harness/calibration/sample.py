@@ -114,7 +114,7 @@ def read_rows(path: Path) -> RowFile:
 
 
 def _extraction(path: Path) -> Mapping[str, Any]:
-    """What the extraction wrote about itself, {} where it did not."""
+    """The extraction's notes about itself, {} where it left none."""
     try:
         metadata = pq.read_schema(path).metadata or {}
         found = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))

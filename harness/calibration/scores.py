@@ -33,7 +33,7 @@ class HeldOut:
 
     @property
     def standard_error(self) -> float | None:
-        """Of ``mean``, over vehicles; None below two vehicles.
+        """The standard error of ``mean``, over vehicles; None below two vehicles.
 
         The vehicles are the independent units: with e_j = totals_j − mean · weights_j it is
         √(J/(J−1) Σ e_j²) / Σ weights_j, the usual one of a ratio of sums over clusters

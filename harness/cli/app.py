@@ -67,7 +67,7 @@ GONE = {"--resume": "harness resume RUN"}
 """Options that are no more, by what replaces them."""
 
 _INTERRUPTED = 130
-"""What typer returns where a command did not catch the interruption."""
+"""typer's exit code where a command did not catch the interruption."""
 
 
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
@@ -98,7 +98,7 @@ def main() -> None:
         say(one_line(f"harness: {error}"))
         code = 1
     except OSError as error:
-        # What no module foresaw: a name that no file can have, a disk that went away.
+        # Errors that no module foresaw: a name that no file can have, a disk that went away.
         name = "" if error.filename is None else f"{error.filename}: "
         say(one_line(f"harness: {name}{error.strerror or error}"))
         code = 2 if error.errno in _NO_NAME else 1

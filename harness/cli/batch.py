@@ -111,7 +111,7 @@ def _refuse_workers_beside_dask(workers: int | None, dask: str | None) -> None:
 
 @contextmanager
 def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
-    """What runs a study's tasks; its workers import while this process still does."""
+    """The executor of a study's tasks; its workers import while this process still does."""
     from harness.workers.pool import LocalPool, workers_for
 
     if dask is not None:

@@ -1,4 +1,4 @@
-"""Where data that a command cannot use become one line, whatever breaks on them."""
+"""Turns every failure on data that a command cannot use into one line."""
 
 import functools
 from collections.abc import Callable

@@ -42,7 +42,7 @@ def unwinding() -> Iterator[None]:
 
 
 def exit_code() -> int:
-    """What a process that was interrupted exits with: 128 + the number of the signal."""
+    """The exit code of a process that was interrupted: 128 + the number of the signal."""
     return 128 + (signal.SIGINT if _first is None else _first[0])
 
 

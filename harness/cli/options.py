@@ -88,7 +88,7 @@ QuietOption = Annotated[
 def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
 ) -> list[Any]:
-    """What --set, --pairs and --seed change, in the order in which they are applied."""
+    """The changes of --set, --pairs and --seed, in the order in which they are applied."""
     from harness.scenario import Setting, parse_setting
 
     chosen = [parse_setting(text) for text in settings or []]

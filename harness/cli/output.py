@@ -1,4 +1,4 @@
-"""What reaches the terminal: lines on stdout, words and a progress bar on stderr."""
+"""Writes to the terminal: results on stdout, words and a progress bar on stderr."""
 
 import json
 import sys
@@ -23,7 +23,7 @@ def say(text: str) -> None:
 
 
 def say_traceback(traceback: str | None) -> None:
-    """That of a strategy that raised, if one did, on stderr."""
+    """The traceback of a strategy that raised, if one did, on stderr."""
     if traceback is not None:
         say(traceback.rstrip())
 

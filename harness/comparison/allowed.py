@@ -36,7 +36,7 @@ class Verdict(StrEnum):
 
 
 class SweepVerdict(StrEnum):
-    """Of the whole sweep."""
+    """The verdict on the whole sweep."""
 
     SOME = "allowed"
     NONE = "none"

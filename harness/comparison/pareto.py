@@ -24,7 +24,7 @@ class Relation(StrEnum):
 
 
 class Place(StrEnum):
-    """Where a cell stands."""
+    """A cell's place on the front, and the cells that matter for it."""
 
     FRONT = "on the front"
     DOMINATED = "dominated"
@@ -45,7 +45,7 @@ class Standing:
 
 
 def relation_of_means(difference: Interval) -> Relation:
-    """Of the paired difference a − b: decided where its interval leaves out 0."""
+    """The relation by a paired difference a − b: decided where its interval leaves out 0."""
     if difference.low is None or difference.high is None:
         return Relation.UNDECIDED
     if difference.high < 0:

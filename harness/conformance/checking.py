@@ -22,7 +22,7 @@ LIMIT_S = 60.0
 
 @dataclass(frozen=True)
 class RuleResult:
-    """What one check found; ``problem`` is None where the strategy passed.
+    """The result of one check; ``problem`` is None where the strategy passed.
 
     ``observation`` is what the strategy was shown when it broke the rule, None where no single
     one is to blame.  ``checked`` is False where the check could not be made, for a reason that
@@ -100,7 +100,7 @@ def _check_all(subject: Subject, found: dict[str, BrokenRuleError | None]) -> No
 
 
 def _verdicts(found: Mapping[str, BrokenRuleError | None]) -> list[RuleResult]:
-    """What stopped several checks is the fault of one: the others were not made."""
+    """One result for each check; where one fault stopped several checks, only one is to blame."""
     stopped = {check: error for check, error in found.items() if isinstance(error, StoppedError)}
     verdicts = []
     for check in CHECKS:

@@ -36,7 +36,7 @@ def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
     while lanes:
         lane = lanes.pop()
         api.lane.setMaxSpeed(lane, limit_mps)
-        # What leads on inside a junction, which may be several lanes one after another.
+        # Inside a junction several lanes may follow one after another.
         lanes += [inside for *_, inside, _, _, _ in api.lane.getLinks(lane) if inside]
 
 
@@ -253,7 +253,7 @@ class SumoEngine:
         self._own_driver = False
 
     def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
-        """Where SUMO's driver is shown those who are held."""
+        """The places at which SUMO's driver is shown people who are held."""
         return [(index, self._shown.y_of(self._sides[index], y)) for index, y in pedestrians]
 
     def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:

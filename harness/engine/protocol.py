@@ -1,4 +1,4 @@
-"""What an episode asks of an engine."""
+"""The interface that an episode asks of an engine."""
 
 from collections.abc import Sequence
 from typing import Protocol

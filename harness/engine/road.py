@@ -99,7 +99,7 @@ class SumoRoad:
             people.after_step()
 
     def name_of(self, vehicle: int) -> str:
-        """What SUMO calls a vehicle of this hour."""
+        """SUMO's name of a vehicle of this hour."""
         return f"vehicle-{self._hours}-{vehicle}"
 
     def add(self, name: str, lane: int, x_m: float, speed_mps: float) -> None:

@@ -33,13 +33,13 @@ class Shown:
     crossing_from: Side
 
     def y_of(self, side: Side, y_m: float) -> float:
-        """Where someone from that side is shown who is at y."""
+        """y at which somebody from that side is shown who is at ``y_m``."""
         if y_m <= 0 if side is Side.NEAR else y_m >= self.length_m:
             return -WAITING_M if side is Side.NEAR else y_m + WAITING_M
         return y_m if side is self.crossing_from else self._mirrored(y_m)
 
     def coming_y(self, side: Side) -> float:
-        """Where someone is held who has not arrived yet."""
+        """y at which somebody is held who has not arrived yet."""
         return -COMING_M if side is Side.NEAR else self.length_m + COMING_M
 
     def _mirrored(self, y_m: float) -> float:

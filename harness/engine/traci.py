@@ -33,7 +33,7 @@ _PIXELS = (1280, 860)
 _AROUND_M = 6.0
 """Shown beyond the trigger and the crosswalk's far side."""
 _ROAD_SHOWN_M = 60.0
-"""Of a road with traffic, from the crosswalk."""
+"""Shown of a road with traffic, either way from the crosswalk."""
 
 
 @dataclass(frozen=True)

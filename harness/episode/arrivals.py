@@ -1,4 +1,4 @@
-"""Who comes: the pedestrians of every pair, known before anything runs."""
+"""The pedestrians of every pair, known before anything runs."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence

@@ -1,4 +1,4 @@
-"""What is the same in all episodes of a cell."""
+"""The constants of all episodes of a cell."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a step asks of those who decide: a strategy's command within limits, and the kerb rule."""
+"""The decisions of a step: a strategy's command within limits, and the kerb rule."""
 
 import math
 from numbers import Real
@@ -27,7 +27,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
 
 
 def strategy_raised(error: Exception, time_s: float) -> StrategyError:
-    """What is told of a strategy that raised in ``decide``."""
+    """The error that tells of a strategy that raised in ``decide``."""
     what = f"raised {type(error).__name__}: {error}"
     when = f"at t = {time_s:.3f} s ({place_of(error)})"
     return StrategyError(f"the strategy {what} {when}", error)

@@ -208,7 +208,7 @@ class Episode:
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
             if wanted is None:
-                # What the engine's driver does is known only afterwards: going on as it did until
+                # The engine's driver is known only afterwards: going on as it did until
                 # now, but not backwards.
                 acceleration = max(acceleration, -speed / step)
             else:
@@ -218,7 +218,7 @@ class Episode:
                 if target < 0:
                     target = 0.0
                 acceleration = (target - speed) / step
-            # Those who arrive within this step see the ego where it is at that very moment.
+            # People who arrive within this step see the ego where it is at that very moment.
             if self.next_event_s <= then:
                 self._happen(now, then, x, speed, acceleration)
             if natives:

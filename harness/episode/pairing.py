@@ -126,7 +126,7 @@ class PairRunner:
         return (*already_walking(self._scenario, number, walking, len(coming)), *coming)
 
     def _number(self, pair: int) -> int:
-        """What keys the streams of a pair: the episode that it repeats, or its own index."""
+        """The key of a pair's streams: the episode that it repeats, or its own index."""
         drawn = self._scenario.pedestrians.drawn
         return drawn[pair].episode if drawn else pair
 

@@ -92,7 +92,7 @@ class Walker:
     def look(
         self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
     ) -> None:
-        """What they do at ``look_s``, when the ego is there; a steady walker never looks again.
+        """Decide anew at ``look_s``, when the ego is there; a steady walker never looks again.
 
         ``to_lane_m``: from their kerb to the centre of the vehicle's lane; None: the ego's.
         """
@@ -110,7 +110,7 @@ class Walker:
         return 0.0
 
     def view(self) -> PedestrianView:
-        """What a strategy sees of them now."""
+        """The view that a strategy has of them now."""
         progress, speed = self._progress, self._speed
         to_lane, remaining = self._to_lane - progress, self._length - progress
         return quick_tuple(
@@ -119,7 +119,7 @@ class Walker:
 
     @property
     def walk(self) -> Walk:
-        """What has become of them so far."""
+        """Their walk so far."""
         legs = None if self.legs is None else tuple(self.legs)
         range_m, vehicle_speed_mps = self.seen
         return Walk(self.arrival, self.start_s, self.wanted_mps, range_m, vehicle_speed_mps, legs)

@@ -213,7 +213,7 @@ class InteractionModel:
         return _Walking(lambda x: conditional.pdf(x, given), lambda x: conditional.cdf(x, given))
 
     def _within(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
-        """What is given, (g,), clamped; asked for in every episode, in numbers and not arrays."""
+        """The given variables, (g,), clamped; plain numbers, since every episode asks."""
         limits = [self._limits[variable] for variable in conditional.given]
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]

@@ -26,7 +26,7 @@ def avoidable(chunk: Chunk) -> FloatArray:
 def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
     legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
     own = np.flatnonzero(legs.walk == strike.walk)
-    # Who stepped off before the trace began: from its beginning on.
+    # Somebody who stepped off before the trace began counts from its beginning on.
     begin = max(0.0, float(legs.begin_s[own[0]]))
     x, speed = ego_state(chunk.traces[number], begin)
     stands = begin + speed / braking

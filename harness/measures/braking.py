@@ -80,7 +80,7 @@ def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
 
 
 def _on_course_with_front(chunk: Chunk) -> np.ndarray:
-    """Of every row of ``met``: a collision course with the front, and room before their disc."""
+    """For every row of ``met``: a collision course with the front, and room to the disc."""
     met, ttc = chunk.met, chunk.ttc_s
     with np.errstate(invalid="ignore"):
         ahead_then = met.ahead_m - met.closing_mps * ttc

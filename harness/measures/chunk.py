@@ -1,4 +1,4 @@
-"""What the measures of a chunk of episodes share: worked out once, handed to every one of them."""
+"""Arrays that the measures of a chunk of episodes share: worked out once for all of them."""
 
 import math
 from collections.abc import Sequence

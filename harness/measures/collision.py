@@ -1,4 +1,4 @@
-"""What a contact was like."""
+"""The kind, time and speed of a contact."""
 
 import numpy as np
 

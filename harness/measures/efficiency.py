@@ -75,7 +75,7 @@ def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
 
 
 def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of every step: whose it is, whether the ego stands at its beginning and at its end."""
+    """For every step: its episode, and whether the ego stands at its beginning and at its end."""
     trace, state = chunk.record_steps()
     # The first step at a0 often ends at 0.1 m/s exactly, to the last bit but one.
     standing = chunk.ego.speed_mps < STANDING_MPS - 1e-9

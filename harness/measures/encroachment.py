@@ -25,7 +25,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
-    # Who leaves the zone and never enters it was in it from the start.
+    # Somebody who leaves the zone and never enters it was in it from the start.
     enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
     trace = legs.of_walk
     nearest, farthest = x_range(legs, enters, leaves)

@@ -70,7 +70,7 @@ class Outcome:
 
     @property
     def key(self) -> EpisodeKey:
-        """What tells it apart in cells that differ in their arms alone."""
+        """A key that tells episodes apart in cells that differ in their arms alone."""
         return self.arm, self.strategy, self.pair
 
 

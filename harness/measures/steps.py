@@ -120,7 +120,7 @@ def _legs_one_by_one(traces: Sequence[Trace], walks: Sequence[tuple[int, Walk]])
     found: list[Leg] = []
     for number, (owner, walk) in enumerate(walks):
         legs, trace = walking.legs_of(walk, crossing), traces[owner]
-        # Who stands for good is there as long as the trace goes on.
+        # Somebody who stands for good is there as long as the trace goes on.
         trace_end_s = max(legs[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
         cleared = walking.cleared_s(walk, crossing)
         numbers += [number] * len(legs)
@@ -195,7 +195,7 @@ def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     first = np.floor(legs.begin_s / step_s).astype(np.int64)
     # A beginning that is a step's time may fall just short of it as a quotient.
     first += (first + 1) * step_s <= legs.begin_s
-    # Who stepped off before the trace began is there from its first step on.
+    # Somebody who stepped off before the trace began is there from its first step on.
     first = np.maximum(first, 0)
     last = np.minimum(np.ceil(legs.end_s / step_s).astype(np.int64), ego.steps[legs.trace])
     counts = np.maximum(last - first, 0)

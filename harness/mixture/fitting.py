@@ -20,7 +20,7 @@ _COLLINEAR = 1e-10
 
 @dataclass(frozen=True)
 class FitResult:
-    """What a fit found.
+    """The result of a fit.
 
     Attributes:
         mixture: the truncated mixture, in the units of the data.

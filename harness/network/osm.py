@@ -27,7 +27,7 @@ _OPTIONS = (
     "--precision",
     "6",
 )
-"""What netconvert needs to build crossings from any of the usual taggings."""
+"""Options with which netconvert builds crossings from any of the usual taggings."""
 
 _PRIORITY = {"marked": True, "zebra": True, "uncontrolled": True, "unmarked": False}
 

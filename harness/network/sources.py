@@ -190,7 +190,7 @@ def _median_m(crossing: CrossingSection) -> float:
 
 
 def _left_border_m(crossing: CrossingSection) -> float:
-    """Where the ego's direction ends to its left, in m left of the crosswalk's centre."""
+    """The left end of the ego's direction, in m left of the crosswalk's centre."""
     width = crossing.lanes * crossing.width_of_lane_m + 2 * crossing.kerb_strip_m
     return width - crossing.length_m / 2
 

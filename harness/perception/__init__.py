@@ -1,1 +1,1 @@
-"""What a driver is shown of the pedestrians: late, in part, with errors, and not through walls."""
+"""Pedestrians as a driver is shown them: late, in part, with errors, and not through walls."""

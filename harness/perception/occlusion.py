@@ -1,4 +1,4 @@
-"""What an obstacle hides: plane geometry in the road frame, exact."""
+"""Whether obstacles hide somebody: plane geometry in the road frame, exact."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""From what is so to what a strategy is shown, over one episode."""
+"""From true views to shown ones, over one episode."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Views = tuple[PedestrianView, ...]
 
 
 class Perception:
-    """What one driver is shown during one episode: asked at every step, from the first on.
+    """The people that one driver is shown in one episode: asked at every step, from the first on.
 
     At every ``update_steps``-th step the sensor looks; what it finds is shown ``latency_steps``
     later, as it was then, and stays until the next finding takes its place.  It looks at everybody
@@ -38,7 +38,7 @@ class Perception:
         self._shown: Views = ()
 
     def shown(self, step: int, x_m: float, people: Sequence[tuple[PedestrianView, float]]) -> Views:
-        """What the driver is shown at a step.
+        """The people that the driver is shown at a step.
 
         Args:
             step: 0, 1, 2 …; every step once.

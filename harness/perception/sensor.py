@@ -1,4 +1,4 @@
-"""What is the same for all episodes of an arm: the sensor, or None for perfect sight."""
+"""An arm's sensor, the same in all its episodes; None for perfect sight."""
 
 import math
 from dataclasses import dataclass

@@ -32,7 +32,7 @@ def updates_until_found(quantile: float, detection_probability: float) -> float:
 
 
 class Track:
-    """What a sensor holds of one pedestrian; asked once at every update from their arrival on.
+    """A sensor's track of one pedestrian; asked once at every update from their arrival on.
 
     Args:
         sensor: gives probabilities and errors.

@@ -31,7 +31,7 @@ SUMO_FILES = {
 }
 
 HOUR_FILES = SUMO_FILES | {"--queue-output": "queues.xml"}
-"""What SUMO writes of an hour of traffic, beside ``DETECTORS``."""
+"""SUMO's files of an hour of traffic, beside ``DETECTORS``."""
 
 DETECTORS = "e2.xml"
 
@@ -84,7 +84,7 @@ class Repetition:
 
     @property
     def stack_file(self) -> Path:
-        """Where a worker that hangs leaves its Python stack."""
+        """The file in which a worker that hangs leaves its Python stack."""
         return self.folder / "stack.txt"
 
 

@@ -1,4 +1,4 @@
-"""What people read: words and tables on the terminal, figures, the page of a run."""
+"""Everything that people read: words and tables on the terminal, figures, pages."""
 
 import lazy_loader
 

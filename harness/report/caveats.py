@@ -130,7 +130,7 @@ def _direction(summary: Summary) -> list[str]:
 
 
 def _missed_lines(run: RunData) -> list[str]:
-    """What ``--until`` did not reach."""
+    """A line for each target of ``--until`` that was missed."""
     return [
         f"The target {of.measure} ± {of.target:g} was missed"
         + (f" in cell {of.cell}" if run.varied_keys else "")

@@ -10,7 +10,7 @@ from harness.runs.strategy_groups import StrategyCell
 
 
 def comparison_document(result: RunComparison) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """The document that ``--json`` prints."""
     return {
         "folders": [str(folder) for folder in result.folders],
         "confidence": result.confidence,

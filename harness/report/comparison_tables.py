@@ -155,7 +155,7 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
 
 
 def comparison_lines(result: RunComparison) -> list[str]:
-    """What the tables say in words, and how to read them."""
+    """The tables' findings in words, and how to read them."""
     tests = sum(len(group.comparisons) for group in result.groups)
     error = f"{1 - result.confidence:.2g}"
     notes = [

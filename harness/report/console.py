@@ -1,4 +1,4 @@
-"""What everything on the terminal shares: the console, and how it shows a table."""
+"""The console of everything on the terminal, and how it shows a table."""
 
 import sys
 
@@ -14,7 +14,7 @@ PIPE_COLUMNS = 120
 def make_console() -> Console:
     """Stdout; wide enough for the tables where it is a pipe."""
     # Rich takes 80 columns for a pipe, where nothing limits the width.
-    # What is printed comes from files: no brackets or colons in it are instructions.
+    # Texts come from files: no brackets or colons in them are instructions.
     return Console(
         highlight=False,
         markup=False,

@@ -1,4 +1,4 @@
-"""What ``strategies`` and ``doctor`` say, as plain data."""
+"""The results of ``strategies`` and ``doctor`` as plain data."""
 
 import tempfile
 from collections.abc import Iterator
@@ -52,14 +52,14 @@ def strategy_documents() -> list[dict[str, Any]]:
 
 
 def knowledge_of(strategy: StrategyFactory) -> str | None:
-    """What a strategy is given that no driver and no AV knows; None where that is nothing."""
+    """Knowledge that a strategy is given and no driver or AV has; None where there is none."""
     if not knows_the_model(strategy):
         return None
     return "knows the pedestrians' distribution: it is given the model that they are drawn from"
 
 
 def observation_lines(observation: Observation | None) -> list[str]:
-    """What a strategy was shown, in words: itself, then everybody at the crosswalk."""
+    """An observation in words: the ego, then everybody at the crosswalk."""
     if observation is None:
         return []
     ego = observation.ego
@@ -79,7 +79,7 @@ def observation_lines(observation: Observation | None) -> list[str]:
 
 
 def verdict_document(verdict: RuleResult) -> dict[str, Any]:
-    """What ``strategies --check --json`` says of one rule."""
+    """The entry of ``strategies --check --json`` for one rule."""
     return {
         "check": verdict.check,
         "problem": verdict.problem,

@@ -1,4 +1,4 @@
-"""What ``extract``, ``fit`` and ``model show`` print."""
+"""Prints the results of ``extract``, ``fit`` and ``model show``."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -122,7 +122,7 @@ def _defined(value: float) -> float | None:
 
 
 def fit_document(model: InteractionModel, out: Path) -> dict[str, Any]:
-    """What ``harness fit --json`` prints."""
+    """The document that ``harness fit --json`` prints."""
     return {"out": str(out), "name": model.name, "sha256": model.sha256, "card": model.provenance}
 
 

@@ -49,7 +49,7 @@ _MOST_COMPARISONS = 60
 
 @dataclass(frozen=True)
 class Written:
-    """What ``write_report`` wrote; ``differing`` names the episodes that differ when run again."""
+    """The files of ``write_report``; ``differing`` names episodes that differ when run again."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -87,7 +87,7 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
 
 
 _Shown = tuple[Sequence[ShownPair | ShownHour], dict[str, Any], Iterator[style.Picture]]
-"""What is shown of a run, how the page shows it, and the figures."""
+"""Pairs or hours that are shown, their part of the page, and the figures."""
 
 
 def _pairs_shown(run: RunData) -> _Shown:

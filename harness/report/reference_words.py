@@ -10,12 +10,12 @@ from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 
 MEASURED_ON = "34 recorded passages of 26 vehicles (DUT)"
-"""Where ``MEASURED`` comes from: `harness validate` of DUT with these drivers, seed 1."""
+"""The data of ``MEASURED``: `harness validate` of DUT with these drivers, seed 1."""
 
 
 @dataclass(frozen=True)
 class Humanness:
-    """What a validation found of one driver with its default parameters.
+    """Findings of a validation about one driver with its default parameters.
 
     ``remark`` says what the driver was fitted on, empty where on nothing.
     """

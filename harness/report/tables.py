@@ -133,5 +133,5 @@ def share_cell(share: Interval, star: str = "") -> TableCell:
 
 
 def sort_key(value: float | None) -> str:
-    """What a number is sorted by; empty where it is undefined."""
+    """The key that a number is sorted by; empty where it is undefined."""
     return "" if value is None or value != value else repr(float(value))

@@ -1,4 +1,4 @@
-"""What the command line prints of a run and of a comparison, and a run's JSON document."""
+"""Prints runs and comparisons on the terminal; a run's JSON document."""
 
 import shlex
 from typing import Any
@@ -59,7 +59,7 @@ def _lines(run: RunData) -> list[str]:
 
 
 def audit_document(run: RunData) -> dict[str, Any] | None:
-    """What of a plain engine's run was repeated in SUMO; None of a run in SUMO."""
+    """The part of a plain engine's run that was repeated in SUMO; None for a run in SUMO."""
     if run.engine == "sumo":
         return None
     return {
@@ -73,7 +73,7 @@ def audit_document(run: RunData) -> dict[str, Any] | None:
 
 
 def run_document(run: RunData) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """The document that ``--json`` prints."""
     return {
         "folder": str(run.path),
         "engine": run.engine,

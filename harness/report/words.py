@@ -108,7 +108,7 @@ def audit_lines(run: RunData) -> list[str]:
 
 
 def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
-    """What μ and c_v say, with their intervals, of the AV against the reference.
+    """Sentences on μ and c_v, with their intervals, of the AV against the reference.
 
     Args:
         summary: of a cell.
@@ -135,7 +135,7 @@ def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
 
 
 def sweep_lines(results: Sequence[CellResult]) -> list[str]:
-    """What all cells of a sweep together leave out."""
+    """A sentence on the pairs that all cells of a sweep leave out."""
     summaries = [result.summary for result in results]
     pairs = sum(of.pairs for of in summaries)
     out, nobody, strategy, engine = (
@@ -150,7 +150,7 @@ def sweep_lines(results: Sequence[CellResult]) -> list[str]:
 
 
 def crash_lines(summary: Summary) -> list[str]:
-    """What each arm's crashes say; of none, what its N can show."""
+    """Sentences on each arm's crashes; where it has none, on what its N can show."""
     lines = []
     for who, kappa in (("AV", summary.kappa), ("human", summary.kappa_human)):
         if kappa.trials and kappa.successes == 0:

@@ -29,7 +29,7 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
 
 
 def worst_document(episodes: Sequence[WorstEpisode], by: str) -> dict[str, Any]:
-    """What ``--json`` prints."""
+    """The document that ``--json`` prints."""
     return {
         "by": by,
         "episodes": [

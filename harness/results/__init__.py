@@ -1,1 +1,1 @@
-"""What a run leaves behind: its tables, its folder on disk, what is reported of each cell."""
+"""The tables of a run, its folder on disk, and the summary of each cell."""

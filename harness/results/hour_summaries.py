@@ -1,4 +1,4 @@
-"""From the hours of a cell to what is reported of it, paired over hours.
+"""From the hours of a cell to its summary, paired over hours.
 
 Means have Student's t intervals over hours.  Shares of passages have Korn and Graubard's: passages
 of one hour may go together.
@@ -116,7 +116,7 @@ class HoursSummary:
 
 
 def summarise_hours(hours: pa.Table, scenario: Scenario, confidence: float) -> HoursSummary:
-    """What is reported of a cell, from its rows of ``hours`` by pair, AV first.
+    """The summary of a cell, from its rows of ``hours`` by pair, AV first.
 
     A pair in which an arm failed counts nowhere but in ``failed``.
 
@@ -150,7 +150,7 @@ _OF_AN_ARM = (
     *("not_through", "never_went", "growth", "yield_rate"),
     *("hcm_pedestrian_delay_s", "nchrp_pedestrian_delay_s", "los_vehicles", "los_pedestrians"),
 )
-"""What ``summary.csv`` has of each arm beside its measures and κ."""
+"""Columns that ``summary.csv`` has for each arm beside its measures and κ."""
 
 
 def hours_row(summary: HoursSummary) -> dict[str, float | int | str | bool | None]:

@@ -1,4 +1,4 @@
-"""What a cell's episodes say of each measure, and how often each conflict arose.
+"""Statistics of each measure over a cell's episodes, and how often each conflict arose.
 
 Rows of ``measures.csv`` and ``conflicts.csv`` (docs/files.md).
 """

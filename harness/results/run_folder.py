@@ -83,7 +83,7 @@ class RunFolder:
         write_file(self.path / MANIFEST, content.encode())
 
     def stack_file(self, task: str) -> Path:
-        """Where a hung worker of that task leaves its stack."""
+        """The file in which a hung worker of that task leaves its stack."""
         # Workers of a cluster have other working directories.
         return self._shard_folder().resolve() / f"stack-{task}.txt"
 

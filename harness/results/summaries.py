@@ -1,4 +1,4 @@
-"""From the episodes of a cell to what is reported of it."""
+"""From the episodes of a cell to its summary."""
 
 from collections.abc import Mapping
 from dataclasses import fields
@@ -40,7 +40,7 @@ def confidence_of(study: Study, options: Options) -> float:
 
 
 def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
-    """What is reported of a cell, from its episodes by pair.
+    """The summary of a cell, from its episodes by pair.
 
     The resampling's stream is the scenario's alone: the same episodes give the same intervals.
     """
@@ -51,7 +51,7 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
 
 
 def pair_columns(episodes: pa.Table) -> PairColumns:
-    """What the comparison needs, from the episodes of one cell.
+    """The columns that a comparison needs, from the episodes of one cell.
 
     Args:
         episodes: rows in order of pairs, AV first.

@@ -165,10 +165,10 @@ def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
 
 
 HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
-"""What a run of traffic holds."""
+"""The tables of a run of traffic."""
 
 HOUR_TRACES = ("traces", "walks")
-"""What a run of traffic holds besides with ``--traces``."""
+"""The further tables of a run of traffic with ``--traces``."""
 
 _KEY = [name for name, _ in _KEYS]
 NEEDED = {

@@ -7,7 +7,7 @@ from harness.encounter import Arrival, Leg, Side, Walk
 
 
 def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
-    """What is kept of one pedestrian of a record that ends at ``end_s``, but for the keys."""
+    """The row of a pedestrian in a record that ends at ``end_s``, but for the keys."""
     arrival, start_s = walk.arrival, walk.start_s
     went = start_s is not None and start_s < end_s
     legs = walk.legs if went else None

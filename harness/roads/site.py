@@ -12,7 +12,7 @@ from harness.encounter import Side
 from harness.errors import InputError
 
 TOLERANCE_M = 2e-6
-"""What a built network may differ from its geometry: netconvert keeps nodes to a micrometre."""
+"""A built network may differ so much from its geometry: netconvert keeps nodes to a micrometre."""
 
 Point = tuple[float, float]
 
@@ -135,7 +135,7 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class Footpath:
-    """Where pedestrians of one side come from and go to.
+    """The footpath on which pedestrians of one side come and go.
 
     ``edge`` meets the crosswalk's waiting area ``area`` at its position ``end_m``; at ``inside_m``,
     about 1 m before that, somebody is inserted.

@@ -19,7 +19,7 @@ _TURNAROUND_DEG = 150.0
 """A link that turns by more leads back, not on."""
 
 _ROUNDING_M = 0.02
-"""What a point of a network's file may be off: most networks are written with two decimals."""
+"""Points of a network's file may be off by so much: most are written with two decimals."""
 _LENGTH_SHARE = 0.01
 _LENGTH_M = 0.1
 """How much SUMO's length of a lane may differ from that of its shape, the larger of the two."""

@@ -1,4 +1,4 @@
-"""What a comparison of strategies found, as records."""
+"""The findings of a comparison of strategies, as records."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -111,7 +111,7 @@ class RunComparison:
         return f"<RunComparison of {', '.join(map(str, self.folders))}: {count} comparisons>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows: every difference with its interval."""
+        """Every difference with its interval, for a notebook."""
         named = [(group.group.cells, item) for group in self.groups for item in group.comparisons]
         pairs = [(f"{cells[of.a].label} − {cells[of.b].label}", of) for cells, of in named]
         rows = [

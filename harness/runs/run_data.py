@@ -50,7 +50,7 @@ class CellResult:
 
 @dataclass(frozen=True)
 class RunData:
-    """What a run folder holds.  Tables are read on first use and kept; do not change them.
+    """The content of a run folder.  Tables are read on first use and kept; do not change them.
 
     A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
     it was loaded, and ``summary`` is worked out from those.
@@ -69,7 +69,7 @@ class RunData:
 
     @property
     def name(self) -> str:
-        """What the run is called: its scenario's name."""
+        """The name of the run: its scenario's."""
         return self.study.name
 
     @property
@@ -341,7 +341,7 @@ class RunData:
         return f"<RunData {self.name} in {self.path}>"
 
     def _repr_html_(self) -> str:
-        """What a notebook shows."""
+        """The summary, for a notebook."""
         if self.in_traffic:
             table: str = self.summary.to_html(index=False)
             return table

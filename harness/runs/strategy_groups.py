@@ -76,7 +76,7 @@ class ParameterSweep:
 
     @property
     def aggressiveness(self) -> tuple[float, ...] | None:
-        """Of every value, where the parameter is known to stand for it."""
+        """The aggressiveness at every value, where the parameter is known to stand for it."""
         sign = aggressiveness_of(self.strategy).get(self.parameter)
         # No negative zero: a margin of 0 is an aggressiveness of 0.
         return None if sign is None else tuple(sign * value + 0.0 for value in self.values)

@@ -1,4 +1,4 @@
-"""What is to be run: scenario files, the cells of a study, and how a run is carried out."""
+"""Scenario files, the cells of a study, and how a run is carried out."""
 
 from harness.scenario.consistency import remarks
 from harness.scenario.file import (

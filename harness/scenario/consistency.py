@@ -1,4 +1,4 @@
-"""What no key of a scenario can tell alone: whether all of them fit together."""
+"""Whether the keys of a scenario fit together, which none of them can tell alone."""
 
 import math
 
@@ -63,7 +63,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
 
 
 def remarks(scenario: Scenario) -> list[str]:
-    """What is allowed, but may not be meant; one line each."""
+    """Remarks on values that are allowed but may not be meant, one line each."""
     crossing, found = scenario.crossing, remarks_on_sight(scenario)
     if crossing.ignore_signal:
         found.append(

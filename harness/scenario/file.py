@@ -223,7 +223,7 @@ _TOML_WORDS = {
     "tuple_type": "an array",
     "bool_type": "true or false",
 }
-"""What is allowed in a scenario file's words, where pydantic's are Python's."""
+"""Allowed values in the words of TOML, where pydantic's words are Python's."""
 
 _NUMBER, _NUMBERS = "constrained-float", "tuple[constrained-float, ...]"
 """A key that is a number or a list of them is wrong as both, first as a number: once suffices."""

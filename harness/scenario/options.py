@@ -47,7 +47,7 @@ class Precision:
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says beside the study.
+    """Options of a run beside the study.
 
     ``workers`` None means all cores, 0 this process, without time limits.  ``sumo_outputs`` says
     whose SUMO outputs are written.  With the plain ``engine`` that share of the pairs

@@ -62,9 +62,9 @@ class ReadLaneSection(_Section):
     oncoming: bool
     """Whether it leads towards the ego."""
     centre_m: float
-    """From the ego's near kerb to the lane's centre."""
+    """Distance from the ego's near kerb to the lane's centre."""
     width_m: float
-    """Of the lane."""
+    """Width of the lane."""
 
 
 class ReadSection(_Section):
@@ -76,7 +76,7 @@ class ReadSection(_Section):
     net: str
     """The network's file."""
     sha256: str
-    """Of that file."""
+    """Hash of that file."""
     edge: str
     """The crossing's id."""
     approach: str | None
@@ -84,9 +84,9 @@ class ReadSection(_Section):
     lane: int
     """The lane's number from the near kerb."""
     lane_centre_m: float
-    """From the near kerb to the lane's centre."""
+    """Distance from the near kerb to the lane's centre."""
     angle_deg: float
-    """Between road and crosswalk."""
+    """Angle between road and crosswalk."""
     ways: Annotated[tuple[ReadLaneSection, ...], Field(strict=False)] = ()
     """Every lane that is straight over the crosswalk, each direction from its near kerb on."""
 
@@ -103,11 +103,11 @@ class CrossingSection(_Section):
     ignore_signal: bool = False
     """Keep a traffic light that rules the crossing in ``net`` green."""
     read: ReadSection | None = None
-    """What the harness read in ``net``; it fills this in itself."""
+    """Facts that the harness read in ``net``; it fills them in itself."""
     latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = 42.278415
-    """Of the crosswalk's centre."""
+    """Latitude of the crosswalk's centre."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = -83.735580
-    """Of the crosswalk's centre."""
+    """Longitude of the crosswalk's centre."""
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
     """The ego's direction, clockwise from true north."""
     length_m: Annotated[float, Field(ge=2.5, le=40)] = 9.0
@@ -115,16 +115,16 @@ class CrossingSection(_Section):
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
     """Extent of the crosswalk along the road."""
     pedestrian_priority: bool = True
-    """A marked crosswalk; what SUMO's own driver and pedestrians go by."""
+    """A marked crosswalk; SUMO's own driver and pedestrians go by it."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 1
-    """In the ego's direction."""
+    """Lanes in the ego's direction."""
     oncoming_lanes: Annotated[int, Field(ge=0, le=6)] = 1
-    """Towards the ego; 0 is a one-way road."""
+    """Lanes towards the ego; 0 is a one-way road."""
     lane_width_m: Annotated[float, Field(ge=1, le=20)] | None = None
-    """Of each lane; without it, the lanes share ``length_m`` evenly.  What they leave is a
-    median, or half at each kerb of a one-way road."""
+    """Width of each lane; without it, the lanes share ``length_m`` evenly.  The rest is a median,
+    or half at each kerb of a one-way road."""
     road_speed_limit_mps: Annotated[float, Field(gt=0, le=100)] | None = None
-    """What SUMO's own driver and outputs go by; without it, v0."""
+    """Limit that SUMO's own driver and outputs go by; without it, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
     """Parked cars and hedges that hide people."""
 
@@ -135,7 +135,7 @@ class CrossingSection(_Section):
 
     @property
     def beside_lanes_m(self) -> float:
-        """What ``lane_width_m`` leaves of ``length_m``: a median, or both strips if one-way."""
+        """Width that the lanes leave of ``length_m``: a median, or both strips if one-way."""
         if self.lane_width_m is None:
             return 0.0
         rest = self.length_m - (self.lanes + self.oncoming_lanes) * self.lane_width_m
@@ -163,7 +163,7 @@ class EgoSection(_Section):
     """``[ego]``: the vehicle, the same in both arms."""
 
     lane: Annotated[int, Field(ge=0)] = 0
-    """The ego's, counted from the near kerb; below ``crossing.lanes``."""
+    """The ego's lane, counted from the near kerb; below ``crossing.lanes``."""
     initial_speed_mps: Annotated[float, Field(gt=0, le=60)] = 5.0
     """v0."""
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
@@ -172,9 +172,9 @@ class EgoSection(_Section):
     detection_range_m: Positive | None = None
     """How far pedestrians are perceived; without it, the trigger range."""
     length_m: Annotated[float, Field(ge=1, le=25)] = 5.0
-    """Of the vehicle."""
+    """Length of the vehicle."""
     width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
-    """Of the vehicle; at most the lane's."""
+    """Width of the vehicle; at most the lane's."""
     max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 3.0
     """Limit of every strategy's command."""
     max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 4.5
@@ -187,16 +187,16 @@ class TimedSection(_Section):
     """``[[pedestrians.timed]]``: someone whom a car that never brakes would hit."""
 
     name: str = ""
-    """By which ``timed_case`` picks it."""
+    """Name by which ``timed_case`` picks it."""
     side: Literal["near", "far"]
     """The kerb they come from."""
     start_lateral_m: Positive
-    """From the centre line of the car to where they stand; clear of the car, at most 8 m before
+    """Distance from the car's centre line to where they stand: clear of the car, at most 8 m before
     the kerb."""
     acceleration_distance_m: NonNegative = 0.0
-    """Over which they reach their speed."""
+    """Distance over which they reach their speed."""
     speed_mps: Annotated[float, Field(gt=0, le=10)]
-    """At which they walk."""
+    """Speed at which they walk."""
     impact_share: Share
     """Where a car that never brakes hits them: 0 at the edge they reach first, 1 at the other."""
 
@@ -205,9 +205,9 @@ class GapAcceptanceSection(_Section):
     """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
 
     distribution: Literal["lognormal", "logistic"] = "lognormal"
-    """Of critical gaps."""
+    """Kind of the distribution of critical gaps."""
     mean_s: Positive = 4.0
-    """Of the critical gaps."""
+    """Mean of the critical gaps."""
     std_s: NonNegative = 2.5
     """Standard deviation of the critical gaps."""
 
@@ -225,17 +225,17 @@ class DrawnSection(_Section):
     episode: Annotated[int, Field(ge=0)]
     """The number of the episode."""
     arrival: Uniforms = ()
-    """Of the times between arrivals."""
+    """Uniforms of the times between arrivals."""
     side: Uniforms = ()
-    """Of the kerbs."""
+    """Uniforms of the kerbs."""
     quantile: Uniforms = ()
-    """Of the walking speeds."""
+    """Uniforms of the walking speeds."""
     critical_gap: Uniforms = ()
-    """Of the critical gaps."""
+    """Uniforms of the critical gaps."""
     detection: Uniforms = ()
-    """Of the looks until the first detection."""
+    """Uniforms of the looks until the first detection."""
     timed_detection: Uniforms = ()
-    """Of the looks until the first detection of those with a timetable."""
+    """Uniforms of the looks until the first detection of people with a timetable."""
 
     @property
     def uniforms(self) -> dict[Purpose, tuple[float, ...]]:
@@ -257,7 +257,7 @@ class WalkingSpeedSection(_Section):
     """
 
     mean_mps: Annotated[float, Field(ge=0.5, le=3)]
-    """Before the cut at 0.3 m/s."""
+    """Mean before the cut at 0.3 m/s."""
     std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
     """Standard deviation before the cut."""
 
@@ -270,7 +270,7 @@ class WalkingSpeedSection(_Section):
 
 
 class PedestriansSection(_Section):
-    """``[pedestrians]``: who comes, from where, how they decide and walk."""
+    """``[pedestrians]``: the people who come, from where, how they decide and walk."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
     """λ, both kerbs together."""
@@ -287,7 +287,7 @@ class PedestriansSection(_Section):
     behaviour: Behaviour = "constant"
     """How they decide and walk."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
-    """Who waits for a gap: with behaviour ``gap_acceptance``."""
+    """Gaps for which people wait, with behaviour ``gap_acceptance``."""
     walking_speed: WalkingSpeedSection | None = None
     """A normal distribution in the interaction model's place; without it, the model."""
     timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
@@ -299,19 +299,19 @@ class PedestriansSection(_Section):
 
 
 class PerceptionSection(_Section):
-    """``[perception]``: what the AV's strategy is shown of the pedestrians; by default what is so.
+    """``[perception]``: how the AV's strategy is shown the pedestrians; by default as they are.
 
     ``human``: the human's arm is shown the same way.
     """
 
     latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """How old it is what the strategy is told of pedestrians; whole steps."""
+    """Age of the news about pedestrians that the strategy is shown; whole steps."""
     update_s: Annotated[float, Field(gt=0, le=60)] | None = None
-    """How often that is renewed; whole steps; without it, every step."""
+    """Time between two looks at the pedestrians; whole steps; without it, every step."""
     detection_probability: Share = 1.0
-    """At each update, until somebody is first seen; then they are tracked."""
+    """Chance at each look to detect somebody; from then on they are tracked."""
     dropout_probability: Share = 0.0
-    """At each update: a track is lost and must be found again."""
+    """Chance at each look that a track is lost and must be found again."""
     position_sd_m: Annotated[float, Field(ge=0, le=100)] = 0.0
     """Standard deviation of the error of the place."""
     speed_sd_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
@@ -319,7 +319,7 @@ class PerceptionSection(_Section):
     correlation_s: NonNegative = 1.0
     """How long errors stay alike."""
     occlusion: bool = True
-    """What an obstacle hides is not seen."""
+    """People behind an obstacle are not seen."""
     human: bool = False
     """The human's arm is shown the same way."""
 
@@ -338,7 +338,7 @@ class ModelSection(_Section):
     path: str | None = None
     """A model file of your own, in the place of ``name``."""
     pedestrian_reading: Literal["marginal", "curve", "unconditional"] = "marginal"
-    """What walking speeds are drawn given."""
+    """The conditions under which walking speeds are drawn."""
     extrapolate: bool = False
     """Clamp a v0 or R0 outside the model's data, which is else refused."""
 
@@ -367,9 +367,9 @@ class ArmsSection(_Section):
     """``[arms]``: which strategy drives in each arm; in Python also as a class."""
 
     av: StrategyName = "soft_yield"
-    """What drives in the AV's arm."""
+    """The strategy that drives in the AV's arm."""
     human: StrategyName = "human_gmm"
-    """What drives in the reference's arm."""
+    """The strategy that drives in the reference's arm."""
 
 
 class ConflictsSection(_Section):
@@ -401,7 +401,7 @@ class ExperimentSection(_Section):
 
 
 class LimitsSection(_Section):
-    """``[limits]``: below which a strategy is allowed; for comparing, no part of a simulation."""
+    """``[limits]``: a strategy is allowed below them; for comparing, no part of a simulation."""
 
     mu0: Positive | None = None
     """Limit of μ, for ``harness compare``."""
@@ -433,7 +433,7 @@ class TrafficSection(_Section):
     duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
     """How long vehicles and people are counted; whole steps."""
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
-    """How long both come before that; whole steps."""
+    """How long vehicles and people come before that; whole steps."""
     following: Literal["Krauss", "IDM"] = "Krauss"
     """SUMO's car-following model."""
     tau_s: Positive = 1.0
@@ -452,7 +452,7 @@ class TrafficSection(_Section):
 
 
 class Scenario(_Section):
-    """One experiment, complete: what a run of it needs and nothing else."""
+    """One experiment, complete: everything that a run of it needs, and nothing else."""
 
     crossing: CrossingSection = CrossingSection()
     ego: EgoSection = EgoSection()

@@ -38,7 +38,7 @@ def check_sight(scenario: Scenario, source: str) -> None:
 
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:
-    """Who sees everybody all the same."""
+    """A remark where SUMO's own driver sees everybody all the same."""
     perfect = scenario.perception.is_perfect(scenario.experiment.step_s)
     if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
         scenario.arms.av,

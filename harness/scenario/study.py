@@ -249,7 +249,7 @@ def as_written(value: Any) -> str:
 
 
 def _value_at(tree: Mapping[str, Any], key: str) -> Any:
-    """What a cell that does not name a varied key has there; None where there is no such key."""
+    """A varied key's value in a cell that does not name it; None where there is no such key."""
     probe: dict[str, Any] = {}
     apply_setting(probe, Setting(key, None))
     node: Any = tree

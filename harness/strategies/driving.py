@@ -14,7 +14,7 @@ COMFORTABLE_MPS2 = 3.0
 """Deceleration towards the crosswalk: 10 ft/s², ITE's for drivers before a red light."""
 
 AT_KERB_M = 1.0
-"""Who stands no farther than this behind the kerb waits at the crosswalk."""
+"""Somebody who stands no farther than this behind the kerb waits at the crosswalk."""
 
 
 def resume(observation: Observation) -> float:

@@ -34,7 +34,7 @@ class StrategyParameter:
 
 
 def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
-    """What a scenario may set for a strategy, in the order of its constructor."""
+    """The parameters that a scenario may set, in the order of the strategy's constructor."""
     try:
         hints = get_type_hints(_constructor(strategy))
     except (NameError, TypeError):

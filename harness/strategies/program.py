@@ -80,7 +80,7 @@ class ProgramDriver:
         self._limit_s = answer_limit_s
 
     def decide(self, observation: Observation, /) -> Any:
-        """What the program answers: a number in m/s², or None (``null``) for SUMO's own driver."""
+        """The program's answer: a number in m/s², or None (``null``) for SUMO's own driver."""
         program = _running_program(self.COMMAND)
         try:
             program.say(line_of(observation))
@@ -146,7 +146,7 @@ class _Running:
 
 
 _programs: dict[tuple[str, ...], _Running] = {}
-"""Of this process, by their commands."""
+"""The programs of this process, by their commands."""
 
 
 def _running_program(command: tuple[str, ...]) -> _Running:

@@ -39,7 +39,7 @@ STRATEGIES: dict[str, StrategyFactory] = {
 }
 
 _prepared: set[tuple[StrategyFactory, str]] = set()
-"""What this process has prepared: a strategy and the parameters it was prepared with."""
+"""Strategies that this process has prepared, with the parameters they were prepared with."""
 
 
 def find_strategy(name: str, where: str) -> StrategyFactory:
@@ -111,7 +111,7 @@ def aggressiveness_of(name: str) -> Mapping[str, float]:
 
 
 def fallback_of(name: str) -> str:
-    """What drives where a strategy has no answer: the ``FALLBACK`` of a built-in one's class."""
+    """The strategy that drives where one has no answer: ``FALLBACK`` of a built-in one's class."""
     fallback: str = getattr(STRATEGIES.get(name), "FALLBACK", "its fallback")
     return fallback
 

@@ -1,4 +1,4 @@
-"""What a strategy sees, as a vector of fixed length: for learned policies."""
+"""Observations as vectors of fixed length, for learned policies."""
 
 import numpy as np
 from numpy.typing import NDArray

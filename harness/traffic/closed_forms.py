@@ -1,4 +1,4 @@
-"""What traffic engineering says on paper about an unsignalized crosswalk: delay, capacity, LOS.
+"""Closed forms for an unsignalized crosswalk: delay, capacity, level of service.
 
 Pure functions of numbers. Flows are per second, times in s, lengths in m. The harness holds its
 simulation against these, and shows the handbook's value beside the simulated one.

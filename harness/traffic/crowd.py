@@ -34,9 +34,9 @@ class Crowd:
         leave: Callable[[int], None],
     ) -> None:
         self.walkers: list[Walker] = []
-        """Who is at the crosswalk."""
+        """Everyone at the crosswalk."""
         self.came: list[Walker] = []
-        """All who came so far, in order of arrival."""
+        """Everyone who came so far, in order of arrival."""
         self.let_go: dict[int, bool] = {}
         self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
         self._choose_speed, self._leave = choose_speed, leave
@@ -50,7 +50,7 @@ class Crowd:
         self._on_way = {Side.NEAR: across, Side.FAR: across[::-1]}
 
     def begin_step(self, now: float) -> None:
-        """Those who wait look again; those who have reached the other kerb leave."""
+        """People who wait look again; people who have reached the other kerb leave."""
         gone = []
         blockers: dict[float, Moving | None] = {}  # for all who wait equally long
         for walker in self.walkers:
@@ -118,7 +118,7 @@ class Crowd:
         return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
 
     def _blocker(self, wait_s: float, elapsed_s: float) -> Moving | None:
-        """Who keeps somebody with that gap waiting, the first to be there; None: nobody."""
+        """The vehicle that keeps somebody with that gap waiting: the first one there, or None."""
         nearest: Moving | None = None
         first_s = math.inf
         for lane in self._lanes:

@@ -69,7 +69,7 @@ class Hour:
     def run(self) -> HourLog:
         """Simulate warm-up, counted time, and whatever it takes until the road is empty.
 
-        Who has not passed after ``clearing_s`` has not passed; the others have left the road.
+        A vehicle that has not passed ``clearing_s`` after the counted time never passes.
 
         Raises:
             EngineError: SUMO lost the hour; StrategyError: a strategy failed in one vehicle.
@@ -161,7 +161,7 @@ class Hour:
             self.log.vehicles.append(moving)
 
     def _read(self) -> None:
-        """The states at the step's end of all that somebody may look at."""
+        """Read the states at the step's end of all vehicles that somebody may look at."""
         step, distance_of, speed_of = self.step_s, self.road.distance_of, self.road.speed_of
         for lane in self.lanes:
             for moving in lane.driven:
@@ -177,7 +177,7 @@ class Hour:
                 head.acceleration_mps2 = (speed - head.speed_mps) / step
 
     def _move(self, lane: LaneOnRoad, step: int) -> None:
-        """After a step: who has passed leaves, who has come to R0 is taken over."""
+        """After a step: vehicles that have passed leave, those at R0 are taken over."""
         driven, coming = lane.driven, lane.coming
         for moving in driven:
             x = moving.x_m = moving.next_x_m
@@ -226,7 +226,7 @@ class Hour:
                 self.on_road[name].collided = True
 
     def _look_around(self, step: int) -> None:
-        """What is looked at every second."""
+        """Sample the road, every second."""
         queues = queued_in(self.road, self.lanes)
         if self.begin_step < step <= self.end_step:
             self.log.queues.append(queues)

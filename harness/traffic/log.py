@@ -1,4 +1,4 @@
-"""What is kept of an hour while it is simulated."""
+"""The record of an hour while it is simulated."""
 
 from dataclasses import dataclass, field
 
@@ -11,7 +11,7 @@ LEAST_CLEARING_S = 900.0
 
 @dataclass(slots=True)
 class HourLog:
-    """What became of an hour; times are steps from the beginning of the warm-up.
+    """The events of an hour; times are steps from the beginning of the warm-up.
 
     ``queues`` has, for each second of the counted time, the queued vehicles of each lane.
     ``let_go``: of each who had to wait, whether the first vehicle that kept them waiting let them

@@ -1,4 +1,4 @@
-"""What is looked at every second of an hour: queues, stops, and where everybody is."""
+"""Samples of every second of an hour: queues, stops, and where everybody is."""
 
 from collections.abc import Iterable, Sequence
 
@@ -14,7 +14,7 @@ SAMPLE_S = 1.0
 
 
 def queued_in(road: SumoRoad, lanes: Sequence[LaneOnRoad]) -> list[int]:
-    """The queued vehicles of each lane, those upstream of the road included.
+    """The number of queued vehicles of each lane, with those upstream of the road.
 
     Stops before R0 are counted on the way.
     """
@@ -32,7 +32,7 @@ def queued_in(road: SumoRoad, lanes: Sequence[LaneOnRoad]) -> list[int]:
 
 
 def note_paths(road: SumoRoad, on_road: Iterable[Moving], step: int) -> None:
-    """Where those are whom no strategy drives: those driven are noted at every step anyway."""
+    """Note the vehicles that no strategy drives; the others are noted at every step anyway."""
     for moving in on_road:
         if moving.first_step is None or moving.passed:
             moving.path.append((step, *state_of(road, moving)))

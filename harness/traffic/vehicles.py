@@ -49,10 +49,10 @@ class Moving:
     path: list[tuple[int, float, float]] = field(default_factory=list)
     """Step, x and speed at the samples before ``first_step`` and after it has passed, if noted."""
     met: list[Walker] = field(default_factory=list)
-    """Who was at the crosswalk when its strategy took over."""
+    """Everyone at the crosswalk when its strategy took over."""
     came_from: int = 0
     came_until: int = 0
-    """Those of the hour's walks who came while it drove: numbers in order of arrival."""
+    """The hour's walks that began while it drove: numbers in order of arrival."""
 
 
 class LaneOnRoad:
@@ -107,7 +107,7 @@ class LaneOnRoad:
         return x, head.speed_mps + gain * elapsed_s, head
 
     def seen_from(self, views: tuple[PedestrianView, ...]) -> tuple[PedestrianView, ...]:
-        """What this lane's vehicles see, of views from the ego's lane."""
+        """Views from the ego's lane as this lane's vehicles see them."""
         if not self._own_frame:
             return views
         shift = self._shift

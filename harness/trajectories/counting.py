@@ -1,4 +1,4 @@
-"""What an extraction used and what it left out, by named rule."""
+"""Counts of the items that an extraction used and left out, by named rule."""
 
 from collections import Counter
 from collections.abc import Mapping
@@ -68,7 +68,7 @@ class Tally:
             self.dropped[level][reason] += int(number)
 
     def remarks(self) -> list[str]:
-        """What was left out of the records, and assumed of them, a sentence each."""
+        """Sentences on the records left out, and on assumptions about the others."""
         dropped = (
             f"{number} records left out: {REASONS['records'][reason]}"
             for reason, number in self.dropped["records"].items()

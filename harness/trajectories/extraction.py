@@ -30,7 +30,7 @@ from harness.trajectories.tracks import Clip
 VEHICLE_KEY = ("source", "clip", "vehicle")
 ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
 EXTRACTION_KEY = b"harness.extraction"
-"""Where a file of rows has its command and counts: in the Parquet file's metadata."""
+"""Key of the command and the counts in the metadata of a Parquet file of rows."""
 
 SUMMARISED = (
     "range_m",
@@ -141,7 +141,7 @@ def read_clips(
 
 
 def summary(extraction: Extraction) -> dict[str, Any]:
-    """What an extraction holds, as plain data (JSON-ready).
+    """Figures of an extraction as plain data (JSON-ready).
 
     Returns:
         ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,

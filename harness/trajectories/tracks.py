@@ -82,7 +82,7 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """What was seen together: one video clip, or one trip of an instrumented vehicle.
+    """Tracks seen together: one video clip, or one trip of an instrumented vehicle.
 
     Attributes:
         source: the data set's name.

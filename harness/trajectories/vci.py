@@ -43,7 +43,7 @@ CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
 
 @dataclass(frozen=True)
 class VciOptions:
-    """What the files do not say.
+    """Facts that the files do not say.
 
     Attributes:
         frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.

@@ -1,4 +1,4 @@
-"""What a trace of a passage says of its driver."""
+"""A driver's outcome in a passage, measured on its trace."""
 
 from dataclasses import dataclass
 

@@ -78,7 +78,7 @@ def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Where someone is in the road's frame: a polyline in time, before and after the record too.
+    """A pedestrian's places in the road's frame: a polyline in time, also around the record.
 
     Attributes:
         side: the kerb they come from.

@@ -99,7 +99,7 @@ def _open_for_writing(path: Path | None) -> IO[str]:
 
 
 class Hang(NamedTuple):
-    """What a worker was about when its watchdog ended it."""
+    """The work of a worker when its watchdog ended it."""
 
     episode: tuple[int, Arm] | None
     in_decide: bool
@@ -107,7 +107,7 @@ class Hang(NamedTuple):
 
 
 def hang_of(stack_file: Path | None) -> Hang | None:
-    """What a stack file says; None without one, or where the worker died of something else."""
+    """The content of a stack file; None without one, or where the worker died of something else."""
     if stack_file is None or not stack_file.is_file():
         return None
     episode = begun_in(stack_file)

@@ -1,4 +1,4 @@
-"""What runs inside a worker process: one task, on the one SUMO simulation of the process."""
+"""Runs a task inside a worker process, on the one SUMO simulation of the process."""
 
 import importlib
 from collections.abc import Iterable, Iterator
@@ -22,7 +22,7 @@ from harness.workers.watchdog import Watch, watchdog
 
 _cell = ""
 _runners: dict[EngineName, PairRunner] = {}
-"""Of the cell that is under way."""
+"""The runner of the cell that is under way."""
 
 
 def serve(connection: Connection, module: str) -> None:
