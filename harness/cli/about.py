@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -112,14 +112,11 @@ def doctor(
         found = versions_of_runs()
     except ImportError:
         found = {}  # what is missing is the first check's to say
-    if as_json:
-        with unwinding():
-            _print_checks(installation_checks(), quiet, as_json, versions=found)
-        return
-    for name, version in () if quiet else found.items():
-        print_line(f"{name:8s} {version}")
+    if not (quiet or as_json):
+        for name, version in found.items():
+            print_line(f"{name:8s} {version}")
     with unwinding():
-        _print_checks(installation_checks(), quiet, as_json)
+        _print_checks(installation_checks(), found, quiet, as_json)
 
 
 def _print_verdicts(
@@ -150,21 +147,18 @@ def _print_verdicts(
 
 def _print_checks(
     checks: Iterable[tuple[str, str | None]],
+    versions: dict[str, str],
     quiet: bool,
     as_json: bool,
-    **more: Any,
 ) -> None:
     """Say of each check, as it is made, whether it went well; exit code 1 if one did not."""
-    problems = []
     made = []
     for title, problem in checks:
         made.append({"check": title, "problem": problem})
-        if problem is not None:
-            problems.append(problem)
         if not as_json and (problem is not None or not quiet):
             word = "ok" if problem is None else "FAILED"
             print_line(f"{word:8s} {title}" + (f": {problem}" if problem else ""))
     if as_json:
-        print_json({**more, "checks": made})
-    if problems:
+        print_json({"versions": versions, "checks": made})
+    if any(check["problem"] is not None for check in made):
         raise typer.Exit(1)

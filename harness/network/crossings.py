@@ -7,6 +7,7 @@ from harness.encounter import PEDESTRIAN_RADIUS_M
 from harness.errors import InputError
 from harness.roads import Geography, RoadNetwork, Site, site_at
 from harness.roads.locate import junction_of
+from harness.scenario.own_network import CLEAR_M
 from harness.scenario.sections import CrossingSection, EgoSection
 
 RANGE_M = EgoSection().trigger_range_m
@@ -107,7 +108,7 @@ def _problem(site: Site) -> str | None:
         way.departure(RANGE_M)
     except InputError as error:
         return f"{RANGE_M:g} m before it: {error.problem}; allowed: {error.allowed}"
-    needed = ego.length_m + site.width_m / 2 + 1.0
+    needed = ego.length_m + site.width_m / 2 + CLEAR_M
     if way.straight_after_m < needed:
         figure = f"straight for {way.straight_after_m:.1f} m beyond it, where it {way.ends_after}"
         return f"{figure}; allowed: at least {needed:.1f} m"

@@ -13,7 +13,7 @@ from harness.scenario.sections import (
     TrafficSection,
     path_of,
 )
-from harness.scenario.sight import check_sight, remarks_on_sight
+from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 
 MAX_BEFORE_KERB_M = 8.0
 """How far before their kerb a timed pedestrian may start: a footpath is 10 m long."""
@@ -50,13 +50,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
             f"{experiment.step_s!r} s",
             "whole milliseconds, SUMO's resolution",
         )
-    steps = experiment.timeout_s / experiment.step_s
-    if steps < 1 - 1e-9 or abs(steps - round(steps)) > 1e-6:
-        raise InputError(
-            f"{source}: experiment.timeout_s",
-            f"{experiment.timeout_s:g} s",
-            f"whole steps of experiment.step_s = {experiment.step_s:g} s",
-        )
+    check_steps(f"{source}: experiment.timeout_s", experiment.timeout_s, experiment.step_s, 1)
     if scenario.traffic is not None:
         _check_traffic(scenario, scenario.traffic, f"{source}: pedestrians")
     check_sight(scenario, source)
@@ -106,7 +100,7 @@ def _check_lanes(scenario: Scenario, source: str) -> None:
 
 
 def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
-    """Refuse a vehicle that is too wide for its lane, or for who waits beside it."""
+    """Refuse a vehicle that is too wide for its lane, or for people who wait beside it."""
     ego, crossing, width = scenario.ego, scenario.crossing, crosswalk.lane_width_m
     if ego.width_m > width:
         count = crossing.lanes + crossing.oncoming_lanes
@@ -200,10 +194,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> N
         why = f"{traffic.tau_s:g} s: vehicles would run into each other"
         raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     for key in ("duration_s", "warm_up_s"):
-        steps = getattr(traffic, key) / step_s
-        if abs(steps - round(steps)) > 1e-6:
-            allowed = f"whole steps of experiment.step_s = {step_s:g} s"
-            raise InputError(f"{where}.{key}", f"{getattr(traffic, key):g} s", allowed)
+        check_steps(f"{where}.{key}", getattr(traffic, key), step_s)
     source = where.removesuffix(": traffic")
     for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
         lanes = scenario.crosswalk_from_lanes(oncoming=oncoming)

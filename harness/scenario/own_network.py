@@ -1,6 +1,6 @@
-"""``[crossing] net``: what a network of the user's own says takes the place of the keys."""
+"""``[crossing] net``: a network of the user's own takes the place of the keys that it says."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,23 +9,23 @@ from harness.roads import Place, Site, Stream, Survey, streams_of, survey
 from harness.roads.site import TOLERANCE_M
 from harness.scenario.sections import Scenario
 
-READ_KEYS = (
-    "latitude_deg",
-    "longitude_deg",
-    "bearing_deg",
-    "length_m",
-    "width_m",
-    "pedestrian_priority",
-    "lanes",
-    "oncoming_lanes",
-    "lane_width_m",
-    "road_speed_limit_mps",
-)
-"""The keys of ``[crossing]`` that a network says."""
+_READ: Mapping[str, Callable[[Survey], Any]] = {
+    "latitude_deg": lambda found: found.where and found.where.latitude_deg,
+    "longitude_deg": lambda found: found.where and found.where.longitude_deg,
+    "bearing_deg": lambda found: (found.where or found.site).bearing_deg,
+    "length_m": lambda found: found.site.length_m,
+    "width_m": lambda found: found.site.width_m,
+    "pedestrian_priority": lambda found: found.site.pedestrian_priority,
+    "lanes": lambda found: found.site.lanes,
+    "oncoming_lanes": lambda found: found.site.oncoming_lanes,
+    "lane_width_m": lambda found: found.site.ego.width_m,
+    "road_speed_limit_mps": lambda found: found.site.ego.speed_limit_mps,
+}
+"""The keys of ``[crossing]`` that a network says, and how they follow from its survey."""
 
-_CLEAR_M = 1.0
+CLEAR_M = 1.0
 """How much straight road has to follow where the ego's rear has left the crosswalk."""
-_CLEAR = f"ego.length_m + half the crosswalk's width + {_CLEAR_M:g} m"
+_CLEAR = f"ego.length_m + half the crosswalk's width + {CLEAR_M:g} m"
 
 
 def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -> Mapping[str, Any]:
@@ -50,7 +50,7 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
     read = crossing.read
     if read is not None and asked == (read.net, read.edge, read.approach, read.lane):
         return tree
-    given = [key for key in READ_KEYS if key in crossing.model_fields_set and read is None]
+    given = [key for key in _READ if key in crossing.model_fields_set and read is None]
     if given:
         problem = "is given beside crossing.net, which says it"
         raise InputError(f"{where}.{given[0]}", problem, "one of the two")
@@ -65,7 +65,7 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
         **tree,
         "crossing": {
             **dict(tree["crossing"]),
-            **_geometry(found),
+            **{key: read_of(found) for key, read_of in _READ.items()},
             "read": {
                 **words,
                 "sha256": found.sha256,
@@ -80,24 +80,8 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
     }
 
 
-def _geometry(found: Survey) -> dict[str, Any]:
-    site, where = found.site, found.where
-    return {
-        "latitude_deg": None if where is None else where.latitude_deg,
-        "longitude_deg": None if where is None else where.longitude_deg,
-        "bearing_deg": site.bearing_deg if where is None else where.bearing_deg,
-        "length_m": site.length_m,
-        "width_m": site.width_m,
-        "pedestrian_priority": site.pedestrian_priority,
-        "lanes": site.lanes,
-        "oncoming_lanes": site.oncoming_lanes,
-        "lane_width_m": site.ego.width_m,
-        "road_speed_limit_mps": site.ego.speed_limit_mps,
-    }
-
-
 def _check(site: Site, scenario: Scenario, source: str) -> None:
-    """Refuse what this scenario cannot do at this crosswalk."""
+    """Refuse a crosswalk at which this scenario cannot take place."""
     ego, crossing = scenario.ego, scenario.crossing
     if scenario.traffic is not None:
         for stream in streams_of(site):
@@ -149,4 +133,4 @@ def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -
 
 
 def _clear_m(site: Site, scenario: Scenario) -> float:
-    return scenario.ego.length_m + site.width_m / 2 + _CLEAR_M
+    return scenario.ego.length_m + site.width_m / 2 + CLEAR_M

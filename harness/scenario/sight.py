@@ -26,15 +26,16 @@ def check_sight(scenario: Scenario, source: str) -> None:
     update_s = step_s if perception.update_s is None else perception.update_s
     times_s = {"latency_s": (perception.latency_s, 0), "update_s": (update_s, 1)}
     for key, (time_s, fewest) in times_s.items():
-        steps = time_s / step_s
-        if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
-            raise InputError(
-                f"{source}: perception.{key}",
-                f"{time_s:g} s",
-                f"whole steps of experiment.step_s = {step_s:g} s",
-            )
+        check_steps(f"{source}: perception.{key}", time_s, step_s, fewest)
     for number, obstacle in enumerate(obstacles):
         _check_obstacle(obstacle, scenario, f"{source}: crossing.obstacles.{number}")
+
+
+def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> None:
+    """Refuse a time that is no whole number of steps, or of fewer than ``fewest``."""
+    steps = time_s / step_s
+    if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
+        raise InputError(where, f"{time_s:g} s", f"whole steps of experiment.step_s = {step_s:g} s")
 
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:

@@ -76,6 +76,10 @@ class Tally:
         skipped = (f"Clip {clip} not used: {why}" for clip, why in self.skipped.items())
         return [*dropped, *skipped, *self.notes]
 
+    def why_skipped(self) -> str:
+        """The clips or files that could not be used, with the reason of each."""
+        return "; ".join(f"{name}: {why}" for name, why in self.skipped.items())
+
     def note(self, text: str) -> None:
         """Keep a remark once."""
         if text not in self.notes:

@@ -93,9 +93,7 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     """
     converted = {name: _as_numbers(table[name]) for name in names}
     for name, column in converted.items():
-        if column.isna().all() and table[name].notna().any():
-            sample = table[name].dropna().iloc[0]
-            raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
+        refuse_no_number(path, table[name], column)
     values = pd.DataFrame(converted).astype(np.float64)
     text = (values.isna() & table[list(names)].notna()).any(axis=1)
     finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
@@ -107,8 +105,30 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     return table[usable]
 
 
+def refuse_no_number(path: Path, column: pd.Series, values: pd.Series) -> None:
+    """Refuse a column of which not a single cell is a number.
+
+    Args:
+        path: the file, for messages.
+        column: as read.
+        values: the same as numbers, NaN where a cell is none.
+    """
+    if values.isna().all() and column.notna().any():
+        sample = column.dropna().iloc[0]
+        raise InputError(str(path), f"column {column.name!r} holds {sample!r}", "numbers")
+
+
+def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
+    """Records in the order of their clock, the first of each instant; the others are counted."""
+    tally.out_of_order += int((records[clock].diff() < 0).sum())
+    records = records.sort_values(clock, kind="stable")
+    repeated = records[clock].duplicated()
+    tally.drop("records", "duplicated", int(repeated.sum()))
+    return records.loc[~repeated]
+
+
 def _as_numbers(column: pd.Series) -> pd.Series:
-    """Floats, NaN where a cell is no number."""
+    """FloatArray, NaN where a cell is no number."""
     try:
         return pd.to_numeric(column, errors="coerce")
     except OverflowError:

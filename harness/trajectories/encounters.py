@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from harness.encounter import FloatArray
 from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
 from harness.trajectories.paths import (
@@ -16,7 +17,7 @@ from harness.trajectories.paths import (
     first_crossing,
     travel_m,
 )
-from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
+from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
 
 # Corner spacing and the chord that gives a direction: a few times the recording jitter (about
 # 2 cm in drone video), well under the curvature of a turning car or a walker's detour.
@@ -26,7 +27,7 @@ PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
 LONG_PAUSE_S = 10.0
 
 # The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
-Columns = dict[str, Floats | str | float | None]
+Columns = dict[str, FloatArray | str | float | None]
 CANDIDATE_COLUMNS = tuple(
     name for name in ROW_COLUMNS if name not in ("arrival_time_s", "time_advantage_s")
 )
@@ -38,7 +39,7 @@ class Mover:
 
     track: Track
     path: TravelPath
-    arc_m: Floats
+    arc_m: FloatArray
 
 
 def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[pd.DataFrame]:
@@ -56,7 +57,7 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
         yield pd.DataFrame({"source": clip.source, "clip": clip.name, **columns})
 
 
-def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> Floats | None:
+def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> FloatArray | None:
     """(2,) where the two paths first cross, along the vehicle's; None when they do not.
 
     Args:
@@ -152,14 +153,16 @@ def _pair_rows(
     }
 
 
-def directions(car: Mover, walker: Mover, crossing: tuple[float, float]) -> tuple[Floats, Floats]:
+def directions(
+    car: Mover, walker: Mover, crossing: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
     """(2,) unit directions of driving and of walking where the two paths cross."""
     on_car, on_walker = crossing
     driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
     return driving, walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
 
 
-def angle_deg(driving: Floats, walking: Floats) -> float:
+def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
     """Between two unit directions, 0–180."""
     return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
 
@@ -177,7 +180,9 @@ def _seen(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]
         yield _sighting_rows(clip, sighting, times, rules)
 
 
-def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: ExtractionRules) -> Columns:
+def _sighting_rows(
+    clip: Clip, seen: Sighting, times: FloatArray, rules: ExtractionRules
+) -> Columns:
     """The sensor's R, L and speeds at the sampling instants."""
     length = clip.vehicles[seen.vehicle].length_m
     passed_first, pet_s = order_of_passing(
@@ -199,7 +204,7 @@ def _sighting_rows(clip: Clip, seen: Sighting, times: Floats, rules: ExtractionR
     }
 
 
-def sampling_instants(one: Floats, other: Floats, sample_s: float) -> Floats:
+def sampling_instants(one: FloatArray, other: FloatArray, sample_s: float) -> FloatArray:
     """Multiples of the sampling interval within the time that two tracks have in common.
 
     Args:
@@ -223,7 +228,9 @@ def sampling_instants(one: Floats, other: Floats, sample_s: float) -> Floats:
     return np.concatenate([np.empty(0), *stretches])
 
 
-def spans_gap(time_s: Floats, start: Floats, end: Floats, max_gap_s: float) -> np.ndarray:
+def spans_gap(
+    time_s: FloatArray, start: FloatArray, end: FloatArray, max_gap_s: float
+) -> np.ndarray:
     """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [start, end]."""
     gaps_before = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
     left = np.clip(np.searchsorted(time_s, start, side="right") - 1, 0, None)
@@ -231,7 +238,9 @@ def spans_gap(time_s: Floats, start: Floats, end: Floats, max_gap_s: float) -> n
     return np.asarray(gaps_before[right] > gaps_before[left])
 
 
-def rate(time_s: Floats, value: Floats, at: Floats, rules: ExtractionRules) -> Floats:
+def rate(
+    time_s: FloatArray, value: FloatArray, at: FloatArray, rules: ExtractionRules
+) -> FloatArray:
     """Rate of change over the speed window about each instant, cut at the track's ends.
 
     Undefined (NaN) across a gap, and where less than half the window was recorded.
@@ -244,11 +253,11 @@ def rate(time_s: Floats, value: Floats, at: Floats, rules: ExtractionRules) -> F
 
 
 def order_of_passing(
-    vehicle_time_s: Floats,
-    range_m: Floats,
+    vehicle_time_s: FloatArray,
+    range_m: FloatArray,
     length_m: float,
-    pedestrian_time_s: Floats,
-    lateral_m: Floats,
+    pedestrian_time_s: FloatArray,
+    lateral_m: FloatArray,
 ) -> tuple[str | None, float | None]:
     """Who passed the conflict point first, and the post-encroachment time.
 
@@ -272,7 +281,7 @@ def order_of_passing(
     return None, None
 
 
-def _passing(time_s: Floats, remaining_m: Floats) -> tuple[float, float]:
+def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:
     """Bounds of the time at which the remaining distance first reaches 0; equal when observed."""
     past = np.flatnonzero(remaining_m <= 0)
     if len(past) == 0:

@@ -24,6 +24,7 @@ from typing import ClassVar
 import numpy as np
 import pandas as pd
 
+from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.trajectories.counting import Tally
 from harness.trajectories.csv_input import (
@@ -31,11 +32,12 @@ from harness.trajectories.csv_input import (
     identifiers,
     in_order,
     numbers,
+    once_each,
     read_table,
     require_columns,
 )
 from harness.trajectories.extraction_rules import check_numbers
-from harness.trajectories.tracks import Clip, Floats, Sighting, Track, VehicleTrack
+from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
 
 COLUMNS = (
     "Device",
@@ -120,8 +122,8 @@ def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) ->
                 tally.clips += 1
                 yield _read_trip(options.source or file.stem, name, trip, options, tally)
     if not used:
-        reasons = "; ".join(f"{name}: {why}" for name, why in tally.skipped.items())
-        raise InputError(str(paths[0]), f"no trip can be used ({reasons or 'no record is left'})")
+        why = tally.why_skipped() or "no record is left"
+        raise InputError(str(paths[0]), f"no trip can be used ({why})")
 
 
 def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame:
@@ -148,7 +150,7 @@ def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame
     )
 
 
-def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[Floats, Floats]:
+def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, FloatArray]:
     """(n, 2) positions and (n, 2) forward unit vectors of the bus in the turned axes."""
     radians = np.radians(table[["Longitude", "Latitude", "GpsHeading"]].to_numpy())
     parallel = math.cos(math.radians(options.latitude_deg))
@@ -203,11 +205,7 @@ def _sequences(
     records: pd.DataFrame, options: MobileyeOptions, tally: Tally
 ) -> Iterator[pd.DataFrame]:
     """An obstacle's records cut at pauses; too short ones are counted and left out."""
-    tally.out_of_order += int((records["time_s"].diff() < 0).sum())
-    records = records.sort_values("time_s", kind="stable")
-    repeated = records["time_s"].duplicated()
-    tally.drop("records", "duplicated", int(repeated.sum()))
-    records = records.loc[~repeated]
+    records = once_each(records, "time_s", tally)
     # Times are hundredths of a second: a pause of exactly the limit does not cut.
     number = (records["time_s"].diff() > options.sequence_gap_s + 1e-9).cumsum()
     for _, sequence in records.groupby(number):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.trajectories.tracks import Floats, read_only
+from harness.encounter import FloatArray
+from harness.trajectories.tracks import read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -18,17 +19,17 @@ class TravelPath:
         record: (m − 1,) index of the track record behind each observed corner.
     """
 
-    points: Floats
-    arc_m: Floats
+    points: FloatArray
+    arc_m: FloatArray
     record: NDArray[np.intp]
 
-    def at(self, arc_m: float) -> Floats:
+    def at(self, arc_m: float) -> FloatArray:
         """(2,) the point at a path length, ends held."""
         x = np.interp(arc_m, self.arc_m, self.points[:, 0])
         y = np.interp(arc_m, self.arc_m, self.points[:, 1])
         return np.array([x, y])
 
-    def direction(self, arc_m: float, half_chord_m: float) -> Floats:
+    def direction(self, arc_m: float, half_chord_m: float) -> FloatArray:
         """(2,) unit direction of motion about a path length, over a chord of the path.
 
         Where the path turns back on itself and the chord has no length, the piece there counts.
@@ -41,12 +42,12 @@ class TravelPath:
         return np.asarray(chord / np.hypot(*chord))
 
 
-def travel_m(position_m: Floats) -> float:
+def travel_m(position_m: FloatArray) -> float:
     """The farthest an object gets from where it was first seen."""
     return float(np.hypot(*(position_m - position_m[0]).T).max())
 
 
-def thinned(position_m: Floats, step_m: float) -> NDArray[np.intp]:
+def thinned(position_m: FloatArray, step_m: float) -> NDArray[np.intp]:
     """Indices of records at least a step apart, so that recording jitter adds no path length."""
     kept = [0]
     x, y = position_m[:, 0].tolist(), position_m[:, 1].tolist()
@@ -59,7 +60,7 @@ def thinned(position_m: Floats, step_m: float) -> NDArray[np.intp]:
 
 
 def build_path(
-    position_m: Floats, step_m: float, chord_m: float, extension_m: float
+    position_m: FloatArray, step_m: float, chord_m: float, extension_m: float
 ) -> TravelPath | None:
     """The path through an object's records, extended straight ahead.
 
@@ -92,7 +93,7 @@ def build_path(
     )
 
 
-def arc_of_records(path: TravelPath, position_m: Floats) -> Floats:
+def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
     """(n,) path length of every record of the track the path was built from.
 
     A record is put onto the nearest of the pieces around its own place in time, so that a path

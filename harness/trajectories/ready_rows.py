@@ -22,6 +22,7 @@ from harness.trajectories.csv_input import (
     EmptyTableError,
     identifiers,
     read_table,
+    refuse_no_number,
     require_columns,
 )
 from harness.trajectories.extraction_rules import ROW_COLUMNS, TEXT_COLUMNS, with_times
@@ -69,8 +70,7 @@ def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.
             except EmptyTableError as problem:
                 tally.skipped[file.name] = problem.problem
     if not frames:
-        reasons = "; ".join(f"{name}: {why}" for name, why in tally.skipped.items())
-        raise InputError(str(paths[0]), f"no row can be used ({reasons})")
+        raise InputError(str(paths[0]), f"no row can be used ({tally.why_skipped()})")
     return pd.concat(frames, ignore_index=True)
 
 
@@ -101,9 +101,7 @@ def _number(path: Path, table: pd.DataFrame, name: str) -> pd.Series:
     if name not in table:
         return pd.Series(np.nan, table.index)
     values = pd.to_numeric(table[name], errors="coerce").astype(np.float64)
-    if values.isna().all() and table[name].notna().any():
-        sample = table[name].dropna().iloc[0]
-        raise InputError(str(path), f"column {name!r} holds {sample!r}", "numbers")
+    refuse_no_number(path, table[name], values)
     return values.where(values.abs() <= LARGEST_NUMBER)
 
 

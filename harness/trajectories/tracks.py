@@ -9,12 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from harness.encounter import FloatArray
 
 
-def read_only(values: NDArray[np.float64]) -> Floats:
+def read_only(values: FloatArray) -> FloatArray:
     """A float copy that cannot be written to."""
     copy = np.array(values, dtype=np.float64)
     copy.setflags(write=False)
@@ -30,8 +29,8 @@ class Track:
         position_m: (n, 2) x and y in the clip's metric axes.
     """
 
-    time_s: Floats
-    position_m: Floats
+    time_s: FloatArray
+    position_m: FloatArray
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "time_s", read_only(self.time_s))
@@ -68,10 +67,10 @@ class Sighting:
 
     vehicle: str
     pedestrian: str
-    time_s: Floats
-    range_m: Floats
-    lateral_m: Floats
-    vehicle_speed_mps: Floats
+    time_s: FloatArray
+    range_m: FloatArray
+    lateral_m: FloatArray
+    vehicle_speed_mps: FloatArray
     pedestrian_speed_mps: float
     crossing_angle_deg: float
 

@@ -29,6 +29,7 @@ from harness.trajectories.csv_input import (
     identifiers,
     in_order,
     numbers,
+    once_each,
     read_table,
     require_columns,
 )
@@ -92,8 +93,7 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
                 tally.clips += 1
                 yield clip
     if not used:
-        reasons = "; ".join(f"{name}: {why}" for name, why in tally.skipped.items())
-        raise InputError(str(paths[0]), f"no clip can be used ({reasons})")
+        raise InputError(str(paths[0]), f"no clip can be used ({tally.why_skipped()})")
 
 
 def _clip_files(path: Path) -> dict[str, Path]:
@@ -198,12 +198,7 @@ def _records(
     tracks = {}
     groups = {str(key): records for key, records in table.groupby(keys)}
     for key in in_order(groups):
-        records = groups[key]
-        tally.out_of_order += int((records["frame"].diff() < 0).sum())
-        records = records.sort_values("frame", kind="stable")
-        repeated = records["frame"].duplicated()
-        tally.drop("records", "duplicated", int(repeated.sum()))
-        records = records.loc[~repeated]
+        records = once_each(groups[key], "frame", tally)
         if len(records) < 2:
             tally.drop("tracks", "one_record")
             continue

@@ -5,15 +5,15 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from harness.encounter import FloatArray
 from harness.errors import InputError, unknown_name
 from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
-from harness.trajectories.tracks import Floats
 
 Weigh = Literal["row", "encounter", "vehicle"]
 WEIGHINGS: tuple[Weigh, ...] = ("row", "encounter", "vehicle")
 
 
-def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = None) -> Floats:
+def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = None) -> FloatArray:
     """Weights that sum to the number of encounters, BIC's n.
 
     Rows of one encounter follow each other within a second and say nearly the same; a few
@@ -60,7 +60,7 @@ def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = No
     return per_encounter * _vehicle_factor(rows, encounter, vehicle_cap)
 
 
-def _vehicle_factor(rows: pd.DataFrame, encounter: np.ndarray, cap: float | None) -> Floats:
+def _vehicle_factor(rows: pd.DataFrame, encounter: np.ndarray, cap: float | None) -> FloatArray:
     """(n,) weight of a row's encounter under the capped vehicle weighing."""
     vehicle = rows.groupby(list(VEHICLE_KEY), sort=False).ngroup().to_numpy()
     _, first_row = np.unique(encounter, return_index=True)
