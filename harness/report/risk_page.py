@@ -104,22 +104,26 @@ def _tables(result: dict[str, Any]) -> Iterator[Table]:
 def _people_table(number: int, way: dict[str, Any]) -> Table:
     rows = []
     for person in way["pedestrians"][:_PEOPLE_SHOWN]:
-        gap = person["critical_gap_s"]
-        cells = [
-            TableCell(f"{person['arrival_s']:.2f}", sort=str(person["arrival_s"])),
-            TableCell(person["side"]),
-            TableCell(f"{person['quantile']:.3f}", sort=str(person["quantile"])),
-            TableCell("" if gap is None else f"{gap:.2f}", sort="" if gap is None else str(gap)),
-        ]
-        rows.append(tuple(cells))
+        side = TableCell(person["side"])
+        quantile = _given(person["quantile"], ".3f")
+        gap, look = _given(person["critical_gap_s"], ".2f"), _given(person["found_at_look"], "d")
+        rows.append((_given(person["arrival_s"], ".2f"), side, quantile, gap, look))
     return Table(
         f"way-{number}",
         f"Who comes in the likeliest episode of way {number}: {per_cent(way['share'], 0)} % of the "
         f"probability, {way['events']:,} events",
-        ("arrives, s", "from the side", "quantile of the walking speed", "critical gap, s"),
+        (
+            *("arrives, s", "from the side", "quantile of the walking speed", "critical gap, s"),
+            "found at look",
+        ),
         tuple(rows),
         folded=True,
     )
+
+
+def _given(value: float | None, form: str) -> TableCell:
+    """A number of a person; empty where they have none."""
+    return TableCell("") if value is None else TableCell(f"{value:{form}}", sort=str(value))
 
 
 def _number(value: float | None) -> TableCell:

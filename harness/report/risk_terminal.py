@@ -75,7 +75,7 @@ def ways_table(ways: list[dict[str, Any]]) -> Table:
     """The likeliest ways to the event, each with the people of its likeliest episode."""
     rows = []
     for way in ways:
-        people = "; ".join(_person(person) for person in way["pedestrians"][:_PEOPLE_SHOWN])
+        people = "; ".join(person_words(person) for person in way["pedestrians"][:_PEOPLE_SHOWN])
         first, last = way["critical_pairs"]
         share = TableCell(f"{per_cent(way['share'], 0)} %", sort=str(way["share"]))
         rows.append((share, TableCell(people), TableCell(f"{first} to {last}")))
@@ -83,9 +83,15 @@ def ways_table(ways: list[dict[str, Any]]) -> Table:
     return Table("ways", "The likeliest ways to the event", headings, tuple(rows))
 
 
-def _person(person: dict[str, Any]) -> str:
-    words = (
-        f"{person['arrival_s']:.1f} s {person['side']}, walks at quantile {person['quantile']:.3f}"
-    )
-    gap = person["critical_gap_s"]
-    return words if gap is None else f"{words}, gap {gap:.1f} s"
+def person_words(person: dict[str, Any]) -> str:
+    """Who comes, when, and how."""
+    words = [f"{person['arrival_s']:.1f} s {person['side']}"]
+    if person["quantile"] is None:
+        words.append("timed")
+    else:
+        words.append(f"walks at quantile {person['quantile']:.3f}")
+    if person["critical_gap_s"] is not None:
+        words.append(f"gap {person['critical_gap_s']:.1f} s")
+    if person["found_at_look"] is not None:
+        words.append(f"found at look {person['found_at_look']}")
+    return ", ".join(words)

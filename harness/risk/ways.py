@@ -7,6 +7,7 @@ import numpy as np
 
 from harness.encounter import FloatArray
 from harness.episode.arrivals import planned_arrivals
+from harness.perception.track import updates_until_found
 from harness.risk.fitting import nearest_of, starts_of
 from harness.risk.space import Space
 from harness.scenario import Scenario
@@ -57,18 +58,25 @@ def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> 
 
 
 def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> list[dict[str, Any]]:
-    """Who comes in an episode, in words that a table can hold: the sampled pedestrians alone."""
+    """Who comes in an episode, as a table can hold them: those who are timed, and the sampled.
+
+    ``quantile`` is None of those who are timed, ``found_at_look`` where everybody, or
+    nobody, is found.
+    """
     given = space.given(z, number)
     arrivals = planned_arrivals(scenario, number, given)
-    timed = len(scenario.timed_walks())
+    chance = scenario.perception.detection_probability
     return [
         {
             "arrival_s": arrival.arrival_s,
             "side": arrival.side.value,
             "quantile": arrival.quantile,
             "critical_gap_s": arrival.critical_gap_s,
+            "found_at_look": None
+            if arrival.detection_quantile is None or chance == 0
+            else int(updates_until_found(arrival.detection_quantile, chance)),
         }
-        for arrival in arrivals[timed : timed + len(given.get("quantile", ()))]
+        for arrival in arrivals[: len(scenario.timed_walks()) + len(given.get("quantile", ()))]
     ]
 
 

@@ -13,6 +13,7 @@ from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import MEASURES, EpisodeRecord, Measure
+from harness.report.risk_terminal import person_words
 from harness.risk.estimation import estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.fitting import first_components, spread
@@ -20,6 +21,7 @@ from harness.risk.interval import estimate_of
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of
+from harness.risk.ways import people_of
 from harness.scenario import Scenario, validate
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
@@ -266,6 +268,15 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     scenario = validate(tree, "test")
     (arrival,) = planned_arrivals(scenario, 3, space.given(np.array([1.0]), 3))
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
+    # 1 − Φ(1) = 0.159 is more than 0.5³ and less than 0.5².
+    (person,) = people_of(scenario, space, 3, np.array([1.0]))
+    assert (person["quantile"], person["found_at_look"]) == (None, 3)
+    assert person_words(person) == "0.0 s near, timed, found at look 3"
+    blind = scenario.model_copy(
+        update={"perception": scenario.perception.model_copy(update={"detection_probability": 0.0})}
+    )
+    (person,) = people_of(blind, space, 3, np.array([1.0]))
+    assert person["found_at_look"] is None
 
 
 @pytest.mark.parametrize("first_at_trigger", [False, True])
