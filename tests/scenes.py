@@ -13,7 +13,7 @@ from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 
 Walker = tuple[float, Side, float]
-"""When he steps off (or arrives), from where, how fast he walks in m/s."""
+"""When they step off (or arrive), from where, how fast they walk in m/s."""
 
 
 def scenario(**sections: dict[str, object]) -> Scenario:

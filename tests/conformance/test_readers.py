@@ -2,7 +2,7 @@
 
 ``tests/data/encounter/<format>/`` shows the same encounter in each format, in its own units, axes
 and clock: s seconds after its first record one vehicle's front bumper is 41 m − 5 m/s · s before
-the line of one pedestrian's way, he is 6 m − 1.2 m/s · s before the line of its way, at a right
+the line of one pedestrian's way, they are 6 m − 1.2 m/s · s before the line of its way, at a right
 angle, seen at least until s = 4.6.
 """
 

@@ -177,7 +177,7 @@ def test_a_fallback_that_drives_has_its_name(told: Any) -> None:
 
 
 def test_mu_says_which_way_it_errs(told: Any) -> None:
-    # Where the human crashes, slow people are about: the AV waits 35 s, he would have taken 8 s.
+    # Where the human crashes, slow people are about: the AV waits 35 s, they would have taken 8 s.
     def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
         if pair % 4:
             return 8.0 + 0.1 * (pair % 3), 10.0

@@ -61,7 +61,7 @@ def nearest(case: Case) -> tuple[float, float]:
 
 
 def first_contact(case: Case) -> float | None:
-    """By bisection between the start, when he is apart, and the nearest moment."""
+    """By bisection between the start, when they are apart, and the nearest moment."""
     time, smallest = nearest(case)
     if smallest > RADIUS:
         return None
@@ -82,7 +82,7 @@ def cases(speeds: list[float], walking: list[float], every_s: float) -> Iterator
         range_m = 30.0 if speed <= 5 else 60.0
         for side in Side:
             for pace in walking:
-                # His disc leaves the ego's path at the latest 7.9 m from his kerb.
+                # Their disc leaves the ego's path at the latest 7.9 m from their kerb.
                 first = max(0.0, range_m / speed - 7.9 / pace - 0.3)
                 last = (range_m - HALF_BAND) / speed + 0.3
                 for n in range(int(first / every_s), int(last / every_s) + 1):
@@ -100,7 +100,7 @@ def check(all_cases: list[Case], sumo) -> Counter[str]:
     seen: Counter[str] = Counter()
     for case in all_cases:
         if abs(case.front(case.arrival) + HALF_BAND) < GRAZING_M:
-            continue  # at the very edge: a last bit decides whether he goes
+            continue  # at the very edge: a last bit decides whether they go
         trace = simulate(case, sumo)
         (record,) = measure([trace])
         goes = case.front(case.arrival) < -HALF_BAND
@@ -141,12 +141,12 @@ def check(all_cases: list[Case], sumo) -> Counter[str]:
 
 def test_the_geometry_of_this_file() -> None:
     # 5 m/s from 30 m: the bumper is at x = 0 at 6 s.  A walker at 1 m/s who is then at the lane's
-    # centre (near side: 2.25 m on his way) is touched 0.25 m earlier, at 5.95 s.
+    # centre (near side: 2.25 m on their way) is touched 0.25 m earlier, at 5.95 s.
     hit = Case(30.0, 5.0, Side.NEAR, 1.0, 6 - 2.25)
     assert first_contact(hit) == pytest.approx(5.95, abs=1e-9)
     # From the far side the lane's centre is 6.75 m away.
     assert first_contact(Case(30.0, 5.0, Side.FAR, 1.0, 0.0)) == pytest.approx(5.95, abs=1e-9)
-    # Into the flank: his disc meets the side at y = 1.1 m at 6.5 s, the bumper 2.5 m beyond him.
+    # Into the flank: their disc meets the side at y = 1.1 m at 6.5 s, the bumper 2.5 m beyond them.
     flank = Case(30.0, 5.0, Side.NEAR, 1.0, 5.4)
     assert first_contact(flank) == pytest.approx(6.5, abs=1e-9)
     assert flank.front(6.5) == pytest.approx(2.5)
@@ -173,6 +173,6 @@ def test_contact_exactly_where_geometry_says(sumo) -> None:
 def test_contact_at_more_speeds(sumo) -> None:
     seen = check(list(cases([2.0, 4.1, 5.0, 6.7, 10.0, 20.0], [0.5, 0.93, 1.2, 2.5], 0.05)), sumo)
     assert seen["contact"] > 1500
-    # He may still be where he was a step ago when SUMO looks: a hit more, now and then.
+    # They may still be where they were a step ago when SUMO looks: a hit more, now and then.
     assert seen["SUMO alone"] < 0.01 * seen["contact"]
     assert seen["left open by the rule"] < 0.15 * seen["contact"]

@@ -39,7 +39,7 @@ def test_undisturbed_he_walks_at_the_speed_of_the_model(sumo, side: Side) -> Non
     trace = play(scene(), sumo(scene()), driver, side, 0.34, 1.3)
     assert trace.ending is Ending.CROSSED
     (walk,) = trace.walks
-    # He is at the footpath's end, 1.5 m before the kerb, when the step of his arrival is over.
+    # They are at the footpath's end, 1.5 m before the kerb, when the step of their arrival is over.
     assert walk.start_s == pytest.approx(0.4 + 1.5 / 1.3, abs=1e-6)
     assert (walk.speed_mps, walk.range_m) == (1.3, pytest.approx(30 - 5 * 0.34 + 1.5 * 0.34**2))
     assert walk.legs is not None
@@ -47,7 +47,7 @@ def test_undisturbed_he_walks_at_the_speed_of_the_model(sumo, side: Side) -> Non
     assert [leg.y_mps for leg in walk.legs] == pytest.approx([across] * len(walk.legs), abs=1e-6)
     # SUMO's pedestrians keep to the right: 2 m from the centre line is the edge of the crosswalk.
     assert all(0.5 < abs(leg.x_m) < 2.0 for leg in walk.legs)
-    # 9 m at 1.3 m/s, then he is gone.
+    # 9 m at 1.3 m/s, then they are gone.
     gone = max(o.time_s for o in driver.seen if o.pedestrians)
     assert gone == pytest.approx(walk.start_s + 9 / 1.3, abs=0.1)
     views = [o.pedestrians[0] for o in driver.seen if o.pedestrians]
@@ -56,7 +56,7 @@ def test_undisturbed_he_walks_at_the_speed_of_the_model(sumo, side: Side) -> Non
 
 def test_he_stops_for_a_car_that_ignores_him(sumo) -> None:
     # Held at constant speed the same person walks into its flank: from the far kerb at 1.66 s at
-    # 1.3 m/s his disc reaches its left side (y = 3.4 m) at 5.97 s, while it is over the line
+    # 1.3 m/s their disc reaches its left side (y = 3.4 m) at 5.97 s, while it is over the line
     # from 5.95 to 7.05 s.
     held = scene("constant")
     side, at_kerb_s, speed = Side.FAR, 1.66, 1.3

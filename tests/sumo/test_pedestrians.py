@@ -69,7 +69,7 @@ def test_positions_are_speed_times_time(sumo, strategy) -> None:
             progress = min(max(0.0, speed * (step * 0.1 - start)), 9.0)
             expected = progress if side is Side.NEAR else 9.0 - progress
             if step * 0.1 < start:
-                continue  # on his way to the kerb
+                continue  # on their way to the kerb
             at_kerb = min(expected, 9.0 - expected) < KERB_BAND_M
             assert abs(x) < 1e-6
             assert y == pytest.approx(expected, abs=KERB_BAND_M if at_kerb else 1e-6)
@@ -79,7 +79,7 @@ def test_positions_are_speed_times_time(sumo, strategy) -> None:
 
 
 def test_waiting_pedestrians_stand_still_until_the_vehicle_has_gone(sumo) -> None:
-    # With a 2 s rule he who comes at 4.3 s (R = 8.5 m, edge in 1.3 s) must wait.
+    # With a 2 s rule somebody who comes at 4.3 s (R = 8.5 m, edge in 1.3 s) must wait.
     scene = scenario(pedestrians={"kerb_wait_s": 2.0})
     engine = Watched(sumo(scene))
     trace = play(ConstantSpeed(), [(4.3, Side.NEAR, 1.2)], scene, engine)

@@ -68,7 +68,7 @@ def test_a_slow_walker_makes_it_stand_at_the_stop_line(sumo) -> None:
     # The stop is one constant deceleration: 5² / (2 · 27).
     decelerations = -np.diff(trace.speed_mps[:80]) / 0.1
     np.testing.assert_allclose(decelerations, 25 / 54, rtol=1e-4)
-    # Away again in the first step after he has left (18 s), at a0.
+    # Away again in the first step after they have left (18 s), at a0.
     assert trace.speed_mps[180] == 0
     assert trace.speed_mps[181] == pytest.approx(0.1)
 

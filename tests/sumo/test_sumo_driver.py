@@ -41,7 +41,7 @@ def test_within_the_scenarios_limits(sumo) -> None:
 
 @pytest.mark.parametrize("priority", [True, False])
 def test_stops_for_whoever_walks_from_either_side(sumo, priority: bool) -> None:
-    # It starts again when he is as far past the centre of its lane, whichever side he is from.
+    # It starts again when they are as far past its lane's centre, whichever side they are from.
     past = {}
     for side, to_centre in ((Side.NEAR, 2.25), (Side.FAR, 6.75)):
         for start in (3.5, 4.5):
@@ -60,7 +60,7 @@ def test_stops_for_whoever_walks_from_either_side(sumo, priority: bool) -> None:
 
 @pytest.mark.parametrize("side", list(Side))
 def test_those_who_are_held_are_to_it_as_sumos_own(sumo, side: Side) -> None:
-    # SUMO's own pedestrian, for whom SUMO knows on which side he is and where he goes.
+    # SUMO's own pedestrian, for whom SUMO knows on which side they are and where they go.
     native_scene = scene(behaviour="sumo")
     native = play(SumoDriver(), [(2.2, side, WALKING)], native_scene, sumo(native_scene))
     start = native.walks[0].start_s

@@ -2,7 +2,7 @@
 
 The ego is 5 m long and 1.8 m wide; its lane's centre is y = 2.25 m, so it takes y = 1.35 … 3.15 m.
 Its nose is at x = 5 (t − 6) m: 0.5 m further at each step, at 0 when t = 6 s.  SUMO's car has a
-nose tapered to 0.6 of the width over 0.5 m; SUMO's person is a box that ends at his position and
+nose tapered to 0.6 of the width over 0.5 m; SUMO's person is a box that ends at their position and
 begins 0.215 m behind it, 0.239 m to either side.
 """
 
@@ -46,14 +46,14 @@ def reason(trace: Trace, seen: bool) -> str:
 @pytest.mark.parametrize(
     ("y_at_6_s", "why"),
     [
-        # His disc reaches down to 3.10 m as the corner passes.  The box ends at 3.135 m, where the
-        # nose is 1.48 m wide at first (to 2.96 m, 0.239 m behind its tip); when it has its full
+        # Their disc reaches down to 3.10 m as the corner passes.  The box ends at 3.135 m, where
+        # the nose is 1.48 m wide at first (to 2.96 m, 0.239 m behind its tip); when it has its full
         # width there, 0.052 s later, the box has moved up to 3.198 m.
         (3.35, GRAZING),
         # The same 0.08 m lower: the nose reaches the box after 2.79 + 0.72 (5 τ + 0.239) =
         # 3.055 + 1.2 τ, τ = 0.039 s, and it has left y = 3.15 m after τ = 0.079 s, within the step.
         (3.27, BRIEF),
-        # He walks into its side: the box gets there, y = 1.35 m, when the nose is at 4 m, half a
+        # They walk into its side: the box gets there, y = 1.35 m, when the nose is at 4 m, half a
         # metre past the junction's lane; the disc when it is at 2.96 m.
         (0.39, FLANK),
     ],
@@ -72,8 +72,8 @@ def test_what_the_rule_does_not_allow() -> None:
 
 
 def test_sumo_sees_him_where_he_was_a_step_ago(sumo) -> None:
-    # Nose at 0 at 8.955 s, when he is at 9 − 0.93 · 8.505 = 1.09 m: the disc, up to 1.34 m, has
-    # just left the car's way; at 8.9 s, as the step began, he was at 1.14 m, the box up to 1.36 m.
+    # Nose at 0 at 8.955 s, when they are at 9 − 0.93 · 8.505 = 1.09 m: the disc, up to 1.34 m, has
+    # just left the car's way; at 8.9 s, as the step began, they were at 1.14 m, the box to 1.36 m.
     scene = scenario(ego={"trigger_range_m": 60.0, "initial_speed_mps": 6.7})
     trace = play(ConstantSpeed(), [(0.45, Side.FAR, 0.93)], scene, sumo(scene))
     assert (has_contact(trace), trace.sumo_collision) == (False, True)

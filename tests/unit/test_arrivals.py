@@ -114,7 +114,7 @@ def test_the_first_at_the_trigger() -> None:
         # Same people: sides and quantiles of pedestrian i do not move.
         for mine, theirs in zip(plan, other, strict=False):
             assert (mine.side, mine.quantile) == (theirs.side, theirs.quantile)
-    # Those after him are Poisson from the trigger on: 400/60 in a minute.
+    # Those after them are Poisson from the trigger on: 400/60 in a minute.
     after = np.array(
         [len(plan) - 1 for plan in plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)]
     )

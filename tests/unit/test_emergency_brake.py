@@ -34,7 +34,7 @@ def test_brakes_at_the_threshold_stands_and_goes_on() -> None:
     # 25/9 m later, in the last step up to b step²/8 more.
     standing = -trace.x_m[trace.speed_mps == 0]
     assert standing[0] == pytest.approx(6.0 - 25 / 9, abs=4.5 * STEP**2 / 8)
-    # He leaves the path at 6.8 s; the sum of steps decides whether that step already starts it.
+    # They leave the path at 6.8 s; the sum of steps decides whether that step already starts it.
     moving = np.flatnonzero(trace.speed_mps[62:] > 0)[0] + 62
     assert moving in (69, 70)
     np.testing.assert_allclose(np.diff(trace.speed_mps)[moving : moving + 20], STEP, atol=1e-9)
@@ -62,11 +62,11 @@ def test_the_threshold(side: Side, speed: float, threshold: float, at: float) ->
 @pytest.mark.parametrize(
     ("side", "speed", "brakes"),
     [
-        # The ego is over his line from 5.95 s (front, 0.25 m before it) to 7.05 s (rear past it).
-        (Side.NEAR, 3.4 / 5.90, False),  # he has left its path just before
-        (Side.NEAR, 3.4 / 6.00, True),  # he has not
-        (Side.NEAR, 1.1 / 7.00, True),  # he walks into its flank
-        (Side.NEAR, 1.1 / 7.10, False),  # he enters when it has passed
+        # The ego is over their line from 5.95 s (front, 0.25 m before it) to 7.05 s (rear past it).
+        (Side.NEAR, 3.4 / 5.90, False),  # they have left its path just before
+        (Side.NEAR, 3.4 / 6.00, True),  # they have not
+        (Side.NEAR, 1.1 / 7.00, True),  # they walk into its flank
+        (Side.NEAR, 1.1 / 7.10, False),  # they enter when it has passed
         (Side.FAR, 7.9 / 5.90, False),
         (Side.FAR, 7.9 / 6.00, True),
         (Side.FAR, 5.6 / 7.10, False),
@@ -81,7 +81,7 @@ def test_only_for_whom_it_would_hit(side: Side, speed: float, brakes: bool) -> N
 
 
 def test_never_past_the_walkers_line() -> None:
-    # He would walk into its flank: TTC falls under 1.2 s at R > 0.25 m only for larger thresholds.
+    # They would walk into its flank: TTC is under 1.2 s at R > 0.25 m only for larger thresholds.
     walker = (0.0, Side.NEAR, 1.1 / 7.0)
     trace = play(EmergencyBrake(ttc_threshold_s=0.5), [walker])
     np.testing.assert_array_equal(trace.speed_mps, 5.0)
@@ -107,14 +107,14 @@ def test_goes_on_when_he_stops_outside_its_path() -> None:
     strategy = EmergencyBrake()
     assert strategy.decide(seen(5.0, 5.0, view(2.0, 1.0))) == -4.5
     assert strategy.decide(seen(4.5, 4.55, view(1.9, 1.0))) == -4.5
-    # He stands at 1.2 m, outside the 1.15 m of its path: on it goes.
+    # They stand at 1.2 m, outside the 1.15 m of its path: on it goes.
     assert strategy.decide(seen(3.0, 2.0, view(1.2, 0.0))) == 1.0
-    # He stands in it.
+    # They stand in it.
     assert strategy.decide(seen(1.5, 2.0, view(1.1, 0.0))) == -4.5
 
 
 def test_no_collision_course_with_who_comes_after_the_rear() -> None:
-    # Its rear is 0.25 m past his line after (5 + 5 + 0.25) m / 5 m/s = 2.05 s; the path is 1.15 m
+    # Its rear is 0.25 m past their line after (5 + 5 + 0.25) m / 5 m/s = 2.05 s; the path is 1.15 m
     # to either side of the lane's centre.
     def ttc(enters_s: float) -> float:
         walker = view(1.15 + enters_s, 1.0)

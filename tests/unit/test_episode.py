@@ -50,7 +50,7 @@ def test_a_start_is_never_rounded_to_a_step(arrival: float) -> None:
             1.3,
             True,
         )
-    # Seen from the first step that does not begin before he came.
+    # Seen from the first step that does not begin before they came.
     first = next(seen.time_s for seen in recorder.seen if seen.pedestrians)
     assert first == pytest.approx(math.ceil(arrival / 0.1 - 1e-9) * 0.1)
 
@@ -107,7 +107,7 @@ def test_nobody_steps_off_under_the_body(arrival: float, goes: bool) -> None:
 
 def test_who_waits_looks_again_at_every_step() -> None:
     # The ego brakes to a stand from 3.7 s on, 10 m before the edge's 2 s are up; as soon as its
-    # speed makes the edge more than 2 s away, he goes, at a step and with what he sees then.
+    # speed makes the edge more than 2 s away, they go, at a step and with what they see then.
     scene = scenario(pedestrians={"kerb_wait_s": 2.0})
     recorder = Recorder(lambda seen: -2.0 if seen.time_s > 3.65 else 0.0)
     trace = play(recorder, [(3.66, Side.NEAR, 1.2)], scene)

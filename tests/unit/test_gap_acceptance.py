@@ -43,7 +43,7 @@ def cross(gap_s: float | None, arrival_s: float, command=lambda _: 0.0, **pedest
         (3.0, 2.61, False),
         (5.5, 0.05, True),
         (5.7, 0.0, False),
-        (0.5, 5.0, True),  # kerb_wait_s, 2 s here, is not his rule
+        (0.5, 5.0, True),  # kerb_wait_s, 2 s here, is not their rule
     ],
 )
 def test_goes_while_the_gap_is_longer_than_his(gap_s: float, arrival_s: float, goes: bool) -> None:

@@ -69,7 +69,7 @@ def test_at_every_step_before_the_edge_it_could_still_stop(
     before = -trace.x_m[:-1] > width / 2
     assert before.sum() > 5
     # Whoever steps off inside a step is seen at its end: full braking from there, v²/2b, ends
-    # before his disc.
+    # before their disc.
     ends = -trace.x_m[1:] - trace.speed_mps[1:] ** 2 / (2 * limit)
     assert (ends[before] >= 0.25).all()
     assert (np.diff(trace.speed_mps) >= -limit * step_s - 1e-9).all()
@@ -94,7 +94,7 @@ def test_nobody_who_steps_off_whenever_he_likes_is_hit(walking_speed: float, sid
 
 @pytest.mark.parametrize("critical_gap", [0.0, 1.5, 3.0])
 def test_goes_first_where_the_time_advantage_exceeds_the_gap(critical_gap: float) -> None:
-    # On an empty road its rear leaves his line at a time that the trace shows.
+    # On an empty road its rear leaves their line at a time that the trace shows.
     clear = crossing_time(EMPTY, REAR_CLEAR_M)
     for advantage, goes in ((critical_gap + 0.1, True), (critical_gap - 0.1, False)):
         # 5.6 m from the far kerb to the path.
@@ -106,7 +106,7 @@ def test_goes_first_where_the_time_advantage_exceeds_the_gap(critical_gap: float
 
 
 def test_a_pedestrian_who_is_gone_in_time_does_not_slow_it() -> None:
-    # He has left the lane at 4.75 m/0.9 m/s = 5.28 s; it is at the edge at 5.68 s.
+    # They have left the lane at 4.75 m/0.9 m/s = 5.28 s; it is at the edge at 5.68 s.
     assert crossing_time(EMPTY, -EDGE_M) == pytest.approx(5.68, abs=0.01)
     trace = play(GapYield(), [(0.0, Side.NEAR, 0.9)])
     np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
@@ -160,7 +160,7 @@ def test_from_the_far_side_the_lane_is_free_at_its_kerb() -> None:
 def test_yielding_to_one_may_put_another_in_its_way(critical_gap: float, stops: bool) -> None:
     # The near one (as above) makes it arrive at 7.917 s with 2 · 28/7.917 − 5 = 2.074 m/s; its rear
     # is clear 7.25 m later, at a0 after sqrt(2.074² + 14.5) − 2.074 = 2.262 s: at 10.179 s.  The
-    # far one is in the path from 5.6 m/0.5 m/s = 11.2 s on: an advantage of 1.02 s.  Alone he had
+    # far one is in the path from 5.6 m/0.5 m/s = 11.2 s on: an advantage of 1.02 s.  Alone they had
     # 3.5 s.
     arrives = 2 * 28 * 0.6 / 4.75 - 5
     clear = 4.75 / 0.6 + math.sqrt(arrives**2 + 14.5) - arrives
@@ -169,7 +169,7 @@ def test_yielding_to_one_may_put_another_in_its_way(critical_gap: float, stops: 
     alone = play(GapYield(critical_gap_s=critical_gap), [far])
     np.testing.assert_array_equal(alone.speed_mps, EMPTY.speed_mps)
     trace = play(GapYield(critical_gap_s=critical_gap), [(0.0, Side.NEAR, 0.6), far])
-    # He is out of the way at 18 s: that means a stop at R = 3 m, 25/54 m/s² to begin with.
+    # They are out of the way at 18 s: that means a stop at R = 3 m, 25/54 m/s² to begin with.
     wanted = -25 / 54 if stops else 2 * (28 - 5 * 4.75 / 0.6) / (4.75 / 0.6) ** 2
     assert (trace.speed_mps[1] - 5) / STEP == pytest.approx(wanted, rel=1e-4)
     assert measure([trace])[0].contact is None

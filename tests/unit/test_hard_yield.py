@@ -66,7 +66,7 @@ def test_a_waiting_pedestrian_does_not_stop_it() -> None:
 
 @pytest.mark.parametrize("speed", [5.0, 8.0])
 def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
-    # Full braking needs v²/9: 2.78 m and 7.11 m.  He steps off when the line is too near, but
+    # Full braking needs v²/9: 2.78 m and 7.11 m.  They step off when the line is too near, but
     # R = 0.25 m can be kept: brake at the maximum.
     stopping = speed**2 / 9
     appears_at = stopping + 1.5  # less than 3 m more than needed, more than 0.25 m
@@ -77,7 +77,7 @@ def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
     braking = -np.diff(trace.speed_mps)[decided:] / 0.1
     whole = int(speed / 0.45)
     np.testing.assert_allclose(braking[:whole], 4.5, atol=1e-9)
-    # Rolls on to the next step before it sees him, then stops in about v²/9.
+    # Rolls on to the next step before it sees them, then stops in about v²/9.
     expected = 30 - speed * decided * 0.1 - stopping
     assert stands_at(trace) == pytest.approx(expected, abs=4.5 * 0.1**2 / 8 + 1e-9)
     assert stands_at(trace) > 0.25

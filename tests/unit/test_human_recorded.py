@@ -29,8 +29,8 @@ def test_goes_before_somebody_who_comes_long_after_it_is_gone() -> None:
 
 
 def test_stops_comfortably_before_somebody_who_counts_and_goes_on_behind_them() -> None:
-    # At 0.3 m/s he is in its path from 3.5 s to 11.5 s.  2 m/s² stops from 5 m/s in 6.25 m, before
-    # R = 0.3 m; the step in which it begins starts at most 0.5 m earlier.
+    # At 0.3 m/s they are in its path from 3.5 s to 11.5 s.  2 m/s² stops from 5 m/s in 6.25 m,
+    # before R = 0.3 m; the step in which it begins starts at most 0.5 m earlier.
     driver = HumanRecorded(
         horizon_s=20.0,
         reaction_time_s=0.0,
@@ -54,7 +54,7 @@ def test_whom_it_has_not_yet_seen_long_enough_is_braked_for_at_the_last_moment()
 
 
 def test_a_reaction_time_delays_yielding_alone() -> None:
-    # 1 m/s² needs 12.5 m before R = 0.3 m; he is seen from 0 s on, so 4 s cost nothing, 5 s do.
+    # 1 m/s² needs 12.5 m before R = 0.3 m; they are seen from 0 s on, so 4 s cost nothing, 5 s do.
     def begins(reaction_s: float) -> float:
         driver = HumanRecorded(
             horizon_s=20.0,

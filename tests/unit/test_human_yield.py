@@ -56,7 +56,7 @@ def test_one_vehicle_in_four_does_not_yield() -> None:
 
 def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
     # After step k the room is 27 − 0.5 (k + 1), which has to be 4.17 m: k ≤ 44.  From k = 45 on
-    # 25/(2 · 4.5) m/s² for 1.8 s.  He steps off at 6.3 s, is out of the lane 4.75 s later, and
+    # 25/(2 · 4.5) m/s² for 1.8 s.  They step off at 6.3 s, are out of the lane 4.75 s later, and
     # 1 m at a0 takes sqrt(2) s: it starts at the first step from 9.636 s on.
     trace = play(driver(yields=True), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
     np.testing.assert_array_equal(trace.speed_mps[:46], 5.0)
@@ -68,7 +68,7 @@ def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
 
 @pytest.mark.parametrize(("deceleration", "stops"), [(3.0, True), (1.9, True), (1.7, False)])
 def test_goes_on_where_stopping_would_not_be_comfortable(deceleration: float, stops: bool) -> None:
-    # He arrives at R = 10 m: 25/14 = 1.786 m/s² from there to the line.
+    # They arrive at R = 10 m: 25/14 = 1.786 m/s² from there to the line.
     strategy = driver(yields=True, comfortable_deceleration_mps2=deceleration)
     trace = play(strategy, [(4.0, Side.FAR, 1.0)], scenario(pedestrians=WAITS))
     assert bool(braking_steps(trace)) is stops
@@ -93,7 +93,7 @@ def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
         # Off the kerb at R = 10 m at 0.8 m/s: in the path from 1.25 to 4.5 s (with 0.1 m to spare),
         # while it is there from 1.93 s on.  It need not stop yet; from R = 7.5 m on it must.
         (4.0, 45, 25 / 9),
-        # At R = 5.5 m: the line is too near for comfort, so to 0.1 m before his disc, 5.15 m.
+        # At R = 5.5 m: the line is too near for comfort, so to 0.1 m before their disc, 5.15 m.
         (4.9, 49, 25 / 10.3),
         # At R = 3.5 m: 3.15 m.
         (5.3, 53, 25 / 6.3),
@@ -111,8 +111,8 @@ def test_whoever_is_in_its_path_is_braked_for(
 
 @pytest.mark.parametrize(("walking", "brakes"), [(2.5, True), (1.3, False)])
 def test_where_no_stop_helps_it_brakes_for_the_front_alone(walking: float, brakes: bool) -> None:
-    # Off the kerb at R = 2.5 m, 2.25 m before his line, where a stop takes 2.78 m: braked, it is
-    # there after (5 − sqrt(25 − 9 · 2.25))/4.5 = 0.627 s.  His path begins 1 m away.
+    # Off the kerb at R = 2.5 m, 2.25 m before their line, where a stop takes 2.78 m: braked, it is
+    # there after (5 − sqrt(25 − 9 · 2.25))/4.5 = 0.627 s.  Their path begins 1 m away.
     trace = play(driver(yields=False), [(5.5, Side.NEAR, walking)])
     assert (braking_steps(trace)[:1] == [55]) is brakes
     assert measure([trace])[0].contact == ("front" if brakes else "side")

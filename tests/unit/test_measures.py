@@ -110,7 +110,7 @@ def test_contact_with_someone_who_slows_down() -> None:
     hit = measure([replace(trace, walks=(slows,))])[0]
     assert (hit.contact, hit.contact_speed_mps) == ("front", 5.0)
     assert hit.contact_time_s == pytest.approx(5.95, abs=1e-9)
-    # With y = 2 t' he is past the body by then: 3.9 m.
+    # With y = 2 t' they are past the body by then: 3.9 m.
     assert measure([trace])[0].contact is None
 
 
@@ -118,8 +118,8 @@ def test_contact_with_someone_who_slows_down() -> None:
 
 
 def test_front_contact_ends_the_record() -> None:
-    # From the far kerb at 1 m/s he is at the lane's centre at 6.75 s; y(5.95) = 3.05 m lies before
-    # the bumper, which is 0.25 m short of x = 0 at 5.95 s.
+    # From the far kerb at 1 m/s they are at the lane's centre at 6.75 s; y(5.95) = 3.05 m lies
+    # before the bumper, which is 0.25 m short of x = 0 at 5.95 s.
     result = cruise((0.0, Side.FAR, 1.0))
     assert (result.ending, result.contact, result.contact_index) == ("crashed", "front", 0)
     assert result.contact_time_s == pytest.approx(5.95, abs=1e-9)
@@ -131,14 +131,14 @@ def test_front_contact_ends_the_record() -> None:
 
 
 def test_side_contact() -> None:
-    # His disc meets the right side (y = 1.10 m) at 6.5 s; the bumper is 2.5 m past him.
+    # Their disc meets the right side (y = 1.10 m) at 6.5 s; the bumper is 2.5 m past them.
     result = cruise((5.4, Side.NEAR, 1.0))
     assert (result.ending, result.contact) == ("crashed", "side")
     assert result.contact_time_s == pytest.approx(6.5, abs=1e-9)
 
 
 def test_contact_with_a_corner() -> None:
-    # At 5.97 s the bumper is at −0.15 m and he is 0.20 m past the left side: a 3-4-5 triangle.
+    # At 5.97 s the bumper is at −0.15 m and they are 0.20 m past the left side: a 3-4-5 triangle.
     result = cruise((2.62, Side.NEAR, 1.0))
     assert result.contact == "front"
     assert result.contact_time_s == pytest.approx(5.97, abs=1e-9)
@@ -159,14 +159,14 @@ def test_the_earliest_of_several_contacts_counts() -> None:
     walkers = [(5.4, Side.NEAR, 1.0), (0.0, Side.FAR, 1.0), (6.2, Side.FAR, 1.0)]
     result = cruise(*walkers)
     assert (result.contact_index, result.contact) == (1, "front")
-    # He of 6.2 s steps off after the record's end.
+    # The one who comes at 6.2 s steps off after the record's end.
     assert result.pedestrians == 2
     only_side = cruise(walkers[0], walkers[2])
     assert (only_side.contact_index, only_side.contact) == (0, "side")
 
 
 def test_a_contact_between_two_steps_is_found() -> None:
-    # At 60 m/s a step of 1 s jumps over him: bumper −30 m, then 30 m.  Contact 29.75/60 s.
+    # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
     result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
     assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
 
@@ -175,15 +175,15 @@ def test_a_contact_between_two_steps_is_found() -> None:
 
 
 def test_post_encroachment_time_pedestrian_first() -> None:
-    # His disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
+    # Their disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
     first = cruise((0.0, Side.NEAR, 1.5)).values
     assert first._asdict()["pet_s"] == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
-    # From the far side he leaves it 6.75 + 1.15 = 7.9 m from his kerb.
+    # From the far side they leave it 6.75 + 1.15 = 7.9 m from their kerb.
     assert cruise((0.0, Side.FAR, 2.0)).pet_s == pytest.approx(5.95 - 7.9 / 2, abs=1e-9)
 
 
 def test_post_encroachment_time_ego_first() -> None:
-    # The rear bumper is 0.25 m past him at 35.25/5 = 7.05 s; he enters at 1.10 m.
+    # The rear bumper is 0.25 m past them at 35.25/5 = 7.05 s; they enter at 1.10 m.
     assert cruise((6.9, Side.NEAR, 1.0)).pet_s == pytest.approx(6.9 + 1.1 - 7.05, abs=1e-9)
     assert cruise((3.0, Side.FAR, 1.0)).pet_s == pytest.approx(3.0 + 5.6 - 7.05, abs=1e-9)
     # The smallest of several.
@@ -192,7 +192,7 @@ def test_post_encroachment_time_ego_first() -> None:
 
 
 def test_post_encroachment_time_of_a_shared_zone_is_zero() -> None:
-    # At 5.95 s he is at 3.38 m, still inside the path, and passes the corner 0.28 m away.
+    # At 5.95 s they are at 3.38 m, still inside the path, and pass the corner 0.28 m away.
     result = cruise((2.57, Side.NEAR, 1.0))
     assert result.contact is None
     assert result.pet_s == 0.0
@@ -209,20 +209,20 @@ def pet_of(*legs: Leg) -> float | None:
 
 
 def test_post_encroachment_time_of_who_is_on_the_road_at_the_trigger() -> None:
-    # At y = 2 m, in the path already, at 0.5 m/s: he leaves it at 3.40 m after 2.8 s.
+    # At y = 2 m, in the path already, at 0.5 m/s: they leave it at 3.40 m after 2.8 s.
     assert pet_of(Leg(0.0, 0.0, 2.0, 0.0, 0.5, 0.0)) == pytest.approx(5.95 - 2.8, abs=1e-9)
-    # At y = 3.5 m he has left it, and never enters.
+    # At y = 3.5 m they have left it, and never enters.
     assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
 
 
 def test_post_encroachment_time_beside_the_centre_line() -> None:
     of = pet_of
-    # He walks along x = 1.7 m: the bumper meets his line at 1.45 m, 31.45/5 = 6.29 s; the rear
+    # They walk along x = 1.7 m: the bumper meets their line at 1.45 m, 31.45/5 = 6.29 s; the rear
     # leaves it at 1.95 m, 36.95/5 = 7.39 s.
     assert of(Leg(0.0, 1.7, 0.0, 0.0, 1.5, 0.0)) == pytest.approx(6.29 - 3.4 / 1.5, abs=1e-9)
     assert of(Leg(6.9, 1.7, 0.0, 0.0, 1.0, 0.0)) == pytest.approx(8.0 - 7.39, abs=1e-9)
-    # He drifts at 0.5 m/s from x = −1 m on; within the path (y = 1.1 … 3.4 m, 1.1 … 3.4 s) he
-    # comes from −0.45 to 0.7 m: the bumper is at −0.7 m at 29.3/5 = 5.86 s.
+    # They drift at 0.5 m/s from x = −1 m on; within the path (y = 1.1 … 3.4 m, 1.1 … 3.4 s) they
+    # come from −0.45 to 0.7 m: the bumper is at −0.7 m at 29.3/5 = 5.86 s.
     drifting = (Leg(0.0, -1.0, 0.0, 0.5, 1.0, 0.0), Leg(4.0, 1.0, 4.0, 0.0, 1.0, 0.0))
     assert of(*drifting) == pytest.approx(5.86 - 3.4, abs=1e-9)
 
@@ -230,7 +230,7 @@ def test_post_encroachment_time_beside_the_centre_line() -> None:
 def test_time_advantage_by_hand() -> None:
     # |R/v − L/v_p| with R/v = 6 − t, L/v_p = 2.25/1.5 − t: 4.5 s as long as both approach.
     assert cruise((0.0, Side.NEAR, 1.5)).min_time_advantage_s == pytest.approx(4.5, abs=1e-9)
-    # He steps off at 3.2 s: 1.3 s, after the ego by no more.
+    # They step off at 3.2 s: 1.3 s, after the ego by no more.
     result = cruise((3.2, Side.NEAR, 1.5))
     assert result.min_time_advantage_s == pytest.approx(6 - 3.2 - 1.5, abs=1e-9)
 
@@ -240,10 +240,10 @@ def test_time_to_collision_by_hand() -> None:
     # the contact begins at 5.9 s.
     result = cruise((0.0, Side.FAR, 1.0))
     assert result.min_ttc_s == pytest.approx(0.05, abs=1e-9)
-    # He who clears with time to spare never was on one.
+    # Somebody who clears with time to spare never was on one.
     assert cruise((0.0, Side.NEAR, 1.5)).min_ttc_s is None
-    # Braking from a collision course: at t = 0 the ego would hit him after 5.95 s; afterwards
-    # R/v only grows, until he would be past.
+    # Braking from a collision course: at t = 0 the ego would hit them after 5.95 s; afterwards
+    # R/v only grows, until they would be past.
     braking = record([-1.0] * 50, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT)
     assert braking.min_ttc_s == pytest.approx(5.95, abs=1e-9)
 
@@ -280,7 +280,7 @@ def test_minima_against_stepping_through_random_episodes() -> None:
         assert end is not None
         gaps, ttcs, advantages = [], [], []
         for start, side, pace in walkers:
-            # The moment he steps off, then every step.
+            # The moment they step off, then every step.
             times = [start, *(n * 0.1 for n in range(len(trace.x_m)) if n * 0.1 > start + 1e-9)]
             for time in times:
                 if not (time < end and time <= start + 9 / pace):
@@ -329,7 +329,7 @@ def test_a_record_does_not_depend_on_its_chunk() -> None:
 
 def test_pedestrian_delay_by_hand() -> None:
     # The record ends with the pass at 7.4 s.  Waits: 0.5 s; 4.0 s; from 3 s on to the end; from
-    # 7.0 s on to the end, for he goes only later.  Nobody counts who comes after it.
+    # 7.0 s on to the end, for they go only later.  Nobody counts who comes after it.
     plan = [(1.0, 1.5), (2.0, 6.0), (3.0, None), (7.0, 9.0), (7.5, 7.5)]
     walks = tuple(
         Walk(Arrival(i, came, Side.FAR, 0.5), went, None if went is None else 2.5, 30.0, 5.0)

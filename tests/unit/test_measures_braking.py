@@ -31,7 +31,7 @@ def braking(plan: list[float], *walkers: Walker) -> EpisodeRecord:
 
 
 def test_drac_that_lets_him_leave() -> None:
-    # d = 29.75 m; his disc is past the right side after 9 − 1.10 = 7.9 m, T = 7.9 s.  A constant
+    # d = 29.75 m; their disc is past the right side after 9 − 1.10 = 7.9 m, T = 7.9 s.  A constant
     # a with 5 T − a T²/2 = d; still moving then, as 5 · 7.9 < 2 · 29.75.  Braking at 1 m/s² from
     # there on, DRAC falls.
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
@@ -40,8 +40,8 @@ def test_drac_that_lets_him_leave() -> None:
 
 
 def test_drac_that_stops() -> None:
-    # At 0.25 m/s from the near kerb he is in the way from 4.4 s until 13.6 s: rolling up to him in
-    # that time would take a negative speed, so it is v²/2d.
+    # At 0.25 m/s from the near kerb they are in the way from 4.4 s until 13.6 s: rolling up to them
+    # in that time would take a negative speed, so it is v²/2d.
     result = braking([-1.0] * 50, (0.0, Side.NEAR, 0.25))
     assert result.max_drac_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
 
@@ -60,7 +60,7 @@ def test_drac_is_undefined_after_a_crash_and_off_a_collision_course() -> None:
 
 
 def test_drac_is_not_for_someone_who_would_walk_into_the_flank() -> None:
-    # At constant speed he would reach the side at 7.0 s, 0.05 s before the rear has gone; the ego
+    # At constant speed they would reach the side at 7.0 s, 0.05 s before the rear has gone; the ego
     # accelerates at 6 s and is gone by 6.84 s.  A collision course, but braking is no way out.
     result = record([0.0] * 60 + [3.0] * 15, [(5.9, Side.NEAR, 1.0)])
     assert result.contact is None
@@ -69,7 +69,7 @@ def test_drac_is_not_for_someone_who_would_walk_into_the_flank() -> None:
 
 
 def least_deceleration(ahead: float, speed: float, leaves_s: float) -> float:
-    """By bisection: the bumper, moved 1 ms at a time, has not come to him while he is there."""
+    """By bisection: the bumper, moved 1 ms at a time, has not come to them while they are there."""
     times = np.arange(0.0, leaves_s, 0.001)
     low, high = 0.0, 20.0
     for _ in range(40):
@@ -107,14 +107,14 @@ def test_drac_against_stepping_through_an_episode() -> None:
 def test_required_deceleration_from_the_trigger() -> None:
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
-    # A crash does not change what was needed when he came into sight.
+    # A crash does not change what was needed when they came into sight.
     assert cruise((0.0, Side.FAR, 1.0)).required_deceleration_mps2 == pytest.approx(
         25 / (2 * 29.75), abs=1e-9
     )
 
 
 def test_required_deceleration_when_he_steps_off_inside_a_step() -> None:
-    # At 3.05 s the bumper is 14.75 m before the centre line; he will be hit 2.9 s later.
+    # At 3.05 s the bumper is 14.75 m before the centre line; they will be hit 2.9 s later.
     result = cruise((3.05, Side.NEAR, 0.6))
     assert result.contact == "front"
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
@@ -155,8 +155,8 @@ def test_jerk_by_hand() -> None:
 
 
 def test_avoidable_by_stopping_short() -> None:
-    # From 5 m/s at 4.5 m/s² the ego stops in 2.778 m, so it must have 3.028 m when he steps off,
-    # at 5.3944 s.  He walks into the flank all the same at constant speed.
+    # From 5 m/s at 4.5 m/s² the ego stops in 2.778 m, so it must have 3.028 m when they step off,
+    # at 5.3944 s.  They walk into the flank all the same at constant speed.
     for start, expected in ((5.38, True), (5.3943, True), (5.3946, False), (5.4, False)):
         result = cruise((start, Side.NEAR, 1.0))
         assert result.contact == "side"
@@ -165,18 +165,18 @@ def test_avoidable_by_stopping_short() -> None:
 
 def test_avoidable_by_letting_him_leave() -> None:
     # 20 m away at 15 m/s the ego cannot stop (25 m), but with 15 t − 2.25 t² = 19.75 it comes to
-    # him after 1.806 s, when he has left (3.4 m at 2.5 m/s, 1.36 s); without braking after 1.317 s.
+    # them after 1.806 s, when they have left (3.4 m at 2.5 m/s, 1.36 s); unbraked after 1.317 s.
     result = cruise((2 / 3, Side.NEAR, 2.5), speed=15.0)
     assert result.contact == "front"
     assert result.avoidable is True
-    # At 1.8 m/s he is in the way until 1.889 s.
+    # At 1.8 m/s they are in the way until 1.889 s.
     slower = cruise((2 / 3, Side.NEAR, 1.8), speed=15.0)
     assert slower.contact == "front"
     assert slower.avoidable is False
 
 
 def test_avoidable_is_about_the_one_who_was_hit() -> None:
-    # The first to be hit is he who steps off at the trigger: any braking would have done.
+    # The first to be hit is somebody who steps off at the trigger: any braking would have done.
     result = cruise((5.4, Side.NEAR, 1.0), (0.0, Side.FAR, 1.0))
     assert (result.contact_index, result.avoidable) == (1, True)
 
@@ -187,7 +187,7 @@ def test_avoidable_needs_a_crash() -> None:
 
 
 def touched_while_braking(start: float, side: Side, pace: float, speed: float) -> bool:
-    """Half a millisecond at a time, from stepping off at x = −30 + v · start until he is across."""
+    """Half a millisecond at a time, from stepping off at x = −30 + v · start to the other kerb."""
     times = np.arange(0.0, 9 / pace, 0.0005)
     moving = np.minimum(times, speed / 4.5)
     front = -30 + speed * start + speed * moving - 4.5 * moving**2 / 2

@@ -153,7 +153,7 @@ def sensor_with(**keys: float) -> Sensor:
 
 
 def test_the_first_detection_in_an_episode_is_that_of_its_quantile() -> None:
-    # u = 0.999, p = 0.5: ⌈ln 0.001 / ln 0.5⌉ = ⌈9.97⌉ = 10 updates; he comes at 0.55 s, so the
+    # u = 0.999, p = 0.5: ⌈ln 0.001 / ln 0.5⌉ = ⌈9.97⌉ = 10 updates; they come at 0.55 s, so the
     # first update is at 0.6 s and the tenth at 1.5 s.
     sensor = sensor_with(detection_probability=0.5)
     arrivals = [Arrival(0, 0.55, Side.NEAR, 0.5, detection_quantile=0.999)]

@@ -102,17 +102,17 @@ def test_seen_and_kept_at_his_present_speed() -> None:
 
 def test_contact_on_a_later_leg_inside_a_step() -> None:
     # Near side, steps off at 3.56 s at 1 m/s and is at y = 1 m at 4.56 s, when the bumper is
-    # 30 − 22.8 = 7.2 m away.  He hurries: at 2.5 m/s he would have crossed the car's way, y =
-    # 1.1 to 3.4 m with his disc, after 0.96 s, before it is there (7.2/5 = 1.44 s): no stop.
+    # 30 − 22.8 = 7.2 m away.  They hurry: at 2.5 m/s they would have crossed the car's way, y =
+    # 1.1 to 3.4 m with their disc, after 0.96 s, before it is there (7.2/5 = 1.44 s): no stop.
     # Next look at 5.56 s: bumper at −2.2 m, y = 3.5 m: past the way, nothing happens any more.
     trace, walk = play(Speeds(1.0, 2.5), Driver(), arrival_s=3.56)
     (record,) = measure([trace])
     assert (record.ending, walk.legs is not None and len(walk.legs)) == (Ending.CROSSED, 2)
-    # PET: he leaves the way (y = 3.4 m) at 4.56 + 2.4/2.5 s; the front enters it (0.25 m before
+    # PET: they leave the way (y = 3.4 m) at 4.56 + 2.4/2.5 s; the front enters it (0.25 m before
     # the line) at 5.95 s.
     assert record.pet_s == pytest.approx(5.95 - 4.56 - 0.96, abs=1e-9)
-    # Slower, 1.3 m/s from y = 1.2 m on at 4.56 s: his disc is already in the car's way, he cannot
-    # stop; at 5.56 s, y = 2.5 m, he slows to 0.5 m/s; the front is there at 5.95 s.
+    # Slower, 1.3 m/s from y = 1.2 m on at 4.56 s: their disc is already in the car's way, they
+    # cannot stop; at 5.56 s, y = 2.5 m, they slow to 0.5 m/s; the front is there at 5.95 s.
     trace, walk = play(Speeds(1.2, 1.3, 0.5), Driver(), arrival_s=3.56)
     (record,) = measure([trace])
     assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
@@ -122,11 +122,11 @@ def test_contact_on_a_later_leg_inside_a_step() -> None:
 
 
 def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
-    # Far side at 1.5 m/s from 0.5 s on.  At 2.5 s (third look) y = 6 m, bumper 17.5 m away: his
+    # Far side at 1.5 m/s from 0.5 s on.  At 2.5 s (third look) y = 6 m, bumper 17.5 m away: their
     # disc is in the way (y = 3.4 to 1.1 m) from 1.73 to 3.27 s later, the car over the line from
-    # 3.45 to 4.55 s later: no contact ahead.  He slows to 1 m/s: in the way from 2.6 to 4.9 s
-    # later: he stops.  So he would be at 3.5 s (car 2.45 to 3.55 s later); at 4.5 s it is over
-    # the line 1.45 to 2.55 s later, before him: he walks on.
+    # 3.45 to 4.55 s later: no contact ahead.  They slow to 1 m/s: in the way from 2.6 to 4.9 s
+    # later: they stop.  So they would be at 3.5 s (car 2.45 to 3.55 s later); at 4.5 s it is over
+    # the line 1.45 to 2.55 s later, before them: they walk on.
     driver = Driver()
     trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR)
     assert walk.legs is not None
@@ -136,19 +136,19 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     (record,) = measure([trace])
     standing = [o.pedestrians[0] for o in driver.seen if 2.55 < o.time_s < 4.45]
     assert {(view.speed_mps, view.on_crossing) for view in standing} == {(0.0, True)}
-    # The car's rear is 0.25 m past the line at 7.05 s, he enters its way at 7.1 s.
+    # The car's rear is 0.25 m past the line at 7.05 s, they enter its way at 7.1 s.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, pytest.approx(0.05, abs=1e-9))
     assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [None]
 
 
 def test_who_stands_for_good_never_clears() -> None:
-    # As above, but he never walks on.
+    # As above, but they never walk on.
     _, walk = play(Speeds(1.5, 1.5, 1.0), Driver(), arrival_s=0.5, side=Side.FAR)
     assert walk.legs is not None
     stands = Walk(walk.arrival, walk.start_s, 1.5, 30.0, 5.0, walk.legs[:2])
     trace, _ = play(Speeds(1.0), Driver(), arrival_s=0.5)
     (record,) = measure([replace(trace, walks=(stands,))])
-    # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less his radius.
+    # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less their radius.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, None)
     assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
 
@@ -161,7 +161,7 @@ def test_walks_on_in_front_of_one_that_has_stopped() -> None:
     )
     assert walk.legs is not None
     times = [leg.time_s for leg in walk.legs]
-    # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, he is long past.
+    # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, they are long past.
     assert times == pytest.approx([0.5, 2.5])
     assert [leg.y_mps for leg in walk.legs] == [-1.5, -1.0]
     assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [pytest.approx(8.5)]
@@ -174,7 +174,7 @@ def test_standing_still_he_looks_again() -> None:
         Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR, experiment={"timeout_s": 20.0}
     )
     assert walk.legs is not None
-    # At 3.5 s it comes at 2.3 m/s from 13.9 m and would be there after 6 s: he goes on.
+    # At 3.5 s it comes at 2.3 m/s from 13.9 m and would be there after 6 s: they go on.
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 3.5])
     assert [leg.y_mps for leg in walk.legs] == [-1.5, 0.0, -1.0]
 

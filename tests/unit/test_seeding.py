@@ -18,7 +18,7 @@ def test_the_same_name_gives_the_same_numbers() -> None:
 
 
 def test_longer_draws_begin_like_shorter_ones() -> None:
-    # Pedestrian i keeps his numbers when more pedestrians are planned.
+    # Pedestrian i keeps their numbers when more pedestrians are planned.
     np.testing.assert_array_equal(
         stream(1, "side", 0).random(5), stream(1, "side", 0).random(500)[:5]
     )

@@ -33,7 +33,7 @@ def test_arrives_that_much_after_the_pedestrian_has_left(walking_speed, margin, 
     )
     coasting = trace.speed_mps[whole + 1 : int(until / 0.1)]
     np.testing.assert_allclose(coasting, coasting[:1].repeat(len(coasting)), atol=1e-9)
-    # Then a0 to v0, whether or not he is still on the crossing.
+    # Then a0 to v0, whether or not they are still on the crossing.
     after = trace.speed_mps[int(until / 0.1) + 1 :]
     gains = np.diff(after) / 0.1
     assert gains[0] == pytest.approx(min(1.0, (V0 - after[0]) / 0.1))
@@ -89,7 +89,7 @@ def test_no_margin_is_the_default_to_the_last_bit() -> None:
 
 @pytest.mark.parametrize("speed", [0.0, 5.0])
 def test_no_answer_for_someone_who_stands(speed: float) -> None:
-    # He never leaves, so t_x is beyond any: Hard-Yield's constant deceleration to R = 3 m, which
+    # They never leave, so t_x is beyond any: Hard-Yield's constant deceleration to R = 3 m, which
     # differs from v²/2d = 25/54 by a relative 1/(4 n (n − 1)) at most, n = 2 · 27/5/0.1 = 108.
     scene = scenario()
     standing = PedestrianView(0, Side.NEAR, 2.0, 8.75, 0.0, True)

@@ -83,24 +83,24 @@ def test_hit_at_the_stated_share_of_the_width(case: str, kmh: int) -> None:
     # The front meets the disc's edge when the bumper is a radius before the centre line.
     contact_s = (70.0 - RADIUS) / (kmh / 3.6)
     assert record.contact_time_s == pytest.approx(contact_s, abs=1e-9)
-    # From a state seen at full speed he walks on evenly until then.
+    # From a state seen at full speed they walk on evenly until then.
     walking = walking_kmh / 3.6
     last = [o for o in driver.seen if o.time_s <= contact_s][-1]
     (view,) = last.pedestrians
     assert view.speed_mps == pytest.approx(walking)
     lateral = view.lateral_m - walking * (contact_s - last.time_s)
-    # At the edge he reaches first, half a width is left to the centre line; share of the width on.
+    # At the edge they reach first, half a width is left to the centre line; share of the width on.
     assert lateral == pytest.approx(WIDTH / 2 - share * WIDTH, abs=1e-9)
 
 
 def test_start_and_acceleration_worked_out_by_hand() -> None:
-    # CPNA-25 at 36 km/h from 70 m: contact at 69.75/10 = 6.975 s.  He walks 4 − (0.9 − 0.45) =
+    # CPNA-25 at 36 km/h from 70 m: contact at 69.75/10 = 6.975 s.  They walk 4 − (0.9 − 0.45) =
     # 3.55 m at 25/18 m/s: 1 m evenly from rest in 2 · 1/(25/18) = 1.44 s, 2.55 m in 1.836 s.
     trace = play(scene(timed("CPNA-25")))
     (walk,) = trace.walks
     assert walk.start_s == pytest.approx(6.975 - 1.44 - 1.836, abs=1e-12)
     assert walk.speed_mps == pytest.approx(25 / 18)
-    # He sees the ego at 10 m/s, 70 − 10 · 3.699 m away.
+    # They see the ego at 10 m/s, 70 − 10 · 3.699 m away.
     assert (walk.range_m, walk.vehicle_speed_mps) == pytest.approx((33.01, 10.0))
     assert walk.legs is not None
     first, second = walk.legs
@@ -135,7 +135,7 @@ def test_what_is_seen_of_him() -> None:
     driver = Watching()
     play(scene(timed("CPNA-25")), driver)
     by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
-    # He stands 4 m from the centre line from the trigger on.
+    # They stand 4 m from the centre line from the trigger on.
     assert by_time[0.0] == (0, Side.NEAR, 4.0, 10.75, 0.0, False)
     assert by_time[3.6] == by_time[0.0]
     # Half a second after 3.699 s: a = 0.96451, 0.12056 m on, 0.48225 m/s.
@@ -143,7 +143,7 @@ def test_what_is_seen_of_him() -> None:
     assert seen.lateral_m == pytest.approx(4 - 0.964506 * 0.501**2 / 2, abs=1e-6)
     assert seen.speed_mps == pytest.approx(0.964506 * 0.501, abs=1e-6)
     assert not seen.on_crossing
-    # He reaches the kerb 0.75 m after the 1 m, 0.54 s after 5.139 s.
+    # They reach the kerb 0.75 m after the 1 m, 0.54 s after 5.139 s.
     assert not by_time[5.6].on_crossing
     assert by_time[5.7].on_crossing
     assert by_time[5.7].remaining_m == pytest.approx(9 - 25 / 18 * (5.7 - 5.679), abs=1e-9)
@@ -154,7 +154,7 @@ def test_on_the_road_he_is_on_the_crossing_when_he_starts() -> None:
     play(scene(timed("CPFA-50")), driver)
     before = [o.pedestrians[0] for o in driver.seen if o.time_s < 3.6 - 1e-9]
     after = [o.pedestrians[0] for o in driver.seen if o.time_s > 3.6 + 1e-9 and o.pedestrians]
-    # 0.75 m from the far kerb he stands on the road, but has not stepped off.
+    # 0.75 m from the far kerb they stand on the road, but have not stepped off.
     assert {view[2:] for view in before} == {(6.0, 8.25, 0.0, False)}
     assert all(view.on_crossing for view in after)
 
@@ -171,7 +171,7 @@ def test_he_walks_to_the_other_kerb_and_is_gone() -> None:
     trace = play(scenario, StopEarly())
     (record,) = measure([trace])
     assert record.ending is Ending.CROSSED
-    # He waited for his time, not for the car.
+    # They waited for their time, not for the car.
     assert record.pedestrian_delay_s is None
     # From y = −0.75 at 5.139 s to y = 9 at 25/18 m/s: 7.02 s.
     rows = pedestrian_rows(0, [outcome_of(trace)])
@@ -201,7 +201,7 @@ def test_he_comes_in_every_pair_beside_the_others() -> None:
 
 
 def test_the_kerb_rule_does_not_hold_him_back() -> None:
-    # At 2 s the ego is never as near as now: he would wait, were he one of the flow.
+    # At 2 s the ego is never as near as now: they would wait, were they one of the flow.
     trace = play(scene(timed("CPNA-25", speed_mps=5.0), kerb_wait_s=100.0))
     assert trace.walks[0].start_s is not None
 
@@ -260,12 +260,12 @@ def test_the_shipped_study_hits_where_it_says() -> None:
         assert driver.seen[0].pedestrians[0].lateral_m == start
         left = view.lateral_m - view.speed_mps * (contact_s % 0.1)
         assert left == pytest.approx(WIDTH * (0.5 - share), abs=1e-9)
-        # Test start: 4 s before the contact at least; he needs 2 d_a/v_p + (d − d_a)/v_p.
+        # Test start: 4 s before the contact at least; they need 2 d_a/v_p + (d − d_a)/v_p.
         assert contact_s > 4.0
         distance = start - WIDTH * (0.5 - share)
         walking_s = (distance + accelerating) / (kmh / 3.6)
         assert trace.walks[0].start_s == pytest.approx(contact_s - walking_s, abs=2e-4)
-        # From then on braking at 9 m/s² stops within v²/18, well before he is reached.
+        # From then on braking at 9 m/s² stops within v²/18, well before they are reached.
         speed = cell.scenario.ego.initial_speed_mps
         assert speed**2 / 18 < speed * walking_s
         assert record.avoidable is True
@@ -286,7 +286,7 @@ def accelerating(start_s: float, gain: float, pieces: int | None) -> Trace:
 
 
 def test_walks_into_the_flank_while_accelerating() -> None:
-    # The car is over the line from 5.95 to 7.05 s; his disc reaches its side, y = 1.1 m, after
+    # The car is over the line from 5.95 to 7.05 s; their disc reaches its side, y = 1.1 m, after
     # sqrt(2 · 1.1/1) s.
     (record,) = measure([accelerating(5.0, 1.0, None)])
     assert record.contact is Contact.SIDE

@@ -114,7 +114,7 @@ def test_vci_records_out_of_order_and_twice_change_nothing(clip):
 
 
 def test_vci_of_two_records_of_one_instant_the_first_counts(clip):
-    # Pedestrian 0 at frame 1 is at y = −8 + 1.25/4; the later record puts him elsewhere.
+    # Pedestrian 0 at frame 1 is at y = −8 + 1.25/4; the later record puts them elsewhere.
     change(filtered(clip, "ped"), lambda lines: [*lines, "0,1,ped,99.0,99.0,0,0"])
     track = read_clips(clip, "vci", frame_rate_hz=RATE)[0].pedestrians["0"]
     np.testing.assert_allclose(track.time_s, np.arange(33) / 4)

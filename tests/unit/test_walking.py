@@ -1,4 +1,4 @@
-"""Walks of legs, also beside the centre line: where someone is when, and when he is touched."""
+"""Walks of legs, also beside the centre line: where someone is when, and when they are touched."""
 
 from dataclasses import replace
 
@@ -49,13 +49,13 @@ def test_a_walk_that_slows_down_evenly() -> None:
     np.testing.assert_allclose(y, [9 - 3 + 0.125, 0.0], atol=1e-12)
     np.testing.assert_allclose(speed, [2.75, 4.5**0.5])
     np.testing.assert_allclose(gain, -0.25)
-    # Slowing by 0.6 m/s² he stands after 7.5 m.
+    # Slowing by 0.6 m/s² they stand after 7.5 m.
     assert cleared_s(walk(Leg(1.0, 0.0, 9.0, 0.0, -3.0, 0.6), side=Side.FAR), CROSSING) is None
 
 
 @pytest.mark.parametrize(("x_m", "x_mps"), [(-1.5, 0.0), (1.2, 0.0), (-1.0, 0.3), (0.5, -0.4)])
 def test_touched_where_he_is_beside_the_centre_line(x_m: float, x_mps: float) -> None:
-    # At y = 2 m, in the car's way, from 4 s on: the bumper is 0.25 m before him when
+    # At y = 2 m, in the car's way, from 4 s on: the bumper is 0.25 m before them when
     # 5 t − 30 = x + x' (t − 4) − 0.25.
     stands = walk(Leg(4.0, x_m, 2.0, x_mps, 0.0, 0.0))
     (record,) = measure([passing(stands)])
@@ -67,7 +67,7 @@ def test_touched_where_he_is_beside_the_centre_line(x_m: float, x_mps: float) ->
 
 
 def test_the_flank_of_a_car_that_has_nearly_passed() -> None:
-    # At x = 1 m: the car's rear is level with him at 7.2 s and 0.25 m past him at 7.25 s.  His
+    # At x = 1 m: the car's rear is level with them at 7.2 s and 0.25 m past them at 7.25 s.  Their
     # disc is at its side, y = 1.1 m, at 7.15 s; 0.11 s later it passes behind.
     (record,) = measure([passing(walk(Leg(6.05, 1.0, 0.0, 0.0, 1.0, 0.0)))])
     assert record.contact is Contact.SIDE
