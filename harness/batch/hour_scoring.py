@@ -13,10 +13,10 @@ from harness.measures import measure
 from harness.results.hour_tables import passage_counts, record_row
 from harness.results.hour_traces import stored_traces
 from harness.results.reading import read_table
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES
+from harness.results.tables import Columns, columns_of, hour_tables
 from harness.scenario import Cell
 
-Rows = dict[str, dict[str, list[Any]]]
+Rows = dict[str, Columns]
 
 _States = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
 
@@ -35,7 +35,7 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
     Raises:
         InputError: a table cannot be read, or a passage has no trace.
     """
-    names = (*HOUR_TABLES, *(HOUR_TRACES if traced else ()))
+    names = hour_tables(traces=traced)
     hours = read_table(run, "hours", cell.number)
     for pair in dict.fromkeys(hours["pair"].to_pylist()):
         tables = {name: read_table(run, name, cell.number, pair) for name in names}
@@ -47,8 +47,8 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
             for row in tables["hours"].to_pylist()
         ]
         rows: Rows = {name: table.to_pydict() for name, table in tables.items()}
-        rows["passages"] = _columns(tables["passages"], passages)
-        rows["hours"] = _columns(tables["hours"], counted)
+        rows["passages"] = columns_of(tables["passages"].schema, passages)
+        rows["hours"] = columns_of(tables["hours"].schema, counted)
         yield pair, 1, rows
 
 
@@ -81,7 +81,7 @@ def _measured(
 def _by_lane(
     traces: Sequence[tuple[Any, Trace | None]],
 ) -> Iterator[list[tuple[Any, Trace]]]:
-    """Those with a trace, together where they share a lane: only such are measured together."""
+    """Rows with a trace, by lane: only passages of one lane are measured together."""
     lanes: dict[tuple[str, int], list[tuple[Any, Trace]]] = {}
     for row, trace in traces:
         if trace is not None:
@@ -101,7 +101,3 @@ def _states(traces: pa.Table, arm: Arm) -> _States:
         name: (columns[0][rows], columns[1][rows], columns[2][rows])
         for name, rows in ((name, np.array(numbers)) for name, numbers in found.items())
     }
-
-
-def _columns(table: pa.Table, rows: Sequence[dict[str, Any]]) -> dict[str, list[Any]]:
-    return {name: [row[name] for row in rows] for name in table.column_names}

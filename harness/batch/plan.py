@@ -10,7 +10,7 @@ from harness.interaction import InteractionModel, load_model
 from harness.network import network_of
 from harness.results.manifest import manifest_of, options_of
 from harness.results.reading import MANIFEST
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
+from harness.results.tables import encounter_tables, hour_tables
 from harness.scenario import Options, Scenario, Study, study_from
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES
@@ -30,7 +30,7 @@ class Plan:
     def shard_tables(self) -> list[str]:
         """The tables that its tasks bring."""
         if self.study.in_traffic:
-            return [*HOUR_TABLES, *(HOUR_TRACES if self.options.traces else ())]
+            return hour_tables(traces=self.options.traces)
         audit = self.options.engine == "plain"
         return encounter_tables(traces=self.options.traces, audit=audit)
 

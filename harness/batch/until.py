@@ -19,8 +19,8 @@ def reach_precision(
     """Go on until every cell's interval is narrow enough, or all its pairs are done.
 
     Args:
-        plan: what is run.
-        until: what is narrow enough.
+        plan: of the run.
+        until: the width that is narrow enough.
         reach: brings cells to a number of pairs, both by the cell's number.
         episodes_of: the ``episodes`` of a cell so far.
     """
@@ -44,6 +44,4 @@ def reach_precision(
 
 def _narrow(episodes: pa.Table, cell: Cell, until: Precision, confidence: float) -> bool:
     interval: Interval = getattr(summarise_cell(episodes, cell, confidence), until.measure)
-    if interval.low is None or interval.high is None:
-        return False
-    return (interval.high - interval.low) / 2 <= until.half_width
+    return interval.half_width is not None and interval.half_width <= until.half_width

@@ -55,6 +55,11 @@ class Interval:
     low: float | None
     high: float | None
 
+    @property
+    def half_width(self) -> float | None:
+        """Half of the distance between the limits; None where there are none."""
+        return None if self.low is None or self.high is None else (self.high - self.low) / 2
+
     def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
         """The value under a name, its limits under ``<name>_<kind>_low`` and ``_high``."""
         return {name: self.value, f"{name}_{kind}_low": self.low, f"{name}_{kind}_high": self.high}

@@ -12,7 +12,7 @@ from harness.encounter import Arm, Ending, Walk
 from harness.measures import EpisodeRecord
 from harness.motion.walking import cleared_s
 from harness.results.measure_tables import CONFLICTS
-from harness.results.tables import HOURS, PASSAGES, PEDESTRIANS, QUEUES
+from harness.results.tables import HOUR_TABLES, PASSAGES, TABLES, Columns, columns_of
 from harness.results.walk_rows import pedestrian_row
 from harness.scenario import ConflictsSection
 from harness.traffic.lanes import lanes_of
@@ -23,7 +23,7 @@ MINUTE_S = 60.0
 
 _RECORD = PASSAGES.names[PASSAGES.get_field_index("ending") :]
 
-Rows = dict[str, dict[str, list[Any]]]
+Rows = dict[str, Columns]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,33 +42,24 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
     Times are from the end of the warm-up; what was due or came before it, or after the hour, has no
     row.  A failed arm has a row in ``hours`` alone.
     """
-    schemas = (("hours", HOURS), ("passages", PASSAGES), ("pedestrians", PEDESTRIANS))
-    rows: Rows = {
-        name: {column: [] for column in schema.names}
-        for name, schema in (*schemas, ("queues", QUEUES))
-    }
+    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in HOUR_TABLES}
     for outcome in outcomes:
         keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
         if outcome.reason is not None:
-            _append(rows["hours"], keys | {"reason": outcome.reason})
+            rows["hours"].append(keys | {"reason": outcome.reason})
             continue
         counted = _counted(outcome)
         passages = [_passage_row(passage, counted.begin_s) for passage in counted.passages]
         limits = outcome.scenario.conflicts
         numbers = _numbers(outcome, counted) | passage_counts(passages, limits)
-        _append(rows["hours"], keys | numbers)
+        rows["hours"].append(keys | numbers)
         for row in passages:
-            _append(rows["passages"], keys | row)
+            rows["passages"].append(keys | row)
         for walk in counted.walks:
-            _append(rows["pedestrians"], keys | walk_row(outcome, walk, counted.begin_s))
+            rows["pedestrians"].append(keys | walk_row(outcome, walk, counted.begin_s))
         for row in _queue_rows(outcome):
-            _append(rows["queues"], keys | row)
-    return rows
-
-
-def _append(columns: dict[str, list[Any]], row: dict[str, Any]) -> None:
-    for name, column in columns.items():
-        column.append(row.get(name))
+            rows["queues"].append(keys | row)
+    return {name: columns_of(TABLES[name], found) for name, found in rows.items()}
 
 
 def _counted(outcome: HourOutcome) -> _Counted:

@@ -14,7 +14,7 @@ import numpy as np
 from harness.encounter import Ending, FloatArray, Trace, Walk
 from harness.motion.walking import cleared_s, states_at
 from harness.results.hour_tables import Rows, walk_row
-from harness.results.tables import PEDESTRIANS, TRACES
+from harness.results.tables import PEDESTRIANS, TRACES, columns_of
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Scenario
 from harness.traffic.lanes import Lane, lanes_of
@@ -33,8 +33,7 @@ def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
     A vehicle has a row for each step from R0 until its rear has left the crosswalk, and one a
     second before and after.
     """
-    traces: dict[str, list[Any]] = {name: [] for name in TRACES.names}
-    walks: dict[str, list[Any]] = {name: [] for name in PEDESTRIANS.names}
+    traces, walks = columns_of(TRACES, ()), list[Row]()
     for outcome in outcomes:
         keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
         for name, columns in _ways(outcome):
@@ -42,11 +41,9 @@ def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
             values = (*([value] * count for value in keys.values()), columns[0], [name] * count)
             for column, more in zip(traces.values(), (*values, *columns[1:]), strict=True):
                 column += more
-        for walk in outcome.log.walks:
-            row = keys | walk_row(outcome, walk, outcome.scenario.known_traffic.warm_up_s)
-            for name, column in walks.items():
-                column.append(row[name])
-    return {"traces": traces, "walks": walks}
+        begin_s = outcome.scenario.known_traffic.warm_up_s
+        walks += [keys | walk_row(outcome, walk, begin_s) for walk in outcome.log.walks]
+    return {"traces": traces, "walks": columns_of(PEDESTRIANS, walks)}
 
 
 def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:

@@ -170,6 +170,12 @@ HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
 HOUR_TRACES = ("traces", "walks")
 """The further tables of a run of traffic with ``--traces``."""
 
+
+def hour_tables(*, traces: bool) -> list[str]:
+    """The tables that the tasks of a run of traffic bring."""
+    return [*HOUR_TABLES, *(HOUR_TRACES if traces else ())]
+
+
 _KEY = [name for name, _ in _KEYS]
 NEEDED = {
     "hours": {*HOURS.names},

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from harness.errors import InputError
 from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables
+from harness.results.tables import encounter_tables, hour_tables
 from harness.runs.run_data import RunData
 from harness.runs.run_tables import readable_shards
 from harness.scenario import study_from
@@ -35,12 +35,11 @@ def load_run(path: str | Path) -> RunData:
             return load_run(folder)
         return RunData(folder, document, study, finished=False, shards=shards)
     expected = {"cells": len(study.cells), **counts}
-    audit = document["engine"] == "plain"
-    names = ("cells", "pairs", *encounter_tables(traces=document["traces"], audit=audit))
+    traces, audit = document["traces"], document["engine"] == "plain"
+    names = ["pairs", *encounter_tables(traces=traces, audit=audit)]
     if study.in_traffic:
-        names = ("cells", *HOUR_TABLES, *(HOUR_TRACES if document["traces"] else ()))
-        expected.pop("pairs", None)
-    for name in names:
+        names = hour_tables(traces=traces)
+    for name in ("cells", *names):
         found = count_rows(folder, name)
         rows = expected.get(name, found)
         if found != rows:

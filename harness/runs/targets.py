@@ -28,14 +28,9 @@ def missed_targets(run: RunData) -> list[MissedTarget]:
         return []
     missed = []
     for result in run.results:
-        half_width = _half_width(getattr(result.summary, until.measure))
+        interval: Interval = getattr(result.summary, until.measure)
+        half_width = interval.half_width
         if half_width is None or half_width > until.half_width:
             number, pairs = result.cell.number, result.summary.pairs
             missed.append(MissedTarget(number, until.measure, until.half_width, half_width, pairs))
     return missed
-
-
-def _half_width(interval: Interval) -> float | None:
-    if interval.low is None or interval.high is None:
-        return None
-    return (interval.high - interval.low) / 2

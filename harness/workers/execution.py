@@ -14,15 +14,7 @@ from typing import Any
 
 from harness.encounter import Arm, Ending, FailedIn
 from harness.errors import HarnessError
-from harness.results.tables import (
-    AUDIT,
-    EPISODES,
-    HOUR_TABLES,
-    HOUR_TRACES,
-    PEDESTRIANS,
-    TABLES,
-    TRACES,
-)
+from harness.results.tables import TABLES, columns_of, encounter_tables, hour_tables
 from harness.workers.tasks import (
     Argument,
     Executor,
@@ -185,39 +177,20 @@ def _stack(task: Task) -> str | None:
 
 def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
     """Rows of a pair that no worker survived."""
+    which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
+    known: dict[str, list[dict[str, Any]]]
     if task.scenario.traffic is not None:
-        which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
-        tables: dict[str, dict[str, list[Any]]] = {
-            name: {column: [] for column in TABLES[name].names}
-            for name in (*HOUR_TABLES, *(HOUR_TRACES if task.traces else ()))
-        }
-        for arm in Arm:
-            for name, column in tables["hours"].items():
-                column.append((which | {"arm": arm.value}).get(name))
-        return TaskResult(tables)
-    arms = task.scenario.arms
-    strategies = {Arm.AV: arms.av, Arm.HUMAN: arms.human}
-    known: list[dict[str, Any]] = [
-        {
-            "cell": task.cell,
-            "pair": task.first_pair,
-            "arm": arm.value,
-            "strategy": strategy,
+        names = hour_tables(traces=task.traces)
+        known = {"hours": [which | {"arm": arm.value} for arm in Arm]}
+    else:
+        names = encounter_tables(traces=task.traces, audit=task.audit is not None)
+        failed = which | {
             "ending": Ending.ENGINE_FAILED.value,
-            "reason": reason,
             "failed_in": failed_in,
             "fallback": False,
             "steps": 0,
             "pedestrians": 0,
         }
-        for arm, strategy in strategies.items()
-    ]
-    rows: dict[str, dict[str, list[Any]]] = {
-        "episodes": {name: [row.get(name) for row in known] for name in EPISODES.names},
-        "pedestrians": {name: [] for name in PEDESTRIANS.names},
-    }
-    if task.traces:
-        rows["traces"] = {name: [] for name in TRACES.names}
-    if task.audit is not None:
-        rows["audit"] = {name: [] for name in AUDIT.names}
-    return TaskResult(rows)
+        arms = task.scenario.arms.model_dump().items()
+        known = {"episodes": [failed | {"arm": arm, "strategy": of} for arm, of in arms]}
+    return TaskResult({name: columns_of(TABLES[name], known.get(name, ())) for name in names})
