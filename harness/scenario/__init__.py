@@ -16,6 +16,7 @@ from harness.scenario.options import (
     engine_named,
     hang_limit_s,
 )
+from harness.scenario.scenario import Scenario
 from harness.scenario.sections import (
     QUARTER_S,
     ConflictsSection,
@@ -23,7 +24,6 @@ from harness.scenario.sections import (
     GapAcceptanceSection,
     PedestriansSection,
     PerceptionSection,
-    Scenario,
     TrafficSection,
     WalkingSpeedSection,
 )

@@ -4,14 +4,13 @@ import math
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
 from harness.errors import InputError, unknown_name
+from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import (
     QUARTER_S,
     ROUNDING_M,
     PerceptionSection,
-    Scenario,
     TimedSection,
     TrafficSection,
-    path_of,
 )
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 

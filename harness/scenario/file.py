@@ -18,7 +18,7 @@ from harness.errors import InputError, nearest_name, unknown_name
 from harness.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.own_network import with_own_network
-from harness.scenario.sections import Scenario
+from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from harness.errors import unknown_name
-from harness.scenario.sections import Scenario
+from harness.scenario.scenario import Scenario
 
 EngineName = Literal["sumo", "plain"]
 """SUMO, or the same kinematics in plain Python."""

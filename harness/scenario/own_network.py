@@ -7,7 +7,7 @@ from typing import Any
 from harness.errors import InputError
 from harness.roads import Place, Site, Stream, Survey, streams_of, survey
 from harness.roads.site import TOLERANCE_M
-from harness.scenario.sections import Scenario
+from harness.scenario.scenario import Scenario
 
 _READ: Mapping[str, Callable[[Survey], Any]] = {
     "latitude_deg": lambda found: found.where and found.where.latitude_deg,

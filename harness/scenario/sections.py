@@ -1,15 +1,13 @@
-"""The scenario: every key of a scenario file with its default, frozen and checked by itself."""
+"""Every key of a scenario file with its meaning and default, frozen and checked by itself."""
 
-import math
 import sys
 from statistics import NormalDist
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, JsonValue
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from harness.encounter import Behaviour, Crossing, Leg, Side, Vehicle
-from harness.motion.walking import timed_path
+from harness.encounter import Behaviour
 from harness.seeding import Purpose
 
 MAX_TRIGGER_RANGE_M = 300.0
@@ -23,11 +21,13 @@ NonNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class _Section(BaseModel):
+class Section(BaseModel):
+    """A table of a scenario file; unknown keys are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class ObstacleSection(_Section):
+class ObstacleSection(Section):
     """``[[crossing.obstacles]]``: a rectangle in the road frame that hides what is behind it.
 
     (``x_m``, ``y_m``) is its centre, ``length_m`` along the road.  ``case``: it stands there in the
@@ -56,7 +56,7 @@ class ObstacleSection(_Section):
         return self.y_m - self.width_m / 2, self.y_m + self.width_m / 2
 
 
-class ReadLaneSection(_Section):
+class ReadLaneSection(Section):
     """``[[crossing.read.ways]]``: a car lane over the crosswalk, of either direction."""
 
     oncoming: bool
@@ -67,7 +67,7 @@ class ReadLaneSection(_Section):
     """Width of the lane."""
 
 
-class ReadSection(_Section):
+class ReadSection(Section):
     """``[crossing.read]``: what a network of the user's own says; the harness fills it in.
 
     It belongs to the network of that ``sha256`` and to that ``edge`` and ``approach``.
@@ -91,7 +91,7 @@ class ReadSection(_Section):
     """Every lane that is straight over the crosswalk, each direction from its near kerb on."""
 
 
-class CrossingSection(_Section):
+class CrossingSection(Section):
     """``[crossing]``: the place and shape of the crosswalk, or where its network says them."""
 
     net: str | None = None
@@ -159,7 +159,7 @@ class CrossingSection(_Section):
         return tuple(sorted(inside))
 
 
-class EgoSection(_Section):
+class EgoSection(Section):
     """``[ego]``: the vehicle, the same in both arms."""
 
     lane: Annotated[int, Field(ge=0)] = 0
@@ -183,7 +183,7 @@ class EgoSection(_Section):
     """a0: back to v0 once the crossing is clear."""
 
 
-class TimedSection(_Section):
+class TimedSection(Section):
     """``[[pedestrians.timed]]``: someone whom a car that never brakes would hit."""
 
     name: str = ""
@@ -201,7 +201,7 @@ class TimedSection(_Section):
     """Where a car that never brakes hits them: 0 at the edge they reach first, 1 at the other."""
 
 
-class GapAcceptanceSection(_Section):
+class GapAcceptanceSection(Section):
     """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
 
     distribution: Literal["lognormal", "logistic"] = "lognormal"
@@ -215,7 +215,7 @@ class GapAcceptanceSection(_Section):
 Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(strict=False)]
 
 
-class DrawnSection(_Section):
+class DrawnSection(Section):
     """``[[pedestrians.drawn]]``: the people of one pair, as ``harness risk`` found them.
 
     ``episode`` keys the streams of everything that is not given; the lists hold the uniforms of the
@@ -250,7 +250,7 @@ class DrawnSection(_Section):
         }
 
 
-class WalkingSpeedSection(_Section):
+class WalkingSpeedSection(Section):
     """``[pedestrians.walking_speed]``: a normal distribution in the interaction model's place.
 
     It is cut off at ``SLOWEST_MPS``; mean and standard deviation are those before the cut.
@@ -269,7 +269,7 @@ class WalkingSpeedSection(_Section):
         return max(SLOWEST_MPS, normal.inv_cdf(share)) if share > 0 else SLOWEST_MPS
 
 
-class PedestriansSection(_Section):
+class PedestriansSection(Section):
     """``[pedestrians]``: the people who come, from where, how they decide and walk."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
@@ -298,7 +298,7 @@ class PedestriansSection(_Section):
     """The people of each pair by their uniforms; ``harness risk`` writes them."""
 
 
-class PerceptionSection(_Section):
+class PerceptionSection(Section):
     """``[perception]``: how the AV's strategy is shown the pedestrians; by default as they are.
 
     ``human``: the human's arm is shown the same way.
@@ -330,7 +330,7 @@ class PerceptionSection(_Section):
         return every_step and self.model_copy(update=no_faults) == PerceptionSection()
 
 
-class ModelSection(_Section):
+class ModelSection(Section):
     """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
 
     name: str = "dut"
@@ -363,7 +363,7 @@ def _strategy_name(strategy: Any) -> Any:
 StrategyName = Annotated[str, BeforeValidator(_strategy_name)]
 
 
-class ArmsSection(_Section):
+class ArmsSection(Section):
     """``[arms]``: which strategy drives in each arm; in Python also as a class."""
 
     av: StrategyName = "soft_yield"
@@ -372,7 +372,7 @@ class ArmsSection(_Section):
     """The strategy that drives in the reference's arm."""
 
 
-class ConflictsSection(_Section):
+class ConflictsSection(Section):
     """``[conflicts]``: thresholds of the measures beyond which an episode counts as a conflict."""
 
     ttc_s: NonNegative = 1.5
@@ -385,7 +385,7 @@ class ConflictsSection(_Section):
     """A greater deceleration rate to avoid a crash is a conflict."""
 
 
-class ExperimentSection(_Section):
+class ExperimentSection(Section):
     """``[experiment]``: how many pairs, from which seed, at which step."""
 
     pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
@@ -400,8 +400,8 @@ class ExperimentSection(_Section):
     """Wall time a strategy may take for one answer."""
 
 
-class LimitsSection(_Section):
-    """``[limits]``: a strategy is allowed below them; for comparing, no part of a simulation."""
+class LimitsSection(Section):
+    """``[limits]``: a strategy within them is allowed; used to compare, not to simulate."""
 
     mu0: Positive | None = None
     """Limit of μ, for ``harness compare``."""
@@ -418,7 +418,7 @@ QUARTER_S = 900.0
 Flow = Annotated[float, Field(ge=0, le=100_000)]
 
 
-class TrafficSection(_Section):
+class TrafficSection(Section):
     """``[traffic]``: vehicles over hours in place of one ego.
 
     ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its headway.
@@ -449,107 +449,3 @@ class TrafficSection(_Section):
         """Whether any vehicle comes in a direction."""
         flow = self.oncoming_per_hour if oncoming else self.flow_per_hour
         return self.saturated or (max(flow) if isinstance(flow, tuple) else flow) > 0
-
-
-class Scenario(_Section):
-    """One experiment, complete: everything that a run of it needs, and nothing else."""
-
-    crossing: CrossingSection = CrossingSection()
-    ego: EgoSection = EgoSection()
-    pedestrians: PedestriansSection = PedestriansSection()
-    perception: PerceptionSection = PerceptionSection()
-    model: ModelSection = ModelSection()
-    arms: ArmsSection = ArmsSection()
-    strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
-    """Parameters of each strategy by its name."""
-    conflicts: ConflictsSection = ConflictsSection()
-    experiment: ExperimentSection = ExperimentSection()
-    limits: LimitsSection = LimitsSection()
-    traffic: TrafficSection | None = None
-
-    @property
-    def known_traffic(self) -> TrafficSection:
-        """``[traffic]`` of a scenario that is known to have it."""
-        assert self.traffic is not None
-        return self.traffic
-
-    def vehicle(self) -> Vehicle:
-        """The ego's constants; the detection range defaults to the trigger range."""
-        values = self.ego.model_dump(exclude={"lane"})
-        if values["detection_range_m"] is None:
-            values["detection_range_m"] = values["trigger_range_m"]
-        return Vehicle(**values)
-
-    def crosswalk(self) -> Crossing:
-        """The crosswalk's constants, from the ego's lane."""
-        crossing, number = self.crossing, self.ego.lane
-        centre_m = crossing.lane_centre_m(number)
-        if crossing.read is not None:
-            centre_m = crossing.read.lane_centre_m
-        return self._seen_from(number, centre_m, crossing.width_of_lane_m)
-
-    def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
-        """The crosswalk's constants from each lane of a direction, from its own near kerb on."""
-        crossing = self.crossing
-        if crossing.read is None:
-            count = crossing.oncoming_lanes if oncoming else crossing.lanes
-            lanes = [(crossing.lane_centre_m(n), crossing.width_of_lane_m) for n in range(count)]
-        else:
-            far_m = crossing.length_m
-            lanes = [
-                (far_m - way.centre_m if oncoming else way.centre_m, way.width_m)
-                for way in crossing.read.ways
-                if way.oncoming is oncoming
-            ]
-        return tuple(self._seen_from(number, *lane) for number, lane in enumerate(lanes))
-
-    def _seen_from(self, lane: int, centre_m: float, width_m: float) -> Crossing:
-        crossing, limit_mps = self.crossing, None
-        if crossing.read is None:
-            limit_mps = crossing.road_speed_limit_mps or self.ego.initial_speed_mps
-        return Crossing(
-            length_m=crossing.length_m,
-            width_m=crossing.width_m,
-            lane_centre_m=centre_m,
-            lane_width_m=width_m,
-            lane=lane,
-            speed_limit_mps=limit_mps,
-        )
-
-    def least_headway_s(self) -> float:
-        """Shortest headway of vehicles that do not disturb each other at v0; whole steps.
-
-        The following distance of SUMO's Krauss model at v0: tau_s + (length + min_gap_m)/v0.
-        """
-        traffic = self.known_traffic
-        spaced_m = self.ego.length_m + traffic.min_gap_m
-        headway_s = traffic.tau_s + spaced_m / self.ego.initial_speed_mps
-        step_s = self.experiment.step_s
-        return math.ceil(headway_s / step_s - 1e-9) * step_s
-
-    def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
-        """Side and path of every timed pedestrian of the case, or of all where none is named."""
-        case = self.pedestrians.timed_case
-        return tuple(
-            (Side(timed.side), path_of(timed, self))
-            for timed in self.pedestrians.timed
-            if case is None or timed.name == case
-        )
-
-    def obstacles(self) -> tuple[ObstacleSection, ...]:
-        """The obstacles of the timed case, or all where none is named."""
-        case = self.pedestrians.timed_case
-        return tuple(o for o in self.crossing.obstacles if case is None or o.case in (None, case))
-
-
-def path_of(timed: TimedSection, scenario: Scenario) -> tuple[Leg, ...]:
-    """The walk of a timed pedestrian; see ``timed_path``."""
-    return timed_path(
-        Side(timed.side),
-        timed.start_lateral_m,
-        timed.acceleration_distance_m,
-        timed.speed_mps,
-        timed.impact_share,
-        scenario.vehicle(),
-        scenario.crosswalk(),
-    )

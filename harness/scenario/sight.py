@@ -2,7 +2,8 @@
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Side
 from harness.errors import InputError, unknown_name
-from harness.scenario.sections import ROUNDING_M, ObstacleSection, Scenario
+from harness.scenario.scenario import Scenario
+from harness.scenario.sections import ROUNDING_M, ObstacleSection
 
 ENTRY_BEFORE_KERB_M = 1.5
 """How far before their kerb SUMO's own pedestrians enter."""

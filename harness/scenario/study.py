@@ -12,7 +12,7 @@ from typing import Any
 from harness.documents import parse_toml
 from harness.errors import InputError
 from harness.scenario.file import ScenarioFile, Setting, apply_setting, toml_value, validate
-from harness.scenario.sections import Scenario
+from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si
 
 MAX_CELLS = 100_000
