@@ -8,6 +8,7 @@ from scipy import stats
 
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
+from harness.episode.arms import check_arms
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.errors import InputError
@@ -21,8 +22,8 @@ from harness.risk.interval import estimate_of
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of
-from harness.risk.ways import people_of
-from harness.scenario import Scenario, validate
+from harness.risk.ways import drawn_of, people_of
+from harness.scenario import Scenario, load_scenario, validate
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
 
@@ -277,6 +278,24 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     )
     (person,) = people_of(blind, space, 3, np.array([1.0]))
     assert person["found_at_look"] is None
+
+
+def test_who_was_missed_is_met_again_at_a_speed_that_the_model_does_not_know() -> None:
+    settings = {
+        "pedestrians.timed_case": "CPNCO-50",
+        "ego.initial_speed_mps": 50 / 3.6,  # the box of dut ends at 8 m/s
+        "perception.detection_probability": 0.3,
+        "arms.av": "emergency_brake",
+    }
+    scenario = load_scenario("euro_ncap_vru", settings)
+    space = space_of(scenario)
+    drawn = [drawn_of(space, 5, np.array([2.0]))]
+    again = load_scenario("euro_ncap_vru", {**settings, "pedestrians.drawn": drawn})
+    for of in (scenario, again):
+        check_arms(of, load_model(of.model.name, of.model.path))
+    assert planned_arrivals(again, 0) == planned_arrivals(
+        scenario, 5, space.given(np.array([2.0]), 5)
+    )
 
 
 @pytest.mark.parametrize("first_at_trigger", [False, True])

@@ -12,6 +12,7 @@ from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.loop import run_episode
 from harness.errors import InputError
+from harness.interaction import InteractionModel, load_model
 from harness.scenario import load_scenario
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
@@ -19,6 +20,7 @@ from harness.strategies.hard_yield import HardYield
 from harness.trajectories import Clip, Track, VehicleTrack
 from harness.validation import LEFT_OUT, bootstrap, find_passages, validate
 from harness.validation.bootstrap import few_vehicles
+from harness.validation.drivers import DRAWS, FoldModels, fitted_on, outcomes_of
 from harness.validation.figures import pass_time_score
 from harness.validation.finding import crossing_about
 from tests.batches import printed
@@ -301,3 +303,33 @@ def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None
             load_scenario("cctc"),
             options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": 60.0},
         )
+
+
+def test_a_driver_that_draws_is_driven_often_only_where_that_makes_a_difference(tmp_path) -> None:
+    passages = held(write_set(tmp_path, HardYield), ["hard_yield"]).passages.used[:1]
+    model = load_model("dut")
+    counts = {}
+    for rate in (0.0, 0.5, 1.0):
+        settings = {"strategies.human_yield.yield_rate": rate}
+        scenario = load_scenario("cctc", settings)
+        found = outcomes_of("human_yield", passages, scenario, lambda _: model)
+        assert len(found) == len(passages)
+        counts[rate] = {len(of) for of in found}
+    # Who never yields, or always, does the same whatever is drawn.
+    assert counts == {0.0: {1}, 0.5: {DRAWS}, 1.0: {1}}
+
+
+def test_a_passage_is_driven_by_the_model_that_has_not_seen_its_vehicle(tmp_path) -> None:
+    passages = held(write_set(tmp_path, HardYield), ["hard_yield"]).passages.used
+    whole, *folds = (load_model("dut") for _ in range(3))
+    fold_of = {passage.vehicle_id: n for n, passage in enumerate(passages[:2])}
+    models = FoldModels(whole, folds, fold_of)
+    assert [models(passage) for passage in passages[:3]] == [*folds, whole]
+    source = passages[0].source
+    for named, is_of in (
+        ({"source": source}, True),
+        ({"source": ["x", source]}, True),
+        ({}, False),
+    ):
+        model = InteractionModel(whole.mixture, "own", named, "")
+        assert fitted_on(model, passages) is is_of
