@@ -93,6 +93,25 @@ def test_what_failed_or_differed_ends_with_exit_code_1(finished: Path, tmp_path:
         assert here("resume", folder).returncode == code
 
 
+def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
+    finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert json.loads(printed("resume", finished, "--json")) == read_risk(finished)
+    assert printed("resume", finished, "--quiet") == f"{finished}\n"
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    page = tmp_path / "page.html"
+    assert json.loads(printed("report", finished, "--out", page, "--open", "--json")) == {
+        "page": str(page)
+    }
+    assert opened == [page.as_uri()]
+
+
+def test_what_a_risk_cannot_do_is_refused(finished: Path, tmp_path: Path) -> None:
+    assert "cannot go on with a risk" in refusal("resume", finished, "--dask", "tcp://nowhere:1")
+    assert "a risk has no figures" in refusal("report", finished, "--figures", tmp_path)
+
+
 def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:
     folder = tmp_path / "risk"
     shutil.copytree(finished, folder)
