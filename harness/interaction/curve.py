@@ -22,7 +22,7 @@ from harness.mixture.components import Given, Regression
 
 # Steps of v_p, and of w on either side of the hole, at which cells of the grid end.
 _SPEEDS = 48
-_TIMES = 64
+_TIMES = 128
 # Cells added where the mass is.
 _PARTS = 128
 # Gauss's rule of two points in each cell.

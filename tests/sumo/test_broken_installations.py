@@ -42,9 +42,17 @@ def one_line(done: "subprocess.CompletedProcess[str]", code: int, *parts: str) -
 
 
 NO_LIBRARY = "libxerces-c-3.2.so: cannot open shared object file: No such file or directory"
+CALLS = "simulation_step = person_moveToXY = vehicle_setSpeed = vehicle_getDistance"
+OTHER_VERSION = f"""
+class _libsumo:
+    {CALLS} = None
+
+def getVersion():
+    return 21, 'SUMO 1.20.0'
+"""
 LIBRARIES = {
     "does not load": (f"raise ImportError({NO_LIBRARY!r})", NO_LIBRARY),
-    "other version": ("def getVersion():\n    return 21, 'SUMO 1.20.0'\n", "is SUMO 1.20.0, not"),
+    "other version": (OTHER_VERSION, "is SUMO 1.20.0, not"),
 }
 
 
