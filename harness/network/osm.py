@@ -95,7 +95,7 @@ def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
                     element.clear()
     except FileNotFoundError:
         raise InputError(str(osm), "no such extract", "an OpenStreetMap file (.osm)") from None
-    except (ET.ParseError, EOFError, zlib.error, KeyError) as error:
+    except (ET.ParseError, EOFError, zlib.error, LookupError, ValueError) as error:
         raise InputError(str(osm), f"cut off, or no OpenStreetMap XML ({error})") from None
     except OSError as error:
         raise InputError(str(osm), f"cannot be read ({error.strerror or error})") from None

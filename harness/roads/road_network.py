@@ -149,7 +149,7 @@ def read_network(path: Path) -> RoadNetwork:
         raise InputError(str(path), f"cannot be read ({reason})") from None
     except (ET.ParseError, EOFError, zlib.error) as error:
         raise InputError(str(path), f"cut off, or no XML ({error})", "a SUMO network") from None
-    except (KeyError, ValueError) as error:
+    except (LookupError, ValueError) as error:  # an unknown encoding, a missing attribute
         raise InputError(str(path), f"no SUMO network ({error})", "a .net.xml file") from None
     return reader.network
 

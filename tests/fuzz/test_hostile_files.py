@@ -212,6 +212,8 @@ UNUSUAL = {
     "deep.json": f'{{"provenance": {DEEP}}}'.encode(),
     "exponent.json": b'{"schema": 1e999999999}',
     "huge.csv": b"range_m\n1" + b"0" * 400 + b"\n",
+    "encoding.net.xml": b'<?xml version="1.0" encoding="None"?><net/>',
+    "encoding.osm": b'<?xml version="1.0" encoding="utf-7"?><osm/>',
 }
 
 
@@ -219,6 +221,7 @@ UNUSUAL = {
 @pytest.mark.usefixtures("_nothing_runs")
 def test_unusual_files_are_refused(folder: Path, name: str) -> None:
     command = {".toml": "run {}", ".json": "model show {}", ".csv": FIT.replace("{file}", "{}")}
+    command |= {".xml": "crossings {}", ".osm": "crossings {} --out out/site"}
     (folder / name).write_bytes(UNUSUAL[name])
     assert not done_or_refused(*command[Path(name).suffix].format(name).split())
     (folder / name).unlink()
