@@ -22,11 +22,10 @@ def growth(found: Soak, process: str, field: str) -> float:
     return second / first
 
 
-def check(found: Soak, slower: float, larger: float) -> None:
+def check(found: Soak) -> None:
     assert (found.exit_code, found.left) == (0, [])
-    assert found.slowing() < slower
     for process in PROCESSES:
-        assert growth(found, process, "memory_mb") < larger, process
+        assert growth(found, process, "memory_mb") < 1.03, process
         assert growth(found, process, "open_files") <= 1, process
         first, second = found.middle(process, lambda state: state.threads)
         # The watchdog's own thread comes and goes.
@@ -35,13 +34,16 @@ def check(found: Soak, slower: float, larger: float) -> None:
 
 @pytest.mark.usefixtures("no_simulation")
 def test_a_run_stays_as_it_began(tmp_path: Path) -> None:
-    check(soak("cctc", 1_200, 2, SETTINGS, tmp_path / "run", 0.2), slower=1.3, larger=1.03)
+    """Processor time is too restless in a run of seconds: the long run looks at it."""
+    check(soak("cctc", 4_000, 2, SETTINGS, tmp_path / "run", 0.05))
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_simulation")
 def test_a_long_run_stays_as_it_began(tmp_path: Path) -> None:
-    check(soak("cctc", 20_000, 2, [], tmp_path / "run", 1.0), slower=1.15, larger=1.03)
+    found = soak("cctc", 20_000, 2, [], tmp_path / "run", 1.0)
+    check(found)
+    assert found.slowing() < 1.15
 
 
 LEAKY = """
