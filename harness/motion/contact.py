@@ -91,7 +91,7 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
         return (-slope / (2 * square),) if touches else ()
     # The sum of equal signs: the other one loses digits.
     larger = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
-    return (larger / square, constant / larger) if larger != 0 else (0.0,)
+    return (larger / square, constant / larger) if larger != 0 else ()  # from the start on
 
 
 def _times_at_circle(

@@ -41,7 +41,7 @@ def sentence(result: dict[str, Any]) -> str:
             f"{who}: no estimate of P({result['event']}). "
             f"{counted(result['events_in_all'], 'episode')} ended in it, of which none is among "
             f"the draws of the estimate ({result['draws']:,}), which bound it by "
-            f"{result['ci_high']:.2g} (one-sided {level})."
+            f"{result['ci_high']:.2g} (one-sided {sure})."
         )
     if result["probability"] is None:
         event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"

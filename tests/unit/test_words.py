@@ -194,6 +194,7 @@ def test_a_risk_says_whether_a_way_to_the_event_was_found() -> None:
     seen = sentence({**RISK, "events_in_all": 190})
     assert "no way" not in seen
     assert "190 episodes ended in it" in seen
+    assert seen.endswith("(one-sided 95 %).")
     assert "of which none is among the draws of the estimate (1), which bound it by 0.95" in seen
 
 
