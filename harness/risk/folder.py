@@ -107,7 +107,8 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
     """What ``risk.json`` or ``result.json`` of a folder holds.
 
     Raises:
-        InputError: there is none, the risk is not finished, or the file is damaged.
+        InputError: there is none, the risk is not finished, the file is damaged, or it is of a
+            version that did not count all events.
     """
     try:
         document = json.loads((folder / name).read_text(encoding="utf-8"))
@@ -119,6 +120,8 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
         raise InputError(str(folder / name), "is damaged", "as harness risk writes it") from None
     if not isinstance(document, dict):
         raise InputError(str(folder / name), "is damaged", "as harness risk writes it")
+    if name == RESULT and "events" in document and "events_in_all" not in document:
+        raise InputError(str(folder), "is of an earlier harness risk", "one estimated again")
     return document
 
 

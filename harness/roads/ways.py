@@ -214,20 +214,20 @@ def _turn_deg(one: complex, other: complex) -> float:
 def _simplified(points: list[tuple[float, complex]]) -> list[tuple[float, complex]]:
     """A line without the points that lie within rounding of it (Douglas and Peucker, 1973)."""
     keep = {0, len(points) - 1}
-    todo = [(0, len(points) - 1)]
-    while todo:
-        low, high = todo.pop()
+    spans = [(0, len(points) - 1)]
+    while spans:
+        low, high = spans.pop()
         a, b = points[low][1], points[high][1]
-        span = b - a
+        chord = b - a
         far, worst = 0, _ROUNDING_M
         for i in range(low + 1, high):
             off = points[i][1] - a
-            away = abs((span.conjugate() * off).imag) / abs(span) if span else abs(off)
+            away = abs((chord.conjugate() * off).imag) / abs(chord) if chord else abs(off)
             if away > worst:
                 far, worst = i, away
         if far:
             keep.add(far)
-            todo += [(low, far), (far, high)]
+            spans += [(low, far), (far, high)]
     kept = [points[i] for i in sorted(keep)]
     # Two points of one place have no direction.
     return [

@@ -1,6 +1,7 @@
 """How rare an event is: the estimator on probabilities known in closed form, and its parts."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +19,13 @@ from harness.report.risk_terminal import person_words
 from harness.risk.estimation import estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.fitting import first_components, spread
+from harness.risk.folder import read_risk
 from harness.risk.interval import estimate_of
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of
 from harness.risk.ways import drawn_of, people_of
+from harness.risk.writing import RESULT
 from harness.scenario import Scenario, load_scenario, validate
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
@@ -326,3 +329,9 @@ def test_an_episode_met_again_is_the_same_with_all_its_streams() -> None:
     # The human driver draws from a stream of its own, and so do those who are there at the start.
     assert record(0, drawn=[{"episode": 9}]) == record(9)
     assert record(0, drawn=[{"episode": 9}]) != record(0)
+
+
+def test_a_result_of_an_earlier_version_is_refused(tmp_path: Path) -> None:
+    (tmp_path / RESULT).write_text('{"probability": 1e-6, "events": 9}', encoding="utf-8")
+    with pytest.raises(InputError, match="is of an earlier harness risk"):
+        read_risk(tmp_path)
