@@ -208,7 +208,23 @@ def _left_out(av: Columns, human: Columns) -> dict[str, float]:
         "mu_met_someone": float(np.nanmean(av_s / human["pass_time_s"])),
         "delay_difference_human_s": float(np.nanmean(av_s - human_s)),
         "mu_worst": float(worst.mean()),
+        **_ratios(av, human, timeout_s),
         "kappa_worst": float(missing.mean()),
+    }
+
+
+def _ratios(av: Columns, human: Columns, timeout_s: float) -> dict[str, float]:
+    """Ratios of times: a crash of the human as if untouched, whoever never passed at the end."""
+    times = [
+        np.where(np.isnan(arm["untouched_pass_time_s"]), timeout_s, arm["untouched_pass_time_s"])
+        for arm in (av, human)
+    ]
+    alive = ~av["crashed"]
+    never = np.isnan(human["untouched_pass_time_s"])
+    av_worst = np.where(alive, times[0], timeout_s)
+    return {
+        "time_ratio": float(times[0][alive].sum() / times[1][alive].sum()),
+        "time_ratio_worst": float(av_worst.sum() / np.where(never, FREE_S, times[1]).sum()),
     }
 
 

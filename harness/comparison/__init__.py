@@ -24,6 +24,7 @@ from harness.comparison.intervals import (
     student_mean,
     zero_bound,
 )
+from harness.comparison.pair_columns import PairColumns
 from harness.comparison.paired import CrashTest, holm, mcnemar, paired_difference
 from harness.comparison.pareto import (
     Place,
@@ -33,7 +34,7 @@ from harness.comparison.pareto import (
     relation_of_crashes,
     relation_of_means,
 )
-from harness.comparison.summary import PairColumns, Summary, summarise
+from harness.comparison.summary import Summary, summarise
 
 __all__ = [
     "CONFIDENCE",

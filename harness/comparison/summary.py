@@ -1,7 +1,6 @@
 """μ, c_v and κ of a cell, each with its interval.  Columns in, numbers out."""
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,108 +13,8 @@ from harness.comparison.intervals import (
     bootstrap_ratio,
     proportion,
 )
+from harness.comparison.pair_columns import BothArms, PairColumns
 from harness.encounter import FloatArray
-
-BothArms = tuple[np.ndarray, np.ndarray]
-"""Aligned columns of the AV's and the human's arm, one entry for each pair."""
-
-
-@dataclass(frozen=True, slots=True)
-class PairColumns:
-    """Aligned columns of a cell, one entry for each pair.
-
-    ``time_s`` and ``delay_s`` are NaN where the arm did not cross.  ``untouched_time_s`` is the
-    pass time had nobody been touched; it is NaN where the ego never passed, and everywhere in a
-    run from before it was kept.  ``stops`` and ``stopped_s`` are NaN where the arm failed.
-    ``front`` marks contacts with the front, ``avoidable`` crashes that full braking would have
-    prevented, ``failed_strategy`` failures of the strategy.  ``met`` is the number of pedestrians
-    who stepped off.  ``arrivals`` is the number of those who arrived, ``waited_s`` the sum of
-    their waits at the kerb.  ``conditionings`` counts how often the interaction model was asked,
-    ``clamped`` how often about an ego that is faster or farther away than its box, by at most the
-    two excesses, which are NaN where that never was.  All of these are NaN in a run from before
-    they were kept.
-    """
-
-    time_s: BothArms
-    untouched_time_s: BothArms
-    delay_s: BothArms
-    stops: BothArms
-    stopped_s: BothArms
-    crashed: BothArms
-    front: BothArms
-    avoidable: BothArms
-    timed_out: BothArms
-    failed: BothArms
-    failed_strategy: BothArms
-    met: BothArms
-    arrivals: BothArms
-    waited_s: BothArms
-    conditionings: BothArms
-    clamped: BothArms
-    speed_excess_mps: BothArms
-    range_excess_m: BothArms
-    av_fallback: np.ndarray
-
-    def where(self, keep: "np.ndarray | slice") -> "PairColumns":
-        """The columns of some pairs alone: those of a mask, or of a slice."""
-
-        def kept(column: np.ndarray | BothArms) -> Any:
-            if isinstance(column, tuple):
-                return column[0][keep], column[1][keep]
-            return column[keep]
-
-        return PairColumns(**{of.name: kept(getattr(self, of.name)) for of in fields(self)})
-
-    @property
-    def tau(self) -> FloatArray:
-        """AV time / human time of each pair, NaN where either arm did not cross."""
-        av, human = self.time_s
-        ratio: FloatArray = av / human
-        return ratio
-
-    @property
-    def tau_all(self) -> FloatArray:
-        """τ with the human's crashes counted by when it had passed had nobody been touched.
-
-        NaN where the AV did not cross, where the human never passed, and where that time is not
-        kept.
-        """
-        ratio: FloatArray = self.time_s[0] / self.untouched_time_s[1]
-        return ratio
-
-    @property
-    def delay_difference_s(self) -> FloatArray:
-        """AV's delay less the human's over the pairs of ``tau_all``; NaN elsewhere."""
-        difference: FloatArray = self.time_s[0] - self.untouched_time_s[1]
-        return difference
-
-    def tau_worst(self, timeout_s: float, free_pass_s: float) -> FloatArray:
-        """τ of every pair, with whatever is missing counted against the AV.
-
-        An AV that crashed, failed or timed out counts at ``timeout_s``, a human without a passage
-        at ``free_pass_s``.
-        """
-        av, human = self.time_s[0], self.untouched_time_s[1]
-        human = np.where(np.isnan(human), self.time_s[1], human)
-        ratio: FloatArray = np.where(np.isnan(av), timeout_s, av) / np.where(
-            np.isnan(human), free_pass_s, human
-        )
-        return ratio
-
-    @property
-    def any_timed_out(self) -> np.ndarray:
-        """Whether either arm of the pair timed out."""
-        return self.timed_out[0] | self.timed_out[1]
-
-    @property
-    def any_failed(self) -> np.ndarray:
-        """Whether either arm of the pair failed."""
-        return self.failed[0] | self.failed[1]
-
-    @property
-    def met_someone(self) -> np.ndarray:
-        """Whether somebody stepped off in either arm of the pair."""
-        return (self.met[0] > 0) | (self.met[1] > 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,6 +71,9 @@ class Summary:
     clamped_share_human: float | None
     clamped_speed_excess_mps: float | None
     clamped_range_excess_m: float | None
+    time_ratio: Interval
+    time_ratio_pairs: int
+    time_ratio_worst: Interval
 
 
 def summarise(
@@ -185,7 +87,9 @@ def summarise(
 
     τ = AV time / human time of each pair in which both crossed; μ its mean, c_v its population
     standard deviation over μ (paper, section III-E).  What this leaves out stands beside it:
-    ``mu_all``, ``mu_worst`` and ``kappa_worst`` (docs/method.md, What is left out).
+    ``mu_all``, ``mu_worst`` and ``kappa_worst`` (docs/method.md, What is left out).  ``time_ratio``
+    is the ratio of the sums of ``times_counted``, over ``time_ratio_pairs``, ``time_ratio_worst``
+    that of ``times_worst``, over all pairs.
 
     Args:
         pairs: the columns, of at least one pair.
@@ -204,6 +108,11 @@ def summarise(
     mu_met = _mean_of(met.tau, rng, confidence)
     delays_met = [_mean_of(delay, rng, confidence) for delay in met.delay_s]
     mu_worst = _mean_of(pairs.tau_worst(timeout_s, free_pass_s), rng, confidence)
+    av_s, human_s = pairs.times_counted(timeout_s)
+    counted = ~np.isnan(av_s)
+    time_ratio = bootstrap_ratio(av_s[counted], human_s[counted], rng, confidence)
+    worst = pairs.times_worst(timeout_s, free_pass_s)
+    time_ratio_worst = bootstrap_ratio(*worst, rng, confidence)
     av_missing = pairs.crashed[0] | pairs.failed[0] | pairs.timed_out[0]
     ran = [~failed for failed in pairs.failed]
     return Summary(
@@ -253,6 +162,9 @@ def summarise(
         clamped_share_human=_clamped_share(pairs, 1),
         clamped_speed_excess_mps=_largest(pairs.speed_excess_mps),
         clamped_range_excess_m=_largest(pairs.range_excess_m),
+        time_ratio=time_ratio,
+        time_ratio_pairs=_count(counted),
+        time_ratio_worst=time_ratio_worst,
     )
 
 

@@ -244,6 +244,36 @@ def test_what_is_left_out_by_hand() -> None:
     assert summary.mu_worst.high == pytest.approx(high, abs=0.05 * (high - low))
 
 
+def test_ratio_of_times_by_hand() -> None:
+    summary = summarise(columns(), 60.0, 7.4, rng())
+    # Time-outs of either arm count with 60 s, the human's crash with 8 s; the AV's two crashes and
+    # its failure are left out.
+    av_s, human_s = [6, 9, 12, 60, 15, 20], [10, 10, 8, 30, 60, 8]
+    assert summary.time_ratio_pairs == 6
+    assert summary.time_ratio.value == pytest.approx(sum(av_s) / sum(human_s))
+    assert summary.time_ratio.low < 122 / 126 < summary.time_ratio.high
+    # Over all: the AV's three with 60 s, a human who never passed free, 7.4 s.
+    worst = (sum(av_s) + 3 * 60) / (10 + 10 + 8 + 9 + 9 + 30 + 7.4 + 7.4 + 8)
+    assert summary.time_ratio_worst.value == pytest.approx(worst)
+
+
+def test_a_human_who_never_passes_counts_with_the_time_out() -> None:
+    pairs = columns()
+    stuck = np.where(pairs.crashed[1], np.nan, pairs.untouched_time_s[1])
+    pairs = replace(pairs, untouched_time_s=(pairs.untouched_time_s[0], stuck))
+    summary = summarise(pairs, 60.0, 7.4, rng())
+    assert summary.time_ratio_pairs == 6
+    assert summary.time_ratio.value == pytest.approx(122 / (126 - 8 + 60))
+
+
+def test_a_run_without_untouched_times_leaves_the_humans_crashes_out() -> None:
+    pairs = columns()
+    none = np.full(len(PAIRS), np.nan)
+    summary = summarise(replace(pairs, untouched_time_s=(none, none)), 60.0, 7.4, rng())
+    assert summary.time_ratio_pairs == 5
+    assert summary.time_ratio.value == pytest.approx((122 - 20) / (126 - 8))
+
+
 def test_pairs_that_met_someone_by_hand() -> None:
     summary = summarise(columns(), 60.0, 7.4, rng())
     assert summary.defined_pairs_met_someone == 2
