@@ -84,20 +84,22 @@ def resume(
     with _held(folder):
         with reading(path):
             document = read_manifest(path)
+            finished = document["counts"] is not None
+            if finished:
+                # Interrupted, if at all, while it cleared up.
+                folder.drop_shards()
+            if finished and document["sumo_outputs"] is None:
+                return load_run(path)
             plan = recall_plan(document, workers)
-            refuse_other_versions(document, plan.manifest())
-        if document["counts"] is not None:
-            # Interrupted, if at all, while it cleared up.
-            folder.drop_shards()
+            refuse_other_versions(document["simulated_with"], plan.origin["simulated_with"])
+        if finished:
             return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")
         return _carry_out(folder, plan, progress, make_executor or _usual_executor(plan))
 
 
 def _usual_executor(plan: Plan) -> MakeExecutor:
-    cells = plan.study.cells
-    driven = {name for cell in cells for name in cell.scenario.arms.model_dump().values()}
-    if plan.options.workers == 0 or any(map(is_of_this_process, driven)):
+    if plan.options.workers == 0 or any(map(is_of_this_process, plan.study.driven)):
         return lambda _workers: ThisProcess()
     return LocalPool
 

@@ -8,7 +8,7 @@ from harness.episode.arms import check_arms
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.network import network_of
-from harness.results.manifest import manifest_of, options_of
+from harness.results.manifest import manifest_of, options_of, origin_of
 from harness.results.reading import MANIFEST
 from harness.results.tables import encounter_tables, hour_tables
 from harness.scenario import Options, Scenario, Study, study_from
@@ -20,11 +20,15 @@ from harness.workers.audit import Audit, audit_of
 
 @dataclass(frozen=True)
 class Plan:
-    """The plan of a run: its cells, the model of each by number, and the options."""
+    """The plan of a run: its cells, the model of each by number, and the options.
+
+    ``origin`` is what its manifest says the run is made with (``origin_of``).
+    """
 
     study: Study
     models: dict[int, InteractionModel]
     options: Options
+    origin: dict[str, Any]
 
     @property
     def shard_tables(self) -> list[str]:
@@ -50,7 +54,7 @@ class Plan:
 
     def manifest(self, counts: dict[str, int] | None = None) -> dict[str, Any]:
         """See ``manifest_of``."""
-        return manifest_of(self.study, self.models.values(), self.options, counts)
+        return manifest_of(self.study, self.origin, self.options, counts)
 
 
 def plan_of(study: Study, options: Options) -> Plan:
@@ -78,7 +82,7 @@ def plan_of(study: Study, options: Options) -> Plan:
         models[cell.number] = loaded[key]
         check_arms(cell.scenario, models[cell.number])
         network_of(cell.scenario)
-    return Plan(study, models, options)
+    return Plan(study, models, options, origin_of(study, models.values()))
 
 
 def _refuse_for_plain(study: Study, options: Options) -> None:

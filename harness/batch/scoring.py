@@ -1,6 +1,7 @@
 """Recomputes a run's measures and summary from its kept traces, without simulating."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +11,19 @@ import pyarrow.compute as pc
 
 from harness.batch.finish import finish
 from harness.batch.hour_scoring import score_hours
-from harness.batch.plan import recall_plan
+from harness.batch.plan import Plan
 from harness.encounter import Arm, Ending, Trace, Walk
 from harness.errors import InputError, nearest_name
 from harness.measures import Outcome, measure
 from harness.measures.catalogue import COLUMNS
 from harness.results.episode_tables import episode_rows
+from harness.results.manifest import options_of, scored_now
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.shards import DamagedShardError
 from harness.results.tables import ASKED, TABLES, encounter_tables
 from harness.results.walk_rows import stored_walk
-from harness.scenario import Cell, ConflictsSection, Scenario, Setting, validate
+from harness.scenario import Cell, ConflictsSection, Scenario, Setting, study_from, validate
 from harness.scenario.file import apply_setting
 
 _AFTER_CONTACT = ("untouched_pass_time_s",)
@@ -49,7 +51,12 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     if not traced and not settings:
         raise InputError(str(run), "kept no traces", "a run with --traces")
     _apply(settings, document)
-    plan = recall_plan(document)
+    study = study_from(document, str(run / MANIFEST))
+    # Neither model nor strategy has to be there: what they did is in the traces.
+    origin = {name: document[name] for name in ("know_the_model", "simulated_with")}
+    # SUMO's outputs are the simulated run's.
+    options = replace(options_of(document), sumo_outputs=None)
+    plan = Plan(study, {}, options, {**origin, "scored_with": scored_now()})
     folder = RunFolder(claim_folder(out, plan.study.name))
     finished = False
     try:

@@ -125,7 +125,7 @@ def replay(
             for arm, folder in zip(arms, folders, strict=True)
         ]
         futures = [pool.submit(run_again, job) for job in jobs]
-        return [_replayed(job, future) for job, future in zip(jobs, futures, strict=True)]
+        return [_replayed(stored, job, of) for job, of in zip(jobs, futures, strict=True)]
     except KeyboardInterrupt:
         pool.stop()
         for folder in folders:
@@ -177,10 +177,10 @@ def _traceback_of(outcome: Outcome | HourOutcome) -> str | None:
     return outcome.traceback if isinstance(outcome, HourOutcome) else outcome.trace.traceback
 
 
-def _replayed(job: Repetition, future: "Future[Repeated]") -> Replayed:
+def _replayed(stored: StoredCell, job: Repetition, future: "Future[Repeated]") -> Replayed:
     try:
         differences, traceback = future.result()
-        return Replayed(job.arm, job.folder, differences, traceback=traceback)
+        return Replayed(job.arm, job.folder, stored.explained(differences), traceback=traceback)
     except HarnessError as error:
         problem = reason_of(error, job.hang_after_s, job.stack_file)
         return Replayed(job.arm, job.folder, (), problem)

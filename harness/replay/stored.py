@@ -1,6 +1,6 @@
 """One cell of a stored run: what its episodes were, to hold a repetition against."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.results.episode_tables import episode_rows, pedestrian_rows
 from harness.results.hour_tables import hour_rows
+from harness.results.manifest import explained
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.tables import HOUR_TABLES
 from harness.scenario import Cell, EngineName, study_from
@@ -43,6 +44,7 @@ class StoredCell:
             raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
         self.cell: Cell = cells[number]
         self.engine: EngineName = document["engine"]
+        self._document = document
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(section.name, section.path)
         names = HOUR_TABLES if self.in_traffic else ("episodes", "pedestrians")
@@ -64,7 +66,11 @@ class StoredCell:
     def differences(self, outcome: Outcome | HourOutcome) -> tuple[str, ...]:
         """How an episode or an hour run again in SUMO is not as stored, in words."""
         rows = self.rows_of(outcome.pair, outcome.arm)
-        return tuple(record_differences(outcome, self.cell.number, rows, self.engine))
+        return self.explained(record_differences(outcome, self.cell.number, rows, self.engine))
+
+    def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
+        """The same, led by what is no longer as it was in the run: its strategy, say."""
+        return explained(differences, self._document, self.cell.scenario, self.model)
 
 
 def record_differences(

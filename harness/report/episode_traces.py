@@ -8,6 +8,7 @@ import pandas as pd
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
 from harness.replay.stored import differences_of
+from harness.results.manifest import explained
 from harness.results.tables import table_of
 from harness.runs.run_data import RunData
 from harness.scenario import hang_limit_s
@@ -156,14 +157,15 @@ def simulated_again(tasks: Sequence[Task]) -> Iterator[tuple[Task, TaskResult]]:
 def differences_from_stored(
     run: RunData, task: Task, result: TaskResult, names: Iterable[str]
 ) -> tuple[str, ...]:
-    """How the tables of these names that came out differ from those of the run, in words."""
-    return tuple(
+    """How the tables of these names that came out differ from those of the run, and why."""
+    differences = (
         difference
         for name in names
         for difference in differences_of(
             name, result.rows[name], run.rows_of(name, task.cell, task.first_pair).to_pylist()
         )
     )
+    return explained(differences, run.manifest, task.scenario, task.model)
 
 
 def task_of(run: RunData, cell: int, pair: int) -> Task:

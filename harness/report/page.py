@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -185,7 +185,7 @@ def _opening(run: RunData) -> Iterator[str]:
         )
         return
     pairs = counted(len(run.pairs), "pair")
-    model = run.manifest["models"]
+    model = run.manifest["simulated_with"]["models"]
     names = ", ".join(str(entry.get("name")) for entry in model)
     said = f"seed {run.manifest['seed']}, interaction model {names}"
     if run.varied_keys:
@@ -250,7 +250,7 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     scenario, manifest = run.scenario, run.manifest
     yield "scenario", run.name
     yield "arms", f"{scenario.arms.av} (AV), {scenario.arms.human} (human)"
-    for entry in manifest["models"]:
+    for entry in manifest["simulated_with"]["models"]:
         yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
     yield "reading of walking speeds", scenario.model.pedestrian_reading
     yield "seed", str(manifest["seed"])
@@ -263,8 +263,17 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     if manifest["until"]:
         (name, width) = next(iter(manifest["until"].items()))
         yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
-    yield "versions", ", ".join(f"{name} {of}" for name, of in dict(manifest["versions"]).items())
+    made, scored = manifest["simulated_with"], manifest["scored_with"]["versions"]
+    yield "simulated with", _named(made["versions"])
+    if scored != made["versions"]:
+        yield "scored with", _named(scored)
+    for name, digest in made["strategies"].items():
+        yield f"strategy {name}", f"sha256 {digest[:16]}…"
     yield "traces", "kept" if run.kept_traces else "not kept"
+
+
+def _named(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in versions.items())
 
 
 def _player(

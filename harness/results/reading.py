@@ -14,10 +14,20 @@ from harness.errors import InputError, reading, resume_command
 from harness.files import read_file
 from harness.results.tables import SCHEMA, TABLES, with_schema
 from harness.scenario import EngineName, of_today
+from harness.versions import versions_of_runs
 
 MANIFEST = "manifest.json"
 
 _Width = Annotated[float, Field(gt=0, lt=1)]
+
+
+class _ScoredWith(BaseModel):
+    versions: dict[str, str]
+
+
+class _SimulatedWith(_ScoredWith):
+    strategies: dict[str, str]
+    models: list[dict[Literal["name", "sha256"], str]]
 
 
 class _Manifest(BaseModel):
@@ -35,8 +45,8 @@ class _Manifest(BaseModel):
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
     know_the_model: list[str] | None = None
-    versions: dict[str, str]
-    models: list[dict[Literal["name", "sha256"], str]]
+    simulated_with: _SimulatedWith
+    scored_with: _ScoredWith
     counts: dict[str, int] | None
 
 
@@ -57,6 +67,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     version = document.get("schema") if isinstance(document, dict) else None
     if version != SCHEMA:
         raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
+    document = _of_today(document)
     form = check_form(_Manifest, document, str(path))
     # A run from before there was a choice took place in SUMO.
     return {
@@ -65,6 +76,25 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         "audit": form.audit,
         "know_the_model": form.know_the_model,
         "scenario": of_today(document["scenario"]),
+    }
+
+
+def _of_today(document: dict[str, Any]) -> dict[str, Any]:
+    """A manifest that an earlier version may have written, in the keys of this one.
+
+    It named the versions and strategies in one table, and what scored a run as what simulated it.
+    """
+    if not isinstance(versions := document.get("versions"), dict) or "models" not in document:
+        return document
+    libraries = {name: of for name, of in versions.items() if name in versions_of_runs()}
+    return {
+        **{key: value for key, value in document.items() if key not in ("versions", "models")},
+        "simulated_with": {
+            "versions": libraries,
+            "strategies": {name: of for name, of in versions.items() if name not in libraries},
+            "models": document["models"],
+        },
+        "scored_with": {"versions": libraries},
     }
 
 

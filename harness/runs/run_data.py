@@ -327,7 +327,8 @@ class RunData:
         if key not in self._models:
             self._models[key] = load_model(*key)
         model = self._models[key]
-        if model.sha256 not in {entry.get("sha256") for entry in self.manifest["models"]}:
+        used = self.manifest["simulated_with"]["models"]
+        if model.sha256 not in {entry.get("sha256") for entry in used}:
             raise InputError(f"model {model.name}", "has changed since the run", "the same file")
         return model
 

@@ -86,7 +86,7 @@ def _refuse_other_models(runs: Sequence[RunData]) -> None:
     """A model's name may stand for another file by now."""
     known: dict[str, tuple[str, RunData]] = {}
     for run in runs:
-        for entry in run.manifest["models"]:
+        for entry in run.manifest["simulated_with"]["models"]:
             name, sha256 = entry["name"], entry["sha256"]
             before, first = known.setdefault(name, (sha256, run))
             if before != sha256:

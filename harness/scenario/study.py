@@ -61,6 +61,12 @@ class Study:
         return self.cells[0].scenario.traffic is not None
 
     @property
+    def driven(self) -> list[str]:
+        """The strategies that drive in any cell, by name, each once."""
+        arms = (cell.scenario.arms.model_dump().values() for cell in self.cells)
+        return list(dict.fromkeys(name for names in arms for name in names))
+
+    @property
     def varied_keys(self) -> list[str]:
         """The varied keys, in the order given; none for a run of one cell."""
         return list(self.cells[0].varied)

@@ -95,8 +95,8 @@ def hostile(single: Path, runs: Path) -> Path:
     document = json.loads(path.read_text())
     document["name"] = HOSTILE
     document["scenario"]["arms"]["av"] = HOSTILE
-    document["models"][0]["name"] = HOSTILE
-    document["versions"]["harness"] = f"1</script>{HOSTILE}"
+    document["simulated_with"]["models"][0]["name"] = HOSTILE
+    document["simulated_with"]["versions"]["harness"] = f"1</script>{HOSTILE}"
     path.write_text(json.dumps(document))
     table = pq.read_table(folder / "episodes.parquet")
     rows = [{**row, "strategy": f"</script>{HOSTILE}"} for row in table.to_pylist()]

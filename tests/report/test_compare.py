@@ -330,7 +330,7 @@ def test_another_reference_is_refused(tmp_path: Path) -> None:
         compare(one, one)
     manifest = slower / "manifest.json"
     document = json.loads(manifest.read_text())
-    document["models"][0]["sha256"] = "0" * 64
+    document["simulated_with"]["models"][0]["sha256"] = "0" * 64
     manifest.write_text(json.dumps(document))
     with pytest.raises(InputError, match="its model dut is another one"):
         compare(one, slower)

@@ -324,10 +324,10 @@ def test_one_process_for_each_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("path", "value", "words"),
     [
-        (("versions", "sumo"), "1.27.0", ["sumo", "1.27.0", "1.28.0"]),
-        (("versions", "harness"), "0.0.1", ["harness", "0.0.1"]),
-        (("versions", "numpy"), None, ["numpy"]),
-        (("models", 0, "sha256"), "0" * 64, ["model"]),
+        (("simulated_with", "versions", "sumo"), "1.27.0", ["sumo", "1.27.0", "1.28.0"]),
+        (("simulated_with", "versions", "harness"), "0.0.1", ["harness", "0.0.1"]),
+        (("simulated_with", "versions", "numpy"), None, ["numpy"]),
+        (("simulated_with", "models", 0, "sha256"), "0" * 64, ["model"]),
         (("schema",), 999, ["999"]),
         (("cells",), None, ["cells", "None"]),
         (("scenario", "ego", "initial_speed_mps"), -1.0, ["initial_speed_mps"]),

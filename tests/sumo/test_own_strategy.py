@@ -14,7 +14,7 @@ from harness.batch.experiment import resume, run_study
 from harness.engine.shared import close_engine
 from harness.errors import InputError
 from harness.scenario import Options
-from tests.batches import QUICK, Inline, here, one_cell, options_of
+from tests.batches import QUICK, Inline, here, one_cell, options_of, shell
 
 CHECKOUT = Path(__file__).parents[2]
 
@@ -105,12 +105,25 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     module.write_text(STEADY, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     name = "steady_or_not:Steady"
-    changes = {**QUICK, "arms.av": name, "experiment.pairs": 2}
-    run_study(one_cell("cctc", changes), Options(), out=tmp_path / "run", make_executor=Inline)
+    study = one_cell("cctc", {**QUICK, "arms.av": name, "experiment.pairs": 2})
+    run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
     close_engine()
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
-    assert len(manifest["versions"][name]) == 64
+    assert len(manifest["simulated_with"]["strategies"][name]) == 64
     resume(tmp_path / "run", make_executor=Inline)
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "manifest.json").write_text(json.dumps({**manifest, "counts": None}))
     module.write_text(STEADY.replace("0.0", "0.1"), encoding="utf-8")
-    with pytest.raises(InputError, match=rf"resume: the run was begun with {name} "):
-        resume(tmp_path / "run", make_executor=Inline)
+    with pytest.raises(InputError, match=rf"resume: the strategy {name} has been edited since"):
+        resume(tmp_path / "half", make_executor=Inline)
+    # One that is finished is only read.
+    assert resume(tmp_path / "run", make_executor=Inline).finished
+    # A process imports a module once: only a new one drives as the file now says.
+    again = shell("replay", "run", "--pair", 0, "--debug", "--arm", "av", cwd=tmp_path)
+    assert again.returncode == 1
+    edited = f"the strategy {name} has been edited since the run"
+    assert again.stdout.splitlines()[1].strip() == edited, again
+    page = shell("report", "run", cwd=tmp_path)
+    assert page.returncode == 0
+    assert f"cell 0 pair 0: {edited}" in page.stderr
+    assert edited in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")

@@ -188,9 +188,10 @@ def test_manifest(runs: Path) -> None:
     assert manifest["scenario"]["experiment"]["pairs"] == 12
     assert manifest["scenario"]["ego"]["length_m"] == 5.0  # defaults are filled in
     needed = {"harness", "sumo", "python", "numpy", "scipy", "pandas", "pyarrow"}
-    assert needed <= set(manifest["versions"])
-    assert manifest["versions"]["sumo"] == "1.28.0"
-    (model,) = manifest["models"]
+    made_with = manifest["simulated_with"]
+    assert needed <= set(made_with["versions"])
+    assert made_with["versions"]["sumo"] == "1.28.0"
+    (model,) = made_with["models"]
     assert len(model["sha256"]) == 64
     counts = manifest["counts"]
     endings = ("crossed", "crashed", "timed_out", "engine_failed")

@@ -1,14 +1,17 @@
 """Score: the measures of a run again from its traces alone, byte for byte."""
 
+import json
 import shutil
+import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
 import pyarrow.parquet as pq
 import pytest
 
-from harness.batch import scoring
-from harness.batch.experiment import run_study
+from harness.batch import experiment, scoring
+from harness.batch.experiment import resume, run_study
 from harness.batch.scoring import score
 from harness.encounter import Arm
 from harness.engine.shared import close_engine
@@ -16,6 +19,9 @@ from harness.errors import InputError
 from harness.replay.rerun import replay
 from harness.results import summaries
 from harness.scenario import Options, Precision, Study
+from harness.strategies import own
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.versions import versions_of_runs
 from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, sweep
 
 STUDIES = {
@@ -97,6 +103,36 @@ def test_scoring_gives_a_run_the_measures_added_since(tmp_path: Path) -> None:
     pq.write_table(pq.read_table(path).drop_columns(["ending"]), path)
     with pytest.raises(InputError, match="lacks ending"):
         score(tmp_path / "older", tmp_path / "again")
+
+
+def test_a_score_says_what_simulated_and_what_scored(tmp_path: Path) -> None:
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 3, "arms.human": "gone:Strategy"})
+    # The strategy's module is there while it runs, and its measures need it no more.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "gone", gone := ModuleType("gone"))
+        patch.setattr(gone, "Strategy", ConstantSpeed, raising=False)
+        options = Options(traces=True, sumo_outputs="all")
+        patch.setattr(experiment, "write_outputs", lambda *_: ())
+        run_study(study, options, out=tmp_path / "run", make_executor=Inline)
+    own.load_own.cache_clear()
+    path = tmp_path / "run" / "manifest.json"
+    document = json.loads(path.read_text())
+    assert document["scored_with"]["versions"] == document["simulated_with"]["versions"]
+    document["simulated_with"]["versions"]["sumo"] = "1.0"
+    document["simulated_with"]["models"][0]["sha256"] = "0" * 64
+    path.write_text(json.dumps(document))
+    score(tmp_path / "run", tmp_path / "scored")
+    scored = json.loads((tmp_path / "scored" / "manifest.json").read_text())
+    assert scored["simulated_with"] == document["simulated_with"]
+    assert scored["scored_with"] == {"versions": versions_of_runs()}
+    assert scored["know_the_model"] == document["know_the_model"]
+
+    def simulates(_workers: int) -> Inline:
+        raise AssertionError("a scored run is simulated")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(experiment, "write_outputs", lambda *_: simulates(1))
+        assert resume(tmp_path / "scored", make_executor=simulates).finished
 
 
 def test_refused(tmp_path: Path) -> None:
