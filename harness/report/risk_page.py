@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.report.risk_terminal import effort, sentence, ways_table
-from harness.report.tables import Table, TableCell, per_cent
+from harness.report.tables import Table, TableCell, level, per_cent
 from harness.report.template import flat, page_in, write_page
 from harness.scenario import as_written
 
@@ -46,10 +46,12 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
         "caveats": result["warnings"],
         "tables": list(_tables(result)),
         "remarks": [
-            "The estimate is the mean weight of independent draws; the explorations only say where "
-            "to draw from."
-            if result["levels"]
-            else "The estimate is brute force, which a first look found affordable."
+            "The estimate is by brute force: the share of events among independent nominal draws, "
+            "which leaves no way to the event out."
+            if result["by_brute_force"]
+            else "The estimate is the mean weight of independent draws around the events that the "
+            "explorations found. It is that of the ways found; of all other ways only the nominal "
+            "draws say how much they may add up to."
         ],
         "failures": {
             "words": "Episodes in which two engines differ, the first:",
@@ -70,11 +72,16 @@ def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dic
 
 
 def _tables(result: dict[str, Any]) -> Iterator[Table]:
+    of = "" if result["by_brute_force"] else " of the ways found"
+    sure = level(result["confidence"])
     rows = [
-        ("probability", result["probability"]),
-        ("95 % interval, low", result["ci_low"]),
-        ("95 % interval, high", result["ci_high"]),
-        ("were all failed episodes events", result["probability_worst"]),
+        (f"probability{of}", result["probability"]),
+        (f"{sure} interval, low", result["ci_low"]),
+        (f"{sure} interval, high", result["ci_high"]),
+        (f"upper bound by nominal draws alone, one-sided {sure}", result["nominal_high"]),
+        ("nominal draws", result["nominal_draws"]),
+        ("events among the nominal draws", result["nominal_events"]),
+        ("probability if all failed episodes were events", result["probability_worst"]),
         ("coefficient of variation", result["coefficient_of_variation"]),
         ("effective sample size", result["effective_sample_size"]),
         ("episodes run", result["episodes"]),

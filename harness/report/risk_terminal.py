@@ -28,31 +28,46 @@ def print_risk(result: dict[str, Any], folder: Path) -> None:
 
 
 def sentence(result: dict[str, Any]) -> str:
-    """The probability in one sentence, or that no way to the event was found."""
+    """The probability and what it leaves out, or that no way to the event was found."""
     who = f"{result['strategy']} ({result['arm']}) in {result['scenario']}"
-    sure = level(result["confidence"])
+    asked, sure = f"P({result['event']})", level(result["confidence"])
     if result["failed"] == result["episodes"]:
         return (
             f"{who}: all {counted(result['episodes'], 'episode')} failed; nothing is known of "
-            f"P({result['event']})."
+            f"{asked}."
         )
+    bound = f"{result['nominal_high']:.2g} (one-sided {sure}; {nominal_words(result)})"
     if result["probability"] is None and result["events_in_all"]:
+        seen = result["events_in_all"] - result["first_look_events"]
         return (
-            f"{who}: no estimate of P({result['event']}). "
-            f"{counted(result['events_in_all'], 'episode')} ended in it, of which none is among "
-            f"the draws of the estimate ({result['draws']:,}), which bound it by "
-            f"{result['ci_high']:.2g} (one-sided {sure})."
+            f"{who}: no estimate of {asked}, as none of its {counted(result['draws'], 'draw')} "
+            f"ended in the event. {result['first_look_events']:,} of the "
+            f"{result['first_look_draws']:,} episodes of the first look did, and {seen:,} of the "
+            f"exploration. {asked} is at most {bound}."
         )
     if result["probability"] is None:
         event = "to crash" if result["event"] == "crashed" else f"to {result['event']}"
         return (
-            f"{who}: no way {event} found in {counted(result['episodes'], 'episode')}; "
-            f"brute force bounds the probability by {result['ci_high']:.2g} (one-sided {sure})."
+            f"{who}: no way {event} was found in {counted(result['episodes'], 'episode')}. "
+            f"{asked} is at most {bound}."
         )
-    return (
-        f"{who}: P({result['event']}) = {result['probability']:.3g} "
-        f"[{result['ci_low']:.3g}, {result['ci_high']:.3g}] per episode ({sure} interval)."
+    found = "" if result["by_brute_force"] else "the ways to the event that were found add up to "
+    estimate = (
+        f"{who}: {found}{asked} = {result['probability']:.3g} "
+        f"[{result['ci_low']:.3g}, {result['ci_high']:.3g}] per episode"
     )
+    if result["by_brute_force"]:
+        return f"{estimate} ({sure} interval, by brute force, which leaves no way out)."
+    return (
+        f"{estimate} ({sure} interval). Ways that the exploration did not find may add up to "
+        f"{bound}."
+    )
+
+
+def nominal_words(result: dict[str, Any]) -> str:
+    """What the bound on ways that were not found rests on."""
+    events = counted(result["nominal_events"], "event")
+    return f"{events} in {counted(result['nominal_draws'], 'nominal draw')}"
 
 
 def effort(result: dict[str, Any]) -> str:
@@ -67,7 +82,8 @@ def effort(result: dict[str, Any]) -> str:
         words += f"; {result['timed_out']:,} timed out and count as no event"
     if result["failed"]:
         worst = result["probability_worst"]
-        words += f"; {result['failed']:,} failed (were they all events: {worst:.3g})"
+        words += f"; {result['failed']:,} failed and count as no event; "
+        words += f"if all of them were events, P({result['event']}) would be {worst:.3g}"
     return words + "."
 
 

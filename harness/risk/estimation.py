@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from harness.encounter import FloatArray
 from harness.risk.drawing import draws_from
 from harness.risk.exploring import POINTS, Exploration, explore
-from harness.risk.interval import Estimate, estimate_of
+from harness.risk.interval import Estimate, Tally, estimate_of
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Counted, Evaluate
 from harness.risk.proposal import NOMINAL_SHARE, Proposal, keys_of, nominal
@@ -62,8 +62,9 @@ class Findings:
 
     ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
     ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
-    ``events_in_all`` of them ended in the event.  ``failed_weight`` is the probability that failed
-    episodes would add if all were in the event.
+    ``events_in_all`` of them ended in the event.  ``first_look`` counts the draws that decided
+    between brute force and exploring; the estimate does not count them.  ``failed_weight`` is the
+    probability that failed episodes would add if all were in the event.
     """
 
     estimate: Estimate
@@ -75,6 +76,7 @@ class Findings:
     keys: FloatArray
     episodes: int
     events_in_all: int
+    first_look: Tally
     failed_weight: float
     warnings: tuple[str, ...]
 
@@ -108,7 +110,7 @@ def _estimate(
     most_draws: int,
 ) -> Findings:
     # From a generator of its own: what follows is the same whatever the pilot took.
-    share, piloted = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
+    share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
     explorations: list[Exploration] = []
     if share is None:
         explorations = [explore(counted, layout, rng, n) for n in range(EXPLORATIONS)]
@@ -128,19 +130,19 @@ def _estimate(
     draws = min(max(wanted, POINTS if share is not None else _LEAST_DRAWS), most_draws)
     drawn = draws_from(proposal, counted, draws, rng, "estimating")
     event, weights = drawn.event, drawn.weight[drawn.event]
-    estimate = estimate_of(drawn.weight, event)
-    if share is None and not len(found) and not event.any():
-        # The pilot and the first points of every exploration were nominal draws too.
-        nothing = draws + piloted + POINTS * len(explorations)
-        estimate = estimate_of(np.ones(nothing), np.zeros(nothing, dtype=bool))
-    warnings = list(_warnings(estimate, explorations, weights, proposal))
+    tally = sum((exploration.nominal for exploration in explorations), pilot + drawn.nominal)
+    estimate = estimate_of(drawn.weight, event, tally)
+    warnings = list(_warnings(estimate, weights, weighted=weighted))
     if share is not None and not event.any():
         warnings.append(
-            f"{draws:,} draws held no event, though a first look at {piloted:,} episodes found "
-            f"{share:.2g} of them in it: more draws are needed"
+            f"none of the {draws:,} draws ended in the event, though {pilot.events:,} of the "
+            f"{pilot.draws:,} episodes of the first look did: more draws are needed"
         )
     if len(found) and not weighted:
-        warnings.append("no proposal was better than brute force, which the estimate is")
+        warnings.append(
+            "the estimate is by brute force: weighted draws around the events that the exploration "
+            "found would have needed as many episodes, or held too few events"
+        )
     if wanted > most_draws:
         warnings.append(
             f"{wanted:,} draws were needed for a coefficient of variation of {target_cv:g}; "
@@ -156,6 +158,7 @@ def _estimate(
         keys_of(proposal, drawn.cases),
         counted.episodes,
         counted.events,
+        pilot,
         float(drawn.weight[drawn.failed].sum() / draws),
         tuple(warnings),
     )
@@ -163,11 +166,11 @@ def _estimate(
 
 def _pilot(
     evaluate: Evaluate, layout: Layout, rng: np.random.Generator, target_cv: float
-) -> tuple[float | None, int]:
+) -> tuple[float | None, Tally]:
     """Nominal draws, until it is clear whether brute force alone would be affordable.
 
     Returns:
-        The share of events, None where it would not, and how many draws it took.
+        The share of events, None where it would not, and the draws.
     """
     least = min(1.0, 1 / (_AFFORDABLE * target_cv**2))
     enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
@@ -175,40 +178,32 @@ def _pilot(
     while events < enough:
         unlikely = stats.binom.cdf(events, draws, least) < _PILOT_DOUBT
         if unlikely or draws >= _PILOT_MOST:
-            return None, draws
+            return None, Tally(draws, events)
         events += int(evaluate(layout.draw(POINTS, rng), "a first look").event.sum())
         draws += POINTS
-    return events / draws, draws
+    return events / draws, Tally(draws, events)
 
 
-def _warnings(
-    estimate: Estimate,
-    explorations: list[Exploration],
-    weights: FloatArray,
-    proposal: Proposal,
-) -> list[str]:
+def _warnings(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
     """Where the proposal missed, in words."""
-    p = estimate.probability
-    if p is None:
+    # The interval of brute force is exact, however few events there were.
+    if estimate.probability is None or not weighted:
         return []
     words = []
-    weighted = bool(proposal.components)
-    # The interval of brute force is exact, however few events there were.
-    if weighted and estimate.effective_sample_size < _SMALL_SAMPLE:
+    if estimate.effective_sample_size < _SMALL_SAMPLE:
         size = estimate.effective_sample_size
         words.append(f"the effective sample size is {size:.0f}: the interval is too narrow")
-    if weighted and estimate.largest_share is not None and estimate.largest_share > _LARGE_SHARE:
+    if estimate.largest_share is not None and estimate.largest_share > _LARGE_SHARE:
         share = 100 * estimate.largest_share
         words.append(f"one draw holds {share:.0f} % of the estimate: the interval is too narrow")
     beyond = float(weights[weights > 0.5 / NOMINAL_SHARE].sum() / weights.sum())
-    if weighted and beyond > _LARGE_SHARE:
+    if beyond > _LARGE_SHARE:
         words.append(
             f"{100 * beyond:.0f} % of the estimate comes from events that the exploration missed"
         )
-    events = sum(exploration.nominal_events for exploration in explorations)
-    trials = POINTS * len(explorations)
+    events, trials = estimate.nominal.events, estimate.nominal.draws
     too_many = stats.binom.sf(events - 1, trials, estimate.ci_high) < _CHECK_TAIL
     too_few = stats.binom.cdf(events, trials, estimate.ci_low) < _CHECK_TAIL
     if too_many or too_few:
-        words.append(f"brute force disagrees: {events} events in {trials:,} episodes")
+        words.append(f"brute force disagrees: {events:,} of {trials:,} nominal draws were events")
     return words

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
+from harness.risk.interval import Tally
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate
 
@@ -54,15 +55,14 @@ class Exploration:
     """What one exploration found.
 
     ``failures`` (n, width) are states in the event, empty where none was found; ``levels`` the
-    thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal_events`` of
-    the first ``POINTS`` episodes, drawn from the nominal density, were in the event; ``nearest`` is
-    the least score seen.
+    thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal`` counts the
+    first ``POINTS`` episodes, which are nominal draws; ``nearest`` is the least score seen.
     """
 
     failures: FloatArray
     levels: tuple[float, ...]
     rough: float
-    nominal_events: int
+    nominal: Tally
     nearest: float
 
 
@@ -85,7 +85,7 @@ def explore(
 
     z = layout.draw(POINTS, rng)
     score = graded(z, "exploring")
-    events, nearest = int(np.sum(score <= 0)), float(score.min())
+    nominal, nearest = Tally(POINTS, int(np.sum(score <= 0))), float(score.min())
     levels: list[float] = []
     rough, standstill = 1.0, 0
     moves = _Moves(graded, layout, rng)
@@ -99,10 +99,10 @@ def explore(
         z, score = moves(z[inside], score[inside], level, what)
         if level == 0:
             found = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
-            return Exploration(np.concatenate(found), tuple(levels), rough, events, nearest)
+            return Exploration(np.concatenate(found), tuple(levels), rough, nominal, nearest)
         standstill = standstill + 1 if score.min() > (1 - _LOWER) * nearest else 0
         nearest = min(nearest, float(score.min()))
-    return Exploration(z[:0], tuple(levels), 0.0, events, nearest)
+    return Exploration(z[:0], tuple(levels), 0.0, nominal, nearest)
 
 
 def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:

@@ -108,7 +108,7 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
 
     Raises:
         InputError: there is none, the risk is not finished, the file is damaged, or it is of a
-            version that did not count all events.
+            version that did not bound the ways to the event that the exploration did not find.
     """
     try:
         document = json.loads((folder / name).read_text(encoding="utf-8"))
@@ -120,7 +120,7 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
         raise InputError(str(folder / name), "is damaged", "as harness risk writes it") from None
     if not isinstance(document, dict):
         raise InputError(str(folder / name), "is damaged", "as harness risk writes it")
-    if name == RESULT and "events" in document and "events_in_all" not in document:
+    if name == RESULT and "events" in document and "nominal_high" not in document:
         raise InputError(str(folder), "is of an earlier harness risk", "one estimated again")
     return document
 

@@ -98,8 +98,8 @@ class Proposal:
 
     def draw(
         self, count: int, evaluate: Evaluate, rng: np.random.Generator, what: str
-    ) -> tuple[FloatArray, Outcomes]:
-        """Independent states and what became of them.
+    ) -> tuple[FloatArray, Outcomes, NDArray[np.bool_]]:
+        """Independent states, what became of them, and which came from the nominal density.
 
         A placed one who would have to come before the trigger or after the window does not come,
         and the state counts as no event: it adds nothing to any density.
@@ -125,7 +125,7 @@ class Proposal:
                 placed[own], who[own] = True, y[:, layout.fixed :]
         outcomes = evaluate(z, what)
         if not placed.any():
-            return z, outcomes
+            return z, outcomes, chosen == 0
         score, passed_s = outcomes.score.copy(), outcomes.passed_s.copy()
         score[placed] = np.inf
         arrival_s = passed_s + who[:, 0]
@@ -133,7 +133,7 @@ class Proposal:
         z[rows] = layout.joined(z[rows], arrival_s[rows], who[rows, 1:])
         again = evaluate(z[rows], f"{what}, with one placed", outcomes.numbers[rows])
         score[rows], passed_s[rows] = again.score, again.passed_s
-        return z, Outcomes(score, passed_s, outcomes.numbers)
+        return z, Outcomes(score, passed_s, outcomes.numbers), chosen == 0
 
     def log_weight(self, cases: Cases) -> FloatArray:
         """ln of nominal density over this one, shape (n,); at most −ln ``NOMINAL_SHARE``."""

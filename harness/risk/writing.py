@@ -59,6 +59,31 @@ def as_json(document: Mapping[str, Any]) -> bytes:
     return (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
+def figures(findings: Findings) -> dict[str, Any]:
+    """The estimate as the result holds it, with the bound on what the exploration did not find."""
+    estimate, p = findings.estimate, findings.estimate.probability
+    cv = estimate.coefficient_of_variation
+    return {
+        "by_brute_force": not findings.proposal.components,
+        "probability": p,
+        "ci_low": estimate.ci_low,
+        "ci_high": estimate.ci_high,
+        "nominal_high": estimate.nominal.high,
+        "nominal_draws": estimate.nominal.draws,
+        "nominal_events": estimate.nominal.events,
+        "confidence": CONFIDENCE,
+        "coefficient_of_variation": cv,
+        "effective_sample_size": estimate.effective_sample_size,
+        "episodes": findings.episodes,
+        "brute_force_episodes": None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
+        "draws": estimate.draws,
+        "events": estimate.events,
+        "events_in_all": findings.events_in_all,
+        "first_look_draws": findings.first_look.draws,
+        "first_look_events": findings.first_look.events,
+    }
+
+
 def _result(
     settings: Settings,
     findings: Findings,
@@ -66,9 +91,7 @@ def _result(
     compared: tuple[int, list[str]],
     ways: list[dict[str, Any]],
 ) -> dict[str, Any]:
-    estimate, p = findings.estimate, findings.estimate.probability
-    cv = estimate.coefficient_of_variation
-    failed = len(evaluation.reasons)
+    p, failed = findings.estimate.probability, len(evaluation.reasons)
     nothing_known = failed == evaluation.episodes
     worst = findings.failed_weight + (p or 0.0)
     warnings = list(findings.warnings)
@@ -86,18 +109,9 @@ def _result(
         "arm": settings.arm.value,
         "strategy": settings.scenario.arms.model_dump()[settings.arm.value],
         "event": settings.event,
-        "probability": p,
-        "ci_low": estimate.ci_low,
-        "ci_high": 1.0 if nothing_known else estimate.ci_high,
-        "confidence": CONFIDENCE,
+        **figures(findings),
+        **({"ci_high": 1.0, "nominal_high": 1.0} if nothing_known else {}),
         "probability_worst": min(1.0, worst) if failed or p else None,
-        "coefficient_of_variation": cv,
-        "effective_sample_size": estimate.effective_sample_size,
-        "episodes": evaluation.episodes,
-        "brute_force_episodes": None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
-        "draws": estimate.draws,
-        "events": estimate.events,
-        "events_in_all": findings.events_in_all,
         "failed": failed,
         "timed_out": evaluation.timed_out,
         "compared_with_other_engine": compared[0],

@@ -8,7 +8,8 @@ from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
-from harness.risk.estimation import estimate_probability
+from harness.risk.estimation import _pilot, estimate_probability
+from harness.risk.interval import Tally
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate
 from harness.risk.space import space_of
@@ -42,6 +43,23 @@ def assert_covers(evaluate: Evaluate, layout: Layout, truth: float) -> None:
 def test_the_interval_covers(case, layout: Layout, p: float) -> None:
     score, truth = case(p)
     assert_covers(score, layout, truth)
+
+
+@pytest.mark.parametrize(
+    ("p", "cv"), [(2.46e-3, 0.1), (3.4e-4, 0.2), (3.4e-4, 0.5), (2.2e-4, 0.1), (3e-5, 0.1)]
+)
+def test_the_bound_by_nominal_draws_covers_whenever_the_first_look_ends(p, cv: float) -> None:
+    """The number of the first look's draws depends on its events: worst at the first three."""
+    rng = np.random.default_rng(12)
+    limit = stats.norm.isf(p)
+    evaluate = scored(lambda z: limit - z[:, 0])
+    repetitions, exceeded = 1_000, 0
+    for _ in range(repetitions):
+        _, pilot = _pilot(evaluate, Layout(1), rng, cv)
+        tally = pilot + Tally(4_000, int(rng.binomial(4_000, p)))
+        exceeded += tally.high < p
+    # Summed over all ways in which the first look can end it is 5.2 % at most (docs/risk.md).
+    assert exceeded <= stats.binom.ppf(0.999, repetitions, 0.052)
 
 
 def test_the_interval_covers_the_kappa_of_constant_speed() -> None:

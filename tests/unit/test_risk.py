@@ -15,17 +15,18 @@ from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import MEASURES, EpisodeRecord, Measure
-from harness.report.risk_terminal import person_words
-from harness.risk.estimation import estimate_probability
+from harness.report.risk_terminal import person_words, sentence
+from harness.risk.estimation import Findings, estimate_probability
 from harness.risk.event import parse_event
 from harness.risk.fitting import first_components, spread
 from harness.risk.folder import read_risk
-from harness.risk.interval import estimate_of
+from harness.risk.interval import Tally, estimate_of
 from harness.risk.layout import Layout
+from harness.risk.outcomes import Outcomes
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of
 from harness.risk.ways import drawn_of, people_of
-from harness.risk.writing import RESULT
+from harness.risk.writing import RESULT, figures
 from harness.scenario import Scenario, load_scenario, validate
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
@@ -87,8 +88,8 @@ def test_an_event_that_nobody_meets_is_bounded_not_zero() -> None:
     estimate = findings.estimate
     assert estimate.probability is None
     # All draws are nominal: (1 − p)^n = 0.05.
-    assert estimate.ci_high == pytest.approx(1 - 0.05 ** (1 / estimate.draws))
-    assert estimate.draws == findings.episodes
+    assert estimate.ci_high == pytest.approx(1 - 0.05 ** (1 / findings.episodes))
+    assert (estimate.nominal.draws, estimate.nominal.events) == (findings.episodes, 0)
 
 
 def test_events_that_the_estimate_missed_are_counted() -> None:
@@ -98,6 +99,51 @@ def test_events_that_the_estimate_missed_are_counted() -> None:
     assert findings.estimate.probability is None
     # A thousand draws of the first look at least, whose events have a standard deviation of 9.5.
     assert findings.events_in_all > 50
+
+
+def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
+    """Issue: the bound said that no event is among the draws, and left the first look's out."""
+    seen = 0
+
+    def evaluate(z: np.ndarray, what: str, numbers: np.ndarray | None = None) -> Outcomes:
+        nonlocal seen
+        score = np.full((len(z), 1), np.inf)
+        if what == "a first look" and not seen:
+            score[0], seen = -1.0, 1
+        of = np.arange(len(z)) if numbers is None else numbers
+        return Outcomes(score, np.full(len(z), np.nan), of)
+
+    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))
+    estimate = findings.estimate
+    assert estimate.probability is None
+    assert findings.first_look.events == estimate.nominal.events == 1
+    assert estimate.nominal.draws == findings.episodes
+    # One event in n draws: P(at most one | p) = 0.05 at the bound.
+    few = stats.binom.cdf(1, findings.episodes, estimate.ci_high)
+    assert few == pytest.approx(0.05)
+    words = sentence(result_of(findings))
+    assert f"1 of the {findings.first_look.draws:,} episodes of the first look did" in words
+    assert f"1 event in {findings.episodes:,} nominal draws" in words
+
+
+def test_an_estimate_of_the_ways_found_is_never_said_without_the_bound_on_others() -> None:
+    findings = estimate_probability(half_space(1e-4)[0], LAYOUT, np.random.default_rng(5))
+    nominal = findings.estimate.nominal
+    # The first look, the first points of three explorations, a tenth of the last draws.
+    tenth = nominal.draws - findings.first_look.draws - 3_000
+    assert tenth == pytest.approx(0.1 * findings.estimate.draws, rel=0.2)
+    assert stats.binom.cdf(nominal.events, nominal.draws, nominal.high) == pytest.approx(0.05)
+    words = sentence(result_of(findings))
+    assert "the ways to the event that were found add up to P(crashed) = " in words
+    assert f"did not find may add up to {nominal.high:.2g} (one-sided 95 %" in words
+    of_all = estimate_probability(half_space(1e-2)[0], LAYOUT, np.random.default_rng(3))
+    assert "by brute force, which leaves no way out" in sentence(result_of(of_all))
+
+
+def result_of(findings: Findings) -> dict[str, object]:
+    """What the sentence reads of ``result.json``."""
+    who = {"strategy": "s", "arm": "av", "scenario": "x", "event": "crashed", "failed": 0}
+    return {**who, "confidence": 0.95, "events_in_all": findings.events_in_all, **figures(findings)}
 
 
 def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
@@ -120,7 +166,7 @@ def test_failed_episodes_are_no_events_but_are_weighed() -> None:
 
 def test_brute_force_is_the_special_case() -> None:
     weight, event = np.ones(1_000), np.arange(1_000) < 3
-    estimate = estimate_of(weight, event)
+    estimate = estimate_of(weight, event, Tally(1_000, 3))
     low, high = stats.binomtest(3, 1_000).proportion_ci(method="exact")
     assert (estimate.probability, estimate.ci_low, estimate.ci_high) == pytest.approx(
         (0.003, low, high)
@@ -133,7 +179,7 @@ def test_weights_are_bounded_and_have_mean_one() -> None:
     layout = Layout(4)
     around = Cases(failures, np.empty((300, 0, 0)))
     proposal = spread(layout, first_components(layout, around, np.full(300, -1), rng))
-    z, outcomes = proposal.draw(100_000, scored(lambda z: z[:, 0]), rng, "")
+    z, outcomes, _ = proposal.draw(100_000, scored(lambda z: z[:, 0]), rng, "")
     weights = np.exp(proposal.log_weight(cases_of(layout, z, outcomes)[0]))
     assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
     # E_q[φ/q] = 1, with a standard error of 0.01 at most.
@@ -151,7 +197,7 @@ def test_a_placed_one_leaves_the_mean_of_the_weights_at_one() -> None:
         Component(0.3, placed=False, mean=np.array([1.0]), factor=np.eye(1)),
     )
     proposal = Proposal(CROWD, parts)
-    z, outcomes = proposal.draw(40_000, evaluate, rng, "")
+    z, outcomes, _ = proposal.draw(40_000, evaluate, rng, "")
     weights = np.exp(proposal.log_weight(cases_of(CROWD, z, outcomes, evaluate)[0]))
     came = np.isfinite(outcomes.score[:, 0]) | np.isnan(CROWD.arrivals_s(z)).all(axis=1)
     assert weights.max() <= 1 / NOMINAL_SHARE * (1 + 1e-9)
