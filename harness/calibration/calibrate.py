@@ -27,7 +27,7 @@ class Candidate:
         components: K.
         mixture: the fit to all rows.
         log_likelihood, bic: of that fit, weighted; BIC's n is the sum of the weights.
-        converged, steps: of the start that was kept.
+        converged, gradient_norm, steps: of the start that was kept.
         held_out: scores of f(v_p | 1/R, v) by vehicle, what ``held-out`` chooses by; None when a
             fold could not be fitted or none was asked for.
         held_out_driver: the same of f(v | 1/R, v_p, 1/T_adv), for information.
@@ -38,6 +38,7 @@ class Candidate:
     log_likelihood: float
     bic: float
     converged: bool
+    gradient_norm: float
     steps: int
     held_out: HeldOut | None
     held_out_driver: HeldOut | None
@@ -154,7 +155,10 @@ def _conclude(settings: Settings, folds: int, results: dict[Job, Answer]) -> Cal
         if folds and held_out is None:
             warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")
         if not answer.fit.converged:
-            warnings.append(f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps.")
+            warnings.append(
+                f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps, the gradient's "
+                f"norm is {answer.fit.gradient_norm:.1g} per unit of weight."
+            )
         driving = _joined([answer.driving for answer in of_folds])
         candidates.append(_candidate(k, answer.fit, held_out, driving))
     chosen, by = _choose(candidates, settings, warnings)
@@ -175,6 +179,7 @@ def _candidate(
         log_likelihood=fit.log_likelihood,
         bic=fit.bic,
         converged=fit.converged,
+        gradient_norm=fit.gradient_norm,
         steps=fit.n_iter,
         held_out=held_out,
         held_out_driver=driving,

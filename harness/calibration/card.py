@@ -145,6 +145,7 @@ def _table(calibration: Calibration) -> list[dict[str, Any]]:
                 "bic": candidate.bic,
                 "bic_gain_share": gain.get(candidate.components),
                 "converged": candidate.converged,
+                "gradient_norm": candidate.gradient_norm,
                 "steps": candidate.steps,
                 "held_out": _mean_and_error(held_out),
                 "held_out_less_chosen": _mean_and_error(less),

@@ -32,7 +32,7 @@ class Settings:
         starts: k-means++ starts of every fit, the best kept.
         folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
         seed: of starts and folds.
-        tol: a fit stops where its steps gain less than this per unit of weight.
+        tol: a fit stops where the gradient per unit of weight is below this (see `fit_mixture`).
     """
 
     components: tuple[int, ...]
@@ -40,7 +40,7 @@ class Settings:
     starts: int = 3
     folds: int = 5
     seed: int = 1
-    tol: float = 1e-6
+    tol: float = 1e-7
 
 
 @dataclass(frozen=True)

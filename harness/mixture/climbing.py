@@ -23,10 +23,14 @@ _FIRST_EIGENVALUE = 1e-3
 
 @dataclass(frozen=True)
 class Climb:
-    """Where one start ended: the evaluation, the objective after every step, and how."""
+    """Where one start ended: the evaluation, the objective after every step, and how.
+
+    `gradient_norm` is that of `Coordinates`, per unit of weight.
+    """
 
     best: Evaluation
     trace: Array
+    gradient_norm: float
     converged: bool
 
 
@@ -79,31 +83,32 @@ def _distances(rows: Array, centres: Array) -> Array:
 
 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:
-    """A few EM steps from `first`, then quasi-Newton steps until they gain next to nothing.
+    """A few EM steps from `first`, then quasi-Newton steps until the gradient is next to nothing.
 
-    Every accepted step raises the penalised likelihood. The end: two steps in a row and then one
-    of EM from the same place each gain less than tol per unit of weight. None if nothing can be
-    computed at `first`.
+    Every accepted step raises the penalised likelihood. It has converged where the largest
+    component of the gradient per unit of weight is below tol, and nowhere else: where neither
+    method takes a step any more it is stuck. None if nothing can be computed at `first`.
     """
     at = problem.evaluate(problem.allowed(first))
     if at is None:
         return None
-    path = _Path(problem, at, tol, max_iter)
+    path = _Path(problem, at, max_iter)
     for _ in range(_FIRST_STEPS):
         if path.full or not path.em_step():
             break
-    while not path.full:
-        _quasi_newton(path)
-        if not path.em_step() or path.gain < tol:
-            return Climb(path.at, np.array(path.trace), True)
-    return Climb(path.at, np.array(path.trace), False)
+    steps = 0
+    while path.gradient_norm >= tol and not path.full and steps < len(path.trace):
+        steps = len(path.trace)
+        _quasi_newton(path, tol)
+        path.em_step()
+    return Climb(path.at, np.array(path.trace), path.gradient_norm, path.gradient_norm < tol)
 
 
 class _Path:
     """Where a climb is and what each of its steps gained."""
 
-    def __init__(self, problem: Problem, at: Evaluation, tol: float, max_iter: int) -> None:
-        self.problem, self.at, self.tol = problem, at, tol
+    def __init__(self, problem: Problem, at: Evaluation, max_iter: int) -> None:
+        self.problem, self.at = problem, at
         self.trace = [at.objective]
         self._most = max_iter + 1
 
@@ -113,31 +118,31 @@ class _Path:
         return len(self.trace) >= self._most
 
     @property
-    def gain(self) -> float:
-        """Gain of the last step per unit of weight."""
-        return (self.trace[-1] - self.trace[-2]) / self.problem.total
+    def gradient_norm(self) -> float:
+        return Coordinates(self.problem, self.at).gradient_norm(self.at) / self.problem.total
 
     def go(self, at: Evaluation) -> None:
         self.at = at
         self.trace.append(at.objective)
 
     def em_step(self) -> bool:
-        """Take a step of EM if it does not lower the objective."""
+        """Take a step of EM if it raises the objective."""
+        if self.full:
+            return False
         found = self.problem.evaluate(self.problem.step(self.at))
-        if found is None or found.objective < self.at.objective:
+        if found is None or found.objective <= self.at.objective:
             return False
         self.go(found)
         return True
 
 
-def _quasi_newton(path: _Path) -> None:
-    """BFGS until two gains in a row are below tol."""
+def _quasi_newton(path: _Path, tol: float) -> None:
+    """BFGS until no component of the gradient exceeds tol per unit of weight."""
     # Imported here: episodes load this package too and fit nothing.
     from scipy import optimize
 
     coordinates = Coordinates(path.problem, path.at)
     evaluated: dict[bytes, Evaluation] = {}
-    small = 0
 
     def below(z: Array) -> tuple[float, Array]:
         found = path.problem.evaluate(coordinates.parameters(z))
@@ -147,12 +152,12 @@ def _quasi_newton(path: _Path) -> None:
         return -found.objective, -coordinates.gradient(z, found)
 
     def accepted(intermediate_result: optimize.OptimizeResult) -> None:
-        nonlocal small
         path.go(evaluated[intermediate_result.x.tobytes()])
         evaluated.clear()
-        small = small + 1 if path.gain < path.tol else 0
-        if small == 2 or path.full:
+        if path.full:
             raise StopIteration
 
-    at = np.zeros(coordinates.size)
-    optimize.minimize(below, at, jac=True, method="BFGS", callback=accepted)
+    at, gtol = np.zeros(coordinates.size), tol * path.problem.total
+    optimize.minimize(
+        below, at, jac=True, method="BFGS", callback=accepted, options={"gtol": gtol}
+    )

@@ -76,6 +76,18 @@ class Coordinates:
         parts = (in_logits[:, None], in_shifts, in_turns)
         return np.concatenate([(self._unit[:, None] * part).ravel() for part in parts])
 
+    def gradient_norm(self, at: Evaluation) -> float:
+        """Largest component of the gradient at the reference; `at` is the evaluation there.
+
+        A scale matrix at its floor has no slope in z: there, how fast the objective rises with the
+        logarithm of an eigenvalue, in the same units, stands in. 0 at a maximum, never below.
+        """
+        values, vectors = np.linalg.eigh(at.parameters.scales)
+        _, _, in_scales = self._problem.gradient(at)
+        pull = values * np.einsum("kij,kil,klj->kj", vectors, in_scales, vectors)
+        along = np.abs(self.gradient(np.zeros(self.size), at)).max()
+        return float(max(along, (self._unit[:, None] * pull).max()))
+
     def _parts(self, z: Array) -> tuple[Array, Array, Array]:
         count, dimension = self._shape
         logits, shifts, turns = np.split(z, [count, count * (1 + dimension)])

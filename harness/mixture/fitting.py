@@ -24,7 +24,9 @@ class FitResult:
 
     Attributes:
         mixture: the truncated mixture, in the units of the data.
-        converged: whether the steps' gains became small before the steps ran out.
+        converged: whether `gradient_norm` is below `tol`.
+        gradient_norm: largest component of the gradient of the penalised log-likelihood at the end,
+            per unit of weight, in units of each component's own information (see `Coordinates`).
         n_iter: steps taken from the start that was kept.
         log_likelihoods: (n_iter + 1,), the penalised log-likelihood after each step, in the units
             of the data; never falls.
@@ -34,6 +36,7 @@ class FitResult:
 
     mixture: TruncatedGaussianMixture
     converged: bool
+    gradient_norm: float
     n_iter: int
     log_likelihoods: Array
     log_likelihood: float
@@ -48,7 +51,7 @@ def fit_mixture(
     *,
     seed: int | np.random.SeedSequence,
     sample_weight: ArrayLike | None = None,
-    tol: float = 1e-6,
+    tol: float = 1e-7,
     n_init: int = 5,
     max_iter: int = 1000,
     mass_penalty: float = 1.0,
@@ -70,8 +73,7 @@ def fit_mixture(
         lower, upper: (d,), may be infinite.
         seed: of the starts; an integer or a SeedSequence.
         sample_weight: (n,) ≥ 0; 1 each when not given. Their sum counts as the number of rows.
-        tol: stop when two steps in a row, and one of EM after them, each gain less than this per
-            unit of weight.
+        tol: stop where `gradient_norm` is below this.
         n_init: number of k-means++ starts; the highest penalised likelihood is kept.
         max_iter: most steps from each start.
         mass_penalty: λ ≥ 0.
@@ -158,6 +160,7 @@ def _result(
     return FitResult(
         mixture=mixture,
         converged=climbed.converged,
+        gradient_norm=climbed.gradient_norm,
         n_iter=trace.size - 1,
         log_likelihoods=trace,
         log_likelihood=log_likelihood,

@@ -150,8 +150,14 @@ def _print_candidates(console: Console, card: Mapping[str, Any]) -> None:
         f"K = {card['components']} ({card['chosen_by']}); the paper's 10 % rule {words}. "
         f"Gain: of BIC, as a share of the second component's. Held-out: mean log f(v_p | 1/R, v) "
         f"and log f(v | 1/R, v_p, 1/T_adv) per encounter on vehicles not fitted on, nats ± "
-        f"standard error over vehicles, {card['folds_of_vehicles']} folds."
+        f"standard error over vehicles, {card['folds_of_vehicles']} folds.{_steepest(card)}"
     )
+
+
+def _steepest(card: Mapping[str, Any]) -> str:
+    """The largest gradient norm over K; cards of earlier versions do not say it."""
+    norms = [of["gradient_norm"] for of in card["candidates"] if "gradient_norm" in of]
+    return f" Largest gradient at a fit's end: {max(norms):.1g} per encounter." if norms else ""
 
 
 def _print_card(console: Console, card: Mapping[str, Any]) -> None:
