@@ -75,7 +75,7 @@ def iterations(known: TruncatedGaussianMixture, n: int, goal: str) -> None:
 
 
 def whole_fits(known: TruncatedGaussianMixture, n: int, starts: int, goal: str) -> None:
-    """One start to tol 1e-6, in turns, summed over seeds: how long one takes depends on it."""
+    """One start to its end, in turns, summed over seeds: how long one takes depends on it."""
     from sklearn.mixture import GaussianMixture
 
     rows = known.sample(n, np.random.default_rng(n))
@@ -92,7 +92,7 @@ def whole_fits(known: TruncatedGaussianMixture, n: int, starts: int, goal: str) 
         other.append(fitted.n_iter_)
     steps = f"{np.mean(ours):.0f} / {np.mean(other):.0f} steps"
     text = f"{mine / starts:.2f} / {theirs / starts:.2f} s = {mine / theirs:.2f}x"
-    line(f"fit to tol 1e-6, n = {n}, {starts} starts ({steps})", text, goal)
+    line(f"one start to its end, n = {n}, {starts} starts ({steps})", text, goal)
 
 
 def sweep(known: TruncatedGaussianMixture) -> None:

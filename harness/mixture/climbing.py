@@ -158,6 +158,4 @@ def _quasi_newton(path: _Path, tol: float) -> None:
             raise StopIteration
 
     at, gtol = np.zeros(coordinates.size), tol * path.problem.total
-    optimize.minimize(
-        below, at, jac=True, method="BFGS", callback=accepted, options={"gtol": gtol}
-    )
+    optimize.minimize(below, at, jac=True, method="BFGS", callback=accepted, options={"gtol": gtol})
