@@ -3,6 +3,7 @@
 Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
 """
 
+import copy
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -283,7 +284,12 @@ def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterat
 
 
 def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
-    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n)."""
+    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n).
+
+    The generator is copied and never goes on: the same values have the same interval wherever they
+    stand, whatever else was resampled before.
+    """
+    rng = copy.deepcopy(rng)
     batch = max(1, _DRAWS_IN_MEMORY // n)
     for begin in range(0, total, batch):
         yield rng.integers(0, n, size=(min(batch, total - begin), n))

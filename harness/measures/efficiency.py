@@ -25,8 +25,15 @@ def untouched_pass_time_s(chunk: Chunk) -> FloatArray:
 
 def delay_s(chunk: Chunk) -> FloatArray:
     """Pass time less the free pass time at v0, in s; NaN if not crossed."""
-    delay = chunk.pass_time_s - chunk.vehicle.free_pass_time_s(chunk.crossing)
-    # Sums of step times end in other last bits than a quotient.
+    return beyond(chunk.pass_time_s, chunk.vehicle.free_pass_time_s(chunk.crossing))
+
+
+def beyond(time_s: FloatArray | float, free_s: float) -> FloatArray:
+    """How much longer than a free way, in s; 0 within 1e-9 s.
+
+    Sums of step times end in other last bits than a quotient.
+    """
+    delay = np.subtract(time_s, free_s)
     return np.where(np.abs(delay) < _ROUNDING_S, 0.0, delay)
 
 

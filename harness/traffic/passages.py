@@ -9,6 +9,7 @@ import numpy as np
 from harness.encounter import Crossing, Ending, Trace, Walk
 from harness.episode.cell_constants import CellConstants
 from harness.measures import EpisodeRecord, measure
+from harness.measures.efficiency import beyond
 from harness.measures.ego import crossing_time
 from harness.traffic.lanes import Lane
 from harness.traffic.log import HourLog
@@ -75,7 +76,8 @@ def _passage(
         assert within_s is not None
         passed_s = moving.first_step * step_s + within_s
         if scheduled_s is not None:
-            delay_s = passed_s - scheduled_s - (rear_m - moving.insert_x_m) / v0
+            way_m = rear_m - moving.insert_x_m
+            delay_s = float(beyond(passed_s - scheduled_s, way_m / v0))
     if moving.gone_step is not None and scheduled_s is not None:
         # Leaving is known to a step: so is the free way.
         free_steps = math.ceil((end_x_m - moving.insert_x_m) / (v0 * step_s) - 1e-6)

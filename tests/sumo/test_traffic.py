@@ -90,6 +90,13 @@ def hour_of(
     return hour, log, passages_of(log, rules, ends, scenario.traffic.saturated)
 
 
+def test_free_vehicles_are_not_late_by_a_rounding() -> None:
+    # Nobody comes: every delay is 0 by definition, whatever sums of hundreds of steps end in.
+    scenario = scenario_of({"duration_s": 120.0})
+    _, _, passages = hour_of(scenario, [[100, 350], [7]], strategy="constant_speed")
+    assert [passage.delay_s for passage in passages] == [0.0, 0.0, 0.0]
+
+
 @pytest.mark.parametrize("people", [0, 3])
 @pytest.mark.parametrize(
     "strategy",

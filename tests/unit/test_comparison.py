@@ -384,6 +384,23 @@ def test_crashes_that_come_together_are_covered(hours: int) -> None:
     assert held["passages"] < 0.7 * 400
 
 
+def test_same_pairs_have_the_same_interval() -> None:
+    # Everybody met someone: what is over those pairs is over all, in both arms.
+    generator = np.random.default_rng(3)
+    times = generator.lognormal(2.1, 0.3, (2, 50))
+    met = replace(
+        columns().where(np.zeros(50, dtype=int)),
+        time_s=tuple(times),
+        delay_s=tuple(times - 7.4),
+        met=(np.ones(50), np.ones(50)),
+    )
+    found = summarise(met, 60.0, 7.4, rng())
+    assert found.met_someone == 50
+    assert found.mu_met_someone == found.mu
+    assert found.delay_met_someone_s == found.delay_s
+    assert found.delay_human_met_someone_s == found.delay_human_s
+
+
 def test_few_pairs_are_said_to_be_few() -> None:
     # Every bootstrap interval of a cell, printed with nine pairs; exact ones never.
     nine = summarise(columns(), 60.0, 7.4, rng())

@@ -184,6 +184,7 @@ def test_the_comparison_needs_numpy_and_scipy_alone() -> None:
         "numpy",
         "scipy",
         "collections",
+        "copy",
         "enum",
         "math",
         "typing",
