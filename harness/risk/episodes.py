@@ -54,15 +54,15 @@ class Scores:
     """What became of them: ``score`` of shape (n, gradings), NaN where the episode failed.
 
     ``passed_s`` (n,) is when the ego's front reached the centre line, NaN where it did not.
-    ``timed_out`` and ``reasons`` (of a failure, None where there was none) have an entry for each
-    episode; ``differs`` says which records of two engines are not equal, and in what.
+    ``timed_out``, ``reasons`` (of a failure) and ``differs`` (what two engines' records are unequal
+    in) have an entry for each episode, None where there is nothing to say.
     """
 
     score: FloatArray
     passed_s: FloatArray
     timed_out: tuple[bool, ...]
     reasons: tuple[str | None, ...]
-    differs: tuple[str, ...]
+    differs: tuple[str | None, ...]
 
 
 def run_episodes(task: Episodes) -> Scores:
@@ -76,13 +76,13 @@ def run_episodes(task: Episodes) -> Scores:
         alive = watch.alive
         outcomes = _outcomes(question, given, alive, in_sumo=question.in_sumo)
         records = [outcome.record for outcome in outcomes]
-        differs: list[str] = []
+        differs: list[str | None] = [None] * len(records)
         if task.compare:
             others = _outcomes(question, given, alive, in_sumo=not question.in_sumo)
             differs = [
-                f"episode {number}: {words}"
+                None if words is None else f"episode {number}: {words}"
                 for number, one, other in zip(task.numbers, records, others, strict=True)
-                if (words := difference(one, other.record)) is not None
+                for words in [difference(one, other.record)]
             ]
     return Scores(
         np.array([question.event.scores(record) for record in records]),

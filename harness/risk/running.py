@@ -1,13 +1,15 @@
 """Runs the episodes of a risk batch by batch, and keeps what is finished.
 
-The scores of a batch become a file as soon as all of them are there.  A risk that was interrupted
-draws the same points again and finds their scores in the files.
+What is finished of a batch becomes a file several times a minute, and when the risk is
+interrupted.  A risk that goes on draws the same points again, finds their scores in the files, and
+runs the others.
 """
 
 import io
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from pathlib import Path
+from time import monotonic
 
 import numpy as np
 import pyarrow as pa
@@ -29,6 +31,9 @@ FIRST_NUMBER = 2**40
 
 CHECKED_EVERY = 100
 """Of so many episodes one is run in the other engine too."""
+
+KEPT_EVERY_S = 20.0
+"""So often what is finished is kept: a risk that is killed loses less than a minute."""
 
 _CHUNK = 25
 """Episodes of a task; results do not depend on it."""
@@ -65,18 +70,9 @@ class Evaluation:
         """Run a batch; see ``Evaluate``."""
         if numbers is None:
             numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
-        path = self._folder / f"batch-{self._batches}.parquet"
-        if path.is_file():
-            table = pq.read_table(path)
-        else:
-            table = _table(list(self._run(z, numbers, what, compare=False)))
-            content = io.BytesIO()
-            pq.write_table(table, content)
-            self._folder.mkdir(exist_ok=True)
-            write_file(path, content.getvalue())
+        table = self._rows(z, numbers, what, compare=False)
         first = -self.episodes % CHECKED_EVERY
         self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
-        self._batches += 1
         self.episodes += len(z)
         self.timed_out += int(np.sum(table["timed_out"].to_numpy(zero_copy_only=False)))
         self.reasons += [why for why in table["reason"].to_pylist() if why is not None]
@@ -93,13 +89,53 @@ class Evaluation:
         if not chosen:
             return 0, []
         states, of = np.array([row for row, _ in chosen]), np.array([n for _, n in chosen])
-        parts = self._run(states, of, "checks in SUMO", compare=True)
-        return len(chosen), [words for part in parts for words in part.differs]
+        table = self._rows(states, of, "checks in SUMO", compare=True)
+        return len(chosen), [words for words in table["differs"].to_pylist() if words is not None]
 
-    def _run(
+    def _rows(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
-    ) -> Iterator[Scores]:
-        """The tasks of a batch, in order."""
+    ) -> pa.Table:
+        """The rows of a batch in order: those that were kept, and the others run."""
+        form = f"batch-{self._batches}-{{}}.parquet"
+        self._batches += 1
+        parts = [_table(np.empty(0, dtype=np.int64), [])]
+        while (path := self._folder / form.format(len(parts))).is_file():
+            parts.append(pq.read_table(path))
+        kept = pa.concat_tables(parts)["at"].to_numpy()
+        left = np.setdiff1d(np.arange(len(z)), kept)
+        fresh: list[Scores] = []
+        rows: list[NDArray[np.int64]] = []
+
+        def keep() -> None:
+            if not fresh:
+                return
+            content = io.BytesIO()
+            parts.append(_table(np.concatenate(rows), fresh))
+            pq.write_table(parts[-1], content)
+            self._folder.mkdir(exist_ok=True)
+            write_file(self._folder / form.format(len(parts) - 1), content.getvalue())
+            fresh.clear()
+            rows.clear()
+
+        done, kept_at = len(kept), monotonic()
+        try:
+            for task, scores in self._scored(z[left], numbers[left], compare=compare):
+                own = left[task.first : task.first + len(task.numbers)]
+                fresh.append(scores)
+                rows.append(own)
+                done += len(own)
+                if monotonic() - kept_at > KEPT_EVERY_S:
+                    keep()
+                    kept_at = monotonic()
+                self._progress(done, len(z), what)
+        finally:
+            keep()
+        return pa.concat_tables(parts).sort_by("at")
+
+    def _scored(
+        self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
+    ) -> Iterator[tuple[Episodes, Scores]]:
+        """The tasks of some episodes as they are finished."""
         question = self._question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
         keys = tuple(numbers.tolist())
@@ -107,7 +143,6 @@ class Evaluation:
             Episodes(question, i, keys[i : i + _CHUNK], z[i : i + _CHUNK], compare, hang_s)
             for i in range(0, len(z), _CHUNK)
         ]
-        done: dict[int, Scores] = {}
         failures: dict[int, int] = {}
         waiting.reverse()
 
@@ -116,31 +151,31 @@ class Evaluation:
 
         for task, future in call_each(self._executor, run_episodes, take):
             try:
-                done[task.first] = future.result()
+                yield task, future.result()
             except ExecutorLostError:
                 raise
             except (Exception, CancelledError) as error:
                 failures[task.first] = failures.get(task.first, 0) + 1
                 if failures[task.first] < ATTEMPTS:
                     waiting.append(task)
-                    continue
-                done[task.first] = _given_up(task, reason_of(error, hang_s, None))
-            self._progress(min(len(done) * _CHUNK, len(z)), len(z), what)
-        for first in sorted(done):
-            yield done[first]
+                else:
+                    yield task, _given_up(task, reason_of(error, hang_s, None))
 
 
-def _table(scores: list[Scores]) -> pa.Table:
+def _table(rows: NDArray[np.int64], scores: list[Scores]) -> pa.Table:
+    """Some rows of a batch, ``rows`` in it."""
     score = np.concatenate([np.empty((0, GRADINGS)), *(part.score for part in scores)])
-    reasons = [why for part in scores for why in part.reasons]
+    text = pa.string()
     return pa.table(
         {
+            "at": rows,
             **{f"score_{grading}": score[:, grading] for grading in range(GRADINGS)},
             "passed_s": np.concatenate([np.empty(0), *(part.passed_s for part in scores)]),
             "timed_out": pa.array(
                 [ended for part in scores for ended in part.timed_out], pa.bool_()
             ),
-            "reason": pa.array(reasons, pa.string()),
+            "reason": pa.array([why for part in scores for why in part.reasons], text),
+            "differs": pa.array([words for part in scores for words in part.differs], text),
         }
     )
 
@@ -149,4 +184,4 @@ def _given_up(task: Episodes, reason: str) -> Scores:
     """Episodes that no worker survived."""
     count = len(task.numbers)
     unknown = np.full((count, GRADINGS), np.nan)
-    return Scores(unknown, unknown[:, 0], (False,) * count, (reason,) * count, ())
+    return Scores(unknown, unknown[:, 0], (False,) * count, (reason,) * count, (None,) * count)
