@@ -34,10 +34,7 @@ def asks_model(scenario: Scenario) -> bool:
     arms = scenario.arms.model_dump().items()
     if HumanDriver in [find_strategy(name, f"arms.{key}") for key, name in arms]:
         return True
-    people, reading = scenario.pedestrians, scenario.model.pedestrian_reading
-    flows = people.flow_per_hour > 0 or people.first_at_trigger
-    comes = flows and people.max_count != 0
-    return comes and people.walking_speed is None and reading != "unconditional"
+    return scenario.walks_by_model and scenario.model.pedestrian_reading != "unconditional"
 
 
 def check_arms(scenario: Scenario, model: InteractionModel) -> None:

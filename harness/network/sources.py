@@ -2,10 +2,11 @@
 
 A site is one straight road, of one direction or two, with one unsignalized crosswalk across it.
 What the lanes leave of its width is a median in the middle, or on a one-way road a strip at each
-kerb: a lane of SUMO for a class of vehicles that is never there. Its nodes are metres
-east and north of the crosswalk's centre, and their file names the projection whose origin lies
-there. In it one metre of the network is one metre on the ground and the network's north is true
-north: neither a UTM zone's scale (up to 0.1 %) nor its grid convergence (1.8° in Ann Arbor) enters.
+kerb: a lane of SUMO for a class of vehicles that is never there. Its nodes are metres east and
+north of the crosswalk's centre.  Where the scenario says its place, their file names the projection
+whose origin lies there. In it one metre of the network is one metre on the ground and the network's
+north is true north: neither a UTM zone's scale (up to 0.1 %) nor its grid convergence (1.8° in Ann
+Arbor) enters.
 """
 
 import math
@@ -40,18 +41,10 @@ def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise InputError("network name", repr(name), "letters, digits, - and _")
-    latitude, longitude = (
-        f"{value:.9f}" for value in (crossing.latitude_deg or 0.0, crossing.longitude_deg or 0.0)
-    )
     values = {
         "name": name,
         "bearing": repr(crossing.bearing_deg),
-        "latitude": latitude,
-        "longitude": longitude,
-        "projection": (
-            f"+proj=tmerc +lat_0={latitude} +lon_0={longitude}"
-            " +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
-        ),
+        "location": _location(crossing),
         "nodes": "\n".join(_nodes(crossing)),
         "edges": "\n".join(_edges(crossing)),
         "connections": "\n".join(_connections(crossing)),
@@ -68,12 +61,24 @@ def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
     return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
 
 
+def _location(crossing: CrossingSection) -> str:
+    """Where the network lies on the ground; nowhere, if the scenario does not say."""
+    boundary, projection = "0,0,0,0", "!"
+    if crossing.latitude_deg is not None:
+        latitude, longitude = f"{crossing.latitude_deg:.9f}", f"{crossing.longitude_deg:.9f}"
+        boundary = f"{longitude},{latitude},{longitude},{latitude}"
+        projection = (
+            f"+proj=tmerc +lat_0={latitude} +lon_0={longitude}"
+            " +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+        )
+    return f'origBoundary="{boundary}"\n              projParameter="{projection}"'
+
+
 _TEMPLATES = {
     "nod.xml": """<nodes>
     <!-- The ego drives along bearing {bearing}. x: metres east, y: metres north of the centre. -->
     <location netOffset="0,0" convBoundary="0,0,0,0"
-              origBoundary="{longitude},{latitude},{longitude},{latitude}"
-              projParameter="{projection}"/>
+              {location}/>
 {nodes}
 </nodes>
 """,

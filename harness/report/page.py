@@ -2,7 +2,7 @@
 
 import math
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,11 +38,13 @@ from harness.report.words import (
     walker_lines,
 )
 from harness.runs.compare import compare
+from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
 from harness.runs.strategy_groups import strategy_groups
 from harness.scenario import as_written
 
 _MOST_FAILURES = 20
+_MOST_VALUES = 12
 _MOST_COMPARISONS = 60
 """Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
 
@@ -101,7 +103,7 @@ def _pairs_shown(run: RunData) -> _Shown:
         no_player = nothing_to_show(error)
     model, remarks = None, []
     try:
-        model = run.model_of(0)
+        model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
     except InputError as error:
         remarks = [f"Figures of the interaction model are left out: {error}."]
     episodes = {
@@ -153,7 +155,7 @@ def _context(run: RunData) -> dict[str, Any]:
         ],
         "failures": _failures(run),
         "facts": list(_facts(run)),
-        "scenario": list(flat(scenario.model_dump())),
+        "scenario": list(_ran(run).items()),
         "kind": "run report",
         "where": "Run folder",
         "maker": "harness report",
@@ -185,9 +187,9 @@ def _opening(run: RunData) -> Iterator[str]:
         )
         return
     pairs = counted(len(run.pairs), "pair")
-    model = run.manifest["simulated_with"]["models"]
-    names = ", ".join(str(entry.get("name")) for entry in model)
-    said = f"seed {run.manifest['seed']}, interaction model {names}"
+    said = f"seed {run.manifest['seed']}"
+    if names := [str(entry.get("name")) for entry in _models(run)]:
+        said += f", interaction model {', '.join(names)}"
     if run.varied_keys:
         keys = ", ".join(run.varied_keys)
         yield from references_compared(run)
@@ -215,8 +217,7 @@ def _verdicts(run: RunData) -> list[str]:
     if run.varied_keys or run.in_traffic:
         return []
     (result,) = run.results
-    arms = result.cell.scenario.arms
-    times = tau_lines(result.summary, arms.av, arms.human)
+    times = tau_lines(result.summary, result.cell.scenario)
     return [*times, *crash_lines(result.summary), *count_lines(result)]
 
 
@@ -247,19 +248,17 @@ def _failures(run: RunData) -> dict[str, Any] | None:
 
 
 def _facts(run: RunData) -> Iterator[tuple[str, str]]:
-    scenario, manifest = run.scenario, run.manifest
+    manifest, ran = run.manifest, _ran(run)
     yield "scenario", run.name
-    yield "arms", f"{scenario.arms.av} (AV), {scenario.arms.human} (human)"
-    for entry in manifest["simulated_with"]["models"]:
+    yield "arms", f"{_each(run, Arm.AV)} (AV), {_each(run, Arm.HUMAN)} (human)"
+    for entry in _models(run):
         yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
-    yield "reading of walking speeds", scenario.model.pedestrian_reading
+    if any(cell.scenario.walks_by_model for cell in run.study.cells):
+        yield "reading of walking speeds", ran["model.pedestrian_reading"]
     yield "seed", str(manifest["seed"])
-    step = f"{scenario.experiment.step_s:g} s, time-out {scenario.experiment.timeout_s:g} s"
-    yield "step", step
+    yield "step", f"{ran['experiment.step_s']} s, time-out {ran['experiment.timeout_s']} s"
     for key in run.varied_keys:
-        values = list(dict.fromkeys(as_written(cell.varied[key]) for cell in run.study.cells))
-        listed = ", ".join(values[:12]) + (" …" if len(values) > 12 else "")
-        yield f"varied: {key}", listed
+        yield f"varied: {key}", _listed(as_written(cell.varied[key]) for cell in run.study.cells)
     if manifest["until"]:
         (name, width) = next(iter(manifest["until"].items()))
         yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
@@ -270,6 +269,31 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
     yield "traces", "kept" if run.kept_traces else "not kept"
+
+
+def _models(run: RunData) -> list[dict[str, str]]:
+    """The interaction models of the manifest, where anybody walked or drove by them."""
+    return list(run.manifest["simulated_with"]["models"]) if model_cells(run) else []
+
+
+def _ran(run: RunData) -> dict[str, str]:
+    """Every key of the scenario that had a say, with its values in all cells."""
+    values: dict[str, list[str]] = {}
+    modelled = bool(model_cells(run))
+    for cell in run.study.cells:
+        tree, arms = cell.scenario.model_dump(), cell.scenario.arms.model_dump().values()
+        tree["strategies"] = {of: keys for of, keys in tree["strategies"].items() if of in arms}
+        if not modelled:
+            del tree["model"]
+        for key, text in flat(tree):
+            values.setdefault(key, []).append(text)
+    return {key: _listed(texts) for key, texts in values.items()}
+
+
+def _listed(texts: Iterable[str]) -> str:
+    """Texts, each once, the first few of many."""
+    each = list(dict.fromkeys(texts))
+    return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")
 
 
 def _named(versions: Mapping[str, str]) -> str:

@@ -24,6 +24,7 @@ from harness.report.sweep_pictures import sweep_pictures
 from harness.report.tables import counted, level
 from harness.report.words import PAPER, is_the_papers, pair_name
 from harness.roads import read_network, site_at
+from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
 from harness.scenario import Scenario
 
@@ -46,14 +47,15 @@ def pictures_of(
 
     Args:
         run: with at least one finished pair.
-        model: of its first cell; None leaves out what is drawn from it.
+        model: of the first of ``model_cells``; None leaves out what is drawn from it.
         shown: the pairs with traces; none leaves out the speed profiles.
     """
     if run.varied_keys:
         yield from sweep_pictures(run)
     else:
         yield from _tau_pictures(run)
-    yield _arrivals(run)
+    if _comes_at_random(run.scenario_of(0)):
+        yield _arrivals(run)
     if shown:
         yield from _profiles(run, shown)
     yield _site(run)
@@ -63,7 +65,7 @@ def pictures_of(
         walking = _walking(run, model)
         if walking is not None and not run.varied_keys:
             yield walking
-        yield _model(model, run.scenario_of(0))
+        yield _model(model, model_cells(run)[0].scenario)
 
 
 def _tau_pictures(run: RunData) -> Iterator[Picture]:
@@ -115,10 +117,17 @@ def _arrivals(run: RunData) -> Picture:
     return Picture(
         "arrivals",
         "Arrival times of one pair",
-        f"Pedestrians who arrive within {ARRIVALS_S:g} s of the trigger in pair {pair}: a Poisson "
-        f"process, λ = {flow:g} per hour{first}{limit}; n = {len(planned[pair])}.",
+        f"Pedestrians who arrive within {ARRIVALS_S:g} s of the trigger in "
+        f"{pair_name(run, 0, pair)}: a Poisson process, λ = {flow:g} per hour{first}{limit}; "
+        f"n = {len(planned[pair])}.",
         figure,
     )
+
+
+def _comes_at_random(scenario: Scenario) -> bool:
+    """Whether anybody comes of a flow: neither timed nor chosen for what happens to them."""
+    people = scenario.pedestrians
+    return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
 
 
 def _for_a_minute(scenario: Scenario) -> Scenario:
@@ -160,7 +169,7 @@ def _site(run: RunData) -> Picture:
     site = site_at(network, place.edge, place.approach, lane=place.lane)
     site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
     crossing = scenario.crossing
-    where = "in a network without a projection"
+    where = "at a place that is not given"
     if crossing.latitude_deg is not None:
         where = f"at {crossing.latitude_deg:.6f}°, {crossing.longitude_deg:.6f}°"
     return Picture(
@@ -196,8 +205,9 @@ def _safety(run: RunData) -> Picture:
 def _walking(run: RunData, model: InteractionModel) -> Picture | None:
     """Speeds of everyone who stepped off in the AV's arm, beside the model's mean density."""
     scenario = run.scenario_of(0)
-    walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset="speed_mps")
-    if walkers.empty or scenario.pedestrians.walking_speed is not None:
+    # Those who are timed have no quantile: their speed is none of the model's.
+    walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset=["speed_mps", "quantile"])
+    if walkers.empty or not scenario.walks_by_model:
         return None
     lower, upper = (bound[2] for bound in (model.mixture.lower, model.mixture.upper))
     grid = np.linspace(lower, upper, _GRID)
@@ -244,7 +254,8 @@ def _mean_density(
 
 def _model(model: InteractionModel, scenario: Scenario) -> Picture:
     """f(v_p | 1/R, v) about the trigger's state, f(v | 1/R, v_p, 1/T_adv) of the human driver."""
-    figure, axes = style.new_figure(2, 1, height=6.6)
+    drives = "human_gmm" in scenario.arms.model_dump().values()
+    figure, axes = style.new_figure(1 + drives, 1, height=3.5 + 3.1 * drives)
     range_m, speed = scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps
     model_figures.draw_walking_speed(
         axes[0],
@@ -252,27 +263,31 @@ def _model(model: InteractionModel, scenario: Scenario) -> Picture:
         [{"range_m": range_m, "vehicle_speed_mps": share * speed} for share in (0.4, 0.7, 1.0)],
         "v_p",
     )
-    model_figures.draw_driving_speed(
-        axes[1],
-        model,
-        [
-            {
-                "range_m": share * range_m,
-                "pedestrian_speed_mps": 1.2,
-                "inverse_time_advantage_per_s": 0.1,
-            }
-            for share in (1.0, 0.5, 0.25)
-        ],
-        "v",
-    )
+    shown, dots = "walking speeds given the vehicle", "modes"
+    if drives:
+        model_figures.draw_driving_speed(
+            axes[1],
+            model,
+            [
+                {
+                    "range_m": share * range_m,
+                    "pedestrian_speed_mps": 1.2,
+                    "inverse_time_advantage_per_s": 0.1,
+                }
+                for share in (1.0, 0.5, 0.25)
+            ],
+            "v",
+        )
+        shown += ", driving speeds given the pedestrian"
+        if scenario.strategies.get("human_gmm", {}).get("speed", "mode") == "mode":
+            dots += ", the speeds the human driver goes for"
     rows = model.provenance.get("rows")
     fitted = f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
     return Picture(
         "model",
         "Conditional densities of the model",
-        f"Model {model.name}, K = {model.mixture.weights.size} components{fitted}: walking speeds "
-        "given the vehicle, driving speeds given the pedestrian. Dots: modes, the speeds the human "
-        "driver goes for.",
+        f"Model {model.name}, K = {model.mixture.weights.size} components{fitted}: {shown}. Dots: "
+        f"{dots}.",
         figure,
     )
 

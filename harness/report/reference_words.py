@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from harness.report.tables import per_cent
 from harness.runs.run_data import CellResult, RunData
-from harness.scenario import Scenario
+from harness.scenario import Scenario, load_scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 
@@ -86,31 +86,55 @@ def _as_measured(scenario: Scenario, name: str) -> bool:
 
 
 STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
-"""Strategies that docs/study.md holds against three references, in ``cctc`` and ``cctc_flow``."""
+"""Strategies that docs/study.md holds against three references, in ``_STUDIES``."""
+
+_STUDIES = {
+    "cctc": ("cctc", {}),
+    "cctc_flow, 250 per hour": ("cctc_flow", {}),
+    "cctc_flow, 1,000 per hour": ("cctc_flow", {"pedestrians.flow_per_hour": 1000.0}),
+}
+"""The scenarios of that study, with what it changed in their files."""
 
 
-def known_disagreement(av: str, human: str, mu: float) -> str:
+def known_disagreement(scenario: Scenario, mu: float) -> str:
     """A warning where another shipped reference is known to say the opposite of μ; else empty.
 
     In docs/study.md each of ``STUDIED`` took more time than ``human_recorded`` in every scenario,
-    and less than ``human_gmm`` in ``cctc``.
+    and less than ``human_gmm`` in ``cctc``.  Of another site, or with other
+    parameters, nothing is known.
 
-    >>> known_disagreement("gap_yield", "human_gmm", 0.7)[:54]
+    >>> from harness.scenario import load_scenario
+    >>> known_disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:54]
     'the references disagree: gap_yield took more time than'
-    >>> known_disagreement("gap_yield", "human_recorded", 0.9)
+    >>> known_disagreement(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
     ''
     """
-    much, other, where = (
-        ("more", "human_recorded", "cctc and cctc_flow")
-        if mu < 1
-        else ("less", "human_gmm", "cctc")
-    )
+    av, human = scenario.arms.av, scenario.arms.human
+    much, other = ("more", "human_recorded") if mu < 1 else ("less", "human_gmm")
     if av not in STUDIED or human not in MEASURED or human == other:
+        return ""
+    where = _studied_as(scenario)
+    if where is None or (much == "less" and where != "cctc"):
         return ""
     return (
         f"the references disagree: {av} took {much} time than {other} in {where} (docs/study.md), "
         "so this is not said of a human"
     )
+
+
+def _studied_as(scenario: Scenario) -> str | None:
+    """Which of ``_STUDIES`` a scenario is, whoever drives, and however many pairs."""
+    same = _but_for_arms(scenario)
+    for name, (file, changes) in _STUDIES.items():
+        if _but_for_arms(load_scenario(file, changes)) == same:
+            return name
+    return None
+
+
+def _but_for_arms(scenario: Scenario) -> Scenario:
+    experiment = scenario.experiment.model_copy(update={"pairs": 1, "seed": 0})
+    free = {"arms": None, "conflicts": None, "limits": None, "experiment": experiment}
+    return scenario.model_copy(update=free)
 
 
 def references_compared(run: RunData) -> list[str]:

@@ -19,10 +19,10 @@ from harness.report.tables import (
     share_limits,
 )
 from harness.results.measure_tables import CONFLICTS, ConflictRate
+from harness.runs.model_use import given_the_model
 from harness.runs.run_data import CellResult, RunData
 from harness.scenario import Scenario
-from harness.strategies.parameters import knows_the_model
-from harness.strategies.registry import STRATEGIES, fallback_of
+from harness.strategies.registry import fallback_of
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
 """Chen, Zhao, Peng 2017, section III-E; N = 50."""
@@ -58,20 +58,13 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def knowledge_lines(run: RunData) -> list[str]:
-    """Which strategies of a run were given the model that their pedestrians are drawn from.
-
-    The manifest says it, since looking at a run imports no module of a user's.  A manifest from
-    before it did tells of the built-in strategies alone.
-    """
-    names = run.manifest["know_the_model"]
-    if names is None:
-        arms = (cell.scenario.arms for cell in run.study.cells)
-        driven = dict.fromkeys(name for of in arms for name in (of.av, of.human))
-        names = [of for of in driven if of in STRATEGIES and knows_the_model(STRATEGIES[of])]
+    """Which strategies of a run were given the model that their pedestrians are drawn from."""
+    if not any(cell.scenario.walks_by_model for cell in run.study.cells):
+        return []
     return [
         f"{name} knows the pedestrians' distribution: it is given the very interaction model that "
         "they are drawn from."
-        for name in names
+        for name in given_the_model(run)
     ]
 
 
@@ -80,8 +73,7 @@ def walker_lines(scenarios: Iterable[Scenario]) -> list[str]:
     drawn = any(
         (of.model.name, of.model.path) == ("dut", None)
         and of.model.pedestrian_reading != "unconditional"
-        and of.pedestrians.walking_speed is None
-        and not of.pedestrians.timed
+        and of.walks_by_model
         for of in scenarios
     )
     said = (
@@ -107,13 +99,12 @@ def audit_lines(run: RunData) -> list[str]:
     return [line, *named, *more]
 
 
-def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
+def tau_lines(summary: Summary, scenario: Scenario) -> list[str]:
     """Sentences on μ and c_v, with their intervals, of the AV against the reference.
 
     Args:
         summary: of a cell.
-        av: the strategy of its AV.
-        human: that of its reference.
+        scenario: of that cell.
     """
     mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
     if mu.value is None:
@@ -122,7 +113,7 @@ def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
         return [sentence(NOTHING_TESTED)]
     much = f"{per_cent(abs(1 - mu.value), 1)} % {'less' if mu.value < 1 else 'more'}"
     said = f"In the mean over the {counted(n, 'pair')} in which both crossed the AV took {much} "
-    said += f"time than {human}, the reference: μ = {mu.value:.4f} "
+    said += f"time than {scenario.arms.human}, the reference: μ = {mu.value:.4f} "
     said += f"({level(summary.confidence)} interval {limits(mu, 4) or 'undefined'}), "
     said += f"c_v = {percentage(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
     words = [too_narrow(summary, "mu")]
@@ -130,7 +121,7 @@ def tau_lines(summary: Summary, av: str, human: str) -> list[str]:
         words = [f"c_v: {few}"]
     if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
         words.append("the interval of μ holds 1: which is faster is not told")
-    words.append(known_disagreement(av, human, mu.value))
+    words.append(known_disagreement(scenario, mu.value))
     return ["; ".join([said, *(word for word in words if word)]) + "."]
 
 

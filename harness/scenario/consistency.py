@@ -32,6 +32,9 @@ def check_consistency(scenario: Scenario, source: str) -> None:
         InputError: naming the key to change.
     """
     ego, crossing, experiment = scenario.ego, scenario.crossing, scenario.experiment
+    if (crossing.latitude_deg is None) is not (crossing.longitude_deg is None):
+        missing = "latitude_deg" if crossing.latitude_deg is None else "longitude_deg"
+        raise InputError(f"{source}: crossing.{missing}", "is not given", "both or neither")
     _check_lanes(scenario, source)
     # SUMO's approach lane ends 1.5 m before the crosswalk: the ego cannot be inserted beyond it.
     nearest = crossing.width_m / 2 + 1.5

@@ -45,6 +45,13 @@ class Scenario(Section):
         assert self.traffic is not None
         return self.traffic
 
+    @property
+    def walks_by_model(self) -> bool:
+        """Whether anybody's walking speed is drawn from the interaction model."""
+        people = self.pedestrians
+        comes = (people.flow_per_hour > 0 or people.first_at_trigger) and people.max_count != 0
+        return comes and people.walking_speed is None
+
     def vehicle(self) -> Vehicle:
         """The ego's constants; the detection range defaults to the trigger range."""
         values = self.ego.model_dump(exclude={"lane"})

@@ -104,10 +104,10 @@ class CrossingSection(Section):
     """Keep a traffic light that rules the crossing in ``net`` green."""
     read: ReadSection | None = None
     """Facts that the harness read in ``net``; it fills them in itself."""
-    latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = 42.278415
-    """Latitude of the crosswalk's centre."""
-    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = -83.735580
-    """Longitude of the crosswalk's centre."""
+    latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = None
+    """Latitude of the crosswalk's centre; without it, the network has no place on the ground."""
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    """Longitude of the crosswalk's centre; both or neither."""
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
     """The ego's direction, clockwise from true north."""
     length_m: Annotated[float, Field(ge=2.5, le=40)] = 9.0

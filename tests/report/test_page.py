@@ -5,9 +5,11 @@ import hashlib
 import json
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import islice, pairwise
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,8 +20,9 @@ import harness.report.page as page_module
 from harness.report.episode_traces import TIME_ADVANTAGE, choose_pairs
 from harness.report.page import write_report
 from harness.report.player_data import player_document
-from tests.batches import here, printed, refusal
-from tests.report.conftest import HOSTILE
+from harness.scenario import Options, validate
+from tests.batches import here, one_cell, printed, refusal, sweep
+from tests.report.conftest import HOSTILE, simulate
 
 VOID = {"meta", "link", "input", "img", "br", "hr"}
 
@@ -215,6 +218,59 @@ def test_names_from_files_stay_text(hostile: Path) -> None:
     assert not [
         name for _, attributes in found.elements for name in attributes if name.startswith("on")
     ]
+
+
+def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> None:
+    own_speeds = {"mean_mps": 1.34, "std_mps": 0.26}
+    changes = {"arms.human": "human_yield", "pedestrians.walking_speed": own_speeds}
+    shape = {"crossing.latitude_deg": 42.0, "crossing.longitude_deg": -83.0}
+    study = one_cell("cctc", {**shape, **changes, "experiment.pairs": 3})
+    run = simulate(study, tmp_path / "run", Options(traces=True))
+    found = Page(write_report(harness.load_run(run)).page)
+    for words in ("interaction model", "Model dut", "goes for", "given the vehicle", "reading of"):
+        assert words not in found.words, words
+    ran = scenario_of(found)
+    assert not [key for key in ran if key.startswith("model.")]
+    # What did run is there, and what did not drive has no parameters there.
+    assert ran["pedestrians.walking_speed.mean_mps"] == "1.34"
+    assert ran["strategies.soft_yield.p1"] == "0.0169"
+    assert not [key for key in ran if key.startswith("strategies.human_gmm")]
+    assert "42.000000°" in found.words
+
+
+def test_what_ran_of_a_sweep_are_its_cells(tmp_path: Path) -> None:
+    # The file's own values, 5 m/s and soft_yield, are in no cell; nor are its coordinates' parents.
+    changes = {"experiment.pairs": 2, "arms.human": "human_yield"}
+    vary = ("ego.initial_speed_mps=4,4.5", "arms.av=gap_yield,hard_yield")
+    nowhere = {"crossing": {"latitude_deg": None, "longitude_deg": None}}
+    study = sweep("cctc", changes, *vary)
+    cells = [
+        replace(cell, scenario=validate(merged(cell.scenario.model_dump(), nowhere), "test"))
+        for cell in study.cells
+    ]
+    base = validate(merged(study.base.model_dump(), nowhere), "test")
+    study = replace(study, base=base, cells=tuple(cells))
+    run = simulate(study, tmp_path / "run", Options(traces=True))
+    found = Page(write_report(harness.load_run(run)).page)
+    ran = scenario_of(found)
+    assert ran["ego.initial_speed_mps"] == "4, 4.5"
+    assert ran["arms.av"] == "gap_yield, hard_yield"
+    assert "gap_yield, hard_yield (AV), human_yield (human)" in found.words
+    # Somebody walks by the model, nobody drives by it; a crosswalk without a place has none.
+    assert "walking speeds given the vehicle. Dots: modes." in found.words
+    assert "driving speeds" not in found.words
+    assert "at a place that is not given" in found.words
+    assert "42.27" not in found.words
+
+
+def scenario_of(page: Page) -> dict[str, str]:
+    """The table of the scenario's keys."""
+    row = r"<th scope=\"row\"><code>(.*?)</code></th><td>(.*?)</td>"
+    return dict(re.findall(row, page.source))
+
+
+def merged(tree: dict[str, Any], changes: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    return tree | {name: tree[name] | keys for name, keys in changes.items()}
 
 
 @pytest.mark.usefixtures("no_pictures")

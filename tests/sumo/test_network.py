@@ -25,6 +25,7 @@ from harness.network import (
     sources,
 )
 from harness.roads import Place, Site, read_site
+from harness.scenario import load_scenario
 from harness.scenario.sections import CrossingSection
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.conftest import MakeEngine
@@ -45,7 +46,7 @@ def site(
 
 
 SHIPPED = NETWORKS / "cctc"
-CCTC = CrossingSection()
+CCTC = load_scenario("cctc").crossing
 GEOMETRIES = {
     **geometries(),
     "north": site(42.278415, -83.735580, 0.0, 6.0, 3.0),
@@ -316,7 +317,7 @@ def test_a_network_unlike_its_geometry_is_refused(
 
 def test_shipped_geometry_needs_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
-    assert network_for(CrossingSection(length_m=9), NETWORKS) == SHIPPED / "cctc.net.xml"
+    assert network_for(CCTC.model_copy(), NETWORKS) == SHIPPED / "cctc.net.xml"
     assert not (tmp_path / "cache").exists()
 
 

@@ -14,8 +14,6 @@ from harness.scenario import Scenario, load_scenario, parse_setting, read_scenar
 # Table II of the paper and the choices beside it: what an empty scenario runs.
 DEFAULTS: dict[str, dict[str, Any]] = {
     "crossing": {
-        "latitude_deg": 42.278415,
-        "longitude_deg": -83.735580,
         "bearing_deg": 316.5,
         "length_m": 9.0,
         "width_m": 4.0,

@@ -10,7 +10,7 @@ from harness.report.result_tables import measure_rows, tiles
 from harness.report.risk_terminal import effort, sentence
 from harness.report.tables import per_cent
 from harness.report.words import crash_lines, is_the_papers, tau_lines, walker_lines
-from harness.scenario import load_scenario, parse_setting
+from harness.scenario import Scenario, load_scenario, parse_setting
 
 
 @pytest.mark.parametrize(
@@ -83,16 +83,21 @@ def test_crashes_are_counted_with_their_interval() -> None:
     )
 
 
+def driven_by(av: str, human: str) -> Scenario:
+    return load_scenario("cctc", {"arms.av": av, "arms.human": human})
+
+
 def test_what_mu_tells() -> None:
     summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    (line,) = tau_lines(summary, "own.av", "human_gmm")
+    own = driven_by("own:Av", "human_gmm")
+    (line,) = tau_lines(summary, own)
     assert "the AV took 15.0 % less time than human_gmm, the reference: μ = 0.8500" in line
     assert "interval too narrow: about 1,000 pairs needed" in line
     assert "not told" not in line
-    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)), "own.av", "human_gmm")
+    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)), own)
     assert "2.0 % more" in line
     assert "the interval of μ holds 1: which is faster is not told" in line
-    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)), "own.av", "human_gmm")
+    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)), own)
     assert line == "τ is defined in no pair: neither μ nor c_v can be told."
 
 
@@ -110,7 +115,8 @@ def test_what_mu_tells() -> None:
 )
 def test_known_disagreement_of_the_references_stands_beside_mu(human, mu, opposite) -> None:
     summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    (line,) = tau_lines(replace(summary, mu=Interval(mu, mu, mu)), "gap_yield", human)
+    scenario = driven_by("gap_yield", human)
+    (line,) = tau_lines(replace(summary, mu=Interval(mu, mu, mu)), scenario)
     assert f"time than {human}, the reference" in line
     assert ("the references disagree" in line) == (opposite is not None)
     assert (opposite or "") in line
@@ -127,7 +133,7 @@ def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of
         for tile in tiles(summary, "human_gmm")
     }
     assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
-    (line,) = tau_lines(summary, "own.av", "human_gmm")
+    (line,) = tau_lines(summary, driven_by("own:Av", "human_gmm"))
     assert ("; interval too narrow" in line, "; c_v: interval too narrow" in line) == (
         of_mu,
         of_cv and not of_mu,
