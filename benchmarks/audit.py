@@ -116,12 +116,12 @@ def of_a_sweep(cells: Cells, truth: Mapping[str, float], seed: int) -> Iterator[
     upper, lower = [], []
     for name in SWEPT:
         pairs = pair_columns(cells[name])
-        tau, rng = pairs.time_s[0] / pairs.time_s[1], resampling(seed, "comparison")
-        value = swept_value(tau, pairs.crashed[0], ~pairs.failed[0], rng, len(SWEPT), LEVEL)
+        rng, missed = resampling(seed, "comparison"), (pairs.av_missed, pairs.av_tried)
+        value = swept_value(pairs.tau_all, *missed, rng, len(SWEPT), LEVEL)
         for measure in ("mu", "kappa"):
             found: Interval = getattr(value, measure)
-            upper.append((measure, found.high < truth[f"{name}: {measure}"] - 1e-12))
-            lower.append((measure, found.low > truth[f"{name}: {measure}"] + 1e-12))
+            upper.append((measure, found.high < truth[f"{name}: {measure}_all"] - 1e-12))
+            lower.append((measure, found.low > truth[f"{name}: {measure}_all"] + 1e-12))
     for measure in ("mu", "kappa"):
         yield f"sweep: an upper bound of {measure}", any(bad for of, bad in upper if of == measure)
         yield f"sweep: a lower bound of {measure}", any(bad for of, bad in lower if of == measure)

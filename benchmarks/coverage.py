@@ -18,6 +18,7 @@ import pyarrow as pa
 from harness.comparison import (
     Interval,
     PairColumns,
+    bootstrap_ratio,
     paired_difference,
     summarise,
     swept_value,
@@ -85,18 +86,22 @@ def of_a_cell(
 
 
 def of_differences(
-    av: PairColumns, other: PairColumns, _times: Times, rng: np.random.Generator
+    av: PairColumns, other: PairColumns, times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """What a comparison of two cells gives an interval."""
     yield "mu_difference", paired_difference(_tau(av), _tau(other), rng)
     yield "delay_difference_s", paired_difference(av.delay_s[0], other.delay_s[0], rng)
+    (av_s, human_s), (other_s, _) = (of.times_counted(times[0]) for of in (av, other))
+    counted = ~np.isnan(av_s - other_s)
+    saved = (av_s - other_s)[counted]
+    yield "time_ratio_difference", bootstrap_ratio(saved, human_s[counted], rng)
 
 
 def of_a_sweep(
     av: PairColumns, _other: PairColumns, _times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """The upper bound of μ at one of ``SWEPT`` values; it should hold in 1 − 0.05/16."""
-    bound = swept_value(_tau(av), av.crashed[0], ~av.failed[0], rng, SWEPT, LEVEL).mu
+    bound = swept_value(av.tau_all, av.av_missed, av.av_tried, rng, SWEPT, LEVEL).mu
     yield "mu_bound", Interval(bound.value, None if bound.high is None else -np.inf, bound.high)
 
 

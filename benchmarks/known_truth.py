@@ -210,6 +210,9 @@ def _left_out(av: Columns, human: Columns) -> dict[str, float]:
         "mu_worst": float(worst.mean()),
         **_ratios(av, human, timeout_s),
         "kappa_worst": float(missing.mean()),
+        "kappa_all": float(missing.mean()),
+        "delay_worst_s": float(np.where(missing, timeout_s, av_s).mean()) - FREE_S,
+        "delay_human_worst_s": float(np.nan_to_num(human_s, nan=FREE_S).mean()) - FREE_S,
     }
 
 

@@ -80,7 +80,7 @@ def sweep() -> None:
         *("sweep", "cctc_flow", "--vary", flows, "--vary", strategies),
         *("--pairs", 1000, "--quiet", "--out", "flows"),
     )
-    figure("flows", "sweep-mu", "sweep")
+    figure("flows", "sweep-time-ratio", "sweep")
 
 
 def time_space() -> None:

@@ -32,7 +32,7 @@ from harness.comparison.pareto import (
     Standing,
     pareto_front,
     relation_of_crashes,
-    relation_of_means,
+    relation_of_times,
 )
 from harness.comparison.summary import Summary, summarise
 
@@ -65,7 +65,7 @@ __all__ = [
     "pareto_front",
     "proportion",
     "relation_of_crashes",
-    "relation_of_means",
+    "relation_of_times",
     "student_mean",
     "summarise",
     "swept_value",

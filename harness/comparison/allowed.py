@@ -1,6 +1,9 @@
 """Which values of a strategy's parameter keep μ below μ0 and κ below κ0 (paper, figure of the
 vehicle's aggressiveness), as far as the pairs can tell.
 
+μ is that of all pairs in which the AV crossed, with the human's crashes as if untouched; κ counts
+time-outs and failures of the strategy as crashes: an AV that does not arrive is not allowed.
+
 All bounds of a sweep hold together: m values have 2 m upper bounds, each one-sided at
 1 − level / 2m (Bonferroni), and as many lower ones.
 """
@@ -89,8 +92,8 @@ class AllowedInterval:
 
 def swept_value(
     tau: FloatArray,
-    crashed: np.ndarray,
-    ran: np.ndarray,
+    missed: np.ndarray,
+    tried: np.ndarray,
     rng: np.random.Generator,
     values: int,
     level: float,
@@ -98,9 +101,9 @@ def swept_value(
     """μ and κ of one cell with bounds that hold over all values of the sweep.
 
     Args:
-        tau: τ of each pair, NaN where undefined.
-        crashed: whether the AV crashed.
-        ran: whether its episode ran, that is, did not fail in the engine.
+        tau: ``tau_all`` of each pair, NaN where undefined.
+        missed: whether the AV crashed, timed out, or failed by its strategy's fault.
+        tried: whether its episode did not fail in the engine.
         rng: draws the resamples.
         values: m, the number of values swept.
         level: chance that any upper (or any lower) bound is wrong.
@@ -109,7 +112,7 @@ def swept_value(
     defined = tau[~np.isnan(tau)]
     return SweptValue(
         bootstrap_mean(defined, rng, confidence),
-        proportion(int((crashed & ran).sum()), int(ran.sum()), confidence),
+        proportion(int((missed & tried).sum()), int(tried.sum()), confidence),
         len(tau),
         len(defined),
     )

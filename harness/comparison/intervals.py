@@ -24,6 +24,9 @@ INDICATIVE_BELOW = {
     "delay_s": 200,
     "delay_human_s": 50,
     "mu_all": 1_000,
+    "time_ratio": 1_000,
+    "time_ratio_worst": 1_000,
+    "delay_worst_s": 1_000,
     "mu_worst": 1_000,
     "delay_difference_human_s": 1_000,
     "pedestrian_delay_s": 200,
@@ -35,6 +38,7 @@ INDICATIVE_BELOW = {
 """Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
 
 INDICATIVE_COMPARED_BELOW = {
+    "time_ratio_difference": 2_000,
     "mu_difference": 2_000,
     "mu_worst_difference": 2_000,
     "delay_difference_s": 1_000,

@@ -115,6 +115,18 @@ class PairColumns:
         return ratio
 
     @property
+    def av_missed(self) -> np.ndarray:
+        """Whether the AV crashed, timed out, or failed by its strategy's fault."""
+        missed: np.ndarray = self.crashed[0] | self.timed_out[0] | self.failed_strategy[0]
+        return missed
+
+    @property
+    def av_tried(self) -> np.ndarray:
+        """Whether the AV's episode ran, or failed by its strategy's fault."""
+        tried: np.ndarray = ~self.failed[0] | self.failed_strategy[0]
+        return tried
+
+    @property
     def any_timed_out(self) -> np.ndarray:
         """Whether either arm of the pair timed out."""
         return self.timed_out[0] | self.timed_out[1]

@@ -19,13 +19,14 @@ class CrashTest:
     """Crashes of two cells over the same pairs, and the exact McNemar test of equal crash rates.
 
     ``pairs`` ran in both cells; ``only_a`` and ``only_b`` are the discordant ones, in which the AV
-    crashed in that cell alone.
+    crashed in that cell alone.  ``ran_in_one`` counts the pairs that ran in one cell alone.
     """
 
     pairs: int
     only_a: int
     only_b: int
     p: float
+    ran_in_one: int = 0
 
     @property
     def kappa_difference(self) -> float | None:
@@ -71,7 +72,7 @@ def mcnemar(
     only_b = int((ran & crashed_b & ~crashed_a).sum())
     discordant = only_a + only_b
     p = min(1.0, 2 * float(special.bdtr(min(only_a, only_b), discordant, 0.5)))
-    return CrashTest(int(ran.sum()), only_a, only_b, p)
+    return CrashTest(int(ran.sum()), only_a, only_b, p, int((ran_a ^ ran_b).sum()))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:

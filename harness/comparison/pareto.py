@@ -1,4 +1,4 @@
-"""Which cells no other cell beats in both μ and κ, as far as the pairs can tell."""
+"""Which cells no other beats in both the ratio of times and κ, as far as the pairs can tell."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class Place(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """A cell's place on the Pareto front of (μ, κ).
+    """A cell's place on the Pareto front of (ratio of times, κ).
 
     ``dominated_by`` and ``open_against`` hold positions of other cells: those that dominate it,
     and those of which it cannot be told whether they do.
@@ -44,20 +44,24 @@ class Standing:
     open_against: tuple[int, ...]
 
 
-def relation_of_means(difference: Interval) -> Relation:
-    """The relation by a paired difference a − b: decided where its interval leaves out 0."""
+def relation_of_times(difference: Interval, counted_in_one: int) -> Relation:
+    """The relation by a paired difference a − b: decided where its interval leaves out 0.
+
+    Cells of which ``counted_in_one`` pairs count in one alone are never alike.
+    """
     if difference.low is None or difference.high is None:
         return Relation.UNDECIDED
     if difference.high < 0:
         return Relation.BETTER
     if difference.low > 0:
         return Relation.WORSE
-    return Relation.ALIKE if difference.low == difference.high == 0 else Relation.UNDECIDED
+    same = difference.low == difference.high == 0 and counted_in_one == 0
+    return Relation.ALIKE if same else Relation.UNDECIDED
 
 
 def relation_of_crashes(test: CrashTest, adjusted_p: float, level: float) -> Relation:
     """Decided where the McNemar test, adjusted within its family, rejects at ``level``."""
-    if test.pairs and test.only_a == test.only_b == 0:
+    if test.pairs and test.only_a == test.only_b == test.ran_in_one == 0:
         return Relation.ALIKE
     if adjusted_p >= level:
         return Relation.UNDECIDED
@@ -75,7 +79,7 @@ def pareto_front(
 
     Args:
         count: number of cells.
-        relations: of a to b in (μ, κ), for each a < b.
+        relations: of a to b in (ratio of times, κ), for each a < b.
     """
     standings = []
     for b in range(count):

@@ -74,6 +74,9 @@ class Summary:
     time_ratio: Interval
     time_ratio_pairs: int
     time_ratio_worst: Interval
+    kappa_all: Proportion
+    delay_worst_s: Interval
+    delay_human_worst_s: Interval
 
 
 def summarise(
@@ -89,7 +92,8 @@ def summarise(
     standard deviation over μ (paper, section III-E).  What this leaves out stands beside it:
     ``mu_all``, ``mu_worst`` and ``kappa_worst`` (docs/method.md, What is left out).  ``time_ratio``
     is the ratio of the sums of ``times_counted``, over ``time_ratio_pairs``, ``time_ratio_worst``
-    that of ``times_worst``, over all pairs.
+    that of ``times_worst``, over all pairs.  ``kappa_all`` is κ with
+    time-outs and failures of the AV's strategy as crashes.
 
     Args:
         pairs: the columns, of at least one pair.
@@ -113,6 +117,7 @@ def summarise(
     time_ratio = bootstrap_ratio(av_s[counted], human_s[counted], rng, confidence)
     worst = pairs.times_worst(timeout_s, free_pass_s)
     time_ratio_worst = bootstrap_ratio(*worst, rng, confidence)
+    delays_worst = [_mean_of(time_s - free_pass_s, rng, confidence) for time_s in worst]
     av_missing = pairs.crashed[0] | pairs.failed[0] | pairs.timed_out[0]
     ran = [~failed for failed in pairs.failed]
     return Summary(
@@ -165,6 +170,9 @@ def summarise(
         time_ratio=time_ratio,
         time_ratio_pairs=_count(counted),
         time_ratio_worst=time_ratio_worst,
+        kappa_all=proportion(_count(pairs.av_missed), _count(pairs.av_tried), confidence),
+        delay_worst_s=delays_worst[0],
+        delay_human_worst_s=delays_worst[1],
     )
 
 

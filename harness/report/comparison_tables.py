@@ -55,18 +55,33 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
                 count_cell(cell.number),
                 TableCell(av_label(cell.label, summary)),
                 count_cell(summary.pairs),
-                count_cell(summary.defined_pairs),
-                count_cell(summary.timed_out_av),
-                interval_cell(summary.mu, 4),
+                interval_cell(summary.time_ratio, 3),
+                count_cell(summary.pairs - summary.time_ratio_pairs),
+                interval_cell(summary.mu, 3),
                 interval_cell(summary.delay_s, 2),
                 share_cell(summary.kappa),
+                share_cell(summary.kappa_all),
                 TableCell(_words(standing, result)),
+                interval_cell(summary.time_ratio_worst, 3),
+                interval_cell(summary.mu_worst, 3),
+                interval_cell(summary.delay_worst_s, 2),
+                count_cell(summary.timed_out_av),
+                count_cell(summary.defined_pairs),
             )
         )
-    headings = (
-        "cell", "AV", "pairs", "pairs with τ", "AV timed out", "μ", "delay AV s", "κ", "(μ, κ)",
+    front = (
+        "cell", "AV", "pairs", "ratio of times", "left out", "μ", "delay AV s", "κ",
+        "κ with time-outs", "front",
     )  # fmt: skip
-    return Table(name, f"{caption}: strategies", headings, tuple(rows), sortable=True)
+    worst = ("ratio of times, worst case", "μ, worst case", "delay AV s, worst case")
+    return Table(
+        name,
+        f"{caption}: strategies",
+        (*front, *worst, "AV timed out", "pairs with τ"),
+        tuple(rows),
+        sortable=True,
+        terminal=tuple(range(len(front))),
+    )
 
 
 def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
@@ -75,25 +90,31 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
     for item in result.comparisons:
         star = {
             key: "*" if key in item.indicative else ""
-            for key in ("mu_difference", "delay_difference_s")
+            for key in ("time_ratio_difference", "mu_difference", "delay_difference_s")
         }
         rows.append(
             (
                 count_cell(numbers[item.a]),
                 count_cell(numbers[item.b]),
-                count_cell(item.defined_in_both),
+                count_cell(item.counted_in_both),
+                interval_cell(item.time_ratio_difference, 4, star["time_ratio_difference"]),
                 interval_cell(item.mu_difference, 4, star["mu_difference"]),
                 interval_cell(item.delay_difference_s, 2, star["delay_difference_s"]),
                 TableCell(f"{item.crashes.only_a} / {item.crashes.only_b}"),
                 TableCell(f"{item.crashes.p:.2g}", sort=repr(item.crashes.p)),
                 TableCell(f"{item.p_holm:.2g}", sort=repr(item.p_holm)),
+                TableCell(f"{item.misses.only_a} / {item.misses.only_b}"),
+                TableCell(f"{item.misses_p_holm:.2g}", sort=repr(item.misses_p_holm)),
+                count_cell(item.defined_in_both),
             )
         )
     headings = (
-        "A", "B", "pairs with τ", "μ", "delay AV s", "crashed in A / B alone", "p", "p (Holm)",
+        "A", "B", "pairs", "ratio of times", "μ", "delay AV s", "crashed in A / B alone", "p",
+        "p (Holm)", "missed in A / B alone", "missed, p (Holm)", "pairs with τ",
     )  # fmt: skip
     words = f"{caption}: differences, A − B (negative: A is faster), over the pairs both have"
-    return Table(name, words, headings, tuple(rows), sortable=True)
+    shown = tuple(at for at, heading in enumerate(headings) if heading not in ("p", "pairs with τ"))
+    return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
 
 
 def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
@@ -103,15 +124,18 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     rows = []
     for position, judgement in enumerate(result.found.judgements):
         star = "*" if result.indicative[position] else ""
-        needed = judgement.pairs_needed
+        needed, cell = judgement.pairs_needed, sweep.cells[position]
+        summary = group.summaries[cell]
         rows.append(
             (
                 value_cell(sweep.values[position]),
                 *([value_cell(bold[position])] if bold else []),
-                count_cell(group.group.cells[sweep.cells[position]].number),
+                count_cell(group.group.cells[cell].number),
                 count_cell(judgement.swept.pairs),
                 interval_cell(judgement.swept.mu, 4, star),
+                interval_cell(summary.mu_worst, 4),
                 share_cell(judgement.swept.kappa),
+                count_cell(summary.failed_engine),
                 TableCell(judgement.verdict.value),
                 TableCell("") if needed is None else count_cell(needed),
             )
@@ -119,9 +143,11 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
     headings = (
         sweep.parameter,
         *(["aggressiveness"] if bold else []),
-        *("cell", "pairs", "μ, bounds", "κ, bounds", "verdict", "pairs needed"),
+        *("cell", "pairs", "μ, bounds", "μ, worst case", "κ, bounds", "engine failed"),
+        *("verdict", "pairs needed"),
     )
     caption = f"allowed values of {sweep.key}{fixed}: μ < {allowed.mu0:g}, κ < {allowed.kappa0:g}"
+    caption += " (μ: human's crashes as if untouched; κ: time-outs and failures as crashes)"
     return Table(name, caption, headings, tuple(rows))
 
 
@@ -167,8 +193,11 @@ def comparison_lines(result: RunComparison) -> list[str]:
     notes += [
         f"Intervals: {level(result.confidence)} each. p: exact McNemar test of the crash rates; "
         f"Holm: within the family of all {tests} of this comparison.",
-        f"(μ, κ): told apart where an interval leaves out 0 or p (Holm) is below {error}; alike "
-        "where no pair differs.",
+        "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
+        "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
+        "these are in κ with time-outs.",
+        "Front: by ratio of times and κ with time-outs, told apart where an interval leaves out 0 "
+        f"or p (Holm) is below {error}; alike where no pair differs.",
     ]
     few = any(item.indicative for group in result.groups for item in group.comparisons)
     few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)

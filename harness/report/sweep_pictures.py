@@ -25,11 +25,15 @@ from harness.scenario import as_written
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (
+    ("time_ratio", "AV times / human times", "ratio of times, Σ AV / Σ human (below 1: AV faster)"),
     ("mu", "μ: AV time / human time", "μ, AV time / human time (below 1: AV faster)"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
     ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
     ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
 )
+_BESIDE = (_MEASURES[0], *_MEASURES[3:])
+"""Those that the figure of a parameter's aggressiveness does not show."""
+
 _MOST_SWEEPS = 4
 """Parameters swept that get a figure each."""
 
@@ -44,7 +48,7 @@ def sweep_pictures(run: RunData) -> Iterator[Picture]:
     key = across_key(run)
     if key is not None:
         drawn = any(parameter.key == key for _, parameter in swept)
-        yield from _over(run, key, _MEASURES[2:] if drawn else _MEASURES)
+        yield from _over(run, key, _BESIDE if drawn else _MEASURES)
 
 
 def across_key(run: RunData) -> str | None:
@@ -90,7 +94,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         if summary[measure].isna().all():
             continue
         figure, (axes,) = style.new_figure()
-        level = (1.0, "as fast as the human") if measure == "mu" else None
+        level = (1.0, "as fast as the human") if measure == "time_ratio" else None
         lines = draw.lines_of(columns, x, labels, measure)
         # Cells that differ in the AV alone have the same human arm.
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
@@ -145,10 +149,11 @@ def _aggressiveness(
         verdicts = (judgement.verdict for judgement in judged.found.judgements)
         allowed = [float(at) for at, of in zip(x, verdicts, strict=True) if of is Verdict.ALLOWED]
     figure, panels = style.new_figure(2, 1, height=6.4)
-    for panel, (measure, up, _) in zip(panels, _MEASURES[:2], strict=True):
+    for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
         if judged is None:
             columns = {name: rows[name].tolist() for name in rows.columns}
-            (line,) = draw.lines_of(columns, x.tolist(), [parameter.strategy] * len(x), measure)
+            label_of = [parameter.strategy] * len(x)
+            (line,) = draw.lines_of(columns, x.tolist(), label_of, f"{measure}_all")
             limit, band = None, f"{words_of_level(run.confidence)} interval"
         else:
             swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
@@ -167,7 +172,8 @@ def _aggressiveness(
         name,
         f"μ and κ over {parameter.key}",
         f"Influence of {'the aggressiveness' if bold else parameter.parameter} of "
-        f"{parameter.strategy}{where}: {said}; {counted}.",
+        f"{parameter.strategy}{where}: {said}; {counted}. μ with the human's crashes as if "
+        "untouched, κ with time-outs and failures as crashes.",
         figure,
     )
 

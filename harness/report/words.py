@@ -194,8 +194,10 @@ def too_narrow(summary: Summary, key: str) -> str:
 
 def pairs_behind(summary: Summary, key: str) -> int:
     """How many pairs an interval of a summary rests on."""
-    if key == "mu_worst":
+    if "worst" in key:
         return summary.pairs
+    if key == "time_ratio":
+        return summary.time_ratio_pairs
     if key in ("mu_all", "delay_difference_human_s"):
         return summary.pairs_all
     if key.startswith("pedestrian"):

@@ -166,6 +166,8 @@ def _episodes_behind(name: str, pairs: PairColumns) -> np.ndarray:
     ran = ~pairs.failed["_human" in name]
     if name == "kappa_worst":
         return np.ones_like(ran)
+    if name == "kappa_all":
+        return pairs.av_tried
     return ran & pairs.met_someone if "_met" in name else ran
 
 

@@ -7,7 +7,7 @@ is in ``strategy_groups``, whether several runs met the same people in ``same_pa
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import combinations
+from itertools import combinations, islice
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from harness.comparison import (
     Limits,
     PairColumns,
     allowed_interval,
+    bootstrap_ratio,
     holm,
     mcnemar,
     paired_difference,
@@ -133,14 +134,15 @@ class _Steps:
 
 
 def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
-    """With every McNemar test of the run adjusted within the family of all of them."""
-    tests = [comparison.crashes.p for result in results for comparison in result.comparisons]
-    adjusted = iter(holm(tests))
+    """With the McNemar tests of the run adjusted: those of crashes together, of misses together."""
+    items = [item for result in results for item in result.comparisons]
+    crashes, misses = holm([of.crashes.p for of in items]), holm([of.misses.p for of in items])
+    adjusted = iter(
+        replace(item, p_holm=p, misses_p_holm=missed)
+        for item, p, missed in zip(items, crashes, misses, strict=True)
+    )
     return tuple(
-        replace(
-            result,
-            comparisons=tuple(replace(item, p_holm=next(adjusted)) for item in result.comparisons),
-        )
+        replace(result, comparisons=tuple(islice(adjusted, len(result.comparisons))))
         for result in results
     )
 
@@ -183,23 +185,35 @@ def _compare(
     first, second = (columns[of].where(slice(common)) for of in (a, b))
     scenario = group.cells[a].cell.scenario
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
-    worst = [of.tau_worst(scenario.experiment.timeout_s, free_pass_s) for of in (first, second)]
+    timeout_s = scenario.experiment.timeout_s
+    worst = [of.tau_worst(timeout_s, free_pass_s) for of in (first, second)]
     # The same resampling for every two cells: none depends on what else was compared.
     rng = resampling(seed, "comparison")
     mu_difference = paired_difference(first.tau, second.tau, rng, confidence)
     delay_difference = paired_difference(first.delay_s[0], second.delay_s[0], rng, confidence)
+    mu_worst_difference = paired_difference(worst[0], worst[1], rng, confidence)
+    (times_a, human), (times_b, _) = (of.times_counted(timeout_s) for of in (first, second))
+    saved, counted = times_a - times_b, ~np.isnan(times_a - times_b)
+    slowest = [of.times_worst(timeout_s, free_pass_s)[0] for of in (first, second)]
+    misses = mcnemar(first.av_missed, second.av_missed, first.av_tried, second.av_tried)
     crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
     return Comparison(
         a=a,
         b=b,
         defined_in_both=_count(first.tau - second.tau),
         mu_difference=mu_difference,
-        mu_worst_difference=paired_difference(worst[0], worst[1], rng, confidence),
+        mu_worst_difference=mu_worst_difference,
         pairs_in_both=common,
         crossed_in_both=_count(first.delay_s[0] - second.delay_s[0]),
         delay_difference_s=delay_difference,
         crashes=crashes,
         p_holm=crashes.p,
+        time_ratio_difference=bootstrap_ratio(saved[counted], human[counted], rng, confidence),
+        counted_in_both=int(counted.sum()),
+        counted_in_one=int((np.isnan(times_a) ^ np.isnan(times_b)).sum()),
+        delay_worst_difference_s=paired_difference(slowest[0], slowest[1], rng, confidence),
+        misses=misses,
+        misses_p_holm=misses.p,
     )
 
 
@@ -208,9 +222,9 @@ def _judge(
 ) -> SweepResult:
     swept = [
         swept_value(
-            columns[cell].tau,
-            columns[cell].crashed[0],
-            ~columns[cell].failed[0],
+            columns[cell].tau_all,
+            columns[cell].av_missed,
+            columns[cell].av_tried,
             resampling(seed, "comparison"),
             len(sweep.cells),
             level,

@@ -13,7 +13,7 @@ from harness.comparison import (
     Summary,
     pareto_front,
     relation_of_crashes,
-    relation_of_means,
+    relation_of_times,
 )
 from harness.runs.strategy_groups import ParameterSweep, StrategyGroup
 from harness.sketch import html_table, intervals_sketch
@@ -26,8 +26,11 @@ _DRAWN = 12
 class Comparison:
     """Cell ``a`` less cell ``b``, positions in their group, over the pairs they have in common.
 
-    ``mu_worst_difference`` is that of ``mu_worst`` over all pairs; ``p_holm``
-    is the McNemar test's p within the family of all such tests of the run.
+    ``time_ratio_difference`` is that of the ratio of times over the ``counted_in_both`` pairs that
+    count in both (``PairColumns.times_counted``); ``counted_in_one`` count in one cell alone.
+    ``mu_worst_difference`` and ``delay_worst_difference_s`` are over all pairs.  ``crashes`` tests
+    κ, ``misses`` κ with time-outs and failures of the strategy; ``p_holm`` and ``misses_p_holm``
+    are their p within the family of all such tests of the run.
     """
 
     a: int
@@ -40,11 +43,18 @@ class Comparison:
     delay_difference_s: Interval
     crashes: CrashTest
     p_holm: float
+    time_ratio_difference: Interval
+    counted_in_both: int
+    counted_in_one: int
+    delay_worst_difference_s: Interval
+    misses: CrashTest
+    misses_p_holm: float
 
     @property
     def indicative(self) -> list[str]:
         """Differences whose intervals rest on too few pairs to hold what they say."""
         counts = {
+            "time_ratio_difference": self.counted_in_both,
             "mu_difference": self.defined_in_both,
             "mu_worst_difference": self.pairs_in_both,
             "delay_difference_s": self.crossed_in_both,
@@ -82,11 +92,11 @@ class GroupResult:
     sweeps: tuple[SweepResult, ...]
 
     def standings(self) -> list[Standing]:
-        """The place of every cell on the Pareto front of (μ, κ)."""
+        """The place of every cell on the front of (ratio of times, κ with time-outs)."""
         relations = {
             (item.a, item.b): (
-                relation_of_means(item.mu_difference),
-                relation_of_crashes(item.crashes, item.p_holm, self.level),
+                relation_of_times(item.time_ratio_difference, item.counted_in_one),
+                relation_of_crashes(item.misses, item.misses_p_holm, self.level),
             )
             for item in self.comparisons
         }

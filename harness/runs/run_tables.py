@@ -120,5 +120,5 @@ def read_summary(folder: Path, study: Study) -> pd.DataFrame | None:
     for key in study.varied_keys:
         # CSV knows no types: a strategy may be called "nan".
         stored[key] = [cell.varied[key] for cell in study.cells]
-    stored.insert(0, "cell", range(len(stored)))
-    return stored if {*columns} <= {*stored} else None
+    numbered = pd.concat([pd.Series(range(len(stored)), name="cell"), stored], axis=1)
+    return numbered if {*columns} <= {*stored} else None

@@ -364,8 +364,14 @@ def test_a_run_of_one_cell_has_the_papers_figures_first(of_single: list[Picture]
 
 def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None:
     names = [picture.name for picture in of_sweep]
-    measures = ["sweep-mu", "sweep-kappa", "sweep-delay", "sweep-pedestrian-delay"]
-    assert names[:4] == measures
+    measures = [
+        "sweep-time-ratio",
+        "sweep-mu",
+        "sweep-kappa",
+        "sweep-delay",
+        "sweep-pedestrian-delay",
+    ]
+    assert names[:5] == measures
     (axes,) = of_sweep[0].figure.axes
     assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
 
@@ -373,7 +379,7 @@ def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None
 def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
     of_sweep: list[Picture], swept: Path
 ) -> None:
-    (axes,) = of_sweep[3].figure.axes
+    (axes,) = of_sweep[4].figure.axes
     drawn = {bars.get_label(): bars.lines[0].get_ydata() for bars in axes.containers}
     assert list(drawn) == ["soft_yield", "constant_speed", "human_gmm (human's arm)"]
     # Σ waits / Σ people, from the table of those who came; whoever still stood at the end of the
@@ -399,7 +405,7 @@ def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) ->
     run = harness.load_run(simulate(study, tmp_path / "margin"))
     with style.styled():
         found = list(sweep_pictures(run))
-    names = ["aggressiveness", "sweep-delay", "sweep-pedestrian-delay"]
+    names = ["aggressiveness", "sweep-time-ratio", "sweep-delay", "sweep-pedestrian-delay"]
     assert [picture.name for picture in found] == names
     upper, lower = found[0].figure.axes
     for axes, limit in ((upper, "μ0 = 5"), (lower, "κ0 = 0.99")):

@@ -11,22 +11,24 @@ from harness.comparison import (
     Relation,
     pareto_front,
     relation_of_crashes,
-    relation_of_means,
+    relation_of_times,
 )
 
 B, W, A, U = Relation.BETTER, Relation.WORSE, Relation.ALIKE, Relation.UNDECIDED
 
 
-def test_relation_of_means() -> None:
+def test_relation_of_times() -> None:
     # Less time is better: a − b below 0 is in a's favour.
-    assert relation_of_means(Interval(-0.2, -0.3, -0.1)) is B
-    assert relation_of_means(Interval(0.2, 0.1, 0.3)) is W
-    assert relation_of_means(Interval(0.1, -0.1, 0.3)) is U
-    assert relation_of_means(Interval(0.1, 0.0, 0.3)) is U
-    assert relation_of_means(Interval(0.0, 0.0, 0.0)) is A
-    assert relation_of_means(Interval(-0.1, -0.1, -0.1)) is B
-    assert relation_of_means(Interval(-0.1, None, None)) is U
-    assert relation_of_means(Interval(None, None, None)) is U
+    assert relation_of_times(Interval(-0.2, -0.3, -0.1), 0) is B
+    assert relation_of_times(Interval(0.2, 0.1, 0.3), 0) is W
+    assert relation_of_times(Interval(0.1, -0.1, 0.3), 0) is U
+    assert relation_of_times(Interval(0.1, 0.0, 0.3), 0) is U
+    assert relation_of_times(Interval(0.0, 0.0, 0.0), 0) is A
+    # A pair that counts in one of them alone differs.
+    assert relation_of_times(Interval(0.0, 0.0, 0.0), 1) is U
+    assert relation_of_times(Interval(-0.1, -0.1, -0.1), 0) is B
+    assert relation_of_times(Interval(-0.1, None, None), 0) is U
+    assert relation_of_times(Interval(None, None, None), 0) is U
 
 
 def test_relation_of_crashes() -> None:
@@ -36,6 +38,8 @@ def test_relation_of_crashes() -> None:
     assert relation_of_crashes(CrashTest(100, 8, 0, 0.0078), 0.06, 0.05) is U
     assert relation_of_crashes(CrashTest(100, 1, 0, 1.0), 1.0, 0.05) is U
     assert relation_of_crashes(CrashTest(100, 0, 0, 1.0), 1.0, 0.05) is A
+    # A pair that ran in one of them alone differs.
+    assert relation_of_crashes(CrashTest(99, 0, 0, 1.0, 1), 1.0, 0.05) is U
     # Nothing seen at all says nothing.
     assert relation_of_crashes(CrashTest(0, 0, 0, 1.0), 1.0, 0.05) is U
 
