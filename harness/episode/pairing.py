@@ -11,6 +11,7 @@ from harness.episode.arms import check_arms, make_strategy
 from harness.episode.arrivals import Given, already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
+from harness.episode.ties import Asked, Witness
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import StrategyError, in_one_line
 from harness.interaction import InteractionModel
@@ -111,12 +112,26 @@ class PairRunner:
         return Episode(self._engine, arrivals, self._speeds, self._rules, perception)
 
     def run_arm(
-        self, pair: int, arm: Arm, begins: Begins = lambda _pair, _arm, _episode: None
+        self,
+        pair: int,
+        arm: Arm,
+        begins: Begins = lambda _pair, _arm, _episode: None,
+        *,
+        given: Given | None = None,
+        asked: list[Asked] | None = None,
     ) -> Outcome:
-        """One arm of a pair alone, exactly as in ``run``."""
+        """One arm of a pair alone, exactly as in ``run``.
+
+        Args:
+            pair: its index.
+            arm: which arm.
+            begins: told of the episode before its strategy is asked.
+            given: as in ``run_arm_given``.
+            asked: everything that the strategy is asked is added to it.
+        """
         self._engine = None
-        arrivals = self._arrivals(pair)
-        trace = self._run_arm(arm, pair, arrivals, begins)
+        arrivals = self._arrivals(pair, given)
+        trace = self._run_arm(arm, pair, arrivals, begins, asked)
         return Outcome(pair, arm, self._strategy_name(arm), measure([trace])[0], trace)
 
     def _arrivals(self, pair: int, given: Given | None = None) -> tuple[Arrival, ...]:
@@ -136,6 +151,7 @@ class PairRunner:
         pair: int,
         arrivals: tuple[Arrival, ...],
         begins: Begins = lambda _pair, _arm, _episode: None,
+        asked: list[Asked] | None = None,
     ) -> Trace:
         if self._engine is None:
             self._engine = self._get_engine()
@@ -149,11 +165,12 @@ class PairRunner:
         self._speeds.asked.begin()
         episode = Episode(self._engine, arrivals, self._speeds, self._rules, perception)
         begins(pair, arm, episode)
-        trace = drive(episode, strategy)
-        asked = self._speeds.asked.counts
+        driver = strategy if asked is None else Witness(strategy, asked)
+        trace = drive(episode, driver)
+        conditionings = self._speeds.asked.counts
         if isinstance(strategy, HumanDriver):
-            asked = asked.joined(strategy.asked.counts)
-        trace = replace(trace, conditionings=asked)
+            conditionings = conditionings.joined(strategy.asked.counts)
+        trace = replace(trace, conditionings=conditionings)
         if trace.ending is Ending.ENGINE_FAILED:
             # Nothing of a broken simulation may reach the next episode.
             self._engine.close()

@@ -1,6 +1,7 @@
 """Prints runs and comparisons on the terminal; a run's JSON document."""
 
 import shlex
+from collections.abc import Sequence
 from typing import Any
 
 from harness.comparison import INDICATIVE_BELOW
@@ -29,6 +30,7 @@ from harness.results.summaries import summary_row
 from harness.runs.comparisons import RunComparison
 from harness.runs.run_data import RunData
 from harness.runs.targets import missed_targets
+from harness.workers.tasks import Failure
 
 
 def print_run(run: RunData) -> None:
@@ -65,11 +67,16 @@ def audit_document(run: RunData) -> dict[str, Any] | None:
     return {
         "share": run.manifest["audit"],
         "records": len(run.audited),
-        "differ": [
-            {"cell": cell, "pair": pair, "arm": arm, "difference": what}
-            for cell, pair, arm, what in run.disagreements
-        ],
+        "differ": _documents(run.disagreements),
+        "ties": _documents(run.ties),
     }
+
+
+def _documents(records: Sequence[Failure]) -> list[dict[str, Any]]:
+    return [
+        {"cell": cell, "pair": pair, "arm": arm, "difference": what}
+        for cell, pair, arm, what in records
+    ]
 
 
 def run_document(run: RunData) -> dict[str, Any]:

@@ -23,6 +23,7 @@ from harness.runs.model_use import given_the_model
 from harness.runs.run_data import CellResult, RunData
 from harness.scenario import Scenario
 from harness.strategies.registry import fallback_of
+from harness.workers.tasks import Failure
 
 PAPER = {"mu": "0.7044", "cv": "4.54 %", "kappa": "0"}
 """Chen, Zhao, Peng 2017, section III-E; N = 50."""
@@ -88,15 +89,25 @@ def audit_lines(run: RunData) -> list[str]:
     """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
     if run.engine == "sumo":
         return []
-    records, differ = len(run.audited), run.disagreements
-    line = f"Plain engine, without SUMO's verdict: {records - len(differ):,} of "
-    line += f"{counted(records, 'record')} repeated in SUMO agree."
+    records, differ, ties = len(run.audited), run.disagreements, run.ties
+    line = f"Plain engine, without SUMO's verdict: {records - len(differ) - len(ties):,} of "
+    line += f"{counted(records, 'record')} repeated in SUMO agree"
+    if ties:
+        line += (
+            f", {len(ties):,} differ by a tie of the strategy, which asked for something else "
+            "though all that it had been shown until then agreed within 1e-9"
+        )
+    return [f"{line}.", *_named(differ), *_named(ties)]
+
+
+def _named(records: Sequence[Failure]) -> list[str]:
+    """The first of the records that differ, and how many more there are."""
     named = [
         f"Cell {cell} pair {pair} {arm}: {what} (plain engine and SUMO)."
-        for cell, pair, arm, what in differ[:_NAMED]
+        for cell, pair, arm, what in records[:_NAMED]
     ]
-    more = [f"{len(differ) - _NAMED} more in audit.parquet."] if len(differ) > _NAMED else []
-    return [line, *named, *more]
+    more = len(records) - _NAMED
+    return [*named, f"{more} more in audit.parquet."] if more > 0 else named
 
 
 def tau_lines(summary: Summary, scenario: Scenario) -> list[str]:

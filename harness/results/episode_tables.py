@@ -55,11 +55,21 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
     )
 
 
-def audit_rows(cell: int, audited: Iterable[tuple[Outcome, str | None]]) -> Columns:
-    """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs."""
+def audit_rows(
+    cell: int, audited: Iterable[tuple[Outcome, tuple[str | None, float | None]]]
+) -> Columns:
+    """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs.
+
+    Args:
+        cell: its number.
+        audited: the episodes, each with what differs and when a tie of its strategy made it so.
+    """
     return columns_of(
         AUDIT,
-        (_keys(cell, outcome) | {"difference": difference} for outcome, difference in audited),
+        (
+            _keys(cell, outcome) | {"difference": difference, "tie_s": tie_s}
+            for outcome, (difference, tie_s) in audited
+        ),
     )
 
 

@@ -96,7 +96,7 @@ TRACES = pa.schema(
     ]
 )
 
-AUDIT = pa.schema([*_KEYS, ("difference", pa.string())])
+AUDIT = pa.schema([*_KEYS, ("difference", pa.string()), ("tie_s", pa.float64())])
 
 _WHERE = [("direction", pa.string()), ("lane", pa.int32())]
 
@@ -188,7 +188,7 @@ NEEDED = {
     "pairs": {"cell", "pair", "av_time_s", "human_time_s", "tau"},
     "walks": {*PEDESTRIANS.names},
     "traces": {*_KEY, "time_s", "object", "x_m", "y_m", "speed_mps", "acceleration_mps2"},
-    "audit": {*AUDIT.names},
+    "audit": {*_KEY, "difference"},
 }
 """Columns without which a run cannot be read.
 

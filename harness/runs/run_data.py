@@ -276,12 +276,15 @@ class RunData:
     def audit(self) -> pd.DataFrame:
         """One row per cell and episode of the plain engine that was repeated in SUMO.
 
-        ``cell, pair, arm, difference``; ``difference`` is missing where the records agree.  An
-        episode that several cells share has a row in each of them.
+        ``cell, pair, arm, difference, tie_s``; ``difference`` is missing where the records agree,
+        ``tie_s`` where they do not differ by a tie of the strategy (docs/batches.md).  An episode
+        that several cells share has a row in each of them.
         """
+        empty = TABLES["audit"].empty_table()
         if self.engine == "sumo":
-            return _frame(TABLES["audit"].empty_table())
-        return _frame(self._tables.read("audit"))
+            return _frame(empty)
+        # A run from before ties were told apart has no column of them.
+        return _frame(self._tables.read("audit")).reindex(columns=empty.column_names)
 
     @cached_property
     def audited(self) -> pd.DataFrame:
@@ -296,9 +299,22 @@ class RunData:
 
     @cached_property
     def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, what differs) of each row of ``audited`` that differs in SUMO."""
+        """(cell, pair, arm, what differs) of each row of ``audited`` that differs in SUMO.
+
+        Those that differ by a tie of the strategy are in ``ties``.
+        """
         rows = self.audited.dropna(subset="difference")
+        rows = rows[rows["tie_s"].isna()].drop(columns="tie_s")
         return tuple(rows.itertuples(index=False, name=None))
+
+    @cached_property
+    def ties(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, when and what differs) of each record that a tie made differ."""
+        rows = self.audited.dropna(subset="tie_s").itertuples(index=False, name=None)
+        return tuple(
+            (cell, pair, arm, f"tie at {when:.3f} s, {what}")
+            for cell, pair, arm, what, when in rows
+        )
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from harness.encounter import Ending
 from harness.episode.pairing import PairRunner
+from harness.episode.ties import Asked, tie_s
 from harness.measures import EpisodeKey, Outcome
 from harness.measures.agreement import difference
 from harness.scenario import Scenario
@@ -38,19 +40,28 @@ def audit_of(share: float, scenario: Scenario) -> Audit:
     return Audit(every, int(first))
 
 
+class Finding(NamedTuple):
+    """What differs in SUMO's record, None where nothing does; by a tie of the strategy when."""
+
+    difference: str | None
+    tie_s: float | None
+
+
 def repeated_in_sumo(
     outcomes: Iterable[Outcome],
     audit: Audit,
     runner: PairRunner,
+    plain: PairRunner,
     watch: Watch,
-    repeated: dict[EpisodeKey, str | None],
-) -> Iterator[tuple[Outcome, str | None]]:
-    """The chosen episodes, each with what differs in SUMO's record; None where nothing does.
+    repeated: dict[EpisodeKey, Finding],
+) -> Iterator[tuple[Outcome, Finding]]:
+    """The chosen episodes, each with what was found.
 
     Args:
         outcomes: of the plain engine.
         audit: which pairs are repeated beside the crashes.
         runner: of the same cell, in SUMO.
+        plain: of the same cell, which made the outcomes.
         watch: told of every episode.
         repeated: what came of the episodes that another cell shares; those that are repeated now
             are added.
@@ -58,7 +69,20 @@ def repeated_in_sumo(
     for outcome in outcomes:
         if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:
             if outcome.key not in repeated:
-                again = runner.run_arm(outcome.pair, outcome.arm, watch.begins)
-                watch.alive()
-                repeated[outcome.key] = difference(outcome.record, again.record)
+                repeated[outcome.key] = _finding(outcome, runner, plain, watch)
             yield outcome, repeated[outcome.key]
+
+
+def _finding(outcome: Outcome, runner: PairRunner, plain: PairRunner, watch: Watch) -> Finding:
+    """Repeat an episode in SUMO and, where the records differ, on the plain engine once more."""
+    pair, arm = outcome.pair, outcome.arm
+    in_sumo: list[Asked] = []
+    again = runner.run_arm(pair, arm, watch.begins, asked=in_sumo)
+    watch.alive()
+    differs = difference(outcome.record, again.record)
+    if differs is None:
+        return Finding(None, None)
+    here: list[Asked] = []
+    plain.run_arm(pair, arm, watch.begins, asked=here)
+    watch.alive()
+    return Finding(differs, tie_s(here, in_sumo))

@@ -16,7 +16,7 @@ from harness.results.hour_tables import hour_rows
 from harness.results.hour_traces import hour_trace_rows
 from harness.scenario import EngineName
 from harness.traffic.pairing import HourRunner
-from harness.workers.audit import repeated_in_sumo
+from harness.workers.audit import Finding, repeated_in_sumo
 from harness.workers.tasks import Task, TaskResult
 from harness.workers.watchdog import Watch, watchdog
 
@@ -62,7 +62,7 @@ def run_task(task: Task) -> tuple[TaskResult, ...]:
 
 def _run_encounters(task: Task) -> Iterator[TaskResult]:
     known: dict[EpisodeKey, Outcome] = {}
-    repeated: dict[EpisodeKey, str | None] = {}
+    repeated: dict[EpisodeKey, Finding] = {}
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
@@ -73,11 +73,12 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
 
 
 def _audited(
-    task: Task, outcomes: list[Outcome], watch: Watch, repeated: dict[EpisodeKey, str | None]
-) -> Iterable[tuple[Outcome, str | None]]:
+    task: Task, outcomes: list[Outcome], watch: Watch, repeated: dict[EpisodeKey, Finding]
+) -> Iterable[tuple[Outcome, Finding]]:
     if task.audit is None:
         return ()
-    return repeated_in_sumo(outcomes, task.audit, _runner_for(task, "sumo"), watch, repeated)
+    runners = _runner_for(task, "sumo"), _runner_for(task, task.engine)
+    return repeated_in_sumo(outcomes, task.audit, *runners, watch, repeated)
 
 
 def _run_hours(task: Task) -> TaskResult:
@@ -105,7 +106,7 @@ def _run_hours(task: Task) -> TaskResult:
 
 
 def _result_of(
-    task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, str | None]]
+    task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, Finding]]
 ) -> TaskResult:
     rows = {
         "episodes": episode_rows(task.cell, outcomes),

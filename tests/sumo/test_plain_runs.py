@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
 from harness.batch.experiment import resume, run_study
@@ -12,6 +14,7 @@ from harness.episode.pairing import PairRunner
 from harness.errors import InputError, InterruptedRunError
 from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
+from harness.one_pair import run_pair
 from harness.replay.rerun import debug
 from harness.report.words import audit_lines
 from harness.results.run_folder import RunFolder
@@ -19,6 +22,7 @@ from harness.runs.opening import load_run
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Scenario, Study
 from harness.workers.audit import audit_of
+from tests import planner
 from tests.batches import FLOW, Inline, one_cell, sweep
 from tests.conftest import close_all
 
@@ -90,11 +94,38 @@ def test_a_record_that_is_not_sumos_is_named(
         return x + 1e-4, speed
 
     monkeypatch.setattr(PlainEngine, "step", drifting)
-    study = one_cell("cctc", {"experiment.pairs": 3})
+    study = one_cell("cctc", {"experiment.pairs": 3, "arms.av": planner.NAME})
     run = run_in(tmp_path / "run", study, Options(engine="plain", audit=1.0))
     assert len(run.disagreements) == 6
+    assert run.ties == ()
     assert "0 of 6 records repeated in SUMO agree" in audit_lines(run)[0]
-    assert "Cell 0 pair 0 av: pass_time_s" in audit_lines(run)[1]
+    assert "Cell 0 pair 0 human: pass_time_s" in audit_lines(run)[2]
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_a_tie_of_the_strategy_is_counted_and_named_and_no_failure(tmp_path: Path) -> None:
+    changes = {**FLOW, "arms.av": planner.NAME, "experiment.pairs": 8}
+    study = one_cell("cctc_flow", changes)
+    run = run_in(tmp_path / "run", study, Options(engine="plain", audit=1.0))
+    assert run.disagreements == ()
+    assert {arm for _, _, arm, _ in run.ties} == {"av"}
+    # What is stored of the first: until the tie SUMO drives the same, then it does not.
+    _, pair, _, words = run.ties[0]
+    when = float(run.audit["tie_s"].dropna().iloc[0])
+    both = [run_pair(study.cells[0].scenario, pair, engine=of).av for of in ("plain", "sumo")]
+    speeds = [of.trace.speed_mps for of in both]
+    step = round(when / 0.1)
+    assert np.abs(speeds[0][: step + 1] - speeds[1][: step + 1]).max() < 1e-9
+    assert abs(speeds[0][step + 1] - speeds[1][step + 1]) > 0.09
+    assert words.startswith(f"tie at {when:.3f} s, ")
+    first, *named = audit_lines(run)
+    agree = 16 - len(run.ties)
+    assert f"{agree} of 16 records repeated in SUMO agree, {len(run.ties)} differ by a tie" in first
+    assert named[0].startswith(f"Cell 0 pair {pair} av: tie at ")
+    # A run of before has no such column: what differed there still counts as before.
+    old = pq.read_table(run.path / "audit.parquet").drop_columns("tie_s")
+    pq.write_table(old, run.path / "audit.parquet")
+    assert len(load_run(run.path).disagreements) == len(run.ties)
 
 
 @pytest.mark.usefixtures("no_simulation")
@@ -128,9 +159,9 @@ def test_an_arm_that_cells_share_is_repeated_and_counted_once(
     repeated: list[tuple[Arm, int]] = []
     simulated = PairRunner.run_arm
 
-    def counted(self: PairRunner, pair: int, arm: Arm, *of: object) -> Outcome:
+    def counted(self: PairRunner, pair: int, arm: Arm, *of: object, **asked: object) -> Outcome:
         repeated.append((arm, pair))
-        return simulated(self, pair, arm, *of)  # type: ignore[arg-type]
+        return simulated(self, pair, arm, *of, **asked)  # type: ignore[arg-type]
 
     monkeypatch.setattr(PairRunner, "run_arm", counted)
     humans = ["human_gmm", "human_yield"]

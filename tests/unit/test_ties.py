@@ -1,0 +1,50 @@
+"""A tie of a strategy: the same shown within 1e-9, something else asked for."""
+
+import pytest
+
+from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.episode.ties import Asked, tie_s
+from tests.scenes import scenario
+
+SCENE = scenario()
+
+
+def asked(
+    time_s: float,
+    command: float | None,
+    range_m: float = 20.0,
+    lateral_m: float = 2.0,
+    v: float = 5.0,
+) -> Asked:
+    ego = EgoView(range_m, v, 0.0)
+    people = (PedestrianView(0, Side.NEAR, lateral_m, 8.0, 1.0, True),)
+    return Asked(Observation(time_s, 0.1, ego, SCENE.vehicle(), SCENE.crosswalk(), people), command)
+
+
+LAST_BIT = 20.0 + 4e-15
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "when"),
+    [
+        ([asked(0.0, 0.0)], [asked(0.0, 0.0)], None),
+        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0), asked(0.1, 0.5, LAST_BIT)], 0.1),
+        # Another place of the ego, or of somebody, before: an engine's doing.
+        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0, 20.1), asked(0.1, 0.5)], None),
+        ([asked(0.0, 0.0)], [asked(0.0, 1.0, lateral_m=2.0 + 1e-8)], None),
+        # Beyond what the car can do, or while it stands, both ask for the same.
+        ([asked(0.0, -20.0), asked(0.1, 0.0)], [asked(0.0, -30.0), asked(0.1, 1.0)], 0.1),
+        (
+            [asked(0.0, -1.0, v=0.0), asked(0.1, 0.0, 19.0)],
+            [asked(0.0, -2.0, v=0.0), asked(0.1, 1.0)],
+            None,
+        ),
+        # A command that is no number ends the episode on both.
+        ([asked(0.0, float("nan"))], [asked(0.0, float("nan"))], None),
+        ([asked(0.0, None)], [asked(0.0, 1.0)], 0.0),
+    ],
+)
+def test_first_step_at_which_the_commands_differ(
+    one: list[Asked], other: list[Asked], when: float | None
+) -> None:
+    assert tie_s(one, other) == when
