@@ -35,7 +35,7 @@ def write_risk_page(
 def _context(folder: Path, asked: dict[str, Any], result: dict[str, Any]) -> dict[str, Any]:
     heading = f"{result['scenario']}: how often {result['strategy']} meets {result['event']}"
     critical = shlex.quote(str(folder / "critical.toml"))
-    differing = result["differences"]
+    differing = [*result["differences"], *result["ties"]]
     return {
         "kind": "risk",
         "title": f"{heading}, risk",

@@ -18,7 +18,7 @@ def print_risk(result: dict[str, Any], folder: Path) -> None:
         print_table(console, ways_table(result["ways"]))
     for warning in result["warnings"]:
         console.print(f"warning: {warning}")
-    for difference in result["differences"]:
+    for difference in (*result["differences"], *result["ties"]):
         console.print(f"  {difference}")
     console.print(
         f"written to {folder}; the likeliest of them again: harness run {folder}/critical.toml"
@@ -77,7 +77,9 @@ def effort(result: dict[str, Any]) -> str:
         words += f"; brute force would have needed {result['brute_force_episodes']:,}"
         words += f"; effective sample size {result['effective_sample_size']:.0f}"
     words += f"; {result['compared_with_other_engine']:,} run in both engines, "
+    ties = result["differing_by_a_tie"]
     words += f"{result['differing']:,} differ" if result["differing"] else "all equal"
+    words += f" but for {ties:,} that differ by a tie of the strategy" if ties else ""
     if result["timed_out"]:
         words += f"; {result['timed_out']:,} timed out and count as no event"
     if result["failed"]:

@@ -10,6 +10,7 @@ from harness.encounter import Arm, Ending, FloatArray, Trace
 from harness.engine.shared import open_engine
 from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
+from harness.episode.ties import Asked, tie_s
 from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.measures.agreement import difference
@@ -55,7 +56,8 @@ class Scores:
 
     ``passed_s`` (n,) is when the ego's front reached the centre line, NaN where it did not.
     ``timed_out``, ``reasons`` (of a failure) and ``differs`` (what two engines' records are unequal
-    in) have an entry for each episode, None where there is nothing to say.
+    in) have an entry for each episode, None where there is nothing to say; ``by_a_tie`` says
+    whether they are unequal by a tie of the strategy.
     """
 
     score: FloatArray
@@ -63,6 +65,7 @@ class Scores:
     timed_out: tuple[bool, ...]
     reasons: tuple[str | None, ...]
     differs: tuple[str | None, ...]
+    by_a_tie: tuple[bool, ...]
 
 
 def run_episodes(task: Episodes) -> Scores:
@@ -77,20 +80,32 @@ def run_episodes(task: Episodes) -> Scores:
         outcomes = _outcomes(question, given, alive, in_sumo=question.in_sumo)
         records = [outcome.record for outcome in outcomes]
         differs: list[str | None] = [None] * len(records)
+        by_a_tie = [False] * len(records)
         if task.compare:
             others = _outcomes(question, given, alive, in_sumo=not question.in_sumo)
-            differs = [
-                None if words is None else f"episode {number}: {words}"
-                for number, one, other in zip(task.numbers, records, others, strict=True)
-                for words in [difference(one, other.record)]
-            ]
+            for at, other in enumerate(others):
+                if (words := difference(records[at], other.record)) is not None:
+                    tie = _tie_s(question, *given[at])
+                    alive()
+                    when = "" if tie is None else f"tie at {tie:.3f} s, "
+                    differs[at] = f"episode {task.numbers[at]}: {when}{words}"
+                    by_a_tie[at] = tie is not None
     return Scores(
         np.array([question.event.scores(record) for record in records]),
         np.array([_passed_s(outcome.trace) for outcome in outcomes]),
         tuple(record.ending is Ending.TIMED_OUT for record in records),
         tuple(record.reason for record in records),
         tuple(differs),
+        tuple(by_a_tie),
     )
+
+
+def _tie_s(question: Question, number: int, given: Given) -> float | None:
+    """When a tie of the strategy made the two engines' records of an episode differ, if one did."""
+    asked: tuple[list[Asked], list[Asked]] = ([], [])
+    for heard, in_sumo in zip(asked, (False, True), strict=True):
+        _runner_of(question, in_sumo).run_arm(number, question.arm, given=given, asked=heard)
+    return tie_s(*asked)
 
 
 def _passed_s(trace: Trace) -> float:

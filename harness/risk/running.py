@@ -10,9 +10,11 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from pathlib import Path
 from time import monotonic
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -40,6 +42,17 @@ _CHUNK = 25
 
 Progress = Callable[[int, int, str], None]
 """(done, planned, of what)."""
+
+
+class Compared(NamedTuple):
+    """How many episodes were run in both engines, and in words the records that differ.
+
+    ``ties`` differ by a tie of the strategy; ``differs`` are the others.
+    """
+
+    episodes: int
+    differs: list[str]
+    ties: list[str]
 
 
 class Evaluation:
@@ -79,18 +92,18 @@ class Evaluation:
         graded = [table[f"score_{grading}"].to_numpy() for grading in range(GRADINGS)]
         return Outcomes(np.stack(graded, axis=1), table["passed_s"].to_numpy(), numbers)
 
-    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> tuple[int, list[str]]:
-        """Run episodes in both engines: those given, and one in ``CHECKED_EVERY`` of all batches.
-
-        Returns:
-            How many were compared, and which records differ, in words.
-        """
+    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> Compared:
+        """Run episodes in both engines: those given, one in ``CHECKED_EVERY`` of all batches."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         if not chosen:
-            return 0, []
+            return Compared(0, [], [])
         states, of = np.array([row for row, _ in chosen]), np.array([n for _, n in chosen])
         table = self._rows(states, of, "checks in SUMO", compare=True)
-        return len(chosen), [words for words in table["differs"].to_pylist() if words is not None]
+        differs, ties = (
+            table.filter(pc.equal(table["by_a_tie"], tie))["differs"].drop_null().to_pylist()
+            for tie in (False, True)
+        )
+        return Compared(len(chosen), differs, ties)
 
     def _rows(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
@@ -176,6 +189,7 @@ def _table(rows: NDArray[np.int64], scores: list[Scores]) -> pa.Table:
             ),
             "reason": pa.array([why for part in scores for why in part.reasons], text),
             "differs": pa.array([words for part in scores for words in part.differs], text),
+            "by_a_tie": pa.array([tie for part in scores for tie in part.by_a_tie], pa.bool_()),
         }
     )
 
@@ -183,5 +197,5 @@ def _table(rows: NDArray[np.int64], scores: list[Scores]) -> pa.Table:
 def _given_up(task: Episodes, reason: str) -> Scores:
     """Episodes that no worker survived."""
     count = len(task.numbers)
-    unknown = np.full((count, GRADINGS), np.nan)
-    return Scores(unknown, unknown[:, 0], (False,) * count, (reason,) * count, (None,) * count)
+    unknown, no = np.full((count, GRADINGS), np.nan), (False,) * count
+    return Scores(unknown, unknown[:, 0], no, (reason,) * count, (None,) * count, no)

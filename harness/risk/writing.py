@@ -16,7 +16,7 @@ from harness.results.tables import write_parquet
 from harness.risk.asking import Settings
 from harness.risk.episodes import Question
 from harness.risk.estimation import Findings
-from harness.risk.running import Evaluation
+from harness.risk.running import Compared, Evaluation
 from harness.risk.ways import drawn_of, people_of, ways_of
 
 RESULT = "result.json"
@@ -31,7 +31,7 @@ def write_findings(
     question: Question,
     findings: Findings,
     evaluation: Evaluation,
-    compared: tuple[int, list[str]],
+    compared: Compared,
     rng: np.random.Generator,
 ) -> None:
     """Write ``failures.parquet``, ``critical.toml`` where there was an event, ``result.json`` last.
@@ -42,7 +42,7 @@ def write_findings(
         question: the same for the workers.
         findings: what the sampling came to.
         evaluation: counted the episodes.
-        compared: how many were run in both engines, and which differ, in words.
+        compared: what came of those run in both engines.
         rng: starts the search for ways.
     """
     numbers = findings.numbers.tolist()
@@ -88,7 +88,7 @@ def _result(
     settings: Settings,
     findings: Findings,
     evaluation: Evaluation,
-    compared: tuple[int, list[str]],
+    compared: Compared,
     ways: list[dict[str, Any]],
 ) -> dict[str, Any]:
     p, failed = findings.estimate.probability, len(evaluation.reasons)
@@ -100,9 +100,10 @@ def _result(
             f"{failed:,} of {evaluation.episodes:,} episodes failed and count as no event, "
             f"e.g. {evaluation.reasons[0]}"
         )
-    if compared[1]:
+    if compared.differs:
         warnings.append(
-            f"plain engine and SUMO disagree in {len(compared[1])} of {compared[0]} episodes"
+            f"plain engine and SUMO disagree in {len(compared.differs)} of {compared.episodes} "
+            "episodes"
         )
     return {
         "scenario": settings.name,
@@ -114,9 +115,11 @@ def _result(
         "probability_worst": min(1.0, worst) if failed or p else None,
         "failed": failed,
         "timed_out": evaluation.timed_out,
-        "compared_with_other_engine": compared[0],
-        "differing": len(compared[1]),
-        "differences": compared[1][:_DIFFERENCES_KEPT],
+        "compared_with_other_engine": compared.episodes,
+        "differing": len(compared.differs),
+        "differences": compared.differs[:_DIFFERENCES_KEPT],
+        "differing_by_a_tie": len(compared.ties),
+        "ties": compared.ties[:_DIFFERENCES_KEPT],
         "levels": [list(exploration.levels) for exploration in findings.explorations],
         "ways": ways,
         "warnings": warnings,

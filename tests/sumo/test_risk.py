@@ -3,17 +3,21 @@
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
-from harness.risk.asking import Settings
+from harness.risk.asking import Settings, question_of
 from harness.risk.folder import estimate_risk, read_risk, resume_risk
+from harness.risk.running import Evaluation
 from harness.risk.writing import RESULT
 from harness.scenario import read_scenario_file
+from tests import planner
 from tests.batches import CHECKOUT, HARNESS, Inline, here, printed, refusal
 
 FILES = ("result.json", "failures.parquet", "critical.toml")
@@ -59,6 +63,22 @@ def test_the_interval_holds_the_quadrature(finished: Path) -> None:
     assert result["failed"] == 0
     assert result["compared_with_other_engine"] >= result["events"]
     assert result["differences"] == []
+
+
+@pytest.mark.usefixtures("no_simulation")
+def test_ties_of_the_strategy_are_counted_apart(tmp_path: Path) -> None:
+    asked = settings()
+    tree = asked.scenario.model_dump()
+    tree["arms"]["av"] = planner.NAME
+    asked = replace(asked, scenario=type(asked.scenario).model_validate(tree))
+    question = question_of(asked)
+    z = np.random.default_rng(1).standard_normal((4, question.space.layout.width))
+    evaluation = Evaluation(question, tmp_path, Inline(1), lambda *_: None)
+    compared = evaluation.compare(z, np.arange(4))
+    assert compared.episodes == 4
+    assert compared.differs == []
+    assert compared.ties[0].startswith("episode ")
+    assert ": tie at " in compared.ties[0]
 
 
 def test_same_bytes_after_interruptions_and_in_processes(

@@ -190,6 +190,7 @@ RISK = {
     "timed_out": 0,
     "compared_with_other_engine": 500,
     "differing": 0,
+    "differing_by_a_tie": 0,
     "differences": [],
 }
 
