@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, NotRequired, TypedDict
 
 import numpy as np
 import pandas as pd
@@ -20,6 +20,60 @@ MOST_STATES = 1_500
 
 MOST_BYTES = 3_000_000
 """Size of all episodes together; the rest is left out."""
+
+
+Numbers = list[float | None]
+
+
+class ShownScene(TypedDict):
+    """A scene: templates/player.js needs every key."""
+
+    length: float
+    width: float
+    borders: Numbers
+    laneWidth: float
+    lane: float
+    carLength: float
+    carWidth: float
+    range: float
+    radius: float
+    obstacles: list[Numbers]
+
+
+# "from" is a name that a class cannot have.
+ShownWalker = TypedDict(
+    "ShownWalker",
+    {
+        "index": int,
+        "side": str,
+        "arrival": float | None,
+        "start": float | None,
+        "from": int | None,
+        "y": Numbers,
+        "x": NotRequired[Numbers],
+    },
+)
+
+
+class ShownArm(TypedDict):
+    """One arm of an episode: the player needs all but the last three, which the list has."""
+
+    arm: str
+    name: str
+    strategy: str
+    ending: str
+    words: str
+    lane: float
+    t: Numbers
+    x: Numbers
+    v: Numbers
+    gap: Numbers
+    contact: dict[str, Any] | None
+    walkers: list[ShownWalker]
+    shown: list[dict[str, Any]]
+    pet: NotRequired[float | None]
+    ttc: NotRequired[float | None]
+    drac: NotRequired[float | None]
 
 
 def player_document(
@@ -58,7 +112,7 @@ def player_document(
     }
 
 
-def _scene(run: RunData, cell: int) -> dict[str, Any]:
+def _scene(run: RunData, cell: int) -> ShownScene:
     scenario = run.scenario_of(cell)
     return {
         "length": scenario.crossing.length_m,
@@ -69,7 +123,6 @@ def _scene(run: RunData, cell: int) -> dict[str, Any]:
         "carLength": scenario.ego.length_m,
         "carWidth": scenario.ego.width_m,
         "range": scenario.ego.trigger_range_m,
-        "speed": scenario.ego.initial_speed_mps,
         "radius": PEDESTRIAN_RADIUS_M,
         "obstacles": [
             rounded((*obstacle.x_bounds_m, *obstacle.y_bounds_m))
@@ -105,7 +158,7 @@ def _tau(records: dict[str, Any]) -> float | None:
 
 def _arm(
     run: RunData, pair: ShownPair, arm: Arm, record: dict[str, Any], walkers: list[dict[str, Any]]
-) -> dict[str, Any]:
+) -> ShownArm:
     rows = pair.rows[pair.rows["arm"] == arm.value]
     crossing = run.scenario_of(pair.cell).crosswalk()
     objects = {str(name): own for name, own in rows.groupby("object", sort=False)}
@@ -144,7 +197,7 @@ def _kept(states: int) -> np.ndarray:
     return np.unique(np.linspace(0, states - 1, min(states, MOST_STATES)).astype(int))
 
 
-def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:
+def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> ShownWalker:
     """A pedestrian's places at the states kept, from number ``from`` on, and their times.
 
     ``x`` is left out where they keep to the crosswalk's centre line.
@@ -152,16 +205,17 @@ def _walker(walker: dict[str, Any], rows: pd.DataFrame, times: FloatArray) -> di
     seen, y = rows["time_s"].to_numpy(), rows["y_m"].to_numpy()
     on = np.flatnonzero(np.isin(times, seen))
     x = rounded(rows["x_m"].to_numpy()[np.searchsorted(seen, times[on])])
-    return {
+    shown: ShownWalker = {
         "index": walker["index"],
         "side": walker["side"],
         "arrival": short(walker["arrival_s"]),
         "start": short(walker["start_s"]),
-        "speed": short(walker["speed_mps"]),
         "from": int(on[0]) if len(on) else None,
         "y": rounded(y[np.searchsorted(seen, times[on])]),
-        **({"x": x} if any(x) else {}),
     }
+    if any(x):
+        shown["x"] = x
+    return shown
 
 
 def _shown(index: int, rows: pd.DataFrame, times: FloatArray) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from harness.encounter import PEDESTRIAN_RADIUS_M, Trace, Walk
 from harness.files import write_file
 from harness.motion.walking import cleared_s, states_at
 from harness.report import style
+from harness.report.player_data import ShownArm, ShownScene, ShownWalker, rounded
 from harness.report.template import drawn, write_page
 from harness.report.validation_figures import pictures_of
 from harness.report.validation_tables import validation_document, validation_tables
@@ -115,7 +116,7 @@ def _off(validation: Validation, driver: str, number: int) -> str:
     return f"{one.pass_time_s - real.pass_time_s:+.1f} s"
 
 
-def _scene(passage: Passage) -> dict[str, Any]:
+def _scene(passage: Passage) -> ShownScene:
     crossing, vehicle = passage.crossing, passage.vehicle
     return {
         "length": crossing.length_m,
@@ -126,12 +127,12 @@ def _scene(passage: Passage) -> dict[str, Any]:
         "carLength": vehicle.length_m,
         "carWidth": vehicle.width_m,
         "range": vehicle.trigger_range_m,
-        "speed": vehicle.initial_speed_mps,
         "radius": PEDESTRIAN_RADIUS_M,
+        "obstacles": [],
     }
 
 
-def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> dict[str, Any]:
+def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> ShownArm:
     trace = outcome.trace
     times = np.arange(len(trace.x_m)) * trace.step_s
     ended = "timed out" if outcome.timed_out else f"passed in {outcome.pass_time_s:.1f} s"
@@ -142,11 +143,10 @@ def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> dict[
         "strategy": name,
         "ending": "crossed",
         "words": ended + touched,
-        "advantage": None,
         "lane": passage.crossing.lane_centre_m,
-        "t": times.round(3).tolist(),
-        "x": trace.x_m.round(3).tolist(),
-        "v": trace.speed_mps.round(3).tolist(),
+        "t": rounded(times),
+        "x": rounded(trace.x_m),
+        "v": rounded(trace.speed_mps),
         "gap": [None] * len(times),
         "contact": None,
         "walkers": [
@@ -154,10 +154,11 @@ def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> dict[
             for arrival in passage.arrivals
             if (walker := _walker(Walk(arrival, arrival.arrival_s, 1.0, legs=arrival.path), trace))
         ],
+        "shown": [],
     }
 
 
-def _walker(walk: Walk, trace: Trace) -> dict[str, Any] | None:
+def _walker(walk: Walk, trace: Trace) -> ShownWalker | None:
     """Places of a pedestrian at the steps at which they are there."""
     start, index = walk.arrival.arrival_s, walk.arrival.index
     cleared = cleared_s(walk, trace.crossing)
@@ -174,8 +175,7 @@ def _walker(walk: Walk, trace: Trace) -> dict[str, Any] | None:
         "side": walk.arrival.side.value,
         "arrival": round(start, 3),
         "start": round(start, 3),
-        "speed": None,
         "from": first,
-        "y": y.round(3).tolist(),
-        "x": x.round(3).tolist(),
+        "y": rounded(y),
+        "x": rounded(x),
     }
