@@ -1,7 +1,6 @@
 """Fits every K, scores it on vehicles it has not seen, chooses one."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +14,7 @@ from harness.calibration.scores import (
 )
 from harness.errors import InputError
 from harness.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
+from harness.workers.execution import call_each
 
 Progress = Callable[[int], None]
 
@@ -90,9 +90,9 @@ def calibrate(
     results: dict[Job, Answer] = {}
     pool = fitting_pool(min(workers, len(jobs)))
     try:
-        waiting = {pool.submit(run_job, (job, shared)): job for job in jobs}
-        for future in as_completed(waiting):
-            results[waiting[future]] = future.result()
+        tasks = iter([(job, shared) for job in jobs])
+        for (job, _), future in call_each(pool, run_job, lambda: next(tasks, None)):
+            results[job] = future.result()
             if progress:
                 progress(len(results))
     finally:
