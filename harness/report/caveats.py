@@ -73,18 +73,21 @@ def caveats(scenario: Scenario, summary: Summary) -> list[str]:
         said.append("no episode of the AV ran to its end: nothing was tested")
     elif summary.met_nobody == summary.pairs:
         said.append(NOTHING_TESTED)
-    if summary.timed_out >= _MOST * summary.pairs:
+    if summary.timed_out:
         said.append(
             f"{summary.timed_out:,} of {counted(summary.pairs, 'pair')} timed out "
-            f"(AV {summary.timed_out_av:,}, human {summary.timed_out_human:,}): μ, c_v and the "
-            "delays are those of the others alone"
+            f"(AV {summary.timed_out_av:,}, human {summary.timed_out_human:,}): the ratio of times "
+            "counts them with the time-out, μ, c_v and the delays leave them out; in the worst "
+            f"case μ is {number(summary.mu_worst.value, 4)} and the AV's delay "
+            f"{number(summary.delay_worst_s.value, 2)} s"
         )
     if summary.failed:
         said.append(
             f"{summary.failed:,} of {counted(summary.pairs, 'pair')} failed (strategy failed: "
-            f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): μ and κ "
-            f"leave them out; in the worst case κ is {percentage(summary.kappa_worst.value)} and μ "
-            f"{number(summary.mu_worst.value, 4)}"
+            f"{summary.failed_strategy:,}, engine failed: {summary.failed_engine:,}): the ratio of "
+            f"times, μ and κ leave them out; in the worst case κ is "
+            f"{percentage(summary.kappa_worst.value)}, the ratio of times "
+            f"{number(summary.time_ratio_worst.value, 4)} and μ {number(summary.mu_worst.value, 4)}"
         )
     if av_label(av, summary) != av:
         said.append(

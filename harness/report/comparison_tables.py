@@ -112,7 +112,7 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
         "A", "B", "pairs", "ratio of times", "μ", "delay AV s", "crashed in A / B alone", "p",
         "p (Holm)", "missed in A / B alone", "missed, p (Holm)", "pairs with τ",
     )  # fmt: skip
-    words = f"{caption}: differences, A − B (negative: A is faster), over the pairs both have"
+    words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
     shown = tuple(at for at, heading in enumerate(headings) if heading not in ("p", "pairs with τ"))
     return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
 

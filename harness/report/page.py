@@ -34,7 +34,7 @@ from harness.report.words import (
     is_the_papers,
     knowledge_lines,
     sweep_lines,
-    tau_lines,
+    time_lines,
     walker_lines,
 )
 from harness.runs.compare import compare
@@ -217,7 +217,7 @@ def _verdicts(run: RunData) -> list[str]:
     if run.varied_keys or run.in_traffic:
         return []
     (result,) = run.results
-    times = tau_lines(result.summary, result.cell.scenario)
+    times = time_lines(result.summary, result.cell.scenario)
     return [*times, *crash_lines(result.summary), *count_lines(result)]
 
 

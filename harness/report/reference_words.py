@@ -96,8 +96,8 @@ _STUDIES = {
 """The scenarios of that study, with what it changed in their files."""
 
 
-def known_disagreement(scenario: Scenario, mu: float) -> str:
-    """A warning where another shipped reference is known to say the opposite of μ; else empty.
+def known_disagreement(scenario: Scenario, time_ratio: float) -> str:
+    """A warning where another shipped reference is known to say the opposite; else empty.
 
     In docs/study.md each of ``STUDIED`` took more time than ``human_recorded`` in every scenario,
     and less than ``human_gmm`` in ``cctc``.  Of another site, or with other
@@ -110,7 +110,7 @@ def known_disagreement(scenario: Scenario, mu: float) -> str:
     ''
     """
     av, human = scenario.arms.av, scenario.arms.human
-    much, other = ("more", "human_recorded") if mu < 1 else ("less", "human_gmm")
+    much, other = ("more", "human_recorded") if time_ratio < 1 else ("less", "human_gmm")
     if av not in STUDIED or human not in MEASURED or human == other:
         return ""
     where = _studied_as(scenario)
@@ -143,17 +143,17 @@ def references_compared(run: RunData) -> list[str]:
 
 
 def _agreement(results: Sequence[CellResult]) -> list[str]:
-    """References agree where the intervals of μ lie on the same side of 1."""
+    """References agree where the intervals of the ratio of times lie on the same side of 1."""
     sides, parts = set(), []
     for result in results:
-        mu, name = result.summary.mu, result.cell.scenario.arms.human
-        if mu.value is None or mu.low is None or mu.high is None:
+        ratio, name = result.summary.time_ratio, result.cell.scenario.arms.human
+        if ratio.value is None or ratio.low is None or ratio.high is None:
             sides.add("untold")
             parts.append(f"{name} undefined")
             continue
-        sides.add("less" if mu.high < 1 else "more" if mu.low > 1 else "untold")
-        parts.append(f"{name} μ = {mu.value:.3f} ({mu.low:.3f} … {mu.high:.3f})")
-    said = "; ".join(parts)
+        sides.add("less" if ratio.high < 1 else "more" if ratio.low > 1 else "untold")
+        parts.append(f"{name} {ratio.words('.3f')}")
+    said = f"ratio of times {'; '.join(parts)}"
     if len(sides) > 1:
         return [f"The references disagree on whether the AV takes less time than a human: {said}."]
     how = {

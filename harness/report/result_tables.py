@@ -26,6 +26,7 @@ from harness.report.words import (
     both_shares,
     conflict_condition,
     is_the_papers,
+    left_out,
     too_narrow,
 )
 from harness.results.measure_tables import ConflictRate
@@ -68,7 +69,13 @@ def measure_rows(summary: Summary) -> list[Row]:
     """The measures of a cell, the paper's three and what they have to be read with."""
     some_missing = bool(summary.failed or summary.timed_out)
     rows = [
-        _row("μ: AV time / human time (below 1: AV faster)", summary, "mu", paper="mu"),
+        _row(
+            "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
+            summary,
+            "time_ratio",
+            remark=left_out(summary),
+        ),
+        _row("μ: mean of AV time / human time, pair by pair", summary, "mu", paper="mu"),
         _row("μ with the human's crashes as if untouched", summary, "mu_all"),
         _row("μ of the pairs that met someone", summary, "mu_met_someone"),
     ]
@@ -77,6 +84,7 @@ def measure_rows(summary: Summary) -> list[Row]:
         rows.append(("μ without fallbacks", number(summary.mu_without_fallback, 4), "", "", words))
     if some_missing:
         words = "AV's crashes, failures, time-outs at the time-out"
+        rows.append(_row("ratio of times, worst case", summary, "time_ratio_worst", remark=words))
         rows.append(_row("μ, worst case", summary, "mu_worst", remark=words))
     rows += [
         _row("c_v: spread of τ", summary, "cv", share=True, paper="cv"),
@@ -85,6 +93,8 @@ def measure_rows(summary: Summary) -> list[Row]:
         _row("κ of the pairs that met someone", summary, "kappa_met_someone", share=True),
     ]
     if some_missing:
+        words = "and failures of the strategy, as crashes"
+        rows.append(_row("κ with time-outs", summary, "kappa_all", share=True, remark=words))
         words = "AV's failures and time-outs count as crashes"
         rows.append(_row("κ, worst case", summary, "kappa_worst", share=True, remark=words))
     avoidable = both_shares(summary.kappa_avoidable, summary.kappa_avoidable_human)
@@ -96,6 +106,7 @@ def measure_rows(summary: Summary) -> list[Row]:
         _row("κ: crash rate, human", summary, "kappa_human", share=True),
         _row("delay AV, s", summary, "delay_s"),
         _row("delay human, s", summary, "delay_human_s"),
+        *([_row("delay AV, s, worst case", summary, "delay_worst_s")] if some_missing else []),
         _row("delay AV − human, s, same pairs", summary, "delay_difference_human_s"),
         _row("delay AV, s, met someone", summary, "delay_met_someone_s"),
         _row("delay human, s, met someone", summary, "delay_human_met_someone_s"),
@@ -115,7 +126,7 @@ def _row(
     if share:
         within = share_limits(interval, 2) or "undefined"
         return name, percentage(interval.value), within, paper, remark
-    digits = 4 if key.startswith("mu") else 2
+    digits = 4 if key.startswith(("mu", "time_ratio")) else 2
     within = limits(interval, digits) or "undefined"
     return name, number(interval.value, digits), within, paper, remark
 
@@ -167,7 +178,10 @@ def _spoken(column: str) -> str:
 
 def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
     """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
-    notes = {key: [words] if (words := too_narrow(summary, key)) else [] for key in ("mu", "cv")}
+    notes = {
+        key: [words] if (words := too_narrow(summary, key)) else []
+        for key in ("time_ratio", "mu", "cv")
+    }
     kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
     worst = f"{percentage(summary.kappa_worst.value)} with its failures and time-outs"
     return [
@@ -180,7 +194,16 @@ def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
             ],
         },
         {
-            "name": "μ, AV time / human time (below 1: AV faster)",
+            "name": "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
+            "value": number(summary.time_ratio.value, 4),
+            "lines": [
+                _within(limits(summary.time_ratio, 4), of),
+                left_out(summary),
+                *notes["time_ratio"],
+            ],
+        },
+        {
+            "name": "μ, mean of AV time / human time",
             "value": number(summary.mu.value, 4),
             "lines": [_within(limits(summary.mu, 4), of), *notes["mu"]],
         },

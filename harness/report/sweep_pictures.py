@@ -25,8 +25,12 @@ from harness.scenario import as_written
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (
-    ("time_ratio", "AV times / human times", "ratio of times, Σ AV / Σ human (below 1: AV faster)"),
-    ("mu", "μ: AV time / human time", "μ, AV time / human time (below 1: AV faster)"),
+    (
+        "time_ratio",
+        "AV times / human times",
+        "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
+    ),
+    ("mu", "μ: AV time / human time", "μ, mean of AV time / human time"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
     ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
     ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),

@@ -55,6 +55,7 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
                 *_varied(run, result),
                 *([TableCell(_label(result))] if fell else []),
                 count_cell(summary.pairs),
+                interval_cell(summary.time_ratio, 3, star["time_ratio"]),
                 interval_cell(summary.mu, 3, star["mu"]),
                 share_cell(summary.kappa),
                 share_cell(summary.kappa_human),
@@ -62,12 +63,16 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
                 interval_cell(summary.delay_human_s, 2, star["delay_human_s"]),
                 *(
                     [
-                        interval_cell(summary.mu_worst, 3, star["mu_worst"]),
+                        interval_cell(summary.time_ratio_worst, 3, star["time_ratio_worst"]),
                         share_cell(summary.kappa_worst),
                     ]
                     if worst
                     else []
                 ),
+                count_cell(summary.pairs - summary.time_ratio_pairs),
+                interval_cell(summary.mu_worst, 3, star["mu_worst"]),
+                interval_cell(summary.delay_worst_s, 2, star["delay_worst_s"]),
+                share_cell(summary.kappa_all),
                 interval_cell(summary.mu_all, 3, star["mu_all"]),
                 interval_cell(summary.mu_met_someone, 3, star["mu_met_someone"]),
                 share_cell(summary.cv, star["cv"]),
@@ -85,15 +90,20 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
         *varied_headings(run),
         *(["AV drove"] if fell else []),
         "pairs",
+        "ratio of times",
         "μ",
         "κ AV",
         "κ human",
         "delay AV (s)",
         "delay human (s)",
-        *(["μ, worst case", "κ, worst case"] if worst else []),
+        *(["ratio of times, worst case", "κ, worst case"] if worst else []),
     )
     headings = (
         *front,
+        "left out of the ratio",
+        "μ, worst case",
+        "delay AV, worst case (s)",
+        "κ with time-outs",
         "μ, human as if untouched",
         "μ, met someone",
         "c_v",

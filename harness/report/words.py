@@ -14,6 +14,7 @@ from harness.report.tables import (
     counted,
     level,
     limits,
+    number,
     per_cent,
     percentage,
     share_limits,
@@ -110,30 +111,46 @@ def _named(records: Sequence[Failure]) -> list[str]:
     return [*named, f"{more} more in audit.parquet."] if more > 0 else named
 
 
-def tau_lines(summary: Summary, scenario: Scenario) -> list[str]:
-    """Sentences on μ and c_v, with their intervals, of the AV against the reference.
+def time_lines(summary: Summary, scenario: Scenario) -> list[str]:
+    """Sentences on the ratio of times, and on μ and c_v, of the AV against the reference.
 
     Args:
         summary: of a cell.
         scenario: of that cell.
     """
-    mu, cv, n = summary.mu, summary.cv, summary.defined_pairs
-    if mu.value is None:
-        return ["τ is defined in no pair: neither μ nor c_v can be told."]
+    ratio, mu, cv = summary.time_ratio, summary.mu, summary.cv
     if summary.met_nobody == summary.pairs:
         return [sentence(NOTHING_TESTED)]
-    much = f"{per_cent(abs(1 - mu.value), 1)} % {'less' if mu.value < 1 else 'more'}"
-    said = f"In the mean over the {counted(n, 'pair')} in which both crossed the AV took {much} "
-    said += f"time than {scenario.arms.human}, the reference: μ = {mu.value:.4f} "
-    said += f"({level(summary.confidence)} interval {limits(mu, 4) or 'undefined'}), "
-    said += f"c_v = {percentage(cv.value)} ({share_limits(cv, 2) or 'undefined'})"
-    words = [too_narrow(summary, "mu")]
-    if not words[0] and (few := too_narrow(summary, "cv")):
-        words = [f"c_v: {few}"]
-    if mu.low is not None and mu.high is not None and mu.low <= 1 <= mu.high:
-        words.append("the interval of μ holds 1: which is faster is not told")
-    words.append(known_disagreement(scenario, mu.value))
-    return ["; ".join([said, *(word for word in words if word)]) + "."]
+    if ratio.value is None:
+        return ["Every pair failed, or the AV crashed in it: nothing is known of its time."]
+    much = f"{per_cent(abs(1 - ratio.value), 1)} % {'less' if ratio.value < 1 else 'more'}"
+    said = f"Over {counted(summary.time_ratio_pairs, 'pair')} the AV took {much} time than "
+    said += f"{scenario.arms.human}, the reference: ratio of times {ratio.value:.4f} "
+    said += f"({level(summary.confidence)} interval {limits(ratio, 4) or 'undefined'}, "
+    said += f"{left_out(summary)})"
+    words = [too_narrow(summary, "time_ratio")]
+    if ratio.low is not None and ratio.high is not None and ratio.low <= 1 <= ratio.high:
+        words.append("the interval holds 1: who takes less time is not told")
+    words.append(known_disagreement(scenario, ratio.value))
+    lines = ["; ".join([said, *(word for word in words if word)]) + "."]
+    if mu.value is None:
+        return [*lines, "τ is defined in no pair: neither μ nor c_v can be told."]
+    said = f"τ, AV time / human time, has the mean μ = {mu.value:.4f} ({limits(mu, 4)}) and "
+    said += f"c_v = {percentage(cv.value)} ({share_limits(cv, 2) or 'undefined'}) in the "
+    said += f"{counted(summary.defined_pairs, 'pair')} in which both crossed"
+    note = too_narrow(summary, "mu")
+    if not note and (few := too_narrow(summary, "cv")):
+        note = f"c_v: {few}"
+    return [*lines, f"{said}; {note}." if note else f"{said}."]
+
+
+def left_out(summary: Summary) -> str:
+    """How many pairs the ratio of times leaves out, with its worst case where there are any."""
+    count = summary.pairs - summary.time_ratio_pairs
+    if not count:
+        return "no pair left out"
+    worst = number(summary.time_ratio_worst.value, 4)
+    return f"{counted(count, 'pair')} left out: worst case {worst}"
 
 
 def sweep_lines(results: Sequence[CellResult]) -> list[str]:

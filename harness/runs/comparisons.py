@@ -127,7 +127,8 @@ class RunComparison:
         rows = [
             [
                 words,
-                str(item.defined_in_both),
+                str(item.counted_in_both),
+                item.time_ratio_difference.words(".4f"),
                 item.mu_difference.words(".4f"),
                 item.delay_difference_s.words(".4f"),
                 f"{item.crashes.only_a} / {item.crashes.only_b}",
@@ -135,9 +136,17 @@ class RunComparison:
             ]
             for words, item in pairs
         ]
-        headings = ("A − B", "pairs", "μ", "delay s", "crashed in A / B alone", "p (Holm)")
+        headings = (
+            "A − B",
+            "pairs",
+            "ratio of times",
+            "μ",
+            "delay s",
+            "crashed in A / B alone",
+            "p (Holm)",
+        )
         caption = f"{self.name}: intervals of {100 * self.confidence:.3g} %"
-        first = [(words, item.mu_difference) for words, item in pairs[:_DRAWN]]
+        first = [(words, item.time_ratio_difference) for words, item in pairs[:_DRAWN]]
         drawn = [(words, of.value, of.low, of.high) for words, of in first]
-        title = "differences of μ with their intervals; the line is 0"
+        title = "differences of the ratio of times with their intervals; the line is 0"
         return html_table(caption, headings, rows) + intervals_sketch(drawn, title, 0.0)

@@ -11,14 +11,14 @@ from harness.scenario import load_scenario
 
 
 def run_of(*found: tuple[float | None, float | None, float | None]) -> Any:
-    """A run over references, with μ and its limits for each."""
+    """A run over references, with the ratio of times and its limits for each."""
     names = ("human_gmm", "human_recorded", "human_yield")
     results = [
         SimpleNamespace(
-            summary=SimpleNamespace(mu=Interval(*mu)),
+            summary=SimpleNamespace(time_ratio=Interval(*ratio)),
             cell=SimpleNamespace(scenario=load_scenario("cctc", {"arms.human": name})),
         )
-        for name, mu in zip(names, found, strict=False)
+        for name, ratio in zip(names, found, strict=False)
     ]
     return SimpleNamespace(varied_keys=["arms.human"], results=results)
 

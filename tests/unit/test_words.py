@@ -9,7 +9,7 @@ from harness.comparison import Interval, PairColumns, proportion, summarise
 from harness.report.result_tables import measure_rows, tiles
 from harness.report.risk_terminal import effort, sentence
 from harness.report.tables import per_cent
-from harness.report.words import crash_lines, is_the_papers, tau_lines, walker_lines
+from harness.report.words import crash_lines, is_the_papers, time_lines, walker_lines
 from harness.scenario import Scenario, load_scenario, parse_setting
 
 
@@ -87,23 +87,51 @@ def driven_by(av: str, human: str) -> Scenario:
     return load_scenario("cctc", {"arms.av": av, "arms.human": human})
 
 
-def test_what_mu_tells() -> None:
+def test_what_the_times_tell() -> None:
     summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
     own = driven_by("own:Av", "human_gmm")
-    (line,) = tau_lines(summary, own)
-    assert "the AV took 15.0 % less time than human_gmm, the reference: μ = 0.8500" in line
-    assert "interval too narrow: about 1,000 pairs needed" in line
-    assert "not told" not in line
-    (line,) = tau_lines(replace(summary, mu=Interval(1.02, 0.97, 1.08)), own)
-    assert "2.0 % more" in line
-    assert "the interval of μ holds 1: which is faster is not told" in line
-    (line,) = tau_lines(replace(summary, mu=Interval(None, None, None)), own)
-    assert line == "τ is defined in no pair: neither μ nor c_v can be told."
+    first, second = time_lines(summary, own)
+    # 25 pairs of 8 s and 25 of 9 s against 50 of 10 s.
+    assert "took 15.0 % less time than human_gmm, the reference: ratio of times 0.8500" in first
+    assert "no pair left out" in first
+    assert "interval too narrow: about 1,000 pairs needed" in first
+    assert "not told" not in first
+    assert "μ = 0.8500" in second
+    first, _ = time_lines(replace(summary, time_ratio=Interval(1.02, 0.97, 1.08)), own)
+    assert "2.0 % more" in first
+    assert "the interval holds 1: who takes less time is not told" in first
+    _, second = time_lines(replace(summary, mu=Interval(None, None, None)), own)
+    assert second == "τ is defined in no pair: neither μ nor c_v can be told."
+    (line,) = time_lines(replace(summary, time_ratio=Interval(None, None, None)), own)
+    assert "nothing is known of its time" in line
+
+
+def test_less_time_is_said_of_sums_and_not_of_a_mean_of_quotients() -> None:
+    # 10 s against 5 s and 10 s against 20 s: μ = (2 + 0.5)/2 = 1.25, and 20 s against 25 s.
+    pairs, human = columns(2), np.array([5.0, 20.0])
+    av = np.array([10.0, 10.0])
+    pairs = replace(pairs, time_s=(av, human), untouched_time_s=(av, human))
+    summary = summarise(pairs, 60.0, 5.0, np.random.default_rng(1))
+    first, second = time_lines(summary, driven_by("own:Av", "human_gmm"))
+    assert "took 20.0 % less time" in first
+    assert "μ = 1.2500" in second
+
+
+def test_what_the_ratio_of_times_leaves_out_stands_beside_it() -> None:
+    pairs = columns(4)
+    crashed = np.array([True, False, False, False])
+    times = (np.where(crashed, np.nan, pairs.time_s[0]), pairs.time_s[1])
+    pairs = replace(pairs, time_s=times, crashed=(crashed, np.zeros(4, dtype=bool)))
+    summary = summarise(pairs, 60.0, 7.4, np.random.default_rng(1))
+    # 8 + 9 + 8 s against 30 s; at its worst the crash counts with the time-out, 85 s against 40.
+    first, _ = time_lines(summary, driven_by("own:Av", "human_gmm"))
+    assert "ratio of times 0.8333" in first
+    assert "1 pair left out: worst case 2.1250" in first
 
 
 @pytest.mark.parametrize(
-    ("human", "mu", "opposite"),
-    # docs/study.md, cctc: μ of Gap-Yield is 0.72 against human_gmm, 1.10 against human_recorded.
+    ("human", "ratio", "opposite"),
+    # docs/study.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
     [
         ("human_gmm", 0.72, "more time than human_recorded"),
         ("human_yield", 0.96, "more time than human_recorded"),
@@ -113,10 +141,10 @@ def test_what_mu_tells() -> None:
         ("own.driver", 0.72, None),
     ],
 )
-def test_known_disagreement_of_the_references_stands_beside_mu(human, mu, opposite) -> None:
+def test_known_disagreement_of_the_references_is_said(human, ratio, opposite) -> None:
     summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    scenario = driven_by("gap_yield", human)
-    (line,) = tau_lines(replace(summary, mu=Interval(mu, mu, mu)), scenario)
+    summary = replace(summary, time_ratio=Interval(ratio, ratio, ratio))
+    line, _ = time_lines(summary, driven_by("gap_yield", human))
     assert f"time than {human}, the reference" in line
     assert ("the references disagree" in line) == (opposite is not None)
     assert (opposite or "") in line
@@ -133,7 +161,7 @@ def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of
         for tile in tiles(summary, "human_gmm")
     }
     assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
-    (line,) = tau_lines(summary, driven_by("own:Av", "human_gmm"))
+    _, line = time_lines(summary, driven_by("own:Av", "human_gmm"))
     assert ("; interval too narrow" in line, "; c_v: interval too narrow" in line) == (
         of_mu,
         of_cv and not of_mu,
