@@ -128,7 +128,7 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
     count = len(quantiles)
     seen = (np.full(count, vehicle.trigger_range_m), np.full(count, vehicle.initial_speed_mps))
     speeds = model.walking_speed(quantiles, *seen).tolist()
-    name = scenario.arms.av if arm is Arm.AV else scenario.arms.human
+    name = scenario.arms.driver(arm)
 
     def outcomes() -> Iterator[Outcome]:
         for begin in range(0, count, CHUNK):
@@ -136,7 +136,7 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
             traces = [
                 run_episode(
                     engine,
-                    make_strategy(scenario, name, node, model),
+                    make_strategy(scenario, arm, node, model),
                     (Arrival(0, 0.0, sides[node], float(quantiles[node])),),
                     _always(speeds[node]),
                     rules,

@@ -24,6 +24,7 @@ Purpose = Literal[
     "dropout",
     "perception_error",
     "warm_up",
+    "av_strategy",
 ]
 
 # The numbers enter the seeds: changing one changes every result.
@@ -41,6 +42,7 @@ _PURPOSES: dict[Purpose, int] = {
     "dropout": 11,
     "perception_error": 12,
     "warm_up": 13,
+    "av_strategy": 14,
 }
 
 

@@ -5,7 +5,7 @@ from time import monotonic
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
-from harness.encounter import Arrival, Ending, Observation, Side, Strategy, Trace
+from harness.encounter import Arm, Arrival, Ending, Observation, Side, Strategy, Trace
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import make_strategy
 from harness.episode.cell_constants import constants_of
@@ -135,13 +135,14 @@ class Subject:
             {
                 **self._base,
                 "ego": {**self._base["ego"], **chosen.ego},
+                "arms": {"human": self.name},
                 "pedestrians": {"kerb_wait_s": chosen.kerb_wait_s},
                 "experiment": {"step_s": step_s},
             },
             "conformance",
         )
         try:
-            watched = Observed(make_strategy(scenario, self.name, 0, self._model))
+            watched = Observed(make_strategy(scenario, Arm.HUMAN, 0, self._model))
         except Exception as error:
             raise StoppedError(f"cannot be made: {in_one_line(error)}", SURVIVES) from None
         self.watched = watched

@@ -2,30 +2,49 @@
 
 from typing import Any
 
-from harness.encounter import Strategy
+from harness.encounter import Arm, Strategy
 from harness.errors import InputError, in_one_line
 from harness.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
-from harness.seeding import stream
+from harness.seeding import Purpose, stream
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key
 
 
+def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
+    """The stream of what a driver draws itself.
+
+    ``arms.av`` has one of its own: it never gets the numbers that decide how the people's driver
+    drives in the same pair.  Where both arms name the same strategy, they draw alike.
+    """
+    alike = scenario.arms.av == scenario.arms.human
+    return "strategy" if alike or driver is Arm.HUMAN else "av_strategy"
+
+
 def make_strategy(
-    scenario: Scenario, name: str, pair: int, model: InteractionModel, *vehicle: int
+    scenario: Scenario, driver: Arm, pair: int, model: InteractionModel, *vehicle: int
 ) -> Strategy:
     """A fresh strategy object for one episode, or for one ``vehicle`` of a pair with several.
 
     Whatever its class has to prepare is prepared.
+
+    Args:
+        scenario: names both arms' strategies, gives parameters, seed and step.
+        driver: whose strategy: that of ``arms.av`` or of ``arms.human``, whichever arm runs.
+        pair: keys the stream of its draws, with ``vehicle``.
+        model: for a strategy that asks for it.
     """
+    name = scenario.arms.driver(driver)
     factory = find_strategy(name, "arms")
     parameters = scenario.strategies.get(name, {})
     prepare(factory, parameters)
     given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
     wanted = needs(factory)
     if "rng" in wanted:
-        given["rng"] = stream(scenario.experiment.seed, "strategy", pair, *vehicle)
+        given["rng"] = stream(
+            scenario.experiment.seed, draws_from(scenario, driver), pair, *vehicle
+        )
     return factory(**{key: given[key] for key in wanted}, **parameters)
 
 
@@ -55,7 +74,7 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         factory = find_strategy(name, f"arms.{key}")
         check_complete(factory, scenario.strategies.get(name, {}), where)
         try:
-            make_strategy(scenario, name, 0, model)
+            make_strategy(scenario, Arm(key), 0, model)
         except InputError as error:
             parameter = error.where.removeprefix(f"{name}.")
             raise InputError(f"{where}.{parameter}", error.problem, error.allowed) from None

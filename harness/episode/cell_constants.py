@@ -10,9 +10,8 @@ from harness.scenario import Scenario
 class CellConstants:
     """The cell's constants.
 
-    ``kerb_wait_s``: nobody steps off while the ego, at its present speed, would reach the near
-    edge within that time, or while its body overlaps the crosswalk.  Somebody with a
-    critical gap goes by that instead of ``kerb_wait_s``.
+    ``kerb_wait_s``: how far off a vehicle has to be for somebody to step off before it (the rule:
+    ``deciding.keeps_waiting``).  Somebody with a critical gap goes by that instead.
     """
 
     vehicle: Vehicle

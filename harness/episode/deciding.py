@@ -33,13 +33,20 @@ def strategy_raised(error: Exception, time_s: float) -> StrategyError:
     return StrategyError(f"the strategy {what} {when}", error)
 
 
-def keeps_waiting(to_edge_m: float, speed_mps: float, wait_s: float) -> bool:
+def keeps_waiting(
+    to_edge_m: float, speed_mps: float, acceleration_mps2: float, wait_s: float
+) -> bool:
     """The kerb rule: whether a pedestrian does not step off before this vehicle.
 
     Nobody does while a body is on the crosswalk, or while at its present speed its front would
-    reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``.
+    reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``; but a vehicle
+    that stands, or stops before the edge at its present deceleration, keeps nobody waiting.
     """
-    return to_edge_m <= speed_mps * wait_s + ROUNDING_M
+    if to_edge_m <= ROUNDING_M:
+        return True
+    if to_edge_m > speed_mps * wait_s + ROUNDING_M:
+        return False
+    return speed_mps**2 > -2 * acceleration_mps2 * (to_edge_m + ROUNDING_M)
 
 
 def _as_float(answer: object) -> float:

@@ -196,7 +196,7 @@ class Episode:
             now, then = then, (n + 1) * step
             for walker in walkers:
                 if walker.due_s <= now:
-                    self._update_walkers(now, -x, speed)
+                    self._update_walkers(now, -x, speed, acceleration)
                     break
             seen: tuple[PedestrianView, ...] = ()
             if perception is not None:
@@ -237,13 +237,15 @@ class Episode:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
 
-    def _update_walkers(self, now: float, range_m: float, speed: float) -> None:
+    def _update_walkers(
+        self, now: float, range_m: float, speed: float, acceleration: float
+    ) -> None:
         """Those who wait look again; those who have reached the other kerb leave."""
         for walker in tuple(self.walkers):
             if walker.due_s > now:
                 continue
             if walker.start_s is None:
-                self._look(walker, now, range_m, speed)
+                self._look(walker, now, range_m, speed, acceleration)
                 self.next_event_s = min(self.next_event_s, walker.look_s)
             else:
                 self.walkers.remove(walker)
@@ -266,13 +268,13 @@ class Episode:
                 self.next_event_s = arrival.arrival_s
                 break
             self.next_arrival += 1
-            self._admit(arrival, *seen_at(arrival.arrival_s))
+            self._admit(arrival, *seen_at(arrival.arrival_s), acceleration)
         for walker in self.walkers:
             while walker.look_s <= until:
                 walker.look(*seen_at(walker.look_s))
             self.next_event_s = min(self.next_event_s, walker.look_s)
 
-    def _admit(self, arrival: Arrival, range_m: float, speed: float) -> None:
+    def _admit(self, arrival: Arrival, range_m: float, speed: float, acceleration: float) -> None:
         """Someone arrives: they wait for their time, look for a gap, or are left to the engine."""
         walker = self._walker(arrival)
         self.came.append(walker)
@@ -282,7 +284,7 @@ class Episode:
             walker.wanted_mps, walker.seen = walking_speed, (range_m, speed)
             self.engine.let_walk(arrival.index, arrival.side, walking_speed)
         elif not isinstance(walker, TimedWalker):
-            self._look(walker, arrival.arrival_s, range_m, speed)
+            self._look(walker, arrival.arrival_s, range_m, speed, acceleration)
 
     def _walker(self, arrival: Arrival) -> Walker:
         crossing, behaviour = self.rules.crossing, self.rules.behaviour
@@ -294,12 +296,14 @@ class Episode:
             return ReactiveWalker(arrival, crossing, self.rules.vehicle, self.choose_speed)
         return Walker(arrival, crossing)
 
-    def _look(self, walker: Walker, time_s: float, range_m: float, speed: float) -> None:
+    def _look(
+        self, walker: Walker, time_s: float, range_m: float, speed: float, acceleration: float
+    ) -> None:
         """Kerb rule: step off now, or wait for the next step."""
         rules, arrival = self.rules, walker.arrival
         gap_s = arrival.critical_gap_s
         wait_s = rules.kerb_wait_s if gap_s is None else gap_s
-        if keeps_waiting(range_m - rules.crossing.width_m / 2, speed, wait_s):
+        if keeps_waiting(range_m - rules.crossing.width_m / 2, speed, acceleration, wait_s):
             return
         walking_speed = self.choose_speed(arrival, range_m, speed)
         walker.step_off(time_s, walking_speed, (range_m, speed))

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from harness.encounter import Arm, Arrival, Ending, Trace
 from harness.engine.protocol import Engine
-from harness.episode.arms import check_arms, make_strategy
+from harness.episode.arms import check_arms, draws_from, make_strategy
 from harness.episode.arrivals import Given, already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
@@ -15,14 +15,18 @@ from harness.episode.ties import Asked, Witness
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import StrategyError, in_one_line
 from harness.interaction import InteractionModel
-from harness.measures import EpisodeKey, Outcome, measure
+from harness.measures import Outcome, measure
 from harness.perception.perception import Perception
 from harness.perception.sensor import sensor_of
 from harness.scenario import Scenario
+from harness.seeding import Purpose
 from harness.strategies.human_gmm import HumanDriver
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""
+
+EpisodeKey = tuple[Arm, str, Purpose, int]
+"""Arm, its strategy's name and stream, pair: one episode among cells with other arms."""
 
 Begins = Callable[[int, Arm, Episode], None]
 """Takes pair, arm and the episode that begins."""
@@ -74,16 +78,20 @@ class PairRunner:
             for pair in chunk:
                 arrivals = self._arrivals(pair)
                 for arm in Arm:
-                    key = (arm, self._strategy_name(arm), pair)
+                    key = self.key(arm, pair)
                     if key not in known:
                         traces[key] = self._run_arm(arm, pair, arrivals, begins)
                 on_pair()
             records = dict(zip(traces, measure(list(traces.values())), strict=True))
             for pair in chunk:
                 for arm in Arm:
-                    name = self._strategy_name(arm)
-                    key = (arm, name, pair)
+                    key, name = self.key(arm, pair), self._scenario.arms.driver(arm)
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
+
+    def key(self, arm: Arm, pair: int) -> EpisodeKey:
+        """A key that tells episodes apart among cells that differ in their arms alone."""
+        scenario = self._scenario
+        return arm, scenario.arms.driver(arm), draws_from(scenario, arm), pair
 
     def run_arm_given(
         self, arm: Arm, pairs: Sequence[tuple[int, Given]], on_episode: Callable[[], None]
@@ -102,7 +110,7 @@ class PairRunner:
             traces.append(self._run_arm(arm, pair, arrivals))
             on_episode()
         for (pair, _), trace, record in zip(pairs, traces, measure(traces), strict=True):
-            yield Outcome(pair, arm, self._strategy_name(arm), record, trace)
+            yield Outcome(pair, arm, self._scenario.arms.driver(arm), record, trace)
 
     def begin(self, pair: int) -> Episode:
         """The AV's episode of a pair, for somebody else to drive; the caller ends the engine's."""
@@ -132,7 +140,8 @@ class PairRunner:
         self._engine = None
         arrivals = self._arrivals(pair, given)
         trace = self._run_arm(arm, pair, arrivals, begins, asked)
-        return Outcome(pair, arm, self._strategy_name(arm), measure([trace])[0], trace)
+        name = self._scenario.arms.driver(arm)
+        return Outcome(pair, arm, name, measure([trace])[0], trace)
 
     def _arrivals(self, pair: int, given: Given | None = None) -> tuple[Arrival, ...]:
         """Everyone of a pair: those who are on the crosswalk at the trigger, and who comes then."""
@@ -155,9 +164,8 @@ class PairRunner:
     ) -> Trace:
         if self._engine is None:
             self._engine = self._get_engine()
-        name = self._strategy_name(arm)
         try:
-            strategy = make_strategy(self._scenario, name, self._number(pair), self._model)
+            strategy = make_strategy(self._scenario, arm, self._number(pair), self._model)
         except Exception as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
@@ -182,7 +190,3 @@ class PairRunner:
         if sensor is None:
             return None
         return Perception(sensor, arrivals, self._number(pair))
-
-    def _strategy_name(self, arm: Arm) -> str:
-        arms = self._scenario.arms
-        return arms.av if arm is Arm.AV else arms.human

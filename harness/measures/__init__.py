@@ -7,11 +7,10 @@ no difference.  The measures: ``catalogue.MEASURES`` and docs/measures.md.
 
 from harness.measures.catalogue import MEASURES, Measure
 from harness.measures.ego import crossing_time
-from harness.measures.record import EpisodeKey, EpisodeRecord, Outcome, has_contact, measure
+from harness.measures.record import EpisodeRecord, Outcome, has_contact, measure
 
 __all__ = [
     "MEASURES",
-    "EpisodeKey",
     "EpisodeRecord",
     "Measure",
     "Outcome",

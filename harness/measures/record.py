@@ -54,10 +54,6 @@ class EpisodeRecord:
         return self.values[_PLACE[name]]
 
 
-EpisodeKey = tuple[Arm, str, int]
-"""Arm, its strategy's name, pair: one episode among cells that differ in their arms alone."""
-
-
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """One episode: which one it was, its record and its trace."""
@@ -67,11 +63,6 @@ class Outcome:
     strategy: str
     record: EpisodeRecord
     trace: Trace
-
-    @property
-    def key(self) -> EpisodeKey:
-        """A key that tells episodes apart in cells that differ in their arms alone."""
-        return self.arm, self.strategy, self.pair
 
 
 def has_contact(trace: Trace) -> bool:

@@ -91,7 +91,7 @@ def _arm(run: RunData, hour: ShownHour, arm: Arm) -> dict[str, Any]:
     return {
         "arm": arm.value,
         "name": ARM_NAMES[arm],
-        "strategy": scenario.arms.av if arm is Arm.AV else scenario.arms.human,
+        "strategy": scenario.arms.driver(arm),
         "vehicles": vehicles,
         "walkers": list(_walkers(hour, arm, ways[near])),
     }

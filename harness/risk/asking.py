@@ -31,7 +31,7 @@ class Settings:
     def document(self) -> dict[str, Any]:
         """What ``risk.json`` holds: all that the result depends on."""
         model = load_model(self.scenario.model.name, self.scenario.model.path)
-        driver = self.scenario.arms.model_dump()[self.arm.value]
+        driver = self.scenario.arms.driver(self.arm)
         return {
             "name": self.name,
             "scenario": self.scenario.model_dump(),
@@ -58,7 +58,7 @@ def question_of(settings: Settings) -> Question:
         raise InputError("--target-cv", f"{settings.target_cv:g}", "above 0, at most 1")
     if settings.most_episodes < 1:
         raise InputError("--most-episodes", f"{settings.most_episodes}", "at least 1")
-    driver = scenario.arms.model_dump()[settings.arm.value]
+    driver = scenario.arms.driver(settings.arm)
     if driver == "sumo_driver" and not settings.in_sumo:
         raise InputError(
             f"arms.{settings.arm.value}", "sumo_driver drives in SUMO alone", "--engine sumo"

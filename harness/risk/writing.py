@@ -108,7 +108,7 @@ def _result(
     return {
         "scenario": settings.name,
         "arm": settings.arm.value,
-        "strategy": settings.scenario.arms.model_dump()[settings.arm.value],
+        "strategy": settings.scenario.arms.driver(settings.arm),
         "event": settings.event,
         **figures(findings),
         **({"ci_high": 1.0, "nominal_high": 1.0} if nothing_known else {}),

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from harness.encounter import Behaviour
+from harness.encounter import Arm, Behaviour
 from harness.seeding import Purpose
 
 MAX_TRIGGER_RANGE_M = 300.0
@@ -281,7 +281,8 @@ class PedestriansSection(Section):
     near_side_share: Share = 0.5
     """Share of people who come from the near kerb."""
     kerb_wait_s: NonNegative = 2.0
-    """Nobody steps off when the ego would reach the crosswalk within this time."""
+    """Nobody steps off when a vehicle would reach the crosswalk within this time, and does not stop
+    before it."""
     warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
     """The flow begins so long before the trigger; 0 beside ``[traffic]``."""
     behaviour: Behaviour = "constant"
@@ -370,6 +371,10 @@ class ArmsSection(Section):
     """The strategy that drives in the AV's arm."""
     human: StrategyName = "human_gmm"
     """The strategy that drives in the reference's arm."""
+
+    def driver(self, arm: Arm) -> str:
+        """The strategy of an arm, by name."""
+        return self.av if arm is Arm.AV else self.human
 
 
 class ConflictsSection(Section):

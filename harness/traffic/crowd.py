@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 
 from harness.encounter import Arrival, PedestrianView, Side
 from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import ROUNDING_M, keeps_waiting
+from harness.episode.deciding import keeps_waiting
 from harness.episode.walkers import ChooseSpeed, ReactiveWalker, Walker
 from harness.traffic.vehicles import LaneOnRoad, Moving
 
@@ -103,15 +103,6 @@ class Crowd:
             return ReactiveWalker(arrival, crossing, self._rules.vehicle, self._choose_speed)
         return Walker(arrival, crossing)
 
-    def _threat(self, x_m: float, speed_mps: float, gain_mps2: float, wait_s: float) -> bool:
-        """The kerb rule before this vehicle, but for one that stands or stops before the edge."""
-        to_edge = -x_m - self._half_width_m
-        if not keeps_waiting(to_edge, speed_mps, wait_s):
-            return False
-        if to_edge <= ROUNDING_M:
-            return True
-        return not (gain_mps2 < 0 and speed_mps**2 <= -2 * gain_mps2 * to_edge)
-
     def _wait_s(self, walker: Walker) -> float:
         """The gap they need."""
         critical_gap_s = walker.arrival.critical_gap_s
@@ -126,8 +117,9 @@ class Crowd:
             if first is None:
                 continue
             x, speed, moving = first
-            if self._threat(x, speed, moving.acceleration_mps2, wait_s):
-                reaches_s = (-x - self._half_width_m) / speed if speed > 0 else 0.0
+            to_edge = -x - self._half_width_m
+            if keeps_waiting(to_edge, speed, moving.acceleration_mps2, wait_s):
+                reaches_s = to_edge / speed if speed > 0 else 0.0
                 if nearest is None or reaches_s < first_s:
                     nearest, first_s = moving, reaches_s
         return nearest

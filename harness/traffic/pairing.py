@@ -88,9 +88,10 @@ class HourRunner:
 
         def make(planned: Scheduled) -> tuple[str, Strategy]:
             automated = arm is Arm.AV and planned.uniform < traffic.av_share
-            name = scenario.arms.av if automated else scenario.arms.human
+            driver = Arm.AV if automated else Arm.HUMAN
             try:
-                return name, make_strategy(scenario, name, pair, self._model, planned.number)
+                strategy = make_strategy(scenario, driver, pair, self._model, planned.number)
+                return scenario.arms.driver(driver), strategy
             except Exception as error:
                 what = f"the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None

@@ -11,7 +11,7 @@ import pandas as pd
 from harness.calibration import make_sample, vehicle_folds
 from harness.calibration.jobs import Settings
 from harness.calibration.sample import LABELS
-from harness.encounter import Ending, Strategy
+from harness.encounter import Arm, Ending, Strategy
 from harness.episode.arms import make_strategy
 from harness.errors import HarnessError
 from harness.interaction import InteractionModel
@@ -45,6 +45,8 @@ def outcomes_of(
     Raises:
         HarnessError: the strategy fails in a passage.
     """
+    arms = scenario.arms.model_copy(update={"human": name})
+    driven = scenario.model_copy(update={"arms": arms})
 
     def once(draw: int) -> list[DriverOutcome]:
         return [
@@ -52,7 +54,7 @@ def outcomes_of(
             _outcome(
                 name,
                 passage,
-                make_strategy(scenario, name, number * DRAWS + draw, model_of(passage)),
+                make_strategy(driven, Arm.HUMAN, number * DRAWS + draw, model_of(passage)),
             )
             for number, passage in enumerate(passages)
         ]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from harness.encounter import Ending
-from harness.episode.pairing import PairRunner
+from harness.episode.pairing import EpisodeKey, PairRunner
 from harness.episode.ties import Asked, tie_s
-from harness.measures import EpisodeKey, Outcome
+from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.scenario import Scenario
 from harness.seeding import resampling
@@ -68,9 +68,10 @@ def repeated_in_sumo(
     """
     for outcome in outcomes:
         if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:
-            if outcome.key not in repeated:
-                repeated[outcome.key] = _finding(outcome, runner, plain, watch)
-            yield outcome, repeated[outcome.key]
+            key = runner.key(outcome.arm, outcome.pair)
+            if key not in repeated:
+                repeated[key] = _finding(outcome, runner, plain, watch)
+            yield outcome, repeated[key]
 
 
 def _finding(outcome: Outcome, runner: PairRunner, plain: PairRunner, watch: Watch) -> Finding:

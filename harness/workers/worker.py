@@ -8,9 +8,9 @@ from typing import Any
 
 from harness.encounter import Ending
 from harness.engine.shared import close_engine, open_engine, road_for
-from harness.episode.pairing import PairRunner
+from harness.episode.pairing import EpisodeKey, PairRunner
 from harness.errors import in_one_line
-from harness.measures import EpisodeKey, Outcome
+from harness.measures import Outcome
 from harness.results.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
 from harness.results.hour_tables import hour_rows
 from harness.results.hour_traces import hour_trace_rows
@@ -68,7 +68,7 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
         for each in task.each:
             runner = _runner_for(each, each.engine)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
-            known |= {of.key: of for of in outcomes}
+            known |= {runner.key(of.arm, of.pair): of for of in outcomes}
             yield _result_of(each, outcomes, list(_audited(each, outcomes, watch, repeated)))
 
 

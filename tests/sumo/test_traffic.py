@@ -17,7 +17,7 @@ from harness.episode.walking_speeds import WalkingSpeeds
 from harness.interaction import load_model
 from harness.measures import measure
 from harness.results.hour_tables import hour_rows
-from harness.scenario import Scenario, validate
+from harness.scenario import PedestriansSection, Scenario, validate
 from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.traffic.demand import Scheduled, scheduled_vehicles
 from harness.traffic.hour import Hour
@@ -48,6 +48,12 @@ def scenario_of(traffic: Mapping[str, Any], **sections: Any) -> Scenario:
     return validate(tree, "test")
 
 
+def driven_by(strategy: str, scenario: Scenario) -> Scenario:
+    """The scenario with another driver in the AV's arm."""
+    arms = scenario.arms.model_copy(update={"av": strategy})
+    return scenario.model_copy(update={"arms": arms})
+
+
 def hour_of(
     scenario: Scenario,
     steps: Sequence[Sequence[int]],
@@ -56,6 +62,7 @@ def hour_of(
 ) -> tuple[Hour, HourLog, list[Passage]]:
     """An hour with vehicles due at those steps of each lane, and those people."""
     name = strategy or scenario.arms.av
+    driven = driven_by(name, scenario)
     rules = constants_of(scenario)
     roads = lanes_of(scenario)
     lanes = [
@@ -80,7 +87,7 @@ def hour_of(
         lanes,
         tuple(arrivals),
         choose,
-        lambda planned: (name, make_strategy(scenario, name, 0, MODEL, planned.number)),
+        lambda planned: (name, make_strategy(driven, Arm.AV, 0, MODEL, planned.number)),
         rules,
         scenario.traffic,
         sumo_drives=name == SUMO_DRIVER,
@@ -97,7 +104,7 @@ def test_free_vehicles_are_not_late_by_a_rounding() -> None:
     assert [passage.delay_s for passage in passages] == [0.0, 0.0, 0.0]
 
 
-@pytest.mark.parametrize("people", [0, 3])
+@pytest.mark.parametrize("people", [0, 3, 5])
 @pytest.mark.parametrize(
     "strategy",
     [
@@ -111,27 +118,29 @@ def test_free_vehicles_are_not_late_by_a_rounding() -> None:
     ],
 )
 def test_one_vehicle_is_the_single_ego(strategy: str, people: int) -> None:
-    """With kerb wait 0 even the rule for stopping vehicles says what the encounter's says.
+    """People decide before it as before the ego, with the default rule at the kerb, or by gaps.
 
     SUMO's driver makes more of the last bits, in which places 300 m up the road differ.
     """
     within = 1e-5 if strategy == "sumo_driver" else 1e-6
-    scenario = scenario_of({"duration_s": 120.0})
+    waits = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
+    scenario = scenario_of({"duration_s": 120.0}, pedestrians=waits)
     _, _, empty = hour_of(scenario, [[100], []], strategy="constant_speed")
     begins = empty[0].moving.first_step
     assert begins is not None
     rng = np.random.default_rng(people)
-    times = np.sort(rng.uniform(0.0, 4.0, people)).tolist()
+    times = np.sort(rng.uniform(0.0, 8.0, people)).tolist()
+    gaps_s = [None, 3.0, 6.0]
     own = tuple(
-        Arrival(number, time, [Side.NEAR, Side.FAR][number % 2], float(rng.random()))
-        for number, time in enumerate(times)
+        Arrival(i, time, [Side.NEAR, Side.FAR][i % 2], float(rng.random()), gaps_s[i % 3])
+        for i, time in enumerate(times)
     )
     later = tuple(person._replace(arrival_s=person.arrival_s + begins * 0.1) for person in own)
     _, _, (passage,) = hour_of(scenario, [[100], []], later, strategy)
     rules = constants_of(scenario)
     trace = run_episode(
         engine_for(scenario),
-        make_strategy(scenario, strategy, 0, MODEL),
+        make_strategy(driven_by(strategy, scenario), Arm.AV, 0, MODEL),
         own,
         WalkingSpeeds(scenario, MODEL),
         rules,
@@ -203,7 +212,7 @@ def test_shares_0_and_1_and_the_reference_are_what_they_should_be() -> None:
         scenario = scenario_of(
             busy(av_share=share, flow_per_hour=400.0, oncoming_per_hour=300.0, duration_s=60.0),
             pedestrians=people,
-            arms={"av": "gap_yield", "human": "constant_speed"},
+            arms={"av": "gap_yield", "human": "human_yield"},
         )
         passages = run_pair(scenario)["rows"]["passages"]
         by_arm: dict[str, list[Any]] = {"av": [], "human": []}
@@ -218,6 +227,27 @@ def test_shares_0_and_1_and_the_reference_are_what_they_should_be() -> None:
     assert automated[0.0] == set()
     assert 0 < len(automated[0.4]) < len(automated[1.0]) == len(rows[1.0]["av"])
     assert automated[0.4] < automated[1.0]
+
+
+def test_people_drive_alike_in_a_mixed_fleet_and_in_the_reference(monkeypatch) -> None:
+    made: dict[int, list[bool]] = {}
+
+    def watched(scenario: Scenario, driver: Arm, *key: Any) -> Any:
+        strategy = make_strategy(scenario, driver, *key)
+        if driver is Arm.HUMAN:
+            made.setdefault(key[-1], []).append(strategy._yields)  # type: ignore[attr-defined]
+        return strategy
+
+    monkeypatch.setattr("harness.traffic.pairing.make_strategy", watched)
+    run_pair(
+        scenario_of(
+            busy(av_share=0.5, duration_s=60.0), arms={"av": "human_gmm", "human": "human_yield"}
+        )
+    )
+    twice = [draws for draws in made.values() if len(draws) == 2]
+    assert len(twice) > 5
+    assert all(one is other for one, other in twice)
+    assert {one for one, _ in twice} == {True, False}
 
 
 def followers(outcome: HourOutcome) -> float:
@@ -310,6 +340,7 @@ def test_capacity_under_absolute_priority() -> None:
     )
     lane = lanes_of(scenario)[0]
     choose_s = 4.5 / 1.2
+    driven = driven_by("hard_yield", scenario)
 
     def through(people: Sequence[Arrival]) -> tuple[Hour, HourLog]:
         rules = constants_of(scenario)
@@ -320,7 +351,7 @@ def test_capacity_under_absolute_priority() -> None:
             lanes,
             people,
             lambda *_: 1.2,
-            lambda p: ("hard_yield", make_strategy(scenario, "hard_yield", 0, MODEL, p.number)),
+            lambda p: ("hard_yield", make_strategy(driven, Arm.AV, 0, MODEL, p.number)),
             rules,
             scenario.traffic,
         )

@@ -12,6 +12,7 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.errors import EngineError
 from harness.measures import measure
+from harness.scenario import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import play, scenario
 
@@ -80,6 +81,9 @@ def test_who_has_reached_the_other_kerb_is_gone() -> None:
     assert max(present) == pytest.approx(4.4)
 
 
+BY_DEFAULT = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
+
+
 # --- kerb rule -----------------------------------------------------------------------------------
 
 
@@ -106,19 +110,15 @@ def test_nobody_steps_off_under_the_body(arrival: float, goes: bool) -> None:
 
 
 def test_who_waits_looks_again_at_every_step() -> None:
-    # The ego brakes to a stand from 3.7 s on, 10 m before the edge's 2 s are up; as soon as its
-    # speed makes the edge more than 2 s away, they go, at a step and with what they see then.
-    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
-    recorder = Recorder(lambda seen: -2.0 if seen.time_s > 3.65 else 0.0)
+    # From 3.7 s on, 9.5 m before the edge, the ego brakes with 1 m/s², which takes 12.5 m from
+    # 5 m/s; from 4.3 s on, 6.68 m before it, with 2 m/s², which takes 4.84 m from 4.4 m/s.  They
+    # see that a step later.
+    scene = scenario(pedestrians=BY_DEFAULT)
+    recorder = Recorder(lambda seen: -np.interp(seen.time_s, [3.65, 3.7, 4.25, 4.3], [0, 1, 1, 2]))
     trace = play(recorder, [(3.66, Side.NEAR, 1.2)], scene)
-    walk = trace.walks[0]
-    assert walk.start_s is not None
-    times = np.arange(len(trace.x_m)) * 0.1
-    clear = -trace.x_m - 2.0 > 2.0 * trace.speed_mps
-    expected = times[clear & (times >= 3.66)][0]
-    assert expected > 3.7
+    walk, expected = trace.walks[0], 4.4
     assert walk.start_s == pytest.approx(expected, abs=1e-12)
-    step = round(walk.start_s / 0.1)
+    step = 44
     assert walk.range_m == pytest.approx(-trace.x_m[step])
     assert walk.vehicle_speed_mps == pytest.approx(trace.speed_mps[step])
     waiting = [seen for seen in recorder.seen if seen.pedestrians and seen.time_s < expected - 1e-9]
@@ -126,6 +126,34 @@ def test_who_waits_looks_again_at_every_step() -> None:
     for seen in waiting:
         view = seen.pedestrians[0]
         assert (view.speed_mps, view.on_crossing, view.remaining_m) == (0.0, False, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("deceleration", "goes"),
+    [(2.5, True), (25 / 14 + 0.01, True), (25 / 14 - 0.01, False), (0.0, False)],
+)
+@pytest.mark.parametrize("gap_s", [None, 30.0])
+def test_a_car_that_stops_before_the_edge_keeps_nobody_waiting(
+    deceleration: float, goes: bool, gap_s: float | None
+) -> None:
+    # It brakes from 4.2 s on, 7 m before the edge: from 5 m/s to a stand takes 25/14 m/s².
+    scene = scenario(pedestrians=BY_DEFAULT)
+    recorder = Recorder(lambda seen: -deceleration if seen.time_s > 4.15 else 0.0)
+    trace = run_episode(
+        PlainEngine(scene.vehicle(), 0.1),
+        recorder,
+        [Arrival(0, 4.25, Side.NEAR, 0.5, gap_s)],
+        lambda *_: 1.2,
+        constants_of(scene),
+    )
+    assert (trace.walks[0].start_s == 4.25) is goes
+
+
+def test_before_a_car_that_stands_they_go_however_near() -> None:
+    # 0.45 m/s² from 30 m: it stands at R = 2.22 m, 0.22 m before the edge, at 11.1 s.
+    scene = scenario(pedestrians=BY_DEFAULT)
+    trace = play(Recorder(lambda _: -0.45), [(12.0, Side.NEAR, 1.2)], scene)
+    assert trace.walks[0].start_s == 12.0
 
 
 # --- what a strategy sees ------------------------------------------------------------------------

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.encounter import (
+    Arm,
     Crossing,
     EgoView,
     Observation,
@@ -214,7 +215,7 @@ def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:
 
     def decisions() -> np.ndarray:
         return np.array(
-            [make_strategy(scene, "human_gmm", pair, model).decide(seen) for pair in range(2000)]
+            [make_strategy(scene, Arm.HUMAN, pair, model).decide(seen) for pair in range(2000)]
         )
 
     first = decisions()

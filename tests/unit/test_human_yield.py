@@ -56,14 +56,15 @@ def test_one_vehicle_in_four_does_not_yield() -> None:
 
 def test_stops_for_somebody_who_waits_as_late_as_is_comfortable() -> None:
     # After step k the room is 27 − 0.5 (k + 1), which has to be 4.17 m: k ≤ 44.  From k = 45 on
-    # 25/(2 · 4.5) m/s² for 1.8 s.  They step off at 6.3 s, are out of the lane 4.75 s later, and
-    # 1 m at a0 takes sqrt(2) s: it starts at the first step from 9.636 s on.
+    # 25/(2 · 4.5) m/s² for 1.8 s.  It would stop 1 m before the edge, so at 4.6 s, a step later,
+    # they step off, are out of the lane 4.75 s later, and 1 m at a0 takes sqrt(2) s: it starts at
+    # the first step from 7.936 s on.
     trace = play(driver(yields=True), [(0.0, Side.NEAR, 1.0)], scenario(pedestrians=WAITS))
     np.testing.assert_array_equal(trace.speed_mps[:46], 5.0)
     np.testing.assert_allclose(np.diff(trace.speed_mps)[45:63] / STEP, -25 / 9, atol=1e-9)
-    np.testing.assert_allclose(-trace.x_m[63:98], 3.0, atol=1e-9)
-    assert trace.walks[0].start_s == pytest.approx(6.3)
-    np.testing.assert_allclose(np.diff(trace.speed_mps)[97:120] / STEP, 1.0, atol=1e-9)
+    np.testing.assert_allclose(-trace.x_m[63:81], 3.0, atol=1e-9)
+    assert trace.walks[0].start_s == pytest.approx(4.6)
+    np.testing.assert_allclose(np.diff(trace.speed_mps)[80:103] / STEP, 1.0, atol=1e-9)
 
 
 @pytest.mark.parametrize(("deceleration", "stops"), [(3.0, True), (1.9, True), (1.7, False)])

@@ -1,5 +1,6 @@
 """Both arms of a pair meet the same pedestrians, whenever and wherever the pair is run."""
 
+import math
 import multiprocessing
 from dataclasses import fields
 
@@ -8,11 +9,14 @@ import pytest
 
 from harness.encounter import Arm, Side
 from harness.engine.plain import PlainEngine
+from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
 from harness.scenario import Scenario, load_scenario, validate
+from harness.seeding import stream
+from harness.strategies.human_yield import HumanYield
 
 FLOW = {
     "pedestrians": {"flow_per_hour": 900.0},
@@ -138,3 +142,36 @@ def test_sweeps_share_their_randomness(model) -> None:
             assert (a.side, a.quantile) == (b.side, b.quantile)
             assert b.arrival_s == 2 * a.arrival_s
     assert next(iter(runner(other, model).run([0]))).strategy == "hard_yield"
+
+
+def yielding(av: str, human: str, driver: Arm, model: InteractionModel) -> np.ndarray:
+    """Whether a driver who is ``human_yield`` is one who yields (0.74 are), in each pair."""
+    scenario = validate({"arms": {"av": av, "human": human}, "experiment": {"seed": 3}}, "test")
+    drivers = [make_strategy(scenario, driver, pair, model) for pair in range(2000)]
+    return np.array([one._yields for one in drivers if isinstance(one, HumanYield)])
+
+
+def test_an_av_that_draws_gets_no_number_that_the_reference_gets(model) -> None:
+    human = yielding("hard_yield", "human_yield", Arm.HUMAN, model)
+    # The reference draws from the stream that it always had, the AV from another: two that are
+    # independent say the same in 0.74² + 0.26² of the pairs.
+    assert (human == [stream(3, "strategy", pair).random() < 0.74 for pair in range(2000)]).all()
+    av = yielding("human_yield", "hard_yield", Arm.AV, model)
+    alike = 0.74**2 + 0.26**2
+    assert (av == human).mean() == pytest.approx(alike, abs=4 * math.sqrt(alike * 0.24 / 2000))
+
+
+def test_the_same_strategy_in_both_arms_draws_the_same(model) -> None:
+    both = [yielding("human_yield", "human_yield", arm, model) for arm in Arm]
+    assert (both[0] == both[1]).all()
+    assert (both[0] == yielding("hard_yield", "human_yield", Arm.HUMAN, model)).all()
+
+
+def test_cells_share_only_episodes_in_which_the_driver_draws_alike(model) -> None:
+    alike = runner(
+        validate({**FLOW, "arms": {"av": "human_yield", "human": "human_yield"}}, ""), model
+    )
+    known = {alike.key(outcome.arm, outcome.pair): outcome for outcome in alike.run(range(20))}
+    other = validate({**FLOW, "arms": {"av": "human_yield", "human": "hard_yield"}}, "")
+    shared = [content(outcome) for outcome in runner(other, model).run(range(20), known=known)]
+    assert shared == [content(outcome) for outcome in runner(other, model).run(range(20))]
