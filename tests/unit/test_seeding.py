@@ -8,7 +8,7 @@ from scipy import stats
 
 from harness.seeding import stream
 
-PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap")
+PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
 
 
 def test_the_same_name_gives_the_same_numbers() -> None:
