@@ -267,8 +267,8 @@ def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
     run = made_up(tmp_path / "run", study, fates)
     text = " ".join(printed("compare", run).split())
     words = "Cell 1: 1 of 10 pairs timed out (AV 1, human 0)"
-    # Nine took 9 s, 1.6 s of it delay; the time-out is 300 s, the human takes 10 s.
-    mu, delay_s = (9 * 0.9 + 30) / 10, (9 * 1.6 + 292.6) / 10
+    # Nine took 9 s, 1.6 s of it delay; the time-out is 60 s, the human takes 10 s.
+    mu, delay_s = (9 * 0.9 + 6) / 10, (9 * 1.6 + 52.6) / 10
     assert f"in the worst case μ is {mu:.4f} and the AV's delay {delay_s:.2f} s" in text
     assert text.index(words) < text.index("cctc: strategies")
     assert "A − B (negative: A takes less time)" in text
