@@ -66,8 +66,12 @@ class StrategyError(EngineError):
             self.traceback = "".join(lines)
 
 
-class InterruptedRunError(HarnessError):
-    """A run was stopped from outside; what is finished is kept in its folder."""
+class InterruptedRunError(KeyboardInterrupt):
+    """A run was stopped from outside; what is finished is kept in its folder.
+
+    In Python it is the ``KeyboardInterrupt`` that Ctrl-C always is: ``except Exception`` does not
+    take it for a failure.
+    """
 
     def __init__(self, folder: object) -> None:
         super().__init__(f"interrupted; go on with: {resume_command(folder)}")

@@ -38,7 +38,7 @@ def run_study(
     study: Study,
     options: Options = _OPTIONS,
     *,
-    out: Path | None = None,
+    out: Path | str | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor | None = None,
 ) -> RunData:
@@ -55,6 +55,7 @@ def run_study(
     Raises:
         InputError: SUMO, model, strategies or folder are refused; nothing has been written then.
         HarnessError: the folder cannot be written any more; the run can be resumed.
+        KeyboardInterrupt: Ctrl-C; what is finished is kept, and the message says how to go on.
     """
     check_packages()
     plan = plan_of(study, options)
@@ -66,7 +67,7 @@ def run_study(
 
 
 def resume(
-    path: Path,
+    path: Path | str,
     *,
     workers: int | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
@@ -77,6 +78,7 @@ def resume(
     Raises:
         InputError: no run folder, another process works on it, or versions or model differ.
     """
+    path = Path(path)
     if not path.is_dir():
         raise InputError(str(path), "is no folder", "a run folder")
     check_packages()

@@ -87,8 +87,6 @@ def plan_of(study: Study, options: Options) -> Plan:
 
 def _refuse_for_plain(study: Study, options: Options) -> None:
     """Refuse what the plain engine cannot do as SUMO does."""
-    if not 0 <= options.audit <= 1:
-        raise InputError("--audit", f"{options.audit:g}", "a share of the pairs, 0 to 1")
     if options.sumo_outputs is not None:
         raise InputError("--sumo-outputs", "stands beside --engine plain", "--engine sumo")
     for scenario in (cell.scenario for cell in study.cells):

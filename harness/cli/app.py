@@ -9,9 +9,9 @@ import typer
 from typer.exceptions import Abort, Exit, TyperException
 
 from harness.cli import about, batch, crossings, model, reporting, review, risk, validation
-from harness.cli.interruption import LINE, exit_code
+from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
-from harness.errors import HarnessError, InputError, InterruptedRunError, one_line
+from harness.errors import HarnessError, InputError, one_line
 
 COMMANDS = (
     batch.run,
@@ -91,7 +91,7 @@ def main() -> None:
         # `harness` or `harness model` alone: typer's answer is the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2
-    except InterruptedRunError as error:
+    except BrokenOffError as error:
         say(one_line(f"harness: {error}"))
         code = exit_code()
     except HarnessError as error:

@@ -160,12 +160,10 @@ def _precision(text: str | None) -> Any:
 
     measure, _, number = text.partition("=")
     try:
-        width = float(number)
-    except ValueError:
-        width = 0.0
-    if measure not in ("mu", "kappa") or not 0 < width < 1:
-        raise InputError(f"--until {text}", "is not accepted", "mu=WIDTH or kappa=WIDTH, 0 to 1")
-    return Precision(measure, width)
+        return Precision(measure, float(number))
+    except (ValueError, InputError):
+        allowed = "mu=WIDTH or kappa=WIDTH, 0 to 1"
+        raise InputError(f"--until {text}", "is not accepted", allowed) from None
 
 
 def _report(finished: Any, quiet: bool, as_json: bool) -> None:

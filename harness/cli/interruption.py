@@ -12,7 +12,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from harness.errors import HarnessError, InterruptedRunError
+
 LINE = "harness: interrupted"
+
+
+class BrokenOffError(HarnessError):
+    """A command was interrupted, and the message says how to go on."""
+
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SAME_S = 1.0
@@ -30,10 +37,17 @@ def leave_at_once() -> None:
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """An interruption inside raises KeyboardInterrupt, once."""
+    """An interruption inside raises KeyboardInterrupt, once; that of a run says how to go on.
+
+    Raises:
+        BrokenOffError: a run was interrupted that can be resumed.
+    """
     before = {number: signal.signal(number, _unwind) for number in _heard()}
     try:
         yield
+    except InterruptedRunError as error:
+        # typer would forget what it says.
+        raise BrokenOffError(str(error)) from None
     finally:
         # While one unwinds, a second must not cut its clearing up short.
         if _first is None:

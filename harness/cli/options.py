@@ -74,6 +74,8 @@ AuditOption = Annotated[
         help="With --engine plain: the share of the pairs that is repeated in SUMO, beside every "
         "crash; default 0.01.",
         metavar="SHARE",
+        min=0.0,
+        max=1.0,
     ),
 ]
 TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]

@@ -165,7 +165,7 @@ def _rows(name: str, shards: Iterable[Shard]) -> pa.Table:
     return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
 
-def claim_folder(out: Path | None, name: str) -> Path:
+def claim_folder(out: Path | str | None, name: str) -> Path:
     """Make the folder of a new run.
 
     Args:
@@ -176,8 +176,9 @@ def claim_folder(out: Path | None, name: str) -> Path:
         InputError: it holds a run already, is a file, or cannot be written.
     """
     if out is not None:
-        _make(out, exist_ok=True)
-        return out
+        chosen = Path(out)
+        _make(chosen, exist_ok=True)
+        return chosen
     number = 1
     while True:
         folder = Path("runs") / f"{name}-{number}"

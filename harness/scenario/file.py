@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
+import numpy as np
 from pydantic import ValidationError
 
 from harness.documents import parse_toml, shortened
@@ -204,7 +205,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
     while True:
         (name,) = branch
         if not isinstance(branch[name], dict):
-            node[name] = setting.value
+            node[name] = as_plain(setting.value)
             return
         branch = branch[name]
         if node.get(name) is None:  # a table that may be absent is null in a manifest
@@ -212,6 +213,17 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         if not isinstance(node[name], dict):
             raise InputError(f"{setting.source} {key}", f"{name!r} is not a table")
         node = node[name]
+
+
+def as_plain(value: Any) -> Any:
+    """A value of Python, where NumPy's numbers and arrays are Python's own."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [as_plain(part) for part in value]
+    if isinstance(value, Mapping):
+        return {key: as_plain(part) for key, part in value.items()}
+    return value
 
 
 _GONE = {"pedestrians.pairing": "pairs share quantiles; remove the key"}

@@ -1,9 +1,12 @@
 """How a run is carried out; nothing of it changes what one pair gives."""
 
+import math
+import operator
 from dataclasses import dataclass
-from typing import Literal, get_args
+from numbers import Real
+from typing import Any, Literal, get_args
 
-from harness.errors import unknown_name
+from harness.errors import InputError, unknown_name
 from harness.scenario.scenario import Scenario
 
 EngineName = Literal["sumo", "plain"]
@@ -38,11 +41,23 @@ HANG_AFTER_S_PER_STEP = 0.002
 class Precision:
     """``--until``: go on until the half-width of every cell's interval is this small.
 
-    ``measure`` is ``mu`` or ``kappa``.
+    ``measure`` is ``mu`` or ``kappa``, ``half_width`` between 0 and 1.
+
+    Raises:
+        InputError: it is not so.
     """
 
     measure: str
     half_width: float
+
+    def __post_init__(self) -> None:
+        """Checked before anything runs."""
+        if self.measure not in ("mu", "kappa"):
+            raise unknown_name("until", "measure", str(self.measure), ("mu", "kappa"))
+        width = number_in("until", self.half_width, 0.0, 1.0)
+        if not 0 < width < 1:
+            raise InputError("until", f"a half-width of {width:g}", "above 0 and below 1")
+        object.__setattr__(self, "half_width", width)
 
 
 @dataclass(frozen=True)
@@ -52,6 +67,9 @@ class Options:
     ``workers`` None means all cores, 0 this process, without time limits.  ``sumo_outputs`` says
     whose SUMO outputs are written.  With the plain ``engine`` that share of the pairs
     (``audit``), and every crash, is repeated in SUMO.
+
+    Raises:
+        InputError: a value is not accepted.
     """
 
     traces: bool = False
@@ -62,6 +80,52 @@ class Options:
     sumo_outputs: Literal["all", "crashed"] | None = None
     engine: EngineName = "sumo"
     audit: float = AUDIT_SHARE
+
+    def __post_init__(self) -> None:
+        """Checked before anything runs; NumPy's numbers become Python's own."""
+        if self.until is not None and not isinstance(self.until, Precision):
+            raise InputError("until", f"{self.until!r}", "a Precision, or None")
+        if self.sumo_outputs not in (None, "all", "crashed"):
+            what = f"{self.sumo_outputs!r} is no such choice"
+            raise InputError("sumo_outputs", what, "all or crashed, or None")
+        kept: dict[str, Any] = {
+            "engine": engine_named(self.engine),
+            "task_pairs": whole_number("task_pairs", self.task_pairs, 1),
+            "hang_after_s": number_in("hang_after_s", self.hang_after_s, 0.0, math.inf),
+            "audit": number_in("audit", self.audit, 0.0, 1.0),
+        }
+        if self.workers is not None:
+            kept["workers"] = whole_number("workers", self.workers, 0)
+        for name, value in kept.items():
+            object.__setattr__(self, name, value)
+
+
+def whole_number(where: str, value: object, least: int) -> int:
+    """A whole number of ``least`` or more, NumPy's too, as Python's own.
+
+    Raises:
+        InputError: it is none; ``where`` says what was given.
+    """
+    try:
+        number = operator.index(value)  # type: ignore[arg-type]  # what is none raises
+    except TypeError:
+        number = least - 1
+    if number < least:
+        raise InputError(where, f"{value!r} is not accepted", f"a whole number, {least} or more")
+    return number
+
+
+def number_in(where: str, value: object, least: float, most: float) -> float:
+    """A number from ``least`` to ``most``, NumPy's too, as Python's own.
+
+    Raises:
+        InputError: it is none; ``where`` says what was given.
+    """
+    number = float(value) if isinstance(value, Real) else math.nan
+    if not least <= number <= most:
+        allowed = f"{least:g} or more" if math.isinf(most) else f"a number, {least:g} to {most:g}"
+        raise InputError(where, f"{value!r} is not accepted", allowed)
+    return number
 
 
 def hang_limit_s(hang_after_s: float, scenario: Scenario) -> float:

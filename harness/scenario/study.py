@@ -11,7 +11,14 @@ from typing import Any
 
 from harness.documents import parse_toml
 from harness.errors import InputError
-from harness.scenario.file import ScenarioFile, Setting, apply_setting, toml_value, validate
+from harness.scenario.file import (
+    ScenarioFile,
+    Setting,
+    apply_setting,
+    as_plain,
+    toml_value,
+    validate,
+)
 from harness.scenario.scenario import Scenario
 from harness.scenario.units import in_si
 
@@ -89,7 +96,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     if file.sweep is not None:
         points, source = _points_of_table(file.sweep, file.source), f"{file.source}: sweep"
     elif variations:
-        points = _grid(variations, source)
+        points = _grid([(key, as_plain(values)) for key, values in variations], source)
     keys = list(dict.fromkeys(key for point in points for key in point))
     if "experiment.pairs" in keys:
         raise InputError(
