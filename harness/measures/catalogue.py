@@ -70,7 +70,7 @@ MEASURES = (
         "s",
         float,
         "smallest TTC over the states: time until the rectangle meets the disc (radius 0.25 m) "
-        "if both keep their velocities",
+        "if both keep their velocities; 0 after a contact",
         "never on a collision course",
         "Hayward 1972, for a rectangle and a disc",
         "states",

@@ -18,8 +18,8 @@ def min_gap_m(chunk: Chunk) -> FloatArray:
 
 
 def min_ttc_s(chunk: Chunk) -> FloatArray:
-    """Smallest time to collision in s (Hayward 1972), for a rectangle and a disc."""
-    return chunk.smallest(chunk.met.trace, chunk.ttc_s)
+    """Smallest time to collision in s (Hayward 1972), of rectangle and disc; 0 at a contact."""
+    return np.where(chunk.crashed, 0.0, chunk.smallest(chunk.met.trace, chunk.ttc_s))
 
 
 def min_time_advantage_s(chunk: Chunk) -> FloatArray:

@@ -24,13 +24,12 @@ _NEVER_NEAR = 100.0
 """Added to the least gap in m, which grades an episode without a conflict."""
 
 _BEYOND = {
-    "min_ttc_s": "<",
     "min_time_advantage_s": "<",
     "pet_s": "<",
     "max_drac_mps2": ">",
     "required_deceleration_mps2": ">",
 }
-"""Measures that a crash may leave undefined, and the side of every limit on which it lies."""
+"""Measures that do not tell a crash, and the side of every limit on which it lies."""
 
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 
@@ -40,7 +39,8 @@ class Event:
     """A crash (``measure`` None), or a measure below or above a limit.
 
     A crash that leaves the measure undefined is in the event where it lies on that side: a DRAC
-    that grew without bound is above every limit.  Every other undefined measure is in no event.
+    that grew without bound is above every limit.  So is a crash below every time advantage, which
+    is of points and not 0 where bodies touch.  Every other undefined measure is in no event.
     """
 
     text: str
@@ -54,7 +54,7 @@ class Event:
         if self.measure is None:
             return crashed
         value = getattr(record, self.measure)
-        if value is None:
+        if value is None or (crashed and self.measure == "min_time_advantage_s"):
             return crashed and _BEYOND.get(self.measure) == ("<" if self.below else ">")
         return bool(value < self.limit if self.below else value > self.limit)
 

@@ -171,6 +171,18 @@ def test_a_contact_between_two_steps_is_found() -> None:
     assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
 
 
+def test_at_every_contact_gap_and_time_to_collision_are_nothing() -> None:
+    # In front, from the side, at a corner, and inside the one step in which they step off.
+    touched = [
+        cruise((0.0, Side.FAR, 1.0)),
+        cruise((5.4, Side.NEAR, 1.0)),
+        cruise((2.62, Side.NEAR, 1.0)),
+        record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0),
+    ]
+    assert [result.contact for result in touched] == ["front", "side", "front", "front"]
+    assert [(result.min_ttc_s, result.min_gap_m) for result in touched] == [(0.0, 0.0)] * 4
+
+
 # --- proximity -----------------------------------------------------------------------------------
 
 
@@ -236,10 +248,10 @@ def test_time_advantage_by_hand() -> None:
 
 
 def test_time_to_collision_by_hand() -> None:
-    # On a collision course from the start: 5.95 s, falling with the clock; the last step before
-    # the contact begins at 5.9 s.
-    result = cruise((0.0, Side.FAR, 1.0))
-    assert result.min_ttc_s == pytest.approx(0.05, abs=1e-9)
+    # Timed out 5 s into a collision course of 5.95 s from the start: it falls with the clock, and
+    # the last step begins at 4.9 s.
+    result = record([0.0] * 50, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT)
+    assert result.min_ttc_s == pytest.approx(1.05, abs=1e-9)
     # Somebody who clears with time to spare never was on one.
     assert cruise((0.0, Side.NEAR, 1.5)).min_ttc_s is None
     # Braking from a collision course: at t = 0 the ego would hit them after 5.95 s; afterwards
@@ -300,6 +312,7 @@ def test_minima_against_stepping_through_random_episodes() -> None:
                 if front < 0 and lateral > 0 and speed > 0:
                     advantages.append(abs(-front / speed - lateral / pace))
         gap = 0.0 if result.contact else min(gaps)
+        ttcs += [0.0] if result.contact else []
         assert result.min_gap_m == pytest.approx(gap, abs=1e-9)
         assert result.min_time_advantage_s == pytest.approx(min(advantages), abs=1e-9)
         if ttcs and min(ttcs) < 11:

@@ -264,6 +264,13 @@ def test_a_crash_is_in_an_event_that_it_leaves_undefined() -> None:
     # What undoes a measure is on one side of its limits: a crash is no long post-encroachment time.
     assert parse_event("pet_s<1").holds(Record(Ending.CRASHED))
     assert not parse_event("pet_s>1").holds(Record(Ending.CRASHED))
+    # Two bodies touch while the points by which a time advantage goes are seconds apart.
+    touched = Record(Ending.CRASHED, min_time_advantage_s=0.9)
+    for limit in (0.1, 1.0):
+        event = parse_event(f"min_time_advantage_s<{limit}")
+        assert event.holds(touched)
+        assert max(event.scores(touched)) <= 0
+        assert not parse_event(f"min_time_advantage_s>{limit}").holds(touched)
     assert not parse_event("pass_time_s<60").holds(Record(Ending.CRASHED))
     assert not parse_event("pass_time_s>60").holds(Record(Ending.CRASHED))
     speed = parse_event("contact_speed_mps > 5")

@@ -62,8 +62,6 @@ def test_touched_where_he_is_beside_the_centre_line(x_m: float, x_mps: float) ->
     contact_s = (29.75 + x_m - 4 * x_mps) / (5 - x_mps)
     assert record.contact is Contact.FRONT
     assert record.contact_time_s == pytest.approx(contact_s, abs=1e-9)
-    # TTC at the last step before: what is left of that time.
-    assert record.min_ttc_s == pytest.approx(contact_s % 0.1, abs=1e-9)
 
 
 def test_the_flank_of_a_car_that_has_nearly_passed() -> None:
