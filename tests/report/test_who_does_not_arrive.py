@@ -1,0 +1,72 @@
+"""A strategy that stops and never goes on is neither allowed nor on the front."""
+
+from pathlib import Path
+
+import pytest
+
+from harness.batch.experiment import run_study
+from harness.comparison import Place, Verdict
+from harness.encounter import Observation
+from harness.runs.compare import compare
+from harness.runs.run_data import RunData
+from harness.scenario import Options
+from harness.strategies.hard_yield import HardYield
+from tests.batches import Inline, sweep
+
+
+class NeverRestarts(HardYield):
+    """Stops as Hard-Yield does, and stays where it stands.
+
+    Args:
+        standing_mps: slower than this it stands.
+    """
+
+    def __init__(self, *, standing_mps: float = 0.01) -> None:
+        super().__init__()
+        self._standing_mps, self._stands = standing_mps, False
+
+    def decide(self, observation: Observation, /) -> float:
+        """Wanted acceleration in m/s²."""
+        self._stands |= observation.ego.speed_mps < self._standing_mps
+        return 0.0 if self._stands else super().decide(observation)
+
+
+NAME = f"{__name__}:NeverRestarts"
+
+
+def of(folder: Path, *vary: str, **changes: object) -> RunData:
+    wanted = {"experiment.pairs": 200, "experiment.timeout_s": 60.0, **changes}
+    study = sweep("cctc_flow", wanted, *vary)
+    options = Options(engine="plain", audit=0.0)
+    return run_study(study, options, out=folder, make_executor=Inline)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    return of(tmp_path_factory.mktemp("run") / "run", f"arms.av=soft_yield,{NAME}")
+
+
+def test_it_does_not_arrive_and_never_crashes(run: RunData) -> None:
+    soft, never = (result.summary for result in run.results)
+    assert never.kappa.value == 0
+    assert never.timed_out_av > 20
+    # The paper's two numbers would make it the better one: it is quick wherever it arrives.
+    assert never.mu.value < soft.mu.value
+
+
+def test_it_does_not_dominate_and_is_not_on_the_front(run: RunData) -> None:
+    (group,) = compare(run).groups
+    soft, never = group.standings()
+    assert soft.place is Place.FRONT
+    assert never.place is Place.DOMINATED
+    assert never.dominated_by == (0,)
+
+
+def test_it_is_not_allowed(tmp_path: Path) -> None:
+    values = f'strategies."{NAME}".standing_mps=0.01,0.02'
+    run = of(tmp_path / "run", values, **{"arms.av": NAME})
+    # Its crash rate and the mean of τ where both crossed lie within the limits.
+    assert all(r.summary.mu.high < 1.2 and r.summary.kappa.high < 0.05 for r in run.results)
+    (group,) = compare(run, mu0=1.2, kappa0=0.05).groups
+    (found,) = group.sweeps
+    assert [item.verdict for item in found.found.judgements] == [Verdict.DENIED] * 2
