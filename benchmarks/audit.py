@@ -206,7 +206,7 @@ def until(cells: Cells, truth: Mapping[str, float], experiments: int) -> None:
             scenario = known_truth.scenario_of(changes, seed)
             study = Study("audit", scenario, (Cell(0, {}, scenario),))
             options, work = Options(until=precision), Work(draw(UNTIL_PAIRS, seed)[name])
-            plan = Plan(study, {}, options)
+            plan = Plan(study, {}, options, {})
             reach_precision(plan, precision, work.reach, work.episodes_of)
             confidence = confidence_of(study, options)
             found = summarise_cell(work.episodes_of(0), study.cells[0], confidence)

@@ -1,11 +1,15 @@
-"""``--until``: look again and again until every interval is narrow enough, and pay for it."""
+"""``--until``: look again and again until every interval is narrow enough, and pay for it.
+
+Narrow because few pairs told anything is not narrow enough: an interval that is unreliable for
+that does not stop a cell.
+"""
 
 from collections.abc import Callable
 
 import pyarrow as pa
 
 from harness.batch.plan import Plan
-from harness.comparison import Interval
+from harness.comparison import Interval, unreliable
 from harness.results.summaries import confidence_of, looks, summarise_cell
 from harness.scenario import Cell, Precision
 
@@ -43,5 +47,8 @@ def reach_precision(
 
 
 def _narrow(episodes: pa.Table, cell: Cell, until: Precision, confidence: float) -> bool:
-    interval: Interval = getattr(summarise_cell(episodes, cell, confidence), until.measure)
+    summary = summarise_cell(episodes, cell, confidence)
+    interval: Interval = getattr(summary, until.measure)
+    if unreliable(until.measure, interval, summary.met_someone):
+        return False
     return interval.half_width is not None and interval.half_width <= until.half_width

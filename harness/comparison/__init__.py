@@ -10,22 +10,31 @@ from harness.comparison.allowed import (
     allowed_interval,
     swept_value,
 )
-from harness.comparison.intervals import (
-    CONFIDENCE,
-    INDICATIVE_BELOW,
-    INDICATIVE_COMPARED_BELOW,
-    Interval,
-    Proportion,
+from harness.comparison.bootstrap import (
+    Resampled,
     bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
+)
+from harness.comparison.intervals import (
+    CONFIDENCE,
+    Interval,
+    Proportion,
     clustered_proportion,
     proportion,
     student_mean,
     zero_bound,
 )
 from harness.comparison.pair_columns import PairColumns
-from harness.comparison.paired import CrashTest, holm, mcnemar, paired_difference
+from harness.comparison.paired import (
+    CrashTest,
+    Difference,
+    holm,
+    mcnemar,
+    paired_difference,
+    ratio_difference,
+    sign_flip_p,
+)
 from harness.comparison.pareto import (
     Place,
     Relation,
@@ -34,14 +43,15 @@ from harness.comparison.pareto import (
     relation_of_crashes,
     relation_of_times,
 )
+from harness.comparison.reliability import RELIABLE_FROM, unreliable
 from harness.comparison.summary import Summary, summarise
 
 __all__ = [
     "CONFIDENCE",
-    "INDICATIVE_BELOW",
-    "INDICATIVE_COMPARED_BELOW",
+    "RELIABLE_FROM",
     "AllowedInterval",
     "CrashTest",
+    "Difference",
     "Interval",
     "Judgement",
     "Limits",
@@ -49,6 +59,7 @@ __all__ = [
     "Place",
     "Proportion",
     "Relation",
+    "Resampled",
     "Standing",
     "Summary",
     "SweepVerdict",
@@ -64,10 +75,13 @@ __all__ = [
     "paired_difference",
     "pareto_front",
     "proportion",
+    "ratio_difference",
     "relation_of_crashes",
     "relation_of_times",
+    "sign_flip_p",
     "student_mean",
     "summarise",
     "swept_value",
+    "unreliable",
     "zero_bound",
 ]

@@ -15,13 +15,8 @@ from enum import StrEnum
 
 import numpy as np
 
-from harness.comparison.intervals import (
-    Interval,
-    Proportion,
-    bootstrap_mean,
-    clopper_pearson,
-    proportion,
-)
+from harness.comparison.bootstrap import Resampled, bootstrap_mean
+from harness.comparison.intervals import Proportion, clopper_pearson, proportion
 from harness.encounter import FloatArray
 
 MOST_PAIRS = 10**9
@@ -61,7 +56,7 @@ class SweptValue:
     ``defined_pairs`` of the ``pairs`` have a τ.
     """
 
-    mu: Interval
+    mu: Resampled
     kappa: Proportion
     pairs: int
     defined_pairs: int

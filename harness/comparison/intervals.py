@@ -1,55 +1,16 @@
-"""Point estimates with intervals: BCa bootstrap for means and c_v, Clopper–Pearson for shares.
+"""Point estimates with intervals: Student's t for means, Clopper–Pearson for shares.
 
 Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
 """
 
-import copy
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from harness.encounter import FloatArray
 
 CONFIDENCE = 0.95
-
-RESAMPLES = 4_999
-"""Bootstrap resamples; fewer above 4,000 values, see ``_resamples``."""
-
-INDICATIVE_BELOW = {
-    "mu": 1_000,
-    "cv": 4_000,
-    "delay_s": 200,
-    "delay_human_s": 50,
-    "mu_all": 1_000,
-    "time_ratio": 1_000,
-    "time_ratio_worst": 1_000,
-    "delay_worst_s": 1_000,
-    "mu_worst": 1_000,
-    "delay_difference_human_s": 1_000,
-    "pedestrian_delay_s": 200,
-    "pedestrian_delay_human_s": 200,
-    "mu_met_someone": 1_000,
-    "delay_met_someone_s": 200,
-    "delay_human_met_someone_s": 200,
-}
-"""Fewer pairs than this cover less than 93.5 % in a shipped scenario (docs/method.md)."""
-
-INDICATIVE_COMPARED_BELOW = {
-    "time_ratio_difference": 2_000,
-    "mu_difference": 2_000,
-    "mu_worst_difference": 2_000,
-    "delay_difference_s": 1_000,
-    "mu_bound": 2_000,
-}
-"""The same for paired differences, and for the upper bound of μ in a sweep of a parameter."""
-
-_DRAWS_IN_MEMORY = 2_000_000
-
-_RESAMPLES_BEYOND = 20
-"""At least so many resamples lie beyond each limit of an interval."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +53,6 @@ class Proportion(Interval):
 UNKNOWN_PROPORTION = Proportion(None, None, None, 0, 0)
 
 
-def coefficient_of_variation(values: FloatArray) -> FloatArray:
-    """Population standard deviation over the mean, along the last axis."""
-    result: FloatArray = np.std(values, axis=-1) / np.mean(values, axis=-1)
-    return result
-
-
 def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval:
     """Mean with Student's t interval; no interval of fewer than two values.
 
@@ -113,98 +68,6 @@ def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval
     error = float(np.std(values, ddof=1)) / np.sqrt(count)
     reach = float(special.stdtrit(count - 1, (1 + confidence) / 2) * error)
     return Interval(mean, mean - reach, mean + reach)
-
-
-def bootstrap_mean(
-    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
-) -> Interval:
-    """Mean with its BCa interval.
-
-    Args:
-        values: shape (n,), finite.
-        rng: draws the resamples, in batches of bounded memory.
-        confidence: of the interval, two-sided.
-
-    Returns:
-        Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
-    """
-    n = len(values)
-    if n == 0:
-        return UNDEFINED
-    mean = float(np.mean(values))
-    if n == 1:
-        return Interval(mean, None, None)
-    if np.ptp(values) == 0:
-        return Interval(mean, mean, mean)
-    total = _resamples(n, confidence)
-    means = np.concatenate([np.mean(sample, axis=-1) for sample in _samples(values, rng, total)])
-    return _bca(mean, means, mean - (values - mean) / (n - 1), confidence)
-
-
-def bootstrap_mean_and_cv(
-    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
-) -> tuple[Interval, Interval]:
-    """Mean and coefficient of variation with BCa intervals from the same resamples.
-
-    As ``bootstrap_mean``; c_v needs a positive mean.
-    """
-    n = len(values)
-    if n < 2 or np.ptp(values) == 0:
-        spread = UNDEFINED if n < 2 else Interval(0.0, 0.0, 0.0)
-        return bootstrap_mean(values, rng, confidence), spread
-    mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
-    means, cvs = [], []
-    for sample in _samples(values, rng, _resamples(n, confidence)):
-        means.append(np.mean(sample, axis=-1))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cvs.append(np.std(sample, axis=-1) / means[-1])
-    deviation = values - mean
-    left_out_mean = mean - deviation / (n - 1)
-    # Variance without value i, from Σd² of the whole: no n × n table.
-    left_out_variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
-    return (
-        _bca(mean, np.concatenate(means), left_out_mean, confidence),
-        _bca(cv, np.concatenate(cvs), left_out_cv, confidence),
-    )
-
-
-def bootstrap_ratio(
-    numerators: FloatArray,
-    denominators: FloatArray,
-    rng: np.random.Generator,
-    confidence: float = CONFIDENCE,
-) -> Interval:
-    """Ratio of two sums, Σ numerators / Σ denominators, with its BCa interval.
-
-    Args:
-        numerators: one for each unit that is resampled, shape (n,), finite.
-        denominators: likewise, ≥ 0.
-        rng: draws the resamples, in batches of bounded memory.
-        confidence: of the interval, two-sided.
-
-    Returns:
-        None for all where the denominators are all 0.  No interval where a sum without one unit,
-        or the sum of a resample, has a denominator of 0: too few units count then.
-    """
-    n, total = len(numerators), float(np.sum(denominators))
-    if total == 0:
-        return UNDEFINED
-    value = float(np.sum(numerators)) / total
-    rest = total - denominators
-    if n < 2 or (rest == 0).any():
-        return Interval(value, None, None)
-    left_out = (np.sum(numerators) - numerators) / rest
-    if np.ptp(left_out) < 1e-12 * max(1.0, abs(value)):
-        return Interval(value, value, value)
-    ratios = []
-    for drawn in _draws(n, rng, _resamples(n, confidence)):
-        below = denominators.take(drawn).sum(axis=-1)
-        if (below == 0).any():
-            return Interval(value, None, None)
-        ratios.append(numerators.take(drawn).sum(axis=-1) / below)
-    return _bca(value, np.concatenate(ratios), left_out, confidence)
 
 
 def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
@@ -270,50 +133,3 @@ def clopper_pearson(
 def zero_bound(trials: int) -> float:
     """Upper one-sided 95 % bound of a proportion of which 0 of ``trials`` were seen."""
     return float(1 - (1 - CONFIDENCE) ** (1 / trials))
-
-
-def _resamples(n: int, confidence: float) -> int:
-    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on.
-
-    More where the confidence leaves too few beyond the limits otherwise.
-    """
-    beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
-    return max(1_999, min(RESAMPLES, 20_000_000 // n), beyond)
-
-
-def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterator[FloatArray]:
-    """``total`` resamples, in batches of shape (some, n)."""
-    for drawn in _draws(len(values), rng, total):
-        yield values.take(drawn)
-
-
-def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
-    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n).
-
-    The generator is copied and never goes on: the same values have the same interval wherever they
-    stand, whatever else was resampled before.
-    """
-    rng = copy.deepcopy(rng)
-    batch = max(1, _DRAWS_IN_MEMORY // n)
-    for begin in range(0, total, batch):
-        yield rng.integers(0, n, size=(min(batch, total - begin), n))
-
-
-def _bca(
-    estimate: float, resampled: FloatArray, left_out: FloatArray, confidence: float
-) -> Interval:
-    """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
-    # A resample of the same values summed in another order is the same, whatever its last bit.
-    same = 1e-9 * np.ptp(resampled)
-    below = (np.mean(resampled < estimate - same) + np.mean(resampled <= estimate + same)) / 2
-    bias = special.ndtri(below)
-    influence = np.mean(left_out) - left_out
-    scale = np.sum(influence**2) ** 1.5
-    acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
-    tail = (1 - confidence) / 2
-    z = bias + special.ndtri(np.array([tail, 1 - tail]))
-    levels = special.ndtr(bias + z / (1 - acceleration * z))
-    if not np.isfinite(levels).all():
-        return Interval(estimate, None, None)
-    low, high = np.quantile(resampled, levels)
-    return Interval(estimate, float(low), float(high))

@@ -10,8 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from harness.comparison.intervals import CONFIDENCE, Interval, bootstrap_mean
+from harness.comparison.bootstrap import Resampled, bootstrap_mean, bootstrap_ratio
+from harness.comparison.intervals import CONFIDENCE
 from harness.encounter import FloatArray
+
+_FLIPPED = 16
+
+_ROUNDING = 1e-9
+"""Differences below are of the last bits of sums."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +40,28 @@ class CrashTest:
         return (self.only_a - self.only_b) / self.pairs if self.pairs else None
 
 
+@dataclass(frozen=True, slots=True)
+class Difference(Resampled):
+    """A difference of two cells over the same pairs, and the p of the sign-flip test of none.
+
+    ``informative`` pairs differ.  The interval leaves out 0 only where the test rejects.
+    """
+
+    p: float
+
+    def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
+        """As of a bootstrap's interval, with ``<name>_p``."""
+        return {**Resampled.columns(self, name, kind), f"{name}_p": self.p}
+
+
 def paired_difference(
     a: FloatArray, b: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
-) -> Interval:
-    """Mean of a − b with the BCa interval over the pairs in which both are defined.
+) -> Difference:
+    """Mean of a − b with its interval over the pairs in which both are defined.
+
+    The interval is the BCa bootstrap's, drawn out to 0 where the sign-flip test does not reject at
+    1 − ``confidence``: the bootstrap of few pairs that differ, all of one sign, leaves out 0
+    always.
 
     Args:
         a: shape (n,), NaN where undefined.
@@ -49,8 +73,66 @@ def paired_difference(
         As ``bootstrap_mean``: the same difference in all pairs gives the point as its own
         interval, one pair gives no interval, none gives nothing.
     """
-    difference = a - b
-    return bootstrap_mean(difference[~np.isnan(difference)], rng, confidence)
+    difference = _without_rounding(a - b)
+    difference = difference[~np.isnan(difference)]
+    return _tested(bootstrap_mean(difference, rng, confidence), difference, confidence)
+
+
+def ratio_difference(
+    a: FloatArray,
+    b: FloatArray,
+    reference: FloatArray,
+    rng: np.random.Generator,
+    confidence: float = CONFIDENCE,
+) -> Difference:
+    """Σ(a − b) / Σ ``reference`` over the pairs in which both are defined.
+
+    Args, interval and test as of ``paired_difference``; ``reference`` is above 0 where both are
+    defined.
+    """
+    difference = _without_rounding(a - b)
+    counted = ~np.isnan(difference)
+    found = bootstrap_ratio(difference[counted], reference[counted], rng, confidence)
+    return _tested(found, difference[counted], confidence)
+
+
+def _without_rounding(difference: FloatArray) -> FloatArray:
+    return np.where(np.abs(difference) < _ROUNDING, 0.0, difference)
+
+
+def _tested(found: Resampled, differences: FloatArray, confidence: float) -> Difference:
+    p, low, high = sign_flip_p(differences), found.low, found.high
+    if low is not None and high is not None and p >= 1 - confidence:
+        low, high = min(low, 0.0), max(high, 0.0)
+    return Difference(found.value, low, high, int(np.count_nonzero(differences)), p)
+
+
+def sign_flip_p(differences: FloatArray) -> float:
+    """Two-sided p of the sum of paired differences, each of which might have had either sign.
+
+    So it is where the cells are equal in law (Fisher 1935, permutation of the arms within pairs).
+    All signs of the ``_FLIPPED`` largest are tried; the sum of the others, none of them larger, is
+    taken as normal with their sum of squares.  With no more than ``_FLIPPED`` that differ from 0
+    the test is exact: k of one sign have p = 2^(1 − k).
+
+    Args:
+        differences: shape (n,), finite.
+
+    Returns:
+        1 where none differs from 0.
+    """
+    sizes = np.sort(np.abs(differences[differences != 0]))[::-1]
+    sums = np.zeros(1)
+    for size in sizes[:_FLIPPED]:
+        sums = np.concatenate([sums - size, sums + size])
+    total = abs(float(np.sum(differences)))
+    if len(sizes) <= _FLIPPED:
+        beyond = np.mean(sums >= total * (1 - _ROUNDING))
+    else:
+        # As far as half the step between two sums where all sizes are the same.
+        gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
+        beyond = np.mean(special.ndtr(gap))
+    return min(1.0, 2 * float(beyond))
 
 
 def mcnemar(

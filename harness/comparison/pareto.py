@@ -44,19 +44,22 @@ class Standing:
     open_against: tuple[int, ...]
 
 
-def relation_of_times(difference: Interval, counted_in_one: int) -> Relation:
-    """The relation by a paired difference a − b: decided where its interval leaves out 0.
+def relation_of_times(
+    difference: Interval, counted_in_one: int, adjusted_p: float, level: float
+) -> Relation:
+    """The relation by a paired difference a − b.
 
-    Cells of which ``counted_in_one`` pairs count in one alone are never alike.
+    Decided where its interval leaves out 0 and the sign-flip test, adjusted within its family,
+    rejects at ``level``.  Cells of which ``counted_in_one`` pairs count in one alone are never
+    alike.
     """
     if difference.low is None or difference.high is None:
         return Relation.UNDECIDED
-    if difference.high < 0:
-        return Relation.BETTER
-    if difference.low > 0:
-        return Relation.WORSE
-    same = difference.low == difference.high == 0 and counted_in_one == 0
-    return Relation.ALIKE if same else Relation.UNDECIDED
+    if difference.low == difference.high == 0 and counted_in_one == 0:
+        return Relation.ALIKE
+    if adjusted_p >= level or difference.low <= 0 <= difference.high:
+        return Relation.UNDECIDED
+    return Relation.BETTER if difference.high < 0 else Relation.WORSE
 
 
 def relation_of_crashes(test: CrashTest, adjusted_p: float, level: float) -> Relation:

@@ -4,15 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.comparison.intervals import (
-    CONFIDENCE,
-    Interval,
-    Proportion,
+from harness.comparison.bootstrap import (
+    Resampled,
     bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
-    proportion,
 )
+from harness.comparison.intervals import CONFIDENCE, Proportion, proportion
 from harness.comparison.pair_columns import BothArms, PairColumns
 from harness.encounter import FloatArray
 
@@ -31,25 +29,25 @@ class Summary:
     failed: int
     fallbacks: int
     met_nobody: int
-    mu: Interval
-    cv: Interval
+    mu: Resampled
+    cv: Resampled
     kappa: Proportion
     kappa_front: Proportion
     kappa_human: Proportion
     mu_without_fallback: float | None
-    delay_s: Interval
-    delay_human_s: Interval
+    delay_s: Resampled
+    delay_human_s: Resampled
     stops: float | None
     stops_human: float | None
     stopped_s: float | None
     stopped_human_s: float | None
     kappa_avoidable: Proportion
     kappa_avoidable_human: Proportion
-    mu_all: Interval
-    delay_difference_human_s: Interval
+    mu_all: Resampled
+    delay_difference_human_s: Resampled
     pairs_all: int
     kappa_worst: Proportion
-    mu_worst: Interval
+    mu_worst: Resampled
     timed_out_av: int
     timed_out_human: int
     failed_av: int
@@ -59,24 +57,24 @@ class Summary:
     met_someone: int
     fallback_share: float | None
     defined_pairs_met_someone: int
-    mu_met_someone: Interval
+    mu_met_someone: Resampled
     kappa_met_someone: Proportion
     kappa_human_met_someone: Proportion
-    delay_met_someone_s: Interval
-    delay_human_met_someone_s: Interval
-    pedestrian_delay_s: Interval
-    pedestrian_delay_human_s: Interval
+    delay_met_someone_s: Resampled
+    delay_human_met_someone_s: Resampled
+    pedestrian_delay_s: Resampled
+    pedestrian_delay_human_s: Resampled
     confidence: float
     clamped_share: float | None
     clamped_share_human: float | None
     clamped_speed_excess_mps: float | None
     clamped_range_excess_m: float | None
-    time_ratio: Interval
+    time_ratio: Resampled
     time_ratio_pairs: int
-    time_ratio_worst: Interval
+    time_ratio_worst: Resampled
     kappa_all: Proportion
-    delay_worst_s: Interval
-    delay_human_worst_s: Interval
+    delay_worst_s: Resampled
+    delay_human_worst_s: Resampled
 
 
 def summarise(
@@ -189,7 +187,7 @@ def _largest(columns: BothArms) -> float | None:
 
 def _pedestrian_delay(
     pairs: PairColumns, arm: int, rng: np.random.Generator, confidence: float
-) -> Interval:
+) -> Resampled:
     """Sum of waits / persons over the episodes that ran."""
     ran = ~pairs.failed[arm] & ~np.isnan(pairs.arrivals[arm])
     return bootstrap_ratio(pairs.waited_s[arm][ran], pairs.arrivals[arm][ran], rng, confidence)
@@ -210,7 +208,7 @@ def _rate(marked: BothArms, pairs: PairColumns, arm: int, confidence: float) -> 
     return proportion(_count(marked[arm]), _count(~pairs.failed[arm]), confidence)
 
 
-def _mean_of(values: FloatArray, rng: np.random.Generator, confidence: float) -> Interval:
+def _mean_of(values: FloatArray, rng: np.random.Generator, confidence: float) -> Resampled:
     return bootstrap_mean(_defined(values), rng, confidence)
 
 

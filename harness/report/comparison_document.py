@@ -57,6 +57,7 @@ def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
         "counted_in_both": item.counted_in_both,
         "counted_in_one": item.counted_in_one,
         **item.time_ratio_difference.columns("time_ratio_difference"),
+        "time_ratio_difference_p_holm": item.time_ratio_p_holm,
         **item.mu_difference.columns("mu_difference"),
         **item.mu_worst_difference.columns("mu_worst_difference"),
         "crossed_in_both": item.crossed_in_both,

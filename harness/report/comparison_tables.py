@@ -98,19 +98,21 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
                 count_cell(numbers[item.b]),
                 count_cell(item.counted_in_both),
                 interval_cell(item.time_ratio_difference, 4, star["time_ratio_difference"]),
+                _p_cell(item.time_ratio_p_holm),
                 interval_cell(item.mu_difference, 4, star["mu_difference"]),
                 interval_cell(item.delay_difference_s, 2, star["delay_difference_s"]),
                 TableCell(f"{item.crashes.only_a} / {item.crashes.only_b}"),
-                TableCell(f"{item.crashes.p:.2g}", sort=repr(item.crashes.p)),
-                TableCell(f"{item.p_holm:.2g}", sort=repr(item.p_holm)),
+                _p_cell(item.crashes.p),
+                _p_cell(item.p_holm),
                 TableCell(f"{item.misses.only_a} / {item.misses.only_b}"),
-                TableCell(f"{item.misses_p_holm:.2g}", sort=repr(item.misses_p_holm)),
+                _p_cell(item.misses_p_holm),
                 count_cell(item.defined_in_both),
             )
         )
     headings = (
-        "A", "B", "pairs", "ratio of times", "μ", "delay AV s", "crashed in A / B alone", "p",
-        "p (Holm)", "missed in A / B alone", "missed, p (Holm)", "pairs with τ",
+        "A", "B", "pairs", "ratio of times", "times, p (Holm)", "μ", "delay AV s",
+        "crashed in A / B alone", "p", "p (Holm)", "missed in A / B alone",
+        "missed, p (Holm)", "pairs with τ",
     )  # fmt: skip
     words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
     shown = tuple(at for at, heading in enumerate(headings) if heading not in ("p", "pairs with τ"))
@@ -163,7 +165,8 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
     if found.verdict is SweepVerdict.SOME:
         allowed = _values(result, Verdict.ALLOWED)
-        few = " Bounds of μ too narrow: too few pairs." if any(result.indicative) else ""
+        words = " Bounds of μ unreliable: too few informative pairs."
+        few = words if any(result.indicative) else ""
         lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
         if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
             lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
@@ -191,22 +194,28 @@ def comparison_lines(result: RunComparison) -> list[str]:
         for line in allowed_lines(sweep, group.level)
     ]
     notes += [
-        f"Intervals: {level(result.confidence)} each. p: exact McNemar test of the crash rates; "
-        f"Holm: within the family of all {tests} of this comparison.",
+        f"Intervals: {level(result.confidence)} each; of differences they leave out 0 only where "
+        "the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates; Holm: "
+        f"within the family of all {tests} of this comparison.",
         "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
         "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
         "these are in κ with time-outs.",
-        "Front: by ratio of times and κ with time-outs, told apart where an interval leaves out 0 "
-        f"or p (Holm) is below {error}; alike where no pair differs.",
+        "Front: by ratio of times and κ with time-outs, told apart where p (Holm) of either is "
+        f"below {error}, within the family of all {2 * tests} tests of both, which an interval may "
+        "contradict; alike where no pair differs.",
     ]
     few = any(item.indicative for group in result.groups for item in group.comparisons)
     few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
     if few:
-        notes.append("* interval too narrow: too few pairs")
+        notes.append("* unreliable: too few informative pairs")
     repeats = sum(group.group.repeats for group in result.groups)
     if repeats:
         notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")
     return notes
+
+
+def _p_cell(p: float) -> TableCell:
+    return TableCell(f"{p:.2g}", sort=repr(p))
 
 
 def _values(result: SweepResult, verdict: Verdict) -> str:

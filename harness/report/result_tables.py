@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from harness.comparison import INDICATIVE_BELOW, Interval, Summary
+from harness.comparison import Interval, Summary
 from harness.measures import MEASURES
 from harness.report.caveats import av_label
 from harness.report.sweep_tables import sweep_tables
@@ -27,7 +27,7 @@ from harness.report.words import (
     conflict_condition,
     is_the_papers,
     left_out,
-    too_narrow,
+    unreliable_words,
 )
 from harness.results.measure_tables import ConflictRate
 from harness.runs.run_data import RunData
@@ -121,7 +121,7 @@ def _row(
     name: str, summary: Summary, key: str, share: bool = False, paper: str = "", remark: str = ""
 ) -> Row:
     interval: Interval = getattr(summary, key)
-    if key in INDICATIVE_BELOW and (few := too_narrow(summary, key)):
+    if few := unreliable_words(summary, key):
         remark = f"{few}; {remark}".removesuffix("; ")
     if share:
         within = share_limits(interval, 2) or "undefined"
@@ -179,7 +179,7 @@ def _spoken(column: str) -> str:
 def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
     """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
     notes = {
-        key: [words] if (words := too_narrow(summary, key)) else []
+        key: [words] if (words := unreliable_words(summary, key)) else []
         for key in ("time_ratio", "mu", "cv")
     }
     kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)

@@ -1,8 +1,8 @@
 """The tables over the cells of a sweep, for the terminal and the page alike."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 
-from harness.comparison import INDICATIVE_BELOW
 from harness.report.caveats import av_label
 from harness.report.tables import (
     Table,
@@ -14,7 +14,7 @@ from harness.report.tables import (
     sort_key,
     value_cell,
 )
-from harness.report.words import both_arms, both_shares, conflict_name, too_narrow
+from harness.report.words import both_arms, both_shares, conflict_name, unreliable_keys
 from harness.runs.run_data import CellResult, RunData
 
 MOST_ROWS = 2_000
@@ -48,8 +48,8 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     rows, few = [], False
     for result in shown:
         summary = result.summary
-        star = {key: " *" if too_narrow(summary, key) else "" for key in INDICATIVE_BELOW}
-        few = few or any(star.values())
+        star = defaultdict(str, dict.fromkeys(unreliable_keys(summary), " *"))
+        few = few or bool(star)
         rows.append(
             (
                 *_varied(run, result),
@@ -114,7 +114,7 @@ def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     )
     caption = f"{_cells(run, shown)}, {level(run.confidence)} intervals under the values."
     if few:
-        caption += " * interval too narrow: too few pairs."
+        caption += " * unreliable: too few informative pairs."
     shown_on_terminal = tuple(range(len(front)))
     return Table("cells", caption, headings, tuple(rows), sortable=True, terminal=shown_on_terminal)
 

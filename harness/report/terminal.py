@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
-from harness.comparison import INDICATIVE_BELOW
 from harness.report.caveats import av_label, caveats, first_lines
 from harness.report.comparison_tables import (
     comparison_caveats,
@@ -22,7 +21,7 @@ from harness.report.words import (
     crash_lines,
     is_the_papers,
     sweep_lines,
-    too_narrow,
+    unreliable_keys,
 )
 from harness.results.hour_summaries import hours_row
 from harness.results.measure_tables import conflict_row
@@ -97,9 +96,7 @@ def run_document(run: RunData) -> dict[str, Any]:
                 "caveats": caveats(result.cell.scenario, result.summary),
                 "summary": summary_row(result.summary),
                 "conflicts": [conflict_row(rate) for rate in result.conflicts],
-                "indicative": [
-                    name for name in INDICATIVE_BELOW if too_narrow(result.summary, name)
-                ],
+                "indicative": unreliable_keys(result.summary),
             }
             for result in run.results
         ],

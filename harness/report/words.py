@@ -4,8 +4,17 @@ The lines that come before any number are in ``caveats``.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 
-from harness.comparison import CONFIDENCE, INDICATIVE_BELOW, Interval, Summary, zero_bound
+from harness.comparison import (
+    CONFIDENCE,
+    RELIABLE_FROM,
+    Interval,
+    Resampled,
+    Summary,
+    unreliable,
+    zero_bound,
+)
 from harness.encounter import Arm
 from harness.measures import MEASURES
 from harness.report.caveats import NOTHING_TESTED, sentence, whole_percent
@@ -128,7 +137,7 @@ def time_lines(summary: Summary, scenario: Scenario) -> list[str]:
     said += f"{scenario.arms.human}, the reference: ratio of times {ratio.value:.4f} "
     said += f"({level(summary.confidence)} interval {limits(ratio, 4) or 'undefined'}, "
     said += f"{left_out(summary)})"
-    words = [too_narrow(summary, "time_ratio")]
+    words = [unreliable_words(summary, "time_ratio")]
     if ratio.low is not None and ratio.high is not None and ratio.low <= 1 <= ratio.high:
         words.append("the interval holds 1: who takes less time is not told")
     words.append(known_disagreement(scenario, ratio.value))
@@ -138,8 +147,8 @@ def time_lines(summary: Summary, scenario: Scenario) -> list[str]:
     said = f"τ, AV time / human time, has the mean μ = {mu.value:.4f} ({limits(mu, 4)}) and "
     said += f"c_v = {percentage(cv.value)} ({share_limits(cv, 2) or 'undefined'}) in the "
     said += f"{counted(summary.defined_pairs, 'pair')} in which both crossed"
-    note = too_narrow(summary, "mu")
-    if not note and (few := too_narrow(summary, "cv")):
+    note = unreliable_words(summary, "mu")
+    if not note and (few := unreliable_words(summary, "cv")):
         note = f"c_v: {few}"
     return [*lines, f"{said}; {note}." if note else f"{said}."]
 
@@ -208,29 +217,18 @@ def count_lines(result: CellResult) -> list[str]:
     return lines
 
 
-def too_narrow(summary: Summary, key: str) -> str:
-    """The words of an interval that covers less than it says.
-
-    Empty where N is enough, and where there is no interval.
-    """
+def unreliable_words(summary: Summary, key: str) -> str:
+    """The words of an interval that covers less than it says; empty where it does not."""
     interval: Interval = getattr(summary, key)
-    least = INDICATIVE_BELOW[key]
-    if interval.low is None or pairs_behind(summary, key) >= least:
+    if not isinstance(interval, Resampled) or not unreliable(key, interval, summary.met_someone):
         return ""
-    return f"interval too narrow: about {least:,} pairs needed"
+    least, rests_on = RELIABLE_FROM[key], interval.informative
+    return f"unreliable below {least:,} informative pairs (has {rests_on:,})"
 
 
-def pairs_behind(summary: Summary, key: str) -> int:
-    """How many pairs an interval of a summary rests on."""
-    if "worst" in key:
-        return summary.pairs
-    if key == "time_ratio":
-        return summary.time_ratio_pairs
-    if key in ("mu_all", "delay_difference_human_s"):
-        return summary.pairs_all
-    if key.startswith("pedestrian"):
-        return summary.met_someone
-    return summary.defined_pairs_met_someone if "met_someone" in key else summary.defined_pairs
+def unreliable_keys(summary: Summary) -> list[str]:
+    """The intervals of a summary that cover less than they say."""
+    return [of.name for of in fields(Summary) if unreliable_words(summary, of.name)]
 
 
 def both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, ConflictRate]]:

@@ -7,7 +7,15 @@ from typing import Any, get_type_hints
 import numpy as np
 import pyarrow as pa
 
-from harness.comparison import CONFIDENCE, Interval, PairColumns, Proportion, Summary, summarise
+from harness.comparison import (
+    CONFIDENCE,
+    Interval,
+    PairColumns,
+    Proportion,
+    Resampled,
+    Summary,
+    summarise,
+)
 from harness.encounter import Arm, Contact, Ending
 from harness.errors import InputError
 from harness.scenario import Cell, Options, Study
@@ -121,7 +129,7 @@ def check_pairs(rows: pa.Table, what: str) -> None:
 
 
 def summary_row(summary: Summary) -> dict[str, float | int | None]:
-    """A summary as the columns of ``summary.csv``; an interval becomes three."""
+    """A summary as the columns of ``summary.csv``; an interval becomes three, or four."""
     row: dict[str, float | int | None] = {}
     for field in fields(Summary):
         value = getattr(summary, field.name)
@@ -134,8 +142,10 @@ def summary_columns() -> dict[str, type]:
     """The type of each column of a summary; only an ``int`` has a number in every row."""
     columns: dict[str, type] = {}
     for name, kind in get_type_hints(Summary).items():
-        ends = ("", "_ci_low", "_ci_high") if kind in (Interval, Proportion) else ("",)
+        ends = ("", "_ci_low", "_ci_high") if kind in (Resampled, Proportion) else ("",)
         columns |= {f"{name}{end}": int if kind is int else float for end in ends}
+        if kind is Resampled:
+            columns[f"{name}_ci_informative"] = int
     return columns
 
 
@@ -150,11 +160,14 @@ def summary_from(row: Mapping[str, Any], pairs: PairColumns) -> Summary:
     kinds = get_type_hints(Summary)
     for field in fields(Summary):
         name, kind = field.name, kinds[field.name]
-        if kind not in (Interval, Proportion):
+        if kind not in (Resampled, Proportion):
             values[name] = int(row[name]) if kind is int else known(row[name])
             continue
-        found = values[name] = interval_from(row, name)
-        if kind is Proportion:
+        found = interval_from(row, name)
+        if kind is Resampled:
+            rests_on = int(row[f"{name}_ci_informative"])
+            values[name] = Resampled(found.value, found.low, found.high, rests_on)
+        else:
             of = int(np.count_nonzero(_episodes_behind(name, pairs)))
             count = round((found.value or 0.0) * of)
             values[name] = Proportion(found.value, found.low, found.high, count, of)

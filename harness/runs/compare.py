@@ -16,10 +16,10 @@ from harness.comparison import (
     Limits,
     PairColumns,
     allowed_interval,
-    bootstrap_ratio,
     holm,
     mcnemar,
     paired_difference,
+    ratio_difference,
     swept_value,
 )
 from harness.encounter import FloatArray
@@ -134,12 +134,16 @@ class _Steps:
 
 
 def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
-    """With the McNemar tests of the run adjusted: those of crashes together, of misses together."""
+    """With the tests of the run adjusted: those of crashes together, all of the front together."""
     items = [item for result in results for item in result.comparisons]
-    crashes, misses = holm([of.crashes.p for of in items]), holm([of.misses.p for of in items])
+    crashes = holm([of.crashes.p for of in items])
+    times = [of.time_ratio_difference.p for of in items]
+    front = holm([*times, *(of.misses.p for of in items)])
     adjusted = iter(
-        replace(item, p_holm=p, misses_p_holm=missed)
-        for item, p, missed in zip(items, crashes, misses, strict=True)
+        replace(item, p_holm=p, time_ratio_p_holm=time, misses_p_holm=missed)
+        for item, p, time, missed in zip(
+            items, crashes, front[: len(items)], front[len(items) :], strict=True
+        )
     )
     return tuple(
         replace(result, comparisons=tuple(islice(adjusted, len(result.comparisons))))
@@ -193,7 +197,7 @@ def _compare(
     delay_difference = paired_difference(first.delay_s[0], second.delay_s[0], rng, confidence)
     mu_worst_difference = paired_difference(worst[0], worst[1], rng, confidence)
     (times_a, human), (times_b, _) = (of.times_counted(timeout_s) for of in (first, second))
-    saved, counted = times_a - times_b, ~np.isnan(times_a - times_b)
+    saved = ratio_difference(times_a, times_b, human, rng, confidence)
     slowest = [of.times_worst(timeout_s, free_pass_s)[0] for of in (first, second)]
     misses = mcnemar(first.av_missed, second.av_missed, first.av_tried, second.av_tried)
     crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
@@ -208,8 +212,9 @@ def _compare(
         delay_difference_s=delay_difference,
         crashes=crashes,
         p_holm=crashes.p,
-        time_ratio_difference=bootstrap_ratio(saved[counted], human[counted], rng, confidence),
-        counted_in_both=int(counted.sum()),
+        time_ratio_difference=saved,
+        time_ratio_p_holm=saved.p,
+        counted_in_both=_count(times_a - times_b),
         counted_in_one=int((np.isnan(times_a) ^ np.isnan(times_b)).sum()),
         delay_worst_difference_s=paired_difference(slowest[0], slowest[1], rng, confidence),
         misses=misses,

@@ -1,13 +1,13 @@
 """The findings of a comparison of strategies, as records."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 from harness.comparison import (
-    INDICATIVE_COMPARED_BELOW,
+    RELIABLE_FROM,
     AllowedInterval,
     CrashTest,
-    Interval,
+    Difference,
     Limits,
     Standing,
     Summary,
@@ -28,38 +28,40 @@ class Comparison:
 
     ``time_ratio_difference`` is that of the ratio of times over the ``counted_in_both`` pairs that
     count in both (``PairColumns.times_counted``); ``counted_in_one`` count in one cell alone.
+    ``time_ratio_p_holm`` and ``misses_p_holm`` are the p of what decides on the front, of its
+    sign-flip test and that of ``misses``, within the family of all of these of the run.
     ``mu_worst_difference`` and ``delay_worst_difference_s`` are over all pairs.  ``crashes`` tests
-    κ, ``misses`` κ with time-outs and failures of the strategy; ``p_holm`` and ``misses_p_holm``
-    are their p within the family of all such tests of the run.
+    κ, ``misses`` κ with time-outs and failures of the strategy; ``p_holm`` is the p of
+    ``crashes`` within the family of all such tests of the run.
     """
 
     a: int
     b: int
     defined_in_both: int
-    mu_difference: Interval
-    mu_worst_difference: Interval
+    mu_difference: Difference
+    mu_worst_difference: Difference
     pairs_in_both: int
     crossed_in_both: int
-    delay_difference_s: Interval
+    delay_difference_s: Difference
     crashes: CrashTest
     p_holm: float
-    time_ratio_difference: Interval
+    time_ratio_difference: Difference
+    time_ratio_p_holm: float
     counted_in_both: int
     counted_in_one: int
-    delay_worst_difference_s: Interval
+    delay_worst_difference_s: Difference
     misses: CrashTest
     misses_p_holm: float
 
     @property
     def indicative(self) -> list[str]:
-        """Differences whose intervals rest on too few pairs to hold what they say."""
-        counts = {
-            "time_ratio_difference": self.counted_in_both,
-            "mu_difference": self.defined_in_both,
-            "mu_worst_difference": self.pairs_in_both,
-            "delay_difference_s": self.crossed_in_both,
-        }
-        return [name for name, count in counts.items() if count < INDICATIVE_COMPARED_BELOW[name]]
+        """Differences whose intervals rest on too few informative pairs to hold what they say.
+
+        None where no pair differs: those cells are alike.
+        """
+        names = [of.name for of in fields(self) if of.name in RELIABLE_FROM]
+        rest_on = {name: getattr(self, name).informative for name in names}
+        return [name for name, count in rest_on.items() if 0 < count < RELIABLE_FROM[name]]
 
 
 @dataclass(frozen=True)
@@ -72,9 +74,9 @@ class SweepResult:
 
     @property
     def indicative(self) -> tuple[bool, ...]:
-        """For each value, whether μ's bound rests on too few pairs to hold what it says."""
-        least = INDICATIVE_COMPARED_BELOW["mu_bound"]
-        return tuple(judgement.swept.defined_pairs < least for judgement in self.found.judgements)
+        """For each value, whether μ's bound rests on too few informative pairs."""
+        rest_on = [judgement.swept.mu.informative for judgement in self.found.judgements]
+        return tuple(count < RELIABLE_FROM["mu_bound"] for count in rest_on)
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,12 @@ class GroupResult:
         """The place of every cell on the front of (ratio of times, κ with time-outs)."""
         relations = {
             (item.a, item.b): (
-                relation_of_times(item.time_ratio_difference, item.counted_in_one),
+                relation_of_times(
+                    item.time_ratio_difference,
+                    item.counted_in_one,
+                    item.time_ratio_p_holm,
+                    self.level,
+                ),
                 relation_of_crashes(item.misses, item.misses_p_holm, self.level),
             )
             for item in self.comparisons

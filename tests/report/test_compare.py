@@ -214,11 +214,16 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
     assert float(rows[1]["mu_difference"]) == pytest.approx(0.1)
     assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
     assert rows[1]["indicative"].split() == [
-        "time_ratio_difference",
         "mu_difference",
         "mu_worst_difference",
         "delay_difference_s",
+        "time_ratio_difference",
+        "delay_worst_difference_s",
     ]
+    # 30 pairs differ in time, all of one sign, and the ten crashes besides in the worst case.
+    assert rows[1]["time_ratio_difference_ci_informative"] == "30"
+    assert rows[1]["mu_worst_difference_ci_informative"] == "40"
+    assert 2 / 2**30 < float(rows[1]["time_ratio_difference_p"]) < 1e-7
     # The same file is not written over.
     assert "exists already" in refusal("compare", run, "--out", out)
 
@@ -239,7 +244,7 @@ def test_tables(run: Path) -> None:
         (
             (1.0, 0.05),
             "Allowed: p1 = 0.2: μ below 1 and κ below 0.05, with 95 % confidence for all 3 values "
-            "together. Bounds of μ too narrow",
+            "together. Bounds of μ unreliable: too few informative pairs.",
         ),
         ((0.8, 0.05), "No value is allowed"),
         ((1.0, 0.01), "At the present estimates about 477 pairs would show one of them allowed"),

@@ -15,7 +15,7 @@ from scipy import stats
 from benchmarks.coverage import population
 from harness.batch.plan import Plan
 from harness.batch.until import reach_precision
-from harness.comparison import Interval, intervals, summary
+from harness.comparison import RELIABLE_FROM, Interval, bootstrap, summary
 from harness.results import summaries as looking
 from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
 from harness.results.tables import EPISODES
@@ -45,7 +45,7 @@ class Drawn:
             "ending": np.where(crashed, "crashed", "crossed"),
             "pass_time_s": pa.array(times, mask=crashed),
             "fallback": np.zeros(2 * n, dtype=bool),
-            "pedestrians": np.ones(2 * n, dtype=np.int32),
+            "pedestrians": (np.repeat(self.tau[:n], 2) != 1.0).astype(np.int32),
             "pair": np.repeat(np.arange(n), 2),
         }
         whole = [
@@ -68,7 +68,7 @@ def stopped(
     """The interval at the end of one experiment, and the numbers of pairs it looked at."""
     study, options = study_of(pairs, seed), Options(until=until)
     work = Drawn(tau, crashed)
-    reach_precision(Plan(study, {}, options), until, work.reach, work.episodes_of)
+    reach_precision(Plan(study, {}, options, {}), until, work.reach, work.episodes_of)
     cell, confidence = study.cells[0], confidence_of(study, options)
     found = summarise_cell(work.episodes_of(0), cell, confidence)
     return getattr(found, until.measure), work.looks
@@ -101,7 +101,8 @@ def test_each_look_spends_its_share_of_the_error() -> None:
 
 def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 100)
-    monkeypatch.setattr(intervals, "RESAMPLES", 999)
+    monkeypatch.setattr(bootstrap, "RESAMPLES", 999)
+    monkeypatch.setitem(RELIABLE_FROM, "mu", 100)
     rng = np.random.default_rng(1)
     trials, holds, ends = 120, 0, set()
     for seed in range(trials):
@@ -117,10 +118,22 @@ def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     assert enough(holds, trials), f"{holds} of {trials}"
 
 
+@pytest.mark.parametrize(("share", "at"), [(1.0, 1_000), (0.1, 2_000), (0.0, 2_000)])
+def test_pairs_that_met_nobody_do_not_stop_it(
+    monkeypatch: pytest.MonkeyPatch, share: float, at: int
+) -> None:
+    """Their interval of μ is narrow at 1,000 pairs in every case; so is that of nobody met."""
+    monkeypatch.setattr(bootstrap, "RESAMPLES", 199)
+    rng = np.random.default_rng(5)
+    tau = np.where(rng.random(2_000) < share, rng.gamma(16, 0.05, 2_000), 1.0)
+    _, seen = stopped(tau, np.zeros(2_000, dtype=bool), Precision("mu", 0.1), 2_000, 1)
+    assert seen[-1] == at
+
+
 @pytest.mark.slow
 def test_crash_rate(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 50)
-    monkeypatch.setattr(summary, "bootstrap_mean_and_cv", lambda *_: (intervals.UNDEFINED,) * 2)
+    monkeypatch.setattr(summary, "bootstrap_mean_and_cv", lambda *_: (bootstrap.UNKNOWN,) * 2)
     rng = np.random.default_rng(2)
     trials, holds, ends = 200, 0, set()
     for seed in range(trials):

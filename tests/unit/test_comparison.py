@@ -1,27 +1,29 @@
 """μ, c_v and κ with their intervals, against scipy, closed forms and hand counts."""
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from harness.comparison import (
-    INDICATIVE_BELOW,
-    Interval,
+    RELIABLE_FROM,
     PairColumns,
+    Resampled,
+    Summary,
+    bootstrap,
     bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
     clustered_proportion,
-    intervals,
     proportion,
     summarise,
+    unreliable,
     zero_bound,
 )
 from harness.report.result_tables import measure_rows
-from harness.report.words import too_narrow
+from harness.report.words import unreliable_words
 
 
 def rng() -> np.random.Generator:
@@ -329,7 +331,7 @@ def test_ratio_of_few_or_none() -> None:
 def test_resampling_does_not_change_with_the_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = bootstrap_mean_and_cv(SAMPLES["heavy"], rng())
     # In batches of 7 resamples of 80 values, and not of 25,000.
-    monkeypatch.setattr(intervals, "_DRAWS_IN_MEMORY", 7 * 80)
+    monkeypatch.setattr(bootstrap, "_DRAWS_IN_MEMORY", 7 * 80)
     assert bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) == whole
 
 
@@ -405,23 +407,38 @@ def test_few_pairs_are_said_to_be_few() -> None:
     # Every bootstrap interval of a cell, printed with nine pairs; exact ones never.
     nine = summarise(columns(), 60.0, 7.4, rng())
     rows = measure_rows(nine)
-    marked = {row[0] for row in rows if row[4].startswith("interval too narrow: about ")}
-    # All but pedestrians' delay in the human's arm, where nobody came: it is undefined.
-    assert len(marked) == len(INDICATIVE_BELOW) - 1
+    marked = {row[0]: row[4] for row in rows if row[4].startswith("unreliable below ")}
     assert not any(name.startswith("κ") for name in marked)
-    behind = (
-        "pairs",
-        "pairs_all",
-        "defined_pairs",
-        "met_someone",
-        "defined_pairs_met_someone",
-    )
-    for name, limit in INDICATIVE_BELOW.items():
-        given = replace(nine, **{name: Interval(1.0, 0.9, 1.1)})
-        some, enough = (
-            replace(given, **dict.fromkeys(behind, count)) for count in (limit - 1, limit)
-        )
-        assert too_narrow(some, name) == f"interval too narrow: about {limit:,} pairs needed"
-        assert too_narrow(enough, name) == ""
+    resampled = [of.name for of in fields(Summary) if isinstance(getattr(nine, of.name), Resampled)]
+    assert {*resampled} <= {*RELIABLE_FROM}
+    for name in resampled:
+        least = RELIABLE_FROM[name]
+        few, enough = (Resampled(1.0, 0.9, 1.1, count) for count in (least - 1, least))
+        words = unreliable_words(replace(nine, **{name: few}), name)
+        assert words == f"unreliable below {least:,} informative pairs (has {least - 1:,})"
+        assert unreliable_words(replace(nine, **{name: enough}), name) == ""
         # Where there is no interval, there is nothing to be called narrow.
-        assert too_narrow(replace(nine, **{name: Interval(1.0, None, None)}), name) == ""
+        none = Resampled(1.0, None, None, 1)
+        assert unreliable_words(replace(nine, **{name: none}), name) == ""
+
+
+def test_pairs_that_met_nobody_tell_nothing() -> None:
+    # Of 1,000 pairs at a low flow three met someone; in the last bits no two sums are the same.
+    last_bits = 1e-15 * rng().integers(-3, 4, 1_000)
+    tau = np.where(np.arange(1_000) < 3, [0.8, 1.4, 0.9] + [1.0] * 997, 1.0) + last_bits
+    assert bootstrap_mean(tau, rng()).informative == 3
+    assert [found.informative for found in bootstrap_mean_and_cv(tau, rng())] == [3, 3]
+    assert bootstrap_ratio(7.4 * tau, np.full(1_000, 7.4), rng()).informative == 3
+    assert bootstrap_ratio(7.4 * tau + 1.0, np.full(1_000, 7.4), rng()).informative == 3
+    assert bootstrap_mean(rng().normal(size=1_000), rng()).informative == 1_000
+    assert bootstrap_mean(np.array([]), rng()).informative == 0
+
+
+def test_what_is_always_the_same_is_not_unreliable() -> None:
+    zero = bootstrap_mean(np.zeros(50), rng())
+    assert (zero.low, zero.high, zero.informative) == (0.0, 0.0, 0)
+    # Nobody ever waits in cctc, where all 50 pairs met someone.
+    assert not unreliable("pedestrian_delay_s", zero, 50)
+    # Two of 50 that met someone are too few to say that nobody ever does.
+    assert unreliable("pedestrian_delay_s", zero, 2)
+    assert not unreliable("kappa", proportion(0, 3), 3)

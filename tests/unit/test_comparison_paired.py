@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.comparison import holm, mcnemar, paired_difference
+from harness.comparison import (
+    holm,
+    mcnemar,
+    paired_difference,
+    ratio_difference,
+    sign_flip_p,
+)
 
 
 def rng() -> np.random.Generator:
@@ -117,16 +123,75 @@ def test_pairs_undefined_in_one_cell_are_left_out() -> None:
     b = np.array([0.4, 0.8, np.nan, 0.4, 0.8])
     difference = paired_difference(a, b, rng())
     assert difference.value == pytest.approx((0.1 + 0.3 + 0.2) / 3)
-    assert 0.1 - 1e-12 <= difference.low <= difference.high <= 0.3 + 1e-12
+    assert difference.informative == 3
+    assert 0.0 <= difference.low <= difference.high <= 0.3 + 1e-12
 
 
 def test_difference_without_spread_or_pairs() -> None:
-    a = np.array([0.5, 0.75, 1.0, np.nan])
+    a = np.repeat([0.5, 0.75, 1.0, np.nan], 3)
     same = paired_difference(a, a, rng())
-    assert (same.value, same.low, same.high) == (0.0, 0.0, 0.0)
+    assert (same.value, same.low, same.high, same.informative, same.p) == (0.0, 0.0, 0.0, 0, 1.0)
     shifted = paired_difference(a + 0.25, a, rng())
     assert (shifted.value, shifted.low, shifted.high) == (0.25, 0.25, 0.25)
-    one = paired_difference(a[2:], a[2:] - 0.5, rng())
+    assert (shifted.informative, shifted.p) == (9, 2 / 2**9)
+    one = paired_difference(a[8:], a[8:] - 0.5, rng())
     assert (one.value, one.low, one.high) == (0.5, None, None)
-    none = paired_difference(a[3:], a[3:], rng())
-    assert (none.value, none.low, none.high) == (None, None, None)
+    none = paired_difference(a[9:], a[9:], rng())
+    assert (none.value, none.low, none.high, none.p) == (None, None, None, 1.0)
+
+
+@pytest.mark.parametrize("unit", [1.0, 0.1, 1 / 3])
+@pytest.mark.parametrize(
+    ("differences", "p"),
+    [
+        # By hand: all of one sign, 2/2^k; a sign test says the same.
+        ([0.3, 0.1, 0.2], 2 / 8),
+        ([-1.0] * 6, 2 / 2**6),
+        # 1, 2 and 4 have sums ±7, ±5, ±3, ±1: 5 is reached by two of eight on either side.
+        ([4.0, 2.0, -1.0], 4 / 8),
+        # Ties: ±1 ±1 ±2 are at least 2 in absolute value unless they are 0: 1 − 2/8.
+        ([1.0, -1.0, 2.0], 6 / 8),
+        ([], 1.0),
+    ],
+)
+def test_sign_flips_by_hand(differences: list[float], p: float, unit: float) -> None:
+    # Pairs that do not differ say nothing.
+    values = np.array([*differences, *[0.0] * 50]) * unit
+    assert sign_flip_p(values) == pytest.approx(p, rel=1e-12)
+    assert sign_flip_p(-values) == sign_flip_p(values)
+
+
+@pytest.mark.parametrize("few", [4, 12])
+def test_sign_flips_against_scipy(few: int) -> None:
+    # A few large differences above many small ones, where a normal sum would be far off.
+    generator = np.random.default_rng(few)
+    large = generator.gamma(4.0, 1.0, few) * np.where(np.arange(few) < few - 2, 1, -1)
+    values = np.concatenate([large, generator.normal(0.0, 0.2, 60)])
+    theirs = stats.permutation_test(
+        (values,), np.sum, permutation_type="samples", n_resamples=40_000, rng=1
+    ).pvalue
+    assert sign_flip_p(values) == pytest.approx(theirs, abs=4 * np.sqrt(theirs / 40_000))
+
+
+def test_sign_flips_of_equal_sizes_are_the_sign_test() -> None:
+    for k in (10, 30, 101):
+        for ups in range(k // 2, k + 1, 3):
+            values = np.where(np.arange(k) < ups, 1.0, -1.0)
+            theirs = stats.binomtest(ups, k).pvalue
+            assert sign_flip_p(values) == pytest.approx(theirs, abs=0.003)
+
+
+def test_an_interval_leaves_out_0_only_where_the_test_rejects() -> None:
+    # Three of 2,000 pairs differ, all in one direction: p = 0.25, and 0 is no limit's outside.
+    a = np.zeros(2_000)
+    a[:3] = [0.2, 0.3, 0.4]
+    three = paired_difference(a, np.zeros(2_000), rng())
+    assert (three.low, three.p, three.informative) == (0.0, 0.25, 3)
+    assert three.high > three.value > 0
+    a[:6] = [0.2, 0.3, 0.4, 0.2, 0.3, 0.4]
+    six = paired_difference(a, np.zeros(2_000), rng())
+    assert six.p == 2 / 2**6
+    assert six.low > 0
+    times = ratio_difference(a[:100] + 7.4, np.full(100, 7.4), np.full(100, 8.0), rng())
+    assert times.value == pytest.approx(1.8 / 800)
+    assert (times.p, times.informative) == (2 / 2**6, 6)

@@ -17,18 +17,26 @@ from harness.comparison import (
 B, W, A, U = Relation.BETTER, Relation.WORSE, Relation.ALIKE, Relation.UNDECIDED
 
 
-def test_relation_of_times() -> None:
-    # Less time is better: a − b below 0 is in a's favour.
-    assert relation_of_times(Interval(-0.2, -0.3, -0.1), 0) is B
-    assert relation_of_times(Interval(0.2, 0.1, 0.3), 0) is W
-    assert relation_of_times(Interval(0.1, -0.1, 0.3), 0) is U
-    assert relation_of_times(Interval(0.1, 0.0, 0.3), 0) is U
-    assert relation_of_times(Interval(0.0, 0.0, 0.0), 0) is A
-    # A pair that counts in one of them alone differs.
-    assert relation_of_times(Interval(0.0, 0.0, 0.0), 1) is U
-    assert relation_of_times(Interval(-0.1, -0.1, -0.1), 0) is B
-    assert relation_of_times(Interval(-0.1, None, None), 0) is U
-    assert relation_of_times(Interval(None, None, None), 0) is U
+@pytest.mark.parametrize(
+    ("limits", "counted_in_one", "adjusted_p", "expected"),
+    [
+        # Less time is better: a − b below 0 is in a's favour.
+        ((-0.3, -0.1), 0, 0.04, B),
+        ((0.1, 0.3), 0, 0.04, W),
+        ((-0.1, -0.1), 0, 0.04, B),
+        # Both the interval and the test adjusted within its family have to tell them apart.
+        ((0.1, 0.3), 0, 0.05, U),
+        ((-0.1, 0.3), 0, 0.04, U),
+        ((0.0, 0.3), 0, 0.04, U),
+        ((0.0, 0.0), 0, 1.0, A),
+        # A pair that counts in one of them alone differs.
+        ((0.0, 0.0), 1, 1.0, U),
+        ((None, None), 0, 0.04, U),
+    ],
+)
+def test_relation_of_times(limits, counted_in_one, adjusted_p, expected) -> None:
+    difference = Interval(limits[0], *limits)
+    assert relation_of_times(difference, counted_in_one, adjusted_p, 0.05) is expected
 
 
 def test_relation_of_crashes() -> None:

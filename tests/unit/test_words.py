@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.comparison import Interval, PairColumns, proportion, summarise
+from harness.comparison import PairColumns, Resampled, proportion, summarise
 from harness.report.result_tables import measure_rows, tiles
 from harness.report.risk_terminal import effort, sentence
 from harness.report.tables import per_cent
@@ -32,9 +32,10 @@ def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) ->
 
 
 def columns(pairs: int) -> PairColumns:
-    """So many pairs in which nothing happened; τ is 0.8 or 0.9 in turn."""
+    """So many pairs in which nothing happened; τ is near 0.8 or 0.9 in turn."""
     no, none = np.zeros(pairs, dtype=bool), np.zeros(pairs)
-    av = np.where(np.arange(pairs) % 2, 8.0, 9.0)
+    last = np.arange(pairs) - (pairs - 1) / 2
+    av = np.where(np.arange(pairs) % 2, 8.0, 9.0) + 1e-7 * last
     return PairColumns(
         time_s=(av, np.full(pairs, 10.0)),
         untouched_time_s=(av, np.full(pairs, 10.0)),
@@ -94,15 +95,15 @@ def test_what_the_times_tell() -> None:
     # 25 pairs of 8 s and 25 of 9 s against 50 of 10 s.
     assert "took 15.0 % less time than human_gmm, the reference: ratio of times 0.8500" in first
     assert "no pair left out" in first
-    assert "interval too narrow: about 1,000 pairs needed" in first
+    assert "unreliable below 1,000 informative pairs (has 50)" in first
     assert "not told" not in first
     assert "μ = 0.8500" in second
-    first, _ = time_lines(replace(summary, time_ratio=Interval(1.02, 0.97, 1.08)), own)
+    first, _ = time_lines(replace(summary, time_ratio=Resampled(1.02, 0.97, 1.08, 1_000)), own)
     assert "2.0 % more" in first
     assert "the interval holds 1: who takes less time is not told" in first
-    _, second = time_lines(replace(summary, mu=Interval(None, None, None)), own)
+    _, second = time_lines(replace(summary, mu=Resampled(None, None, None, 0)), own)
     assert second == "τ is defined in no pair: neither μ nor c_v can be told."
-    (line,) = time_lines(replace(summary, time_ratio=Interval(None, None, None)), own)
+    (line,) = time_lines(replace(summary, time_ratio=Resampled(None, None, None, 0)), own)
     assert "nothing is known of its time" in line
 
 
@@ -143,7 +144,7 @@ def test_what_the_ratio_of_times_leaves_out_stands_beside_it() -> None:
 )
 def test_known_disagreement_of_the_references_is_said(human, ratio, opposite) -> None:
     summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    summary = replace(summary, time_ratio=Interval(ratio, ratio, ratio))
+    summary = replace(summary, time_ratio=Resampled(ratio, ratio, ratio, 0))
     line, _ = time_lines(summary, driven_by("gap_yield", human))
     assert f"time than {human}, the reference" in line
     assert ("the references disagree" in line) == (opposite is not None)
@@ -157,12 +158,12 @@ def test_known_disagreement_of_the_references_is_said(human, ratio, opposite) ->
 def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of_cv: bool) -> None:
     summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
     said = {
-        tile["name"].split(",")[0]: any("interval too narrow" in line for line in tile["lines"])
+        tile["name"].split(",")[0]: any("unreliable below" in line for line in tile["lines"])
         for tile in tiles(summary, "human_gmm")
     }
     assert (said["μ"], said["c_v"]) == (of_mu, of_cv)
     _, line = time_lines(summary, driven_by("own:Av", "human_gmm"))
-    assert ("; interval too narrow" in line, "; c_v: interval too narrow" in line) == (
+    assert ("; unreliable below" in line, "; c_v: unreliable below" in line) == (
         of_mu,
         of_cv and not of_mu,
     )
