@@ -10,7 +10,7 @@ from harness.batch.finish import finish
 from harness.batch.plan import Plan, plan_of, recall_plan
 from harness.batch.until import reach_precision
 from harness.engine.installation import check_packages
-from harness.errors import HarnessError, InputError, InterruptedRunError, reading, resume_command
+from harness.errors import HarnessError, InputError, InterruptedRunError, resume_command
 from harness.replay.sumo_outputs import write_outputs
 from harness.results.manifest import refuse_other_versions
 from harness.results.reading import MANIFEST, read_manifest
@@ -84,16 +84,15 @@ def resume(
     check_packages()
     folder = RunFolder(path)
     with _held(folder):
-        with reading(path):
-            document = read_manifest(path)
-            finished = document["counts"] is not None
-            if finished:
-                # Interrupted, if at all, while it cleared up.
-                folder.drop_shards()
-            if finished and document["sumo_outputs"] is None:
-                return load_run(path)
-            plan = recall_plan(document, workers)
-            refuse_other_versions(document["simulated_with"], plan.origin["simulated_with"])
+        document = read_manifest(path)
+        finished = document["counts"] is not None
+        if finished:
+            # Interrupted, if at all, while it cleared up.
+            folder.drop_shards()
+        if finished and document["sumo_outputs"] is None:
+            return load_run(path)
+        plan = recall_plan(document, workers)
+        refuse_other_versions(document["simulated_with"], plan.origin["simulated_with"])
         if finished:
             return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")

@@ -3,6 +3,7 @@
 import errno
 import io
 import sys
+import traceback
 from typing import Annotated
 
 import typer
@@ -74,6 +75,12 @@ _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
 """Why a file system refuses a name, whatever is on it: the user's input."""
 
 
+_OURS = (
+    "harness: this is a mistake of the harness, not of your files; please report the command and "
+    "the lines above"
+)
+
+
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -107,4 +114,12 @@ def main() -> None:
     except (Abort, KeyboardInterrupt):
         say(LINE)
         code = exit_code()
+    except MemoryError:
+        say("harness: there is not enough memory for this")
+        code = 1
+    except Exception:
+        # Files are checked where they are read, options where they are taken: this is our own.
+        traceback.print_exc()
+        say(_OURS)
+        code = 1
     sys.exit(code if isinstance(code, int) else 0)

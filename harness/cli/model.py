@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import typer
 
 from harness.cli import model_options
-from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar
@@ -24,7 +23,6 @@ PlotsOption = Annotated[
 ]
 
 
-@reads("paths")
 def extract(
     paths: Annotated[
         list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="PATH…")
@@ -84,7 +82,6 @@ def extract(
         print_extraction(summary, out, figures)
 
 
-@reads("rows")
 def fit(
     rows: Annotated[
         Path, typer.Argument(help="Rows as `harness extract` writes them.", metavar="ROWS")
@@ -171,7 +168,6 @@ def fit(
         print_fit(model, out)
 
 
-@reads("model")
 def show(
     model: Annotated[
         str, typer.Argument(help="A model file, or the name of a shipped model.", metavar="MODEL")

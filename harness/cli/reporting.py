@@ -5,14 +5,12 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, say
 from harness.errors import InputError, one_line
 
 
-@reads("run_folder")
 def report(
     run_folder: Annotated[
         Path, typer.Argument(metavar="RUN", help="A run folder; a run still going on, too.")

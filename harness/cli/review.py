@@ -5,14 +5,12 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption, settings_of
 from harness.cli.output import print_json, print_line, progress_bar, say, say_traceback
-from harness.errors import InputError, one_line, reading
+from harness.errors import InputError, one_line
 
 
-@reads("run_folder")
 def replay(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     pair: Annotated[int, typer.Option(help="Which pair.")],
@@ -118,7 +116,6 @@ def _compare(
         raise typer.Exit(1)
 
 
-@reads("run_folder")
 def score(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run with --traces.")],
     out: Annotated[Path, typer.Option(help="A new folder for the recomputed run.")],
@@ -144,7 +141,6 @@ def score(
         print_line(folder)
 
 
-@reads("run_folders")
 def compare(
     run_folders: Annotated[
         list[Path],
@@ -196,7 +192,6 @@ def compare(
         print_comparison(result)
 
 
-@reads("run_folder")
 def worst(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     by: Annotated[
@@ -227,8 +222,7 @@ def worst(
     if diff is None:
         found = worst_of(run_folder, by, most, Arm(arm))
     else:
-        with reading(diff):
-            found = got_worse(diff, run_folder, by, most, Arm(arm))
+        found = got_worse(diff, run_folder, by, most, Arm(arm))
     if as_json:
         print_json(worst_document(found, by))
     elif quiet:
@@ -242,7 +236,6 @@ def worst(
             console.print(episode.command, soft_wrap=True)
 
 
-@reads("run_folder")
 def export(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,

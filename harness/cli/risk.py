@@ -17,7 +17,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import print_json, print_line, progress_bar
-from harness.errors import InputError, reading, unknown_name
+from harness.errors import InputError, unknown_name
 
 
 def risk(
@@ -92,8 +92,7 @@ def go_on_with_risk(
         raise InputError("--dask", "cannot go on with a risk", "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume_risk(folder, workers=workers, progress=advance)
-    with reading(folder):
-        show(folder, quiet, as_json)
+    show(folder, quiet, as_json)
 
 
 def report_risk(

@@ -6,13 +6,11 @@ from typing import Annotated
 import typer
 
 from harness.cli import model_options
-from harness.cli.boundary import reads
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar
 
 
-@reads("paths")
 def validate(
     paths: Annotated[
         list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="DATA…")

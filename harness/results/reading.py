@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from harness.documents import check_form, parse_json
 from harness.errors import InputError, reading, resume_command
 from harness.files import read_file
+from harness.results.checks import check_values
 from harness.results.tables import SCHEMA, TABLES, with_schema
 from harness.scenario import EngineName, of_today
 from harness.versions import versions_of_runs
@@ -137,7 +138,11 @@ def read_table(
     filters = [condition for condition in wanted if condition[2] is not None]
     with _reading(folder, name) as path:
         table = pq.read_table(path, filters=filters or None, page_checksum_verification=True)
-        return with_schema(table, name, str(path), optional) if name in TABLES else table
+        if name not in TABLES:
+            return table
+        found = with_schema(table, name, str(path), optional)
+        check_values(found, name, str(path))
+        return found
 
 
 def count_rows(folder: Path, name: str) -> int:
