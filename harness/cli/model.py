@@ -185,10 +185,12 @@ def show(
     if rows is not None and plots is None:
         raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
     from harness.interaction import load_model
+    from harness.report.card_form import check_card
     from harness.report.model_terminal import model_document, print_model
 
     is_file = Path(model).suffix == ".json" or Path(model).exists()
     loaded = load_model(model, model if is_file else None)
+    check_card(loaded, model)
     figures: list[Path] = []
     if plots is not None:
         from harness.calibration import make_sample, read_rows
