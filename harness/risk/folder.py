@@ -12,13 +12,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from harness.documents import check_form, parse_json
 from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, InterruptedRunError, resume_command
-from harness.files import write_file
+from harness.files import read_file, write_file
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.risk.asking import Settings, question_of
 from harness.risk.episodes import Question
 from harness.risk.estimation import estimate_probability
+from harness.risk.forms import AskedForm, ResultForm
 from harness.risk.running import Evaluation, Progress
 from harness.risk.writing import RESULT, as_json, write_findings
 from harness.scenario import validate
@@ -80,20 +82,15 @@ def resume_risk(
     """
     with _held(folder):
         document = read_risk(folder, ASKED)
-        try:
-            settings = Settings(
-                document["name"],
-                validate(document["scenario"], ASKED),
-                Arm(document["arm"]),
-                document["event"],
-                document["target_cv"],
-                document["most_episodes"],
-                document["in_sumo"],
-            )
-        except (KeyError, ValueError):
-            raise InputError(
-                str(folder / ASKED), "is damaged", "as harness risk writes it"
-            ) from None
+        settings = Settings(
+            document["name"],
+            validate(document["scenario"], ASKED),
+            Arm(document["arm"]),
+            document["event"],
+            document["target_cv"],
+            document["most_episodes"],
+            document["in_sumo"],
+        )
         if document != json.loads(as_json(settings.document())):
             raise InputError(
                 str(folder), "was begun with other versions or another model", "the same ones"
@@ -110,18 +107,18 @@ def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
         InputError: there is none, the risk is not finished, the file is damaged, or it is of a
             version that did not bound the ways to the event that the exploration did not find.
     """
-    try:
-        document = json.loads((folder / name).read_text(encoding="utf-8"))
-    except OSError:
+    if not (folder / name).is_file():
         if name == RESULT and (folder / ASKED).is_file():
-            raise InputError(str(folder), "is not finished", resume_command(folder)) from None
-        raise InputError(str(folder), f"has no {name}", "a folder of harness risk") from None
-    except ValueError:
-        raise InputError(str(folder / name), "is damaged", "as harness risk writes it") from None
-    if not isinstance(document, dict):
-        raise InputError(str(folder / name), "is damaged", "as harness risk writes it")
-    if name == RESULT and "events" in document and "nominal_high" not in document:
+            raise InputError(str(folder), "is not finished", resume_command(folder))
+        raise InputError(str(folder), f"has no {name}", "a folder of harness risk")
+    try:
+        document: dict[str, Any] = parse_json(read_file(folder / name))
+    except ValueError as error:
+        what = f"is damaged ({error})"
+        raise InputError(str(folder / name), what, "as harness risk writes it") from None
+    if isinstance(document, dict) and "events" in document and "nominal_high" not in document:
         raise InputError(str(folder), "is of an earlier harness risk", "one estimated again")
+    check_form(ResultForm if name == RESULT else AskedForm, document, str(folder / name))
     return document
 
 

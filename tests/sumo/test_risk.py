@@ -158,7 +158,7 @@ def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:
     folder = tmp_path / "risk"
     shutil.copytree(finished, folder)
     (folder / RESULT).write_text("{}")
-    assert "is damaged" in refusal("resume", folder)
+    assert "result.json: scenario: is missing" in refusal("resume", folder)
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
