@@ -77,29 +77,25 @@ class InterruptedRunError(KeyboardInterrupt):
         super().__init__(f"interrupted; go on with: {resume_command(folder)}")
 
 
-_BROKEN = (
-    *(ArithmeticError, AssertionError, AttributeError, LookupError, MemoryError),
-    *(NotImplementedError, RecursionError, TypeError, ValueError),
-)
-"""Exceptions that Python and its libraries raise on data they cannot use."""
+_REFUSED = (ArithmeticError, LookupError, NotImplementedError, OSError, TypeError, ValueError)
+"""Exceptions that a library's parser raises on a file it cannot use."""
 
 
 @contextmanager
 def reading(file: object) -> Iterator[None]:
-    """Around everything that a command does with a file or run folder somebody handed in.
+    """Around a library's parser alone: what it raises is the file's fault.
 
-    A file's form is checked where it is read.  Whatever a form lets through and a later step
-    breaks on comes out here, as one line that names the file and the place in the program.
+    What it gives is checked then.  Whatever breaks later is a mistake of this package.
 
     Args:
-        file: what was handed in, for the message.
+        file: what is parsed, for the message.
 
     Raises:
         InputError: the file is damaged.
     """
     try:
         yield
-    except _BROKEN as error:
+    except _REFUSED as error:
         raise InputError(str(file), f"is damaged ({in_one_line(error)})") from error
 
 

@@ -138,11 +138,12 @@ def read_table(
     filters = [condition for condition in wanted if condition[2] is not None]
     with _reading(folder, name) as path:
         table = pq.read_table(path, filters=filters or None, page_checksum_verification=True)
-        if name not in TABLES:
-            return table
-        found = with_schema(table, name, str(path), optional)
-        check_values(found, name, str(path))
-        return found
+        if name in TABLES:
+            table = with_schema(table, name, str(path), optional)
+        table.validate(full=True)
+    if name in TABLES:
+        check_values(table, name, str(path))
+    return table
 
 
 def count_rows(folder: Path, name: str) -> int:
@@ -169,5 +170,5 @@ def _reading(folder: Path, name: str) -> Iterator[Path]:
     with reading(path):
         try:
             yield path
-        except (OSError, pa.ArrowException) as error:
+        except pa.ArrowException as error:
             raise ValueError(str(error)) from None

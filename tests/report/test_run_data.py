@@ -2,10 +2,12 @@
 
 import csv
 import json
+import re
 import shutil
 from pathlib import Path
 
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from pandas.testing import assert_frame_equal
@@ -14,8 +16,9 @@ import harness
 from harness.errors import InputError
 from harness.results.measure_tables import conflict_row
 from harness.results.tables import SCHEMA
+from harness.runs.run_data import RunData
 from harness.scenario import Options
-from tests.batches import one_cell
+from tests.batches import here, one_cell
 from tests.report.conftest import simulate
 
 
@@ -165,6 +168,60 @@ def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> N
     assert words in str(caught.value)
     assert str(folder) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "column", "value", "words"),
+    [
+        ("episodes", "pair", None, "episodes.parquet: pair: is empty in a row"),
+        ("episodes", "pair", 5, "pair: its rows are in disorder"),
+        ("episodes", "arm", "human", "arm: not both arms of each pair; allowed: av, then human"),
+        ("episodes", "ending", "vanished", "ending: 'vanished'; allowed: crossed, crashed"),
+        ("episodes", "steps", -1, "steps: -1; allowed: 0 to"),
+        ("episodes", "pass_time_s", 0.0, "pass_time_s: 0.0; allowed: 1e-18 to"),
+        ("episodes", "min_ttc_s", float("nan"), "min_ttc_s: nan; allowed: -1e+18 to 1e+18"),
+        ("traces", "x_m", float("inf"), "x_m: inf; allowed"),
+        ("pedestrians", "side", "left", "side: 'left'; allowed: near, far"),
+    ],
+)
+def test_values_that_a_table_never_holds_are_refused(
+    single: Path, tmp_path: Path, table: str, column: str, value: object, words: str
+) -> None:
+    folder = copy(single, tmp_path)
+    path = folder / f"{table}.parquet"
+    good = pq.read_table(path)
+    values = good[column].to_pylist()
+    values[0] = value
+    number = good.column_names.index(column)
+    spoilt = good.set_column(number, column, pa.array(values, good[column].type))
+    pq.write_table(spoilt, path)
+    with pytest.raises(InputError, match=re.escape(words)):
+        getattr(harness.load_run(folder), table)
+
+
+def test_our_own_mistake_is_not_blamed_on_the_run(
+    single: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def mistaken(*_: object) -> None:
+        raise AttributeError("no such thing")
+
+    monkeypatch.setattr(RunData, "results", property(mistaken))
+    done = here("report", single)
+    assert done.returncode == 1
+    first, *_, error, last = done.stderr.splitlines()
+    assert (first, error) == (
+        "Traceback (most recent call last):",
+        "AttributeError: no such thing",
+    )
+    assert "mistake of the harness, not of your files; please report" in last
+    assert "damaged" not in done.stderr
+
+    def too_large(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(RunData, "results", property(too_large))
+    done = here("report", single)
+    assert (done.returncode, done.stderr) == (1, "harness: there is not enough memory for this\n")
 
 
 @pytest.mark.parametrize(
