@@ -6,7 +6,7 @@ import pytest
 
 from harness.batch.experiment import run_study
 from harness.comparison import Place, Verdict
-from harness.encounter import Observation
+from harness.encounter import Observation, PedestrianView
 from harness.runs.compare import compare
 from harness.runs.run_data import RunData
 from harness.scenario import Options
@@ -15,20 +15,24 @@ from tests.batches import Inline, sweep
 
 
 class NeverRestarts(HardYield):
-    """Stops as Hard-Yield does, and stays where it stands.
+    """Stops as Hard-Yield does for whoever crosses, and does not notice that they have gone.
 
     Args:
-        standing_mps: slower than this it stands.
+        seen_for_s: for so long somebody has to be seen.
     """
 
-    def __init__(self, *, standing_mps: float = 0.01) -> None:
+    def __init__(self, *, seen_for_s: float = 0.0) -> None:
         super().__init__()
-        self._standing_mps, self._stands = standing_mps, False
+        self._left_s = seen_for_s
+        self._seen: tuple[PedestrianView, ...] = ()
 
     def decide(self, observation: Observation, /) -> float:
         """Wanted acceleration in m/s²."""
-        self._stands |= observation.ego.speed_mps < self._standing_mps
-        return 0.0 if self._stands else super().decide(observation)
+        crossing = tuple(who for who in observation.pedestrians if who.on_crossing)
+        if crossing and not self._seen:
+            self._left_s -= observation.step_s
+            self._seen = crossing if self._left_s < 0 else ()
+        return super().decide(observation._replace(pedestrians=self._seen or crossing))
 
 
 NAME = f"{__name__}:NeverRestarts"
@@ -63,7 +67,7 @@ def test_it_does_not_dominate_and_is_not_on_the_front(run: RunData) -> None:
 
 
 def test_it_is_not_allowed(tmp_path: Path) -> None:
-    values = f'strategies."{NAME}".standing_mps=0.01,0.02'
+    values = f'strategies."{NAME}".seen_for_s=0,0.1'
     run = of(tmp_path / "run", values, **{"arms.av": NAME})
     # Its crash rate and the mean of τ where both crossed lie within the limits.
     assert all(r.summary.mu.high < 1.2 and r.summary.kappa.high < 0.05 for r in run.results)
