@@ -156,12 +156,19 @@ def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
             seen = cell.scenario.perception.model_dump()
             parameters |= {f"{_PERCEPTION}{key}": value for key, value in seen.items()}
         distinct.setdefault(_frozen([run, strategy, parameters]), (numbered, strategy, parameters))
+    seen_apart = {
+        name: None
+        for name in _varied(parameters for *_, parameters in distinct.values())
+        if name.startswith(_PERCEPTION)
+    }
     members = []
     for (run, number, cell), strategy, parameters in distinct.values():
         alike = (other for _, name, other in distinct.values() if name == strategy)
-        varied = _varied(alike)
-        told = {name.removeprefix(_PERCEPTION): parameters.get(name) for name in varied}
-        words = [strategy, *(f"{name}={as_written(value)}" for name, value in told.items())]
+        prefix = f"{table_key(strategy)}."
+        swept = (key.removeprefix(prefix) for key in cell.varied if key.startswith(prefix))
+        told = dict.fromkeys([*_varied(alike), *swept]) | seen_apart
+        words = [strategy]
+        words += [f"{n.removeprefix(_PERCEPTION)}={as_written(parameters.get(n))}" for n in told]
         if names[run]:
             words.append(f"({names[run]})")
         members.append(StrategyCell(run, number, cell, strategy, parameters, " ".join(words)))

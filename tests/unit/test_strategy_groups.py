@@ -1,9 +1,11 @@
 """Which cells of a study are comparable, and which sweep one parameter."""
 
+from dataclasses import replace
+
 import pytest
 
 from harness.runs.strategy_groups import parameter_sweeps, strategy_groups
-from harness.scenario import Study
+from harness.scenario import Cell, Setting, Study
 from tests.batches import one_cell, scenario_file, sweep
 
 
@@ -127,6 +129,19 @@ def test_perception_of_the_av_stays_within_a_group() -> None:
     (group,) = strategy_groups(study)
     assert group.shared == {}
     assert labels(study)[:3] == [f"soft_yield latency_s={late}" for late in ("0", "0.3", "0.5")]
+    # What differs is named where the strategies differ, too.
+    other = Setting("arms.av", "gap_yield")
+    late = [other, Setting("perception.latency_s", 0.5)]
+    bold = [other, Setting("strategies.gap_yield.critical_gap_s", 0.0)]
+    for changes, expected in (
+        (late, ["soft_yield latency_s=0", "gap_yield latency_s=0.5"]),
+        (bold, ["soft_yield", "gap_yield critical_gap_s=0"]),
+    ):
+        file = scenario_file("cctc", {})
+        varied = {setting.key: setting.value for setting in changes}
+        plain = file.scenario([])
+        cells = (Cell(0, {"arms.av": "soft_yield"}, plain), Cell(1, varied, file.scenario(changes)))
+        assert labels(replace(one_cell("cctc", {}), cells=cells)) == expected
     swept = parameter_sweeps(group)
     assert [(line.strategy, line.key, line.values) for line in swept] == [
         (name, "perception.latency_s", (0.0, 0.3, 0.5)) for name in ("soft_yield", "gap_yield")
