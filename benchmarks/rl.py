@@ -27,7 +27,7 @@ def ours(steps: int) -> float:
         "harness.rl:harness/Crosswalk-v0", scenario="cctc_flow", disable_env_checker=True
     )
     rng = np.random.default_rng(1)
-    actions = rng.uniform(-1.0, 1.5, (1000, 1)).astype(np.float32)
+    actions = rng.uniform(-0.2, 0.5, (1000, 1)).astype(np.float32)
     env.reset(seed=1)
     began = time.perf_counter()
     for number in range(steps):

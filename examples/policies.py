@@ -12,30 +12,38 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.strategies.vector import EGO_ENTRIES, PEDESTRIAN_ENTRIES, observation_vector
+from harness.strategies.vector import (
+    EGO_ENTRIES,
+    PEDESTRIAN_ENTRIES,
+    acceleration_of,
+    observation_vector,
+)
 
 NEAREST = 2
 """Pedestrians in the vector: the same number in training and in use."""
+
+HARDEST_MPS2 = 4.5
+"""The hardest braking of the shipped scenarios' vehicle, which is the action -1."""
 
 LONGEST_S = 6.0
 """Times beyond this look alike."""
 
 
 def yield_to_the_nearest(vector):
-    """A hand-written policy: a smooth stop for whoever still has to pass the lane, else 2 m/s².
+    """A hand-written policy: a smooth stop for whoever still has to pass the lane, else onwards.
 
     Args:
         vector: shape (3 + 5 k,), as ``observation_vector`` makes it.
 
     Returns:
-        The wanted acceleration in m/s².
+        The action, -1 to 1: shares of the hardest braking and of full acceleration.
     """
     range_m, speed_mps, _ = vector[: len(EGO_ENTRIES)]
     present, lateral_m, _, _, on_crossing = _pedestrian(vector, 0)
     to_line_m = range_m - 3.0
     if present and on_crossing and lateral_m > -1.5 and to_line_m > 0:
-        return -(float(speed_mps) ** 2) / (2 * float(to_line_m))
-    return 2.0 if speed_mps < 5.0 else 0.0
+        return max(-1.0, -(float(speed_mps) ** 2) / (2 * float(to_line_m)) / HARDEST_MPS2)
+    return 0.7 if speed_mps < 5.0 else 0.0
 
 
 def features(vector):
@@ -61,8 +69,8 @@ def features(vector):
 
 
 def linear(weights, vector):
-    """The trained policy's wanted acceleration in m/s², between -4.5 and 3."""
-    return 3.75 * math.tanh(float(weights @ features(vector))) - 0.75
+    """The trained policy's action, -1 to 1."""
+    return math.tanh(float(weights @ features(vector)))
 
 
 def _pedestrian(vector, index):
@@ -75,7 +83,8 @@ class YieldToTheNearest:
 
     def decide(self, observation):
         """Wanted acceleration in m/s²."""
-        return yield_to_the_nearest(observation_vector(observation, NEAREST))
+        action = yield_to_the_nearest(observation_vector(observation, NEAREST))
+        return acceleration_of(action, observation.vehicle)
 
 
 class Trained:
@@ -90,4 +99,5 @@ class Trained:
 
     def decide(self, observation):
         """Wanted acceleration in m/s²."""
-        return linear(self._weights, observation_vector(observation, NEAREST))
+        action = linear(self._weights, observation_vector(observation, NEAREST))
+        return acceleration_of(action, observation.vehicle)

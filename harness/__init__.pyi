@@ -37,4 +37,7 @@ from .scenario import (
     read_scenario_file as read_scenario_file,
     study_of as study_of,
 )
-from .strategies.vector import observation_vector as observation_vector
+from .strategies.vector import (
+    acceleration_of as acceleration_of,
+    observation_vector as observation_vector,
+)

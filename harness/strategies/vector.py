@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.encounter import Observation
+from harness.encounter import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
 PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_crossing")
@@ -33,3 +33,22 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
             vector[at : at + len(PEDESTRIAN_ENTRIES)] = entries
             at += len(PEDESTRIAN_ENTRIES)
     return vector
+
+
+def acceleration_of(action: float, vehicle: Vehicle) -> float:
+    """A policy's action as the wanted acceleration.
+
+    Args:
+        action: from -1, the hardest braking, over 0, the same speed, to 1, full acceleration; what
+            is beyond counts as the end.  NaN stays, and is refused where it is to be driven.
+        vehicle: the ego.
+
+    Returns:
+        In m/s².
+
+    >>> from harness.scenario import Scenario
+    >>> [acceleration_of(action, Scenario().vehicle()) for action in (-1, -0.5, 0, 0.5, 7)]
+    [-4.5, -2.25, 0.0, 1.5, 3.0]
+    """
+    cut = 1.0 if action > 1 else -1.0 if action < -1 else action
+    return cut * (vehicle.max_acceleration_mps2 if cut > 0 else vehicle.max_deceleration_mps2)

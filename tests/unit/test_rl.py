@@ -1,8 +1,10 @@
 """The Gymnasium environment: its contract, and the same episodes as the harness."""
 
 import math
+import pickle
 import warnings
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -27,6 +29,8 @@ from harness.episode.pairing import PairRunner  # noqa: E402
 from harness.errors import EngineError, InputError  # noqa: E402
 from harness.interaction import load_model  # noqa: E402
 from harness.measures.catalogue import COLUMNS  # noqa: E402
+from harness.rl import time_speeding_and_crash  # noqa: E402
+from harness.rl.picture import EGO, PERSON  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402
@@ -91,9 +95,9 @@ def measured(records):
 
 def test_gymnasiums_own_checker_accepts_it():
     with warnings.catch_warnings():
-        # It recommends actions from -1 to 1; ours are accelerations in m/s².
-        warnings.filterwarnings("ignore", message=".*Box action spaces.*")
+        warnings.simplefilter("error")
         check_env(environment(BUSY).unwrapped)
+        check_env(environment(BUSY, render_mode="rgb_array").unwrapped)
 
 
 @pytest.mark.parametrize("seed", [1, 7])
@@ -143,14 +147,14 @@ def test_reward_is_minus_the_time_and_100_for_a_crash():
 def test_speeding_costs_the_metres_beyond_v0():
     # From 5 m/s at 1 m/s² each step begins at 5 + 0.1 n m/s: 0.1 · 0.1 n m too many.
     free = environment({"pedestrians.flow_per_hour": 0.0})
-    _, total, steps, _ = drive(free, lambda _: 1.0)
+    _, total, steps, _ = drive(free, lambda _: 1 / 3)
     excess = sum(0.1 * 0.1 * n for n in range(steps))
     assert total == pytest.approx(-0.1 * steps - excess)
 
 
 def test_standing_still_is_truncated():
     env = environment({"experiment.timeout_s": 12.0})
-    record, total, steps, ends = drive(env, lambda _: -4.0)
+    record, total, steps, ends = drive(env, lambda _: -1.0)
     assert (record.ending, steps, ends) == (Ending.TIMED_OUT, 120, (False, True))
     assert total == pytest.approx(-12.0)
 
@@ -167,7 +171,7 @@ def test_the_reward_can_be_replaced():
     assert total == 1.0
     assert len(seen) == steps
     assert [step.after is None for step in seen] == [False] * (steps - 1) + [True]
-    assert {step.acceleration_mps2 for step in seen} == {0.5}
+    assert {step.acceleration_mps2 for step in seen} == {1.5}
 
 
 def test_the_vector_takes_the_nearest_first():
@@ -195,10 +199,90 @@ def test_misuse_is_refused_in_words():
         environment({"pedestrians.flow_per_hours": 1})
     with pytest.raises(InputError, match="pair"):
         environment().reset(options={"pair": -1})
+    with pytest.raises(InputError, match=r"unknown key 'paar'; .*did you mean 'pair'"):
+        environment().reset(options={"paar": 1})
+    with pytest.raises(InputError, match="seed"):
+        environment().reset(seed=1.5)
+    with pytest.raises(InputError, match="render_mode: 'human'"):
+        environment().unwrapped.__class__(render_mode="human")
+    with pytest.raises(InputError, match="reward: 3 is no function"):
+        environment(reward=3)
+    with pytest.raises(InputError, match=r"reward: .* cannot be called so"):
+        environment(reward=lambda _before, _after: 0.0)
+    env = environment(reward=lambda _: math.nan)
+    env.reset()
+    with pytest.raises(InputError, match="reward: nan"):
+        env.step(np.zeros(1))
+    env = environment()
+    env.reset()
+    with pytest.raises(EngineError, match="the strategy returned nan"):
+        env.step(np.array([math.nan]))
     with pytest.raises(EngineError, match="no episode has ended"):
         _ = environment().unwrapped.record
     with pytest.raises(EngineError, match="reset first"):
         environment().unwrapped.step(np.zeros(1, dtype=np.float32))
+
+
+def test_an_action_is_a_share_of_what_the_car_can_do():
+    """-1 brakes at 4.5 m/s² and 1 accelerates at 3 m/s², the defaults of docs/method.md."""
+    env = environment({"pedestrians.flow_per_hour": 0.0})
+    for action, wanted in ((-1.0, -4.5), (0.5, 1.5), (9.0, 3.0)):
+        before, _ = env.reset()
+        after, *_ = env.step(np.array([action]))
+        assert after[1] - before[1] == pytest.approx(0.1 * wanted, abs=1e-6)
+
+
+def test_numbers_of_numpy_are_seeds_and_pairs():
+    env = environment(BUSY, nearest=np.int64(2))
+    one = env.reset(seed=np.int64(5), options={"pair": np.int32(9)})
+    other = env.reset(seed=5, options={"pair": 9})
+    assert np.array_equal(one[0], other[0])
+    assert one[1] == other[1] == {"pair": 9}
+
+
+def test_one_crash_for_so_much_time():
+    dear = environment(BUSY, reward=partial(time_speeding_and_crash, crash_penalty=1e4))
+    record, total, steps, _ = drive(dear, lambda _: 0.0, seed=3, options={"pair": 0})
+    while record.ending is not Ending.CRASHED:
+        record, total, steps, _ = drive(dear, lambda _: 0.0)
+    assert total == pytest.approx(-0.1 * steps - 1e4)
+
+
+def test_it_is_pickled_between_episodes():
+    env = environment(BUSY).unwrapped
+    drive(env, lambda _: 0.0, seed=4)
+    copy = pickle.loads(pickle.dumps(env))
+    assert copy.record.pass_time_s == env.record.pass_time_s
+    for _ in range(3):
+        one, other = (drive(of, lambda _: 0.0) for of in (env, copy))
+        assert one[:3] == other[:3]
+    env.reset()
+    with pytest.raises(EngineError, match="an episode is under way: pickle or copy"):
+        pickle.dumps(env)
+    env.close()
+    assert pickle.loads(pickle.dumps(env)).reset()[1] == env.reset()[1]
+
+
+def test_a_picture_shows_the_ego_and_everybody_where_they_are():
+    assert environment(render_mode=None).unwrapped.render() is None
+    env = environment({**BUSY, "pedestrians.flow_per_hour": 2000.0}, render_mode="rgb_array")
+    assert env.metadata["render_fps"] == 10
+    env.reset(seed=1)
+    for _ in range(40):
+        env.step(np.zeros(1))
+    episode = env.unwrapped._episode
+    picture = env.render()
+    assert (picture.dtype, picture.shape[2]) == (np.uint8, 3)
+    # 0.1 m to the pixel; x from 35 m before the crosswalk, y from 2 m beyond the far kerb.
+    rows, columns = np.nonzero((picture == EGO).all(axis=2))
+    assert (columns.max() + 1) * 0.1 - 35.0 == pytest.approx(episode.x_m[-1], abs=0.11)
+    assert np.ptp(columns) * 0.1 == pytest.approx(5.0, abs=0.11)
+    assert 11.0 - rows.mean() * 0.1 == pytest.approx(2.25, abs=0.11)
+    people = (picture == PERSON).all(axis=2)
+    walking = [y for _, y in episode.places if 0.5 < y < 8.5]
+    assert len(walking) > 1
+    for y in walking:
+        assert people[round((11.0 - y) / 0.1), 350]
 
 
 def test_training_by_cross_entropy_improves():

@@ -1,19 +1,14 @@
-"""The AV's arm as a Gymnasium environment (extra ``rl``).
-
-``gymnasium.make("harness.rl:harness/Crosswalk-v0", scenario="cctc_flow")``.  The same seed and pair
-give the same pedestrians as in the harness, and a policy goes back into the harness as a strategy
-through the same vector (``harness.strategies.vector``, docs/rl.md).
-"""
+"""The environment itself: one pair after another, from the driver's seat."""
 
 import math
+import sys
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.envs.registration import register
 from numpy.typing import NDArray
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
@@ -21,68 +16,50 @@ from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
 from harness.episode.loop import Episode, Steps
 from harness.episode.pairing import PairRunner
-from harness.errors import EngineError, InputError
+from harness.errors import EngineError, InputError, unknown_name
 from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
+from harness.rl.picture import Picture, top_view
+from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
 from harness.scenario import EngineName, Scenario, engine_named, load_scenario
-from harness.strategies.vector import observation_vector
+from harness.scenario.options import number_in, whole_number
+from harness.strategies.vector import acceleration_of, observation_vector
 
 Vector = NDArray[np.float32]
 
-CRASH_PENALTY = 100.0
-
 _FASTEST_WALK_MPS = 20.0
 
-
-class Transition(NamedTuple):
-    """One step of an episode, what a reward is made from.
-
-    ``after`` is None once the ego has crossed or the episode has timed out.
-    """
-
-    before: Observation
-    acceleration_mps2: float
-    after: Observation | None
-    crossed: bool
-    crashed: bool
-
-
-def time_speeding_and_crash(step: Transition) -> float:
-    """The default reward: − step in s, − metres driven beyond what v0 allows, − 100 for a crash.
-
-    Summed over an episode that crosses and never exceeds v0 it is minus the pass time, rounded up
-    to a step.  Without the second part the best policy against few pedestrians is to rush.
-    """
-    ego, vehicle = step.before.ego, step.before.vehicle
-    excess_m = max(0.0, ego.speed_mps - vehicle.initial_speed_mps) * step.before.step_s
-    return -step.before.step_s - excess_m - (CRASH_PENALTY if step.crashed else 0.0)
+_LARGEST = sys.float_info.max
 
 
 class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     """Drive the AV of one pair after another.
 
     *Observation*: ``observation_vector`` of the state, with the ``nearest`` pedestrians; after the
-    last step that of the ego alone.  *Action*: the wanted acceleration in m/s², shape (1,), within
-    the vehicle's limits.  *Reward*: ``reward`` of the ``Transition``.  ``terminated`` on crossing
+    last step that of the ego alone.  *Action*: shape (1,), from -1, the hardest braking, over 0,
+    the same speed, to 1, full acceleration (``acceleration_of``).  *Reward*: ``reward`` of the
+    ``Transition``.  ``terminated`` on crossing
     or contact (found inside the step, as in the harness), ``truncated`` on time-out.  The last
     step's info holds the ``ending``; ``record`` has the measures of that episode.
 
     ``reset(seed=s)`` begins at pair 0 of seed s; each further ``reset`` takes the next pair, or
-    the one named in ``options={"pair": 17}``.  Without a seed it is the scenario's.
+    the one named in ``options={"pair": 17}``.  Without a seed it is the scenario's.  Between two
+    episodes it can be pickled, and goes on with the next pair.
 
     Args:
         scenario: a scenario, a file, or the name of a shipped one.
         settings: changes to it by dotted key, e.g. ``{"pedestrians.flow_per_hour": 500}``.
         nearest: k ≥ 1, pedestrians in the observation.
-        reward: of each step.
+        reward: of each step, a finite number.
         engine: ``sumo`` (one open episode per process), or ``plain``: the same kinematics without
             SUMO, many times faster, any number side by side.
+        render_mode: ``rgb_array``: ``render`` draws the crosswalk from above; None: nothing.
 
     Raises:
         InputError: the scenario, a setting or an argument is refused.
     """
 
-    metadata: dict[str, Any] = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own attribute
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own attribute
 
     def __init__(
         self,
@@ -90,11 +67,15 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         *,
         settings: Mapping[str, Any] | None = None,
         nearest: int = 3,
-        reward: Callable[[Transition], float] = time_speeding_and_crash,
+        reward: Reward = time_speeding_and_crash,
         engine: EngineName = "sumo",
+        render_mode: str | None = None,
     ) -> None:
-        if nearest < 1:
-            raise InputError("nearest", f"{nearest!r}", "1 or more")
+        nearest = whole_number("nearest", nearest, 1)
+        check_reward(reward)
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError("render_mode", f"{render_mode!r}", "rgb_array, or None")
+        self.render_mode = render_mode
         if not isinstance(scenario, Scenario):
             scenario = load_scenario(scenario, settings or {})
         elif settings:
@@ -109,10 +90,12 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._runner: PairRunner | None = None
         self._next_pair = 0
         self._episode: Episode | None = None
+        self._shown: Episode | None = None
         self._steps: Steps | None = None
-        vehicle = scenario.vehicle()
+        self._vehicle, self._crossing = vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
+        self.metadata = {**self.metadata, "render_fps": round(1 / scenario.experiment.step_s)}
         # Where a contact is possible at all: pedestrians stay within the crosswalk's width.
-        crossing, touch = scenario.crosswalk(), PEDESTRIAN_RADIUS_M
+        touch = PEDESTRIAN_RADIUS_M
         ahead = crossing.width_m / 2 + touch
         self._reach_m = (-ahead, vehicle.length_m + ahead)
         half = vehicle.width_m / 2 + touch
@@ -120,14 +103,21 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._places: list[tuple[int, float]] = []
         self._finished: Trace | None = None
         self.observation_space = gymnasium.spaces.Box(*_bounds(scenario, nearest), dtype=np.float32)
-        self.action_space = gymnasium.spaces.Box(
-            -vehicle.max_deceleration_mps2, vehicle.max_acceleration_mps2, (1,), np.float32
-        )
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
-        """Begin the next episode; see the class."""
+        """Begin the next episode; see the class.
+
+        Raises:
+            InputError: an option is unknown, or seed or pair are no whole numbers.
+        """
+        asked = dict(options or {})
+        for name in asked.keys() - {"pair"}:
+            raise unknown_name("options", "key", str(name), ["pair"])
+        seed = None if seed is None else whole_number("seed", seed, 0)
+        pair = whole_number("options['pair']", asked["pair"], 0) if asked else None
         super().reset(seed=seed)
         self._break_off()
         if seed is not None:
@@ -136,12 +126,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
             self._runner, self._next_pair = None, 0
         if self._runner is None:
             self._runner = PairRunner(self._scenario, self._model, self._engine)
-        pair = (options or {}).get("pair", self._next_pair)
-        if not isinstance(pair, int) or pair < 0:
-            raise InputError("options['pair']", f"{pair!r}", "0 or more")
+        pair = self._next_pair if pair is None else pair
         self._next_pair = pair + 1
         self._claim()
-        self._episode = self._runner.begin(pair)
+        self._episode = self._shown = self._runner.begin(pair)
         self._steps = self._episode.steps()
         self._seen, self._places = next(self._steps), []
         return observation_vector(self._seen, self._nearest), {"pair": pair}
@@ -150,7 +138,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Drive one simulation step; see the class."""
         if self._steps is None or self._episode is None:
             raise EngineError("no episode is under way: call reset first")
-        before, wanted = self._seen, float(action[0])
+        before, wanted = self._seen, acceleration_of(float(action[0]), self._vehicle)
         after, ending = None, None
         try:
             after = self._steps.send(wanted)
@@ -167,8 +155,37 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if final:
             self._conclude(ending or Ending.TIMED_OUT)
             info["ending"] = (Ending.CRASHED if crashed else ending or Ending.TIMED_OUT).value
-        reward = self._reward(Transition(before, wanted, after, crossed, crashed))
-        return vector, float(reward), crossed or crashed, final and not (crossed or crashed), info
+        given = self._reward(Transition(before, wanted, after, crossed, crashed))
+        reward = number_in("reward", given, -_LARGEST, _LARGEST)
+        return vector, reward, crossed or crashed, final and not (crossed or crashed), info
+
+    def render(self) -> Picture | None:
+        """The crosswalk from above, as it is, with ``render_mode="rgb_array"``; else None.
+
+        Raises:
+            EngineError: nothing has been driven yet.
+        """
+        if self.render_mode is None:
+            return None
+        if self._shown is None:
+            raise EngineError("there is nothing to draw yet: call reset first")
+        crossing = self._crossing
+        views = [(walker.x_m, walker.view()) for walker in self._shown.walkers]
+        people = [(x, crossing.place_of(view.side, view.remaining_m)) for x, view in views]
+        return top_view(self._vehicle, crossing, self._shown.x_m[-1], people)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the simulation, which the next ``reset`` begins anew.
+
+        Raises:
+            EngineError: an episode is under way, of which SUMO's part cannot be kept.
+        """
+        if self._episode is not None:
+            raise EngineError(
+                "an episode is under way: pickle or copy the environment before reset, after an "
+                "episode's last step, or after close"
+            )
+        return {**self.__dict__, "_runner": None, "_steps": None, "_shown": None}
 
     def close(self) -> None:
         """End the episode under way and, if it was started, this process's SUMO."""
@@ -259,5 +276,3 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
 
 
 _driving: "weakref.ref[CrosswalkEnv] | None" = None
-
-register(id="harness/Crosswalk-v0", entry_point="harness.rl:CrosswalkEnv")

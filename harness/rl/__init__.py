@@ -1,0 +1,15 @@
+"""The AV's arm as a Gymnasium environment (extra ``rl``).
+
+``gymnasium.make("harness.rl:harness/Crosswalk-v0", scenario="cctc_flow")``.  The same seed and pair
+give the same pedestrians as in the harness, and a policy goes back into the harness as a strategy
+through the same vector (``harness.strategies.vector``, docs/rl.md).
+"""
+
+from gymnasium.envs.registration import register
+
+from harness.rl.environment import CrosswalkEnv
+from harness.rl.reward import CRASH_PENALTY, Transition, time_speeding_and_crash
+
+__all__ = ["CRASH_PENALTY", "CrosswalkEnv", "Transition", "time_speeding_and_crash"]
+
+register(id="harness/Crosswalk-v0", entry_point="harness.rl:CrosswalkEnv")
