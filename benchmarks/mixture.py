@@ -101,10 +101,13 @@ def sweep(known: TruncatedGaussianMixture) -> None:
     sample = Sample(
         data=known.sample(n, np.random.default_rng(8)),
         weights=np.ones(n),
+        row=np.arange(n),
         vehicle=None,
         encounter=None,
         vehicles=None,
         encounters=None,
+        named_vehicles=None,
+        tracks=(),
         lower=known.lower,
         upper=known.upper,
         rows_read=n,

@@ -10,6 +10,7 @@ from harness.calibration.choice import RULE_SHARE, by_rule, relative_gain
 from harness.calibration.jobs import Settings
 from harness.calibration.sample import RowFile, Sample, effective_number
 from harness.calibration.scores import HeldOut
+from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.interaction import INVERSE_RANGE, VARIABLES, VEHICLE_SPEED
 from harness.versions import versions_of_fits
@@ -47,10 +48,12 @@ def card(
         "rows_read": sample.rows_read,
         "rows_outside_box": {**sample.outside, "any": sample.rows_read - len(sample.data)},
         "rows": len(sample.data),
-        "effective_rows": effective_number(sample.weights),
+        "copied_rows": sample.copies,
+        "effective_rows": _effective(sample.row, sample.weights),
         "encounters": sample.encounters,
         "vehicles": sample.vehicles,
-        "effective_vehicles": _effective_vehicles(sample, np.ones(len(sample.data), dtype=bool)),
+        "effective_vehicles": _effective(sample.vehicle, sample.weights),
+        "tracks": list(sample.tracks),
         "near_state": near,
         "weigh": sample.weigh + (", times the rows' own weight" if sample.factor else ""),
         "weight_sum": float(sample.weights.sum()),
@@ -70,7 +73,7 @@ def card(
         "seed": settings.seed,
         "tol": settings.tol,
         "extraction": file.extraction.get("counts"),
-        "warnings": [*_near_warnings(near), *calibration.warnings],
+        "warnings": [*_copy_warnings(sample), *_near_warnings(near), *calibration.warnings],
         "versions": versions_of_fits(),
         **({"folds_wanted": settings.folds} if calibration.folds < settings.folds else {}),
     }
@@ -79,31 +82,46 @@ def card(
 def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
     """Rows, encounters and vehicles with |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.
 
-    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw² over the rows' weights and over
-    the vehicles' sums of them: 7 vehicles of which one holds nearly all weight are hardly more
+    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw² over the distinct rows' and over
+    the vehicles' sums of weights: 7 vehicles of which one holds nearly all weight are hardly more
     than one.
     """
     range_m = 1.0 / sample.data[:, INVERSE_RANGE]
     near = np.abs(range_m - state[0]) <= NEAR_RANGE_M
     near &= np.abs(sample.data[:, VEHICLE_SPEED] - state[1]) <= NEAR_SPEED_MPS
+    vehicle = None if sample.vehicle is None else sample.vehicle[near]
     return {
         "range_m": state[0],
         "vehicle_speed_mps": state[1],
         "within_m": NEAR_RANGE_M,
         "within_mps": NEAR_SPEED_MPS,
         "rows": int(near.sum()),
-        "effective_rows": effective_number(sample.weights[near]),
+        "effective_rows": _effective(sample.row[near], sample.weights[near]),
         "encounters": None if sample.encounter is None else len(np.unique(sample.encounter[near])),
-        "vehicles": None if sample.vehicle is None else len(np.unique(sample.vehicle[near])),
-        "effective_vehicles": _effective_vehicles(sample, near),
+        "vehicles": None if vehicle is None else len(np.unique(vehicle)),
+        "effective_vehicles": _effective(vehicle, sample.weights[near]),
     }
 
 
-def _effective_vehicles(sample: Sample, chosen: np.ndarray) -> float | None:
-    if sample.vehicle is None:
-        return None
-    mass = np.bincount(sample.vehicle[chosen], sample.weights[chosen])
-    return effective_number(mass.astype(float))
+def _effective(item: np.ndarray | None, weights: FloatArray) -> float | None:
+    """The effective number of the items that rows are of; None where rows do not say."""
+    return None if item is None else effective_number(np.bincount(item, weights).astype(float))
+
+
+def _copy_warnings(sample: Sample) -> list[str]:
+    """What stands more than once in the rows, and what became of it."""
+    warnings = []
+    if sample.copies:
+        warnings.append(
+            f"{sample.copies} of {len(sample.data)} rows are copies of another row: what stands in "
+            f"m encounters counts 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
+        )
+    if sample.vehicles and sample.named_vehicles and sample.vehicles < sample.named_vehicles:
+        warnings.append(
+            f"{sample.named_vehicles} vehicles share rows or tracks: they are "
+            f"{sample.vehicles}, each kept in one fold, under several names."
+        )
+    return warnings
 
 
 def _near_warnings(near: dict[str, Any]) -> list[str]:

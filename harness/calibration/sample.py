@@ -61,9 +61,14 @@ class Sample:
 
     Attributes:
         data: (n, 4), variables in the model's order.
-        weights: (n,) ≥ 0, summing to ``encounters`` (to n for rows without identifiers).
-        vehicle, encounter: (n,) index of each row's; None when a row does not say which.
+        weights: (n,) ≥ 0, summing to ``encounters`` (to n for rows without identifiers), less
+            what copies would add: a row that stands in m encounters counts 1/m in each.
+        row: (n,) index of each row's values: rows with the same ones are copies.
+        vehicle, encounter: (n,) index of each row's; None when a row does not say which. Vehicles
+            with a row or the recorded track in common are one, whatever they are called.
         vehicles, encounters: how many are in the box; None when not known.
+        named_vehicles: how many names the vehicles have; None when not known.
+        tracks: fingerprints of the vehicles' recorded tracks; empty when not known.
         lower, upper: (4,) the box.
         rows_read: before the box was applied.
         outside: column → rows outside the box there; a row may count in several.
@@ -74,10 +79,13 @@ class Sample:
 
     data: FloatArray
     weights: FloatArray
+    row: np.ndarray
     vehicle: np.ndarray | None
     encounter: np.ndarray | None
     vehicles: int | None
     encounters: int | None
+    named_vehicles: int | None
+    tracks: tuple[str, ...]
     lower: FloatArray
     upper: FloatArray
     rows_read: int
@@ -85,6 +93,11 @@ class Sample:
     weigh: str
     factor: bool
     sources: tuple[str, ...]
+
+    @property
+    def copies(self) -> int:
+        """Rows that are the copy of another one, the first of each not counted."""
+        return len(self.row) - len(np.unique(self.row))
 
 
 def read_rows(path: Path) -> RowFile:
@@ -168,14 +181,20 @@ def make_sample(
     weights = row_weights(kept, _known_weighing(weigh))
     if factor is not None:
         weights = weights * factor * (weights.sum() / (weights @ factor))
-    vehicle, encounter = _codes(kept, VEHICLE_KEY), _codes(kept, ENCOUNTER_KEY)
+    row, encounter = distinct_rows(kept), _codes(kept, ENCOUNTER_KEY)
+    places = np.arange(row.size) if encounter is None else encounter
+    weights = weights / np.bincount(np.unique(np.stack((row, places)), axis=1)[0])[row]
+    named, vehicle = _codes(kept, VEHICLE_KEY), independent_vehicles(kept)
     return Sample(
         data=data[inside],
         weights=np.asarray(weights, dtype=float),
+        row=row,
         vehicle=vehicle,
         encounter=encounter,
         vehicles=None if vehicle is None else int(vehicle.max()) + 1,
         encounters=None if encounter is None else int(encounter.max()) + 1,
+        named_vehicles=None if named is None else int(named.max()) + 1,
+        tracks=tuple(sorted(set(kept["track"].dropna()))) if "track" in kept else (),
         lower=lower,
         upper=upper,
         rows_read=len(rows),
@@ -184,6 +203,36 @@ def make_sample(
         factor=factor is not None,
         sources=tuple(sorted(set(kept["source"].dropna()))) if "source" in kept else (),
     )
+
+
+def distinct_rows(rows: pd.DataFrame) -> np.ndarray:
+    """(n,) index of each row's values of ``COLUMNS``: copies have the same one."""
+    return np.asarray(rows.groupby(list(COLUMNS), sort=False, dropna=False).ngroup().to_numpy())
+
+
+def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
+    """(n,) index of each row's vehicle; None where a row does not say which.
+
+    Vehicles that have a row in common, or the fingerprint of their track, count as one: under
+    another name they would stand in the folds fitted on and in the fold held out.
+    """
+    named = _codes(rows, VEHICLE_KEY)
+    if named is None:
+        return None
+    # Imported here: a reader of models fits nothing.
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    known = _codes(rows, ("track",))
+    links = [distinct_rows(rows), *([] if known is None else [known])]
+    count, edges = int(named.max()) + 1, []
+    for link in links:
+        edges.append(np.stack((named, count + link)))
+        count += int(link.max()) + 1
+    ends = np.concatenate(edges, axis=1)
+    graph = coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(count, count))
+    _, group = connected_components(graph, directed=False)
+    return np.asarray(pd.factorize(group[named])[0])
 
 
 def effective_number(weights: FloatArray) -> float:

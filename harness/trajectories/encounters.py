@@ -10,6 +10,7 @@ import pandas as pd
 from harness.encounter import FloatArray
 from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
+from harness.trajectories.fingerprints import fingerprint
 from harness.trajectories.paths import (
     TravelPath,
     arc_of_records,
@@ -53,8 +54,10 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
         undefined* (gap in the track, or a track shorter than half the speed window).
     """
     pairs = _from_paths(clip, rules, tally) if clip.sightings is None else _seen(clip, rules, tally)
+    tracks = {name: fingerprint(track) for name, track in clip.vehicles.items()}
     for columns in pairs:
-        yield pd.DataFrame({"source": clip.source, "clip": clip.name, **columns})
+        track = tracks[str(columns["vehicle"])]
+        yield pd.DataFrame({"source": clip.source, "clip": clip.name, "track": track, **columns})
 
 
 def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> FloatArray | None:

@@ -26,8 +26,9 @@ ROW_COLUMNS = (
     "crossing_angle_deg",
     "passed_first",
     "pet_s",
+    "track",
 )
-TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first")
+TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first", "track")
 
 Options = TypeVar("Options")
 

@@ -4,8 +4,8 @@ Needed columns, SI units: ``range_m`` (R), ``vehicle_speed_mps`` (v), ``pedestri
 (v_p), and ``time_advantage_s`` (T_adv) or ``lateral_m`` (L) to compute it from. Optional:
 ``source``, ``clip``, ``vehicle``, ``pedestrian`` (without them rows cannot be weighted by encounter
 or vehicle), ``time_s``, ``crossing_angle_deg``, ``passed_first`` (vehicle, pedestrian or empty),
-``pet_s``. Other columns are ignored and named in the counts. Rows are taken as they are, not
-resampled; the bounds on R, L, v, v_p and T_adv apply.
+``pet_s``, ``track`` (as ``harness extract`` writes it). Other columns are ignored and named in the
+counts. Rows are taken as they are, not resampled; the bounds on R, L, v, v_p and T_adv apply.
 """
 
 from collections.abc import Sequence

@@ -1,16 +1,15 @@
 """The drivers of a validation: made anew for each passage, with a model that has not seen it."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from harness.calibration import make_sample, vehicle_folds
 from harness.calibration.jobs import Settings
-from harness.calibration.sample import LABELS
+from harness.calibration.sample import LABELS, independent_vehicles
 from harness.encounter import Arm, Ending, Strategy
 from harness.episode.arms import make_strategy
 from harness.errors import HarnessError
@@ -78,14 +77,18 @@ def _outcome(name: str, passage: Passage, strategy: Strategy) -> DriverOutcome:
 
 
 STRATEGIES_FITTED_ON = {"human_recorded": "dut"}
-"""Strategies whose rules and default parameters come from a data set, and its name."""
+"""Strategies whose rules and default parameters come from the data of a shipped model."""
 
 
-def fitted_on(model: InteractionModel, passages: Iterable[Passage]) -> bool:
-    """Whether a model's card names a data set that the passages are of."""
-    named = model.provenance.get("source", ())
-    sources = {named} if isinstance(named, str) else {str(name) for name in named}
-    return bool(sources & {passage.source for passage in passages})
+def fitted_on(card: Mapping[str, Any], seen: frozenset[str]) -> bool | None:
+    """Whether a model's card has a track among those seen, see ``fingerprints_of``.
+
+    None where the card has no tracks: it is of an earlier version, or of rows that had none.
+    """
+    tracks = card.get("tracks")
+    if not isinstance(tracks, list) or not tracks:
+        return None
+    return not seen.isdisjoint(map(str, tracks))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +127,9 @@ def refit_without_folds(
     """
     whole = model.mixture
     rows = extract(list(paths), format_, **options).rows
-    code, vehicles = pd.factorize(pd.MultiIndex.from_frame(rows[list(VEHICLE_KEY)]))
-    number = min(folds, len(vehicles))
+    code = independent_vehicles(rows)
+    assert code is not None  # rows of tracks say which vehicle they are of
+    number = min(folds, int(code.max()) + 1)
     fold_of = vehicle_folds(code, row_weights(rows, "encounter"), number, seed)
     models = []
     for fold in range(number):
@@ -142,5 +146,5 @@ def refit_without_folds(
         )
         models.append(InteractionModel(fit.mixture, f"{model.name}, fold {fold}", {}, ""))
         progress(fold + 1)
-    of = {vehicles[one]: int(fold_of[np.flatnonzero(code == one)[0]]) for one in np.unique(code)}
-    return FoldModels(model, models, of)
+    names = rows[list(VEHICLE_KEY)].itertuples(index=False, name=None)
+    return FoldModels(model, models, dict(zip(names, fold_of.tolist(), strict=True)))

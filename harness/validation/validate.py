@@ -13,6 +13,7 @@ from harness.strategies.registry import find_strategy, table_key
 from harness.trajectories import read_clips
 from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import split_options
+from harness.trajectories.fingerprints import fingerprints_of
 from harness.trajectories.formats import FORMATS
 from harness.validation.bootstrap import few_vehicles
 from harness.validation.closed_loop import recorded_trace
@@ -28,6 +29,11 @@ from harness.validation.finding import find_passages
 from harness.validation.outcomes import DriverOutcome, outcome_of
 from harness.validation.passages import Passages
 from harness.validation.ranking import Ranked, ranking
+
+_NO_TRACKS = (
+    "The card of model {} has no fingerprints of tracks: whether it was fitted on these data is "
+    "not known."
+)
 
 Progress = Callable[[int, int, str], None]
 
@@ -99,9 +105,11 @@ def validate(
         raise InputError(str(paths[0]), f"no passage can be used ({told or 'no vehicle'})")
     with_model = [name for name in drivers if "model" in needs(find_strategy(name, "--drivers"))]
     model = load_model(scenario.model.name, scenario.model.path)
+    seen = fingerprints_of(clips)
+    known = fitted_on(model.provenance, seen) if with_model else False
     model_of: ModelOf = lambda _: model  # noqa: E731
     refitted = 0
-    if with_model and fitted_on(model, found.used) and folds > 1:
+    if known and folds > 1:
         of_folds = refit_without_folds(
             model,
             paths,
@@ -131,10 +139,19 @@ def validate(
         ranked=ranking(list(figures.values()), found.used, scenario.experiment.seed),
         folds=dict.fromkeys(with_model, refitted),
         in_sample=(
-            *(with_model if fitted_on(model, found.used) and not refitted else ()),
-            *(name for name in drivers if STRATEGIES_FITTED_ON.get(name) in sources),
+            *(with_model if known and not refitted else ()),
+            *(
+                name
+                for name in drivers
+                if name in STRATEGIES_FITTED_ON
+                and fitted_on(load_model(STRATEGIES_FITTED_ON[name]).provenance, seen)
+            ),
         ),
-        remarks=(*tally.remarks(), *few_vehicles(found.vehicles)),
+        remarks=(
+            *tally.remarks(),
+            *([] if known is not None else [_NO_TRACKS.format(model.name)]),
+            *few_vehicles(found.vehicles),
+        ),
     )
 
 

@@ -144,7 +144,9 @@ def test_vci_wrong_clock_readings_do_not_call_for_endless_instants(clip):
     # One frame number is 4e9: 3e10 instants of 0.2 s would lie between it and the record before.
     change(filtered(clip, "veh"), lambda lines: [*lines, "0,4000000000,veh,12.0,0.0,0,0"])
     change(filtered(clip, "ped"), lambda lines: [*lines, "0,4000000000,ped,0.0,2.0,0,0"])
-    assert_same_rows(rows_of(clip))
+    # With a record more, far away in time, it is another track with the same rows.
+    one, other = (rows_of(folder).rows.drop(columns="track") for folder in (clip, MADE_UP))
+    pd.testing.assert_frame_equal(one, other)
 
 
 def test_vci_object_seen_once_is_counted(clip):
