@@ -187,7 +187,7 @@ def columns_page() -> str:
         "",
         "What each file of a run folder holds: [Files](../files.md#run-folder). A missing value is",
         "null in Parquet and empty in CSV. A column with an interval has its ends beside it, named",
-        "`_ci_low` and `_ci_high`, two-sided with the `confidence` of the row; a bootstrap also has",
+        "`_ci_low` and `_ci_high`, two-sided with the `confidence` of the row; a bootstrap has",
         "the informative pairs that it rests on, `_ci_informative`. Definitions:",
         "[Method](../method.md), [Measures](../measures.md).",
     ]
