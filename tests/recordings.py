@@ -83,12 +83,12 @@ def write_set(folder, strategy, *, mirrored=False, shift_frames=0, turn=0.0):
     return folder
 
 
-def held(folder: Path, drivers=tuple(DRIVERS)) -> Validation:
+def held(folder: Path, drivers=tuple(DRIVERS), folds=0, settings=None, **options) -> Validation:
     return validate(
         [folder],
         "vci",
         list(drivers),
-        load_scenario("cctc"),
-        folds=0,
-        options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M},
+        load_scenario("cctc", settings or {}),
+        folds=folds,
+        options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": LENGTH_M, **options},
     )

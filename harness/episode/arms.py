@@ -1,6 +1,8 @@
 """The strategies of both arms: made anew for each episode, refused before anything runs."""
 
-from typing import Any
+from collections.abc import Callable
+
+import numpy as np
 
 from harness.encounter import Arm, Strategy
 from harness.errors import InputError, in_one_line
@@ -35,17 +37,29 @@ def make_strategy(
         pair: keys the stream of its draws, with ``vehicle``.
         model: for a strategy that asks for it.
     """
+    seed, purpose = scenario.experiment.seed, draws_from(scenario, driver)
     name = scenario.arms.driver(driver)
+    return named_strategy(scenario, name, model, lambda: stream(seed, purpose, pair, *vehicle))
+
+
+def named_strategy(
+    scenario: Scenario,
+    name: str,
+    model: InteractionModel,
+    rng: Callable[[], np.random.Generator],
+) -> Strategy:
+    """A fresh object of any strategy, prepared, with the scenario's parameters.
+
+    Args:
+        scenario: gives parameters and step.
+        name: of the strategy.
+        model, rng: for a strategy that asks for them.
+    """
     factory = find_strategy(name, "arms")
     parameters = scenario.strategies.get(name, {})
     prepare(factory, parameters)
-    given: dict[str, Any] = {"model": model, "step_s": scenario.experiment.step_s}
-    wanted = needs(factory)
-    if "rng" in wanted:
-        given["rng"] = stream(
-            scenario.experiment.seed, draws_from(scenario, driver), pair, *vehicle
-        )
-    return factory(**{key: given[key] for key in wanted}, **parameters)
+    given = {"model": lambda: model, "step_s": lambda: scenario.experiment.step_s, "rng": rng}
+    return factory(**{key: given[key]() for key in needs(factory)}, **parameters)
 
 
 def asks_model(scenario: Scenario) -> bool:

@@ -10,14 +10,13 @@ import numpy as np
 from harness.calibration import make_sample, vehicle_folds
 from harness.calibration.jobs import Settings
 from harness.calibration.sample import LABELS, independent_vehicles
-from harness.encounter import Arm, Ending, Strategy
-from harness.episode.arms import make_strategy
+from harness.encounter import Ending, Strategy
+from harness.episode.arms import named_strategy
 from harness.errors import HarnessError
 from harness.interaction import InteractionModel
 from harness.mixture import fit_mixture
 from harness.scenario import Scenario
-from harness.strategies.parameters import needs
-from harness.strategies.registry import find_strategy
+from harness.seeding import stream
 from harness.trajectories import extract, row_weights
 from harness.trajectories.extraction import VEHICLE_KEY
 from harness.validation.closed_loop import drive
@@ -33,7 +32,7 @@ ModelOf = Callable[[Passage], InteractionModel]
 def outcomes_of(
     name: str, passages: Sequence[Passage], scenario: Scenario, model_of: ModelOf
 ) -> list[list[DriverOutcome]]:
-    """Every passage driven by one driver, ``DRAWS`` times where that makes a difference.
+    """Every passage driven by one driver, ``DRAWS`` times if it drew a number in the first drive.
 
     Args:
         name: of the strategy; its parameters are the scenario's.
@@ -44,29 +43,21 @@ def outcomes_of(
     Raises:
         HarnessError: the strategy fails in a passage.
     """
-    arms = scenario.arms.model_copy(update={"human": name})
-    driven = scenario.model_copy(update={"arms": arms})
 
-    def once(draw: int) -> list[DriverOutcome]:
-        return [
-            # Streams are keyed by a pair: each drive of a passage has one of its own.
-            _outcome(
-                name,
-                passage,
-                make_strategy(driven, Arm.HUMAN, number * DRAWS + draw, model_of(passage)),
-            )
-            for number, passage in enumerate(passages)
-        ]
+    def drive_once(number: int, draw: int) -> tuple[DriverOutcome, bool]:
+        """The outcome, and whether the driver drew a number."""
+        # Streams are keyed by a pair: each drive of a passage has one of its own.
+        rng = stream(scenario.experiment.seed, "strategy", number * DRAWS + draw)
+        untouched, passage = rng.bit_generator.state, passages[number]
+        strategy = named_strategy(scenario, name, model_of(passage), lambda: rng)
+        return _outcome(name, passage, strategy), rng.bit_generator.state != untouched
 
-    draws = [once(0)]
-    if "rng" in needs(find_strategy(name, "--drivers")):
-        draws.append(once(1))
-        pairs = zip(*draws, strict=True)
-        if any(not np.array_equal(one.trace.x_m, other.trace.x_m) for one, other in pairs):
-            draws += [once(draw) for draw in range(2, DRAWS)]
-        else:
-            draws.pop()
-    return [list(of) for of in zip(*draws, strict=True)]
+    first = [drive_once(number, 0) for number in range(len(passages))]
+    more = range(1, DRAWS) if any(drew for _, drew in first) else ()
+    return [
+        [outcome, *(drive_once(number, draw)[0] for draw in more)]
+        for number, (outcome, _) in enumerate(first)
+    ]
 
 
 def _outcome(name: str, passage: Passage, strategy: Strategy) -> DriverOutcome:

@@ -117,6 +117,13 @@ def test_fitting_again_gives_the_same_density(name, sample):
 
 
 @needs_dut
+def test_the_cards_have_the_tracks_of_the_data(sample):
+    assert len(sample.tracks) == sample.vehicles == 33
+    for name in NAMES:
+        assert load_model(name).provenance["tracks"] == list(sample.tracks)
+
+
+@needs_dut
 @pytest.mark.slow
 def test_no_fit_of_the_shipped_data_ends_on_a_slope(sample):
     settings = Settings(tuple(range(1, 21)), choose="bic", starts=1, folds=0)

@@ -7,6 +7,7 @@ from scipy.stats import multivariate_normal, norm, sem
 
 from harness.calibration import (
     HeldOut,
+    RowFile,
     Settings,
     by_bic,
     by_held_out,
@@ -16,7 +17,7 @@ from harness.calibration import (
     vehicle_folds,
     walking_log_scores,
 )
-from harness.calibration.card import near_state
+from harness.calibration.card import card, near_state
 from harness.calibration.choice import relative_gain
 from harness.errors import InputError
 from harness.mixture import TruncatedGaussianMixture
@@ -294,3 +295,31 @@ def test_held_out_scores_come_from_fits_without_the_vehicle():
     own = walking_log_scores(calibration.chosen.mixture, sample.data)[sample.vehicle == number]
     assert scores[number] < -20
     assert own.mean() > scores[number] + 10
+
+
+def test_copies_are_counted_warned_of_and_kept_in_one_fold():
+    """60 rows of 3 vehicles, 20 times under other names: what the 60 say, and no more."""
+    once = made_up(60)
+    again = [once.assign(vehicle=once["vehicle"] + f"-{of}", clip=str(of)) for of in range(20)]
+    one, copied = make_sample(once), make_sample(pd.concat(again, ignore_index=True))
+    assert (copied.vehicles, copied.named_vehicles, copied.copies) == (3, 60, 1140)
+    settings = Settings((1, 2), starts=2, folds=3, seed=4)
+    fits, twenty = calibrate(one, settings), calibrate(copied, settings)
+    for alone, of in zip(fits.candidates, twenty.candidates, strict=True):
+        assert of.bic == pytest.approx(alone.bic, rel=1e-6)
+        assert of.held_out.mean == pytest.approx(alone.held_out.mean, abs=1e-3)
+        assert of.held_out.standard_error == pytest.approx(alone.held_out.standard_error, abs=1e-3)
+    of = card(copied, settings, twenty, RowFile("a", again[0], "", {}), "fit", (30.0, 5.0))
+    assert of["effective_rows"] == pytest.approx(60)
+    assert of["copied_rows"] == 1140
+    assert "1140 of 1200 rows are copies of another row" in of["warnings"][0]
+    assert "BIC's n is 15" in of["warnings"][0]
+    assert "60 vehicles share rows or tracks: they are 3" in of["warnings"][1]
+
+
+def test_vehicles_of_one_track_are_one():
+    rows = made_up(80).assign(track=["a"] * 20 + ["b"] * 20 + ["a"] * 20 + ["c"] * 20)
+    sample = make_sample(rows)
+    assert (sample.vehicles, sample.named_vehicles, sample.copies) == (3, 4, 0)
+    assert sample.vehicle.tolist() == [0] * 20 + [1] * 20 + [0] * 20 + [2] * 20
+    assert sample.tracks == ("a", "b", "c")
