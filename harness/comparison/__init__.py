@@ -23,6 +23,7 @@ from harness.comparison.intervals import (
     clustered_proportion,
     proportion,
     student_mean,
+    student_ratio,
     zero_bound,
 )
 from harness.comparison.pair_columns import PairColumns
@@ -80,6 +81,7 @@ __all__ = [
     "relation_of_times",
     "sign_flip_p",
     "student_mean",
+    "student_ratio",
     "summarise",
     "swept_value",
     "unreliable",

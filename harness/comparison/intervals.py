@@ -3,6 +3,7 @@
 Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,12 @@ class Interval:
     def half_width(self) -> float | None:
         """Half of the distance between the limits; None where there are none."""
         return None if self.low is None or self.high is None else (self.high - self.low) / 2
+
+    def within(self, least: float = -math.inf, most: float = math.inf) -> "Interval":
+        """The same, cut at what is possible, which loses no coverage."""
+        if self.low is None or self.high is None:
+            return self
+        return Interval(self.value, max(self.low, least), min(self.high, most))
 
     def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
         """The value under a name, its limits under ``<name>_<kind>_low`` and ``_high``."""
@@ -68,6 +75,42 @@ def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval
     error = float(np.std(values, ddof=1)) / np.sqrt(count)
     reach = float(special.stdtrit(count - 1, (1 + confidence) / 2) * error)
     return Interval(mean, mean - reach, mean + reach)
+
+
+def student_ratio(
+    numerators: FloatArray, denominators: FloatArray, confidence: float = CONFIDENCE
+) -> Interval:
+    """Ratio of two sums, Σ a / Σ b, with Fieller's (1954) interval: all ρ that Student's t leaves.
+
+    These are the ρ for which the mean of a − ρ b does not differ from 0; exact for normal (a, b),
+    with however few of them.
+
+    Args:
+        numerators: a, one for each unit, shape (n,), finite.
+        denominators: b, likewise.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        Undefined where Σ b is 0; no interval of fewer than two, or where it has no end.
+
+    >>> student_ratio(np.array([20.0, 23.0, 23.0]), np.array([10.0, 11.0, 12.0]))
+    Interval(value=2.0, low=1.7..., high=2.2...)
+    """
+    count, total = len(numerators), float(np.sum(denominators))
+    if total == 0:
+        return UNDEFINED
+    value = float(np.sum(numerators)) / total
+    if count < 2:
+        return Interval(value, None, None)
+    a, b = float(np.mean(numerators)), float(np.mean(denominators))
+    reach = float(special.stdtrit(count - 1, (1 + confidence) / 2)) ** 2 / count
+    (of_a, of_both), (_, of_b) = (reach * np.cov(numerators, denominators)).tolist()
+    # (a − ρ b)² = reach · Var(a − ρ b), a quadratic in ρ.
+    square, linear, constant = b**2 - of_b, a * b - of_both, a**2 - of_a
+    if square <= 0:
+        return Interval(value, None, None)
+    root = math.sqrt(max(0.0, linear**2 - square * constant))
+    return Interval(value, (linear - root) / square, (linear + root) / square)
 
 
 def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:

@@ -89,13 +89,25 @@ def caveats(scenario: Scenario, summary: Summary) -> list[str]:
             f"{percentage(summary.kappa_worst.value)}, the ratio of times "
             f"{number(summary.time_ratio_worst.value, 4)} and μ {number(summary.mu_worst.value, 4)}"
         )
-    if av_label(av, summary) != av:
-        said.append(
-            f"the AV's strategy {av} fell back on {fallback_of(av)} in "
-            f"{whole_percent(summary.fallback_share)} of the episodes that met someone: what is "
-            f"measured is mostly {fallback_of(av)}"
-        )
+    said += fallback_words(f"the AV's strategy {av}", av, summary.fallback_share, "episodes")
     return [*said, *_outside_the_model(summary), *_direction(summary)]
+
+
+def fallback_words(who: str, strategy: str, share: float | None, of: str) -> list[str]:
+    """That a strategy mostly fell back on another one; nothing where it did not.
+
+    Args:
+        who: names the strategy and whose it is.
+        strategy: its name.
+        share: of those of its episodes or passages that met someone.
+        of: the noun of these.
+    """
+    if share is None or share < _MOST:
+        return []
+    return [
+        f"{who} fell back on {fallback_of(strategy)} in {whole_percent(share)} of the {of} that "
+        f"met someone: what is measured is mostly {fallback_of(strategy)}"
+    ]
 
 
 def _outside_the_model(summary: Summary) -> list[str]:

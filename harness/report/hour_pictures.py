@@ -48,7 +48,7 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
     drawn = False
     looks = [look for look in style.SERIES if look is not style.HUMAN]
     for look, (label, cells) in zip(looks, groups.items(), strict=False):
-        drawn |= _line(axes, _points(cells, key, name, 0), f"AV: {label}", look)
+        drawn |= _line(axes, _points(cells, key, name, 0), f"AV's arm: {label}", look)
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}
     if len(references) == 1:
         cells = next(iter(groups.values()))

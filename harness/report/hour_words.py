@@ -1,9 +1,11 @@
 """Tables and sentences about hours of traffic, for the terminal and the page alike."""
 
+from collections.abc import Callable
+
 from harness.encounter import Arm
+from harness.report.caveats import fallback_words, sentence
 from harness.report.sweep_tables import varied_headings
 from harness.report.tables import (
-    ARM_NAMES,
     Table,
     TableCell,
     counted,
@@ -13,14 +15,18 @@ from harness.report.tables import (
     number,
     share_cell,
 )
-from harness.results.hour_summaries import GROWTH, HOUR_MEASURES, HoursSummary
+from harness.results.hour_measures import HOUR_MEASURES
+from harness.results.hour_summaries import HoursSummary
 from harness.runs.run_data import RunData
-from harness.scenario import Cell, as_written
+from harness.scenario import Cell, Scenario, as_written
+from harness.traffic.saturation import GROWTH
 
 _DIGITS = 2
 
 _NAMES = {
     "vehicle_delay_s": "vehicle delay, s",
+    "automated_delay_s": "vehicle delay of AVs (reference: of the same vehicles), s",
+    "other_delay_s": "vehicle delay of the others, s",
     "control_delay_s": "vehicle delay to the road's end, s",
     "pedestrian_delay_s": "pedestrian delay, s",
     "person_delay_h": "delay of all persons, h",
@@ -30,12 +36,14 @@ _NAMES = {
     "queue_longest": "queue, longest",
     "stops_per_vehicle": "stops per vehicle",
     "first_let_go": "pedestrians the first vehicle let go, share",
-    "crashes_per_1000": "crashes per 1,000 passages",
+    "crashes_per_1000": "crashes per 1,000 that reached it",
     "conflicts_ttc_per_1000": "conflicts per 1,000: TTC",
     "conflicts_time_advantage_per_1000": "conflicts per 1,000: time advantage",
     "conflicts_pet_per_1000": "conflicts per 1,000: PET",
     "conflicts_drac_per_1000": "conflicts per 1,000: DRAC",
 }
+
+_ARMS = {Arm.AV: "AV's arm", Arm.HUMAN: "reference"}
 
 _OVER_CELLS = (
     "crashes_per_1000",
@@ -47,21 +55,46 @@ _OVER_CELLS = (
 _ON_TERMINAL = 3
 """So many of ``_OVER_CELLS`` fit on the terminal."""
 
+_OF_MIXED = ("automated_delay_s", "other_delay_s")
+"""Measures that are shown where the AV's arm has both kinds of vehicles."""
+
 
 def hour_tables(run: RunData) -> list[Table]:
     """The results of one cell in full, or a table over cells."""
     if run.varied_keys:
         return [_over_cells(run)]
-    return [_of_one_cell(summary) for _, summary in run.hour_results]
+    return [_of_one_cell(cell, summary) for cell, summary in run.hour_results]
 
 
 def hour_lines(run: RunData) -> list[str]:
-    """What a reader has to know before any number: crashes and saturation first."""
-    lines = [line for arm in Arm if (line := _crashes(run, arm))]
+    """What a reader has to know before any number: who came, crashes, saturation."""
+    lines = [_who_came(run), *(line for arm in Arm if (line := _crashes(run, arm)))]
     for cell, summary in run.hour_results:
         which = f"{named_values(cell.varied)}: " if run.varied_keys else ""
         lines += [which + line for line in _warnings(cell, summary)]
     return lines
+
+
+def _who_came(run: RunData) -> str:
+    """Share, strategies, flows and λ; a key that differs between cells is varied."""
+    scenarios = [cell.scenario for cell, _ in run.hour_results]
+
+    def common(value: Callable[[Scenario], str]) -> str:
+        values = {value(scenario) for scenario in scenarios}
+        return values.pop() if len(values) == 1 else "a varied number of"
+
+    av, human = ({getattr(s.arms, arm.value) for s in scenarios} for arm in Arm)
+    flows = (
+        common(lambda s: as_written(s.known_traffic.flow_per_hour)),
+        common(lambda s: as_written(s.known_traffic.oncoming_per_hour)),
+    )
+    share = common(lambda s: f"{100 * s.known_traffic.av_share:.4g} % of the")
+    came = f"{flows[0]} + {flows[1]}" if not scenarios[0].known_traffic.saturated else "queued"
+    return (
+        f"In the AV's arm {share} vehicles are driven by {' or '.join(sorted(av))}, all others and "
+        f"all of the reference by {' or '.join(sorted(human))}; {came} vehicles and "
+        f"{common(lambda s: as_written(s.pedestrians.flow_per_hour))} pedestrians per hour."
+    )
 
 
 def _crashes(run: RunData, arm: Arm) -> str:
@@ -76,12 +109,16 @@ def _crashes(run: RunData, arm: Arm) -> str:
     if run.varied_keys:
         often = (
             f"in {len(crashed)} of {counted(len(run.hour_results), 'cell')}, at most "
-            f"{1000 * (most or 0.0):.3g} per 1,000 passages ({named_values(cell.varied)})"
+            f"{1000 * (most or 0.0):.3g} per 1,000 vehicles that reached the crosswalk "
+            f"({named_values(cell.varied)})"
         )
     else:
-        often = f"in {kappa.successes:,} of {counted(kappa.trials, 'passage')}"
+        often = (
+            f"in {kappa.successes:,} of {counted(kappa.trials, 'vehicle')} that reached the "
+            "crosswalk"
+        )
     return (
-        f"Crashes ({ARM_NAMES[arm]}) {often}: traffic goes on as if nobody had been hit, so no "
+        f"Crashes ({_ARMS[arm]}) {often}: traffic goes on as if nobody had been hit, so no "
         "delay has what a crash costs."
     )
 
@@ -89,21 +126,8 @@ def _crashes(run: RunData, arm: Arm) -> str:
 def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
     traffic = cell.scenario.known_traffic
     lines = []
-    for arm, name in ARM_NAMES.items():
-        own = summary.arms[arm]
-        if own.saturated and own.growth is not None:
-            lines.append(
-                f"Saturated ({name}): the vehicles on the road grow by {100 * own.growth:.0f} % of "
-                f"what arrives (limit {100 * GROWTH:.0f} %); its delays are those of "
-                f"{traffic.duration_s:g} s and would grow with a longer hour."
-            )
-        if own.not_through:
-            lines.append(
-                f"{own.not_through} vehicles ({name}) never got through; they count with the time "
-                "until the end, which is less than their delay."
-            )
-        if own.never_went:
-            lines.append(f"{own.never_went} pedestrians ({name}) never got to go.")
+    for arm, name in _ARMS.items():
+        lines += _of_arm(cell, summary, arm, name)
     if traffic.saturated:
         lines.append("A permanent queue: vehicles through per hour are the capacity, no delays.")
     if summary.failed:
@@ -113,57 +137,94 @@ def _warnings(cell: Cell, summary: HoursSummary) -> list[str]:
     return lines
 
 
-def _of_one_cell(summary: HoursSummary) -> Table:
+def _of_arm(cell: Cell, summary: HoursSummary, arm: Arm, name: str) -> list[str]:
+    own, strategy, lines = summary.arms[arm], getattr(cell.scenario.arms, arm.value), []
+    if own.growth.saturated:
+        lines.append(
+            f"Saturated ({name}): late vehicles grow by {100 * (own.growth.share or 0.0):.0f} % of "
+            f"what arrives (limit {100 * GROWTH:.0f} %, by chance up to "
+            f"{100 * (own.growth.bound or 0.0):.0f} %); its delays are those of "
+            f"{cell.scenario.known_traffic.duration_s:g} s and would grow with a longer hour."
+        )
+    elif own.still_rises:
+        lines.append(
+            f"The delay still grows ({name}): vehicles due in the last third of the hour lose "
+            f"{own.rising_s.words('.1f')} s more than those of the first, so its mean is one over "
+            "the way up: a longer traffic.warm_up_s tells where it ends."
+        )
+    if own.not_through:
+        lines.append(
+            f"{own.not_through} vehicles ({name}) never got through; they count with the time "
+            "until the end, which is less than their delay."
+        )
+    if own.never_went:
+        lines.append(f"{own.never_went} pedestrians ({name}) never got to go.")
+    who, share = f"{name}: {strategy}", own.fallback.value
+    return lines + [sentence(line) for line in fallback_words(who, strategy, share, "passages")]
+
+
+def _of_one_cell(cell: Cell, summary: HoursSummary) -> Table:
+    nothing, arms = TableCell(""), [summary.arms[arm] for arm in Arm]
     rows: list[tuple[TableCell, ...]] = [
         (
-            TableCell("travel time, AV / human"),
-            interval_cell(summary.mu, _DIGITS),
-            TableCell(""),
-            TableCell(""),
+            TableCell("travel times, AV's arm / reference"),
+            interval_cell(summary.time_ratio, _DIGITS),
+            nothing,
+            nothing,
         ),
         (
-            TableCell("κ, crashes per passage"),
-            share_cell(summary.arms[Arm.AV].kappa),
-            share_cell(summary.arms[Arm.HUMAN].kappa),
-            TableCell(""),
+            TableCell("κ, crashes per vehicle that reached the crosswalk"),
+            *(share_cell(arm.kappa) for arm in arms),
+            nothing,
+        ),
+        (
+            TableCell("vehicles that did not (with a conflict all the same)"),
+            *(TableCell(f"{arm.unreached:,} ({arm.conflicts_unreached:,})") for arm in arms),
+            nothing,
         ),
     ]
+    if any(arm.fallback.successes for arm in arms):
+        shares = (share_cell(arm.fallback) for arm in arms)
+        rows.append((TableCell("passages driven by the strategy's fallback"), *shares, nothing))
+    mixed = 0 < cell.scenario.known_traffic.av_share < 1
     rows += [
         (
             TableCell(_NAMES[measure.name]),
             *(interval_cell(found, _DIGITS) for found in summary.measures[measure.name]),
         )
         for measure in HOUR_MEASURES
+        if mixed or measure.name not in _OF_MIXED
     ]
-    for name, attribute in (
-        ("pedestrian delay by the HCM, s", "hcm_pedestrian_delay_s"),
-        ("pedestrian delay by NCHRP 17-87, s", "nchrp_pedestrian_delay_s"),
-    ):
-        values = [getattr(summary.arms[arm], attribute) for arm in Arm]
-        rows.append((TableCell(name), *(TableCell(number(v, 2)) for v in values), TableCell("")))
-    for name, attribute in (
-        ("level of service, vehicles", "los_vehicles"),
-        ("level of service, pedestrians", "los_pedestrians"),
-    ):
-        values = [getattr(summary.arms[arm], attribute) or "undefined" for arm in Arm]
-        rows.append((TableCell(name), *(TableCell(v) for v in values), TableCell("")))
-    headings = ("mean over hours", "AV", "human", "AV − human")
+    for name, key in (("by the HCM, s", "hcm_s"), ("by NCHRP 17-87, s", "nchrp_s")):
+        values = [
+            f"none: {arm.handbook.reason}"
+            if arm.handbook.reason
+            else number(getattr(arm.handbook, key), 2)
+            for arm in arms
+        ]
+        rows.append((TableCell(f"pedestrian delay {name}"), *map(TableCell, values), nothing))
+    for name in ("vehicles", "pedestrians"):
+        values = [getattr(arm, f"los_{name}") or "undefined" for arm in arms]
+        rows.append((TableCell(f"level of service, {name}"), *map(TableCell, values), nothing))
+    headings = ("mean over hours", *_ARMS.values(), "difference")
     caption = f"Traffic, N = {counted(summary.pairs, 'pair')} of hours"
     caption += f", {level(summary.confidence)} intervals"
     return Table("traffic", caption, headings, tuple(rows))
 
 
 def _over_cells(run: RunData) -> Table:
+    shares = [cell.scenario.known_traffic.av_share for cell, _ in run.hour_results]
+    mixed = _OF_MIXED if any(0 < share < 1 for share in shares) else ()
     rows = []
     for cell, summary in run.hour_results:
         values = [TableCell(as_written(cell.varied[key])) for key in run.varied_keys]
-        for name in _OVER_CELLS:
-            for found in summary.measures[name][:2]:
-                values.append(interval_cell(found, _DIGITS))
-        saturated = [ARM_NAMES[arm] for arm in Arm if summary.arms[arm].saturated]
-        values.insert(len(run.varied_keys), TableCell(", ".join(saturated) or "no"))
-        rows.append(tuple(values))
-    names = [f"{_NAMES[name]}{end}" for name in _OVER_CELLS for end in (", AV", ", human")]
+        saturated = [name for arm, name in _ARMS.items() if summary.arms[arm].saturated]
+        values.append(TableCell(", ".join(saturated) or "no"))
+        shown = [found for name in _OVER_CELLS for found in summary.measures[name][:2]]
+        shown += [summary.measures[name][0] for name in mixed]
+        rows.append((*values, *(interval_cell(found, _DIGITS) for found in shown)))
+    names = [f"{_NAMES[name]}, {arm}" for name in _OVER_CELLS for arm in _ARMS.values()]
+    names += [f"{_NAMES[name]}, {_ARMS[Arm.AV]}" for name in mixed]
     headings = (*varied_headings(run), "saturated", *names)
     caption = (
         f"Traffic over the cells, {level(run.confidence)} intervals under the values; all measures "

@@ -4,6 +4,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from harness.scenario import ConflictsSection
 from harness.traffic.lanes import lanes_of
 from harness.traffic.pairing import HourOutcome
 from harness.traffic.passages import Passage
+from harness.traffic.saturation import least_late
 
 MINUTE_S = 60.0
 
@@ -77,52 +79,85 @@ def _counted(outcome: HourOutcome) -> _Counted:
 
 def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
     """The row of an arm in ``hours``: sums, means and counts over those that count."""
-    scenario, log = outcome.scenario, outcome.log
-    traffic = scenario.known_traffic
-    passages, walks = counted.passages, counted.walks
-    last_s = log.last_step * scenario.experiment.step_s
+    walks, last_s = counted.walks, outcome.log.last_step * outcome.scenario.experiment.step_s
     waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
-    let_go = [log.let_go[i] for w in walks if (i := w.arrival.index) in log.let_go]
-    through = [p for p in outcome.passages if p.passed_s is not None]
-    hours = traffic.duration_s / 3600.0
-    in_time = sum(counted.begin_s <= (p.passed_s or 0.0) < counted.end_s for p in through)
-    queues = np.array(log.queues, dtype=float)
-    speeds = [walk.speed_mps for walk in walks if walk.speed_mps is not None]
-    numbers: dict[str, Any] = {
-        "vehicles": len(passages),
-        "automated": sum(_automated(outcome, passage) for passage in passages),
-        "not_through": sum(passage.passed_s is None for passage in passages),
-        "throughput_per_hour": in_time / hours,
-        "queue_mean": float(queues.mean()) if queues.size else None,
-        "queue_p95": float(np.quantile(queues, 0.95)) if queues.size else None,
-        "queue_longest": int(queues.max()) if queues.size else None,
-        "in_system_half": log.in_system[0],
-        "in_system_end": log.in_system[1],
+    let_go = [outcome.log.let_go[i] for w in walks if (i := w.arrival.index) in outcome.log.let_go]
+    numbers = _of_vehicles(outcome, counted) | {
         "pedestrians": len(walks),
         "never_went": sum(walk.start_s is None for walk in walks),
         "pedestrian_delay_s": _mean(waits),
-        "walking_mps": _mean(speeds),
+        "walking_mps": _mean([walk.speed_mps for walk in walks if walk.speed_mps is not None]),
         "had_to_wait": len(let_go),
         "let_go": sum(let_go),
-        "crossed": len(passages),
     }
+    traffic = outcome.scenario.known_traffic
     if not traffic.saturated:
-        vehicle = scenario.vehicle()
         # A vehicle that is not through by the end has lost at least the time until then.
-        delays = [_at_least(p, last_s, vehicle.initial_speed_mps) for p in passages]
-        ways = [
-            (vehicle.length_m + scenario.crosswalk().width_m / 2 - p.moving.insert_x_m)
-            / vehicle.initial_speed_mps
-            for p in passages
-        ]
-        control = [p.control_delay_s for p in passages if p.control_delay_s is not None]
-        numbers |= {
-            "vehicle_delay_s": _mean(delays),
-            "control_delay_s": _mean(control),
-            "travel_time_s": sum(delays) + sum(ways),
-            "person_delay_h": (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0,
-        }
+        v0 = outcome.scenario.ego.initial_speed_mps
+        delays = [_at_least(passage, last_s, v0) for passage in counted.passages]
+        numbers |= _delays(outcome, counted, delays) | _late(outcome, counted)
+        numbers["person_delay_h"] = (traffic.occupancy * sum(delays) + sum(waits)) / 3600.0
     return numbers
+
+
+def _of_vehicles(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
+    """Counts of vehicles, what drove them, and their queues."""
+    passages, queues = counted.passages, np.array(outcome.log.queues, dtype=float)
+    automated = [passage for passage in passages if _automated(outcome, passage)]
+    of_arm = automated if outcome.arm is Arm.AV else passages
+    met = [passage.record for passage in of_arm if passage.record.pedestrians]
+    through = [p.passed_s for p in outcome.passages if p.passed_s is not None]
+    in_time = sum(counted.begin_s <= passed_s < counted.end_s for passed_s in through)
+    return {
+        "vehicles": len(passages),
+        "automated": len(automated) if outcome.arm is Arm.AV else 0,
+        "met": len(met),
+        "fallbacks": sum(record.fallback for record in met),
+        "not_through": sum(passage.passed_s is None for passage in passages),
+        "throughput_per_hour": in_time / (counted.end_s - counted.begin_s) * 3600.0,
+        "queue_mean": float(queues.mean()) if queues.size else None,
+        "queue_p95": float(np.quantile(queues, 0.95)) if queues.size else None,
+        "queue_longest": int(queues.max()) if queues.size else None,
+    }
+
+
+def _delays(
+    outcome: HourOutcome, counted: _Counted, delays: Sequence[float]
+) -> dict[str, float | None]:
+    """Means over all, over those that are automated in the AV's arm and others, and by thirds."""
+    passages, third_s = counted.passages, (counted.end_s - counted.begin_s) / 3
+    automated = [_automated(outcome, passage) for passage in passages]
+    # A vehicle that counts has a schedule where nothing is saturated.
+    due_s = [(passage.scheduled_s or 0.0) - counted.begin_s for passage in passages]
+    ways_s = [(p.due_s or 0.0) - (p.scheduled_s or 0.0) for p in passages]
+    control = [p.control_delay_s for p in passages if p.control_delay_s is not None]
+    return {
+        "vehicle_delay_s": _mean(delays),
+        "automated_delay_s": _mean([*compress(delays, automated)]),
+        "other_delay_s": _mean([*compress(delays, (not of for of in automated))]),
+        "first_third_delay_s": _mean([*compress(delays, (of < third_s for of in due_s))]),
+        "last_third_delay_s": _mean([*compress(delays, (of >= 2 * third_s for of in due_s))]),
+        "control_delay_s": _mean(control),
+        "travel_time_s": sum(delays) + sum(ways_s),
+    }
+
+
+def _late(outcome: HourOutcome, counted: _Counted) -> dict[str, int]:
+    """How many vehicles were late at least in each half, those from the warm-up included.
+
+    A vehicle is late from when it is due through until it is; who is within a step is in time.
+    """
+    step_s, begin_s, end_s = outcome.scenario.experiment.step_s, counted.begin_s, counted.end_s
+    both = ((p.due_s or 0.0, p.passed_s) for p in outcome.passages)
+    times = [(due_s, math.inf if passed_s is None else passed_s) for due_s, passed_s in both]
+    due = np.array([due_s for due_s, _ in times])
+    late = np.array([(d, left) for d, left in times if left > d + step_s]).reshape(-1, 2)
+    half_s = (begin_s + end_s) / 2
+    return {
+        "late_first_half": least_late(late[:, 0], late[:, 1], begin_s, half_s),
+        "late_second_half": least_late(late[:, 0], late[:, 1], half_s, end_s),
+        "due_through": int(((due > begin_s) & (due <= end_s)).sum()),
+    }
 
 
 def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
@@ -135,8 +170,8 @@ def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
 
 
 def _automated(outcome: HourOutcome, passage: Passage) -> bool:
-    traffic = outcome.scenario.known_traffic
-    return outcome.arm is Arm.AV and passage.moving.plan.uniform < traffic.av_share
+    """Whether ``arms.av`` drives it in the AV's arm; the other arm has the same vehicles."""
+    return passage.moving.plan.uniform < outcome.scenario.known_traffic.av_share
 
 
 def passage_counts(
@@ -144,22 +179,33 @@ def passage_counts(
 ) -> dict[str, float | None]:
     """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts of each kind.
 
-    A crash counts as a conflict of every kind.
+    Crashes and conflicts are those of vehicles that ``reached`` the crosswalk's near edge, or
+    crashed before it: only they could.  A crash counts as a conflict of every kind.  Conflicts of
+    any kind of the others are counted apart.
     """
-    stops = [float(row["approach_stops"] + row["stops"]) for row in passages]
     crashed = [row["ending"] == Ending.CRASHED for row in passages]
-    counts = {"stops_per_vehicle": _mean(stops), "crashes": sum(crashed)}
+    reached = [
+        row["edge_s"] is not None or crash for row, crash in zip(passages, crashed, strict=True)
+    ]
+    stops = [float(row["approach_stops"] + row["stops"]) for row in passages]
+    counts = {
+        "stops_per_vehicle": _mean(stops),
+        "reached": sum(reached),
+        "crashes": sum(crashed),
+    }
+    others = set[int]()
     for conflict in CONFLICTS:
         threshold: float = getattr(limits, conflict.threshold)
-        count = 0
-        for row, crash in zip(passages, crashed, strict=True):
-            value = row[conflict.column]
-            beyond = value is not None and (
-                value > threshold if conflict.above else value < threshold
-            )
-            count += beyond or crash
-        counts[f"conflicts_{conflict.name}"] = count
-    return counts
+        values = [row[conflict.column] for row in passages]
+        found = {
+            number
+            for number, value in enumerate(values)
+            if crashed[number]
+            or (value is not None and (value > threshold if conflict.above else value < threshold))
+        }
+        counts[f"conflicts_{conflict.name}"] = sum(reached[number] for number in found)
+        others |= {number for number in found if not reached[number]}
+    return counts | {"conflicts_unreached": len(others)}
 
 
 def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
@@ -174,6 +220,7 @@ def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
         "scheduled_s": _since(passage.scheduled_s, begin_s),
         "inserted_s": _since(passage.inserted_s, begin_s),
         "trigger_s": None if first is None else first * passage.trace.step_s - begin_s,
+        "edge_s": _since(passage.edge_s, begin_s),
         "passed_s": _since(passage.passed_s, begin_s),
         "delay_s": passage.delay_s,
         "control_delay_s": passage.control_delay_s,

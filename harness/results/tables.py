@@ -100,13 +100,15 @@ AUDIT = pa.schema([*_KEYS, ("difference", pa.string()), ("tie_s", pa.float64())]
 
 _WHERE = [("direction", pa.string()), ("lane", pa.int32())]
 
+_PASSED = ("scheduled_s", "inserted_s", "trigger_s", "edge_s", "passed_s")
+
 PASSAGES = pa.schema(
     [
         *_KEYS,
         ("vehicle", pa.int64()),
         *_WHERE,
         ("strategy", pa.string()),
-        *((name, pa.float64()) for name in ("scheduled_s", "inserted_s", "trigger_s", "passed_s")),
+        *((name, pa.float64()) for name in _PASSED),
         ("delay_s", pa.float64()),
         ("control_delay_s", pa.float64()),
         ("late_s", pa.float64()),
@@ -127,13 +129,16 @@ QUEUES = pa.schema(
 )
 
 _HOUR_COUNTS = [
-    *("vehicles", "automated", "not_through", "crossed", "in_system_half", "in_system_end"),
-    *("queue_longest", "pedestrians", "never_went", "had_to_wait", "let_go", "crashes"),
+    *("vehicles", "automated", "met", "fallbacks", "not_through", "reached"),
+    *("late_first_half", "late_second_half", "due_through", "queue_longest"),
+    *("pedestrians", "never_went", "had_to_wait", "let_go", "crashes"),
     *("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac"),
+    "conflicts_unreached",
 ]
 _HOUR_NUMBERS = [
-    *("vehicle_delay_s", "control_delay_s", "travel_time_s", "throughput_per_hour"),
-    *("stops_per_vehicle", "queue_mean", "queue_p95"),
+    *("vehicle_delay_s", "automated_delay_s", "other_delay_s"),
+    *("first_third_delay_s", "last_third_delay_s", "control_delay_s", "travel_time_s"),
+    *("throughput_per_hour", "stops_per_vehicle", "queue_mean", "queue_p95"),
     *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
 ]
 HOURS = pa.schema(

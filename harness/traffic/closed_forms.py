@@ -134,11 +134,6 @@ def revised_hcm_delay_s(
     return _with_yielding(delayed, wait_s, yielding, headway_s, events)
 
 
-def fleet_yield_rate(av_share: float, av_rate: float, human_rate: float) -> float:
-    """Yield rate of a mixed fleet: M_y = p M_AV + (1 − p) M_HV."""
-    return av_share * av_rate + (1 - av_share) * human_rate
-
-
 def priority_capacity_per_s(
     pedestrians_per_s: float, block_s: float, commit_after_s: Sequence[float]
 ) -> float:

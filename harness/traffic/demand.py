@@ -70,23 +70,6 @@ def flow_per_hour(traffic: TrafficSection, direction: Direction, time_s: float) 
     return flow[min(max(0, math.floor(time_s / QUARTER_S)), len(flow) - 1)]
 
 
-def second_half_share(traffic: TrafficSection) -> float:
-    """Share of the vehicles expected in an hour that are due in its second half; NaN without any.
-
-    >>> flows = {"flow_per_hour": (200.0, 600.0), "oncoming_per_hour": 0.0}
-    >>> second_half_share(TrafficSection(**flows, duration_s=1800.0))
-    0.75
-    """
-    end_s = traffic.duration_s
-    quarters = np.arange(0.0, end_s, QUARTER_S)
-    bounds = np.unique([*quarters, end_s / 2, end_s])
-    flows = np.array(
-        [[flow_per_hour(traffic, way, time_s) for way in Direction] for time_s in bounds[:-1]]
-    )
-    due = flows.sum(axis=1) * np.diff(bounds)
-    return float(due[bounds[:-1] >= end_s / 2].sum() / due.sum()) if due.any() else math.nan
-
-
 def _steps(
     traffic: TrafficSection,
     direction: Direction,

@@ -56,7 +56,6 @@ class Hour:
         vehicle, self.step_s = rules.vehicle, rules.step_s
         self.begin_step = round(traffic.warm_up_s / self.step_s)
         self.end_step = self.begin_step + round(traffic.duration_s / self.step_s)
-        self.looks_in = ((self.begin_step + self.end_step) // 2, self.end_step)
         self.sample_steps = max(1, round(SAMPLE_S / self.step_s))
         self.trigger_x_m = -vehicle.trigger_range_m - ROUNDING_M
         self.detection_m = vehicle.detection_range_m + ROUNDING_M
@@ -115,8 +114,6 @@ class Hour:
             if lane.driven or lane.coming:
                 self._move(lane, after)
         self.log.last_step = after
-        if after in self.looks_in:
-            self.log.in_system.append(sum(lane.waiting() for lane in lanes))
         if (after - self.begin_step) % self.sample_steps == 0:
             self._look_around(after)
 

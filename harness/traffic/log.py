@@ -15,8 +15,7 @@ class HourLog:
 
     ``queues`` has, for each second of the counted time, the queued vehicles of each lane.
     ``let_go``: of each who had to wait, whether the first vehicle that kept them waiting let them
-    go.  ``in_system``: the vehicles that had not passed at half of the counted time, and at its
-    end.
+    go.
     """
 
     vehicles: list[Moving] = field(default_factory=list)
@@ -24,7 +23,6 @@ class HourLog:
     queues: list[list[int]] = field(default_factory=list)
     let_go: dict[int, bool] = field(default_factory=dict)
     last_step: int = 0
-    in_system: list[int] = field(default_factory=list)
 
 
 def clearing_s(traffic: TrafficSection) -> float:

@@ -21,16 +21,19 @@ CHUNK = 200
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """One vehicle's way: when it was due, on the road, through; its record and trace.
+    """One vehicle's way: when it was due, on the road, at the crosswalk, through; its record.
 
-    Times in s from the beginning of the warm-up; None where it did not get so far.  ``delay_s``
-    counts from the schedule until the rear has left the crosswalk, less the same way at v0;
-    ``control_delay_s`` to where vehicles leave the road.
+    Times in s from the beginning of the warm-up; None where it did not get so far.  ``due_s`` is
+    when its rear would have left the crosswalk at v0 from its schedule on, ``edge_s`` when its
+    front reached the near edge, ``passed_s`` when its rear had left the crosswalk: ``delay_s``
+    after ``due_s``.  ``control_delay_s`` counts to where vehicles leave the road.
     """
 
     moving: Moving
     scheduled_s: float | None
+    due_s: float | None
     inserted_s: float | None
+    edge_s: float | None
     passed_s: float | None
     delay_s: float | None
     control_delay_s: float | None
@@ -66,24 +69,26 @@ def passages_of(
 def _passage(
     moving: Moving, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
 ) -> Passage:
-    step_s, vehicle = trace.step_s, trace.vehicle
-    v0 = vehicle.initial_speed_mps
+    step_s, vehicle, half_m = trace.step_s, trace.vehicle, trace.crossing.width_m / 2
+    v0, rear_m = vehicle.initial_speed_mps, vehicle.length_m + half_m
+    begin_s = (moving.first_step or 0) * step_s
     scheduled_s = None if saturated else moving.plan.step * step_s
+    due_s = None if scheduled_s is None else scheduled_s + (rear_m - moving.insert_x_m) / v0
+    within_s = crossing_time(trace, -half_m)
+    edge_s = None if within_s is None else begin_s + within_s
     passed_s = delay_s = control_s = None
-    if moving.passed and moving.first_step is not None:
-        rear_m = min(vehicle.length_m + trace.crossing.width_m / 2, float(trace.x_m[-1]))
-        within_s = crossing_time(trace, rear_m)
+    if moving.passed:
+        within_s = crossing_time(trace, min(rear_m, float(trace.x_m[-1])))
         assert within_s is not None
-        passed_s = moving.first_step * step_s + within_s
-        if scheduled_s is not None:
-            way_m = rear_m - moving.insert_x_m
-            delay_s = float(beyond(passed_s - scheduled_s, way_m / v0))
+        passed_s = begin_s + within_s
+        delay_s = None if due_s is None else float(beyond(passed_s, due_s))
     if moving.gone_step is not None and scheduled_s is not None:
-        # Leaving is known to a step: so is the free way.
+        # Leaving is known to a step: so is the free way, and nobody is faster.
         free_steps = math.ceil((end_x_m - moving.insert_x_m) / (v0 * step_s) - 1e-6)
-        control_s = (moving.gone_step - moving.plan.step - free_steps) * step_s
+        control_s = max(0, moving.gone_step - moving.plan.step - free_steps) * step_s
     inserted_s = None if moving.inserted_step is None else moving.inserted_step * step_s
-    return Passage(moving, scheduled_s, inserted_s, passed_s, delay_s, control_s, record, trace)
+    times = (scheduled_s, due_s, inserted_s, edge_s, passed_s)
+    return Passage(moving, *times, delay_s, control_s, record, trace)
 
 
 def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:

@@ -88,10 +88,6 @@ class LaneOnRoad:
         self.next_scheduled = next(self.schedule, None)
         self.next_step = math.inf if self.next_scheduled is None else self.next_scheduled.step
 
-    def waiting(self) -> int:
-        """Vehicles that have not yet passed, upstream of the road included."""
-        return len(self.due) + len(self.coming) + len(self.driven)
-
     def first(self, elapsed_s: float) -> tuple[float, float, Moving] | None:
         """x, speed and vehicle of the first that has not passed, so far into the step."""
         for moving in self.driven:

@@ -16,8 +16,10 @@ from harness.episode.loop import run_episode
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.interaction import load_model
 from harness.measures import measure
+from harness.results.hour_summaries import ArmOfHours, summarise_hours
 from harness.results.hour_tables import hour_rows
-from harness.scenario import PedestriansSection, Scenario, validate
+from harness.results.tables import table_of
+from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
 from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.traffic.demand import Scheduled, scheduled_vehicles
 from harness.traffic.hour import Hour
@@ -278,6 +280,40 @@ def test_the_road_is_empty_after_an_hour() -> None:
     api = road_for(scenario)._api
     assert api.vehicle.getIDList() == ()
     assert api.person.getIDList() == ()
+
+
+def test_a_minute_without_warm_up_is_not_saturated() -> None:
+    """The road of field_sites fills in it: by vehicles on their way, of whom nobody is late."""
+    minute = [Setting("traffic.duration_s", 60.0), Setting("traffic.warm_up_s", 0.0)]
+    arms = arms_of(load_scenario("field_sites", minute), 3)
+    for arm in arms.values():
+        assert not arm.saturated
+        assert arm.growth.share == 0.0
+        assert arm.los_vehicles == "A"
+
+
+@pytest.mark.parametrize(
+    ("flow", "saturated"), [(120.0, False), pytest.param(600.0, True, marks=pytest.mark.slow)]
+)
+def test_ten_minutes_below_and_beyond_capacity(flow: float, saturated: bool) -> None:
+    """Hard-Yield at 750 people per hour lets some 190 vehicles per hour and lane through.
+
+    (docs/traffic.md: 368 in both, kerb wait 0.)
+    """
+    scenario = scenario_of(
+        busy(flow_per_hour=flow, oncoming_per_hour=flow, duration_s=600.0),
+        pedestrians={"flow_per_hour": 750.0},
+        arms={"av": "hard_yield", "human": "hard_yield"},
+        ego={"initial_speed_mps": 8.0},
+    )
+    assert {arm.saturated for arm in arms_of(scenario, 1).values()} == {saturated}
+
+
+def arms_of(scenario: Scenario, hours: int) -> dict[Arm, ArmOfHours]:
+    """The summary of both arms of so many hours."""
+    outcomes = HourRunner(scenario, MODEL, lambda: road_for(scenario)).run(range(hours))
+    rows = hour_rows(0, outcomes)["hours"]
+    return summarise_hours(table_of("hours", rows), scenario, 0.95).arms
 
 
 @pytest.mark.slow

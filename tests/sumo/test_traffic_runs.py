@@ -152,7 +152,7 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert (run.passages["ending"] == "crashed").sum() == 0
     assert (row["kappa"], row["crashes_per_1000"]) == (0.0, 0.0)
     assert row["crashes_per_1000_ci_high"] == pytest.approx(1000 * row["kappa_ci_high"])
-    assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["crossed"].sum())
+    assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["reached"].sum())
     assert pd.isna(row["crashes_per_1000_difference_ci_high"])
     written = write_report(run, tmp_path / "report.html")
     text = written.page.read_text(encoding="utf-8")
@@ -368,7 +368,7 @@ def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> 
     run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
     hit = int(run.passages[run.passages["arm"] == "av"]["contact"].notna().sum())
     assert hit > 0, "or there is nothing to say"
-    first = hour_lines(run)[0]
-    assert first.startswith(f"Crashes (AV) in {hit} of ")
+    first = hour_lines(run)[1]
+    assert first.startswith(f"Crashes (AV's arm) in {hit} of ")
     assert "no delay has what a crash costs" in first
     assert not any("Crashes" in line for line in hour_lines(harness.load_run(runs[0])))

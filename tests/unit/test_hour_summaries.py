@@ -1,0 +1,226 @@
+"""Summaries of hours of traffic from rows made by hand: trials, shares, ratios, yield rates."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.comparison import Interval, clustered_proportion, student_mean, student_ratio
+from harness.encounter import Arm
+from harness.results.hour_measures import HOUR_MEASURES, of_both_arms
+from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
+from harness.results.hour_tables import _delays, _late, passage_counts
+from harness.results.measure_tables import CONFLICTS
+from harness.results.tables import HOURS, columns_of, table_of
+from harness.scenario import ConflictsSection, Scenario, validate
+
+AUTOMATED = {"av": "hard_yield", "human": "human_yield"}
+
+
+def scenario(share: float = 1.0, **arms: str) -> Scenario:
+    tree = {"arms": {**AUTOMATED, **arms}, "traffic": {"av_share": share, "duration_s": 3600}}
+    return validate(tree, "test")
+
+
+def summary_of(
+    av: dict[str, Any], human: dict[str, Any], of: Scenario, hours: int = 3
+) -> HoursSummary:
+    """So many hours that are alike but for a column that is given as a list."""
+    common = {"vehicles": 100, "pedestrians": 50, "reached": 100, "walking_mps": 1.3}
+    rows = []
+    for pair in range(hours):
+        for arm, own in ((Arm.AV, av), (Arm.HUMAN, human)):
+            row = dict.fromkeys(HOURS.names[4:], 0) | common | own
+            values = {key: v[pair] if isinstance(v, list) else v for key, v in row.items()}
+            rows.append({"cell": 0, "pair": pair, "arm": arm.value} | values)
+    return summarise_hours(table_of("hours", columns_of(HOURS, rows)), of, 0.95)
+
+
+def passage(edge_s: float | None, ending: str = "crossed", **values: float) -> dict[str, Any]:
+    row = dict.fromkeys((conflict.column for conflict in CONFLICTS), None)
+    return row | {"edge_s": edge_s, "ending": ending, "approach_stops": 0, "stops": 0} | values
+
+
+def test_trials_are_vehicles_that_reached_the_crosswalk_or_crashed() -> None:
+    """Eight that never got there say nothing about crashes; a conflict of one stands apart."""
+    through = [passage(5.0), passage(6.0, min_ttc_s=0.4), passage(7.0, "crashed")]
+    before_it = [passage(None, "crashed")]
+    never = [passage(None, "timed_out", min_ttc_s=0.4), *[passage(None, "timed_out")] * 7]
+    counts = passage_counts([*through, *before_it, *never], ConflictsSection())
+    assert (counts["reached"], counts["crashes"]) == (4, 2)
+    assert (counts["conflicts_ttc"], counts["conflicts_pet"]) == (3, 2)
+    assert counts["conflicts_unreached"] == 1
+
+
+def test_kappa_is_over_those_that_reached_it() -> None:
+    """1 of 20: not 1 of 100."""
+    own = {"crashes": [1, 0, 0], "reached": [20, 0, 0], "conflicts_unreached": 2}
+    summary = summary_of(own, {}, scenario())
+    assert summary.arms[Arm.AV].kappa.value == 0.05
+    assert summary.measures["crashes_per_1000"][0].value == 50
+    row = hours_row(summary)
+    assert (row["unreached"], row["conflicts_unreached"]) == (280, 6)
+    assert row["unreached_human"] == 0
+
+
+def test_a_share_of_people_keeps_within_0_and_1() -> None:
+    """Three hours of 9, 10 and 10 of 10: Student's t would say 0.82 … 1.11."""
+    av = {"let_go": [9, 10, 10], "had_to_wait": 10}
+    human = {"let_go": 10, "had_to_wait": 10}
+    found = summary_of(av, human, scenario()).measures["first_let_go"]
+    expected = clustered_proportion(np.array([9.0, 10, 10]), np.full(3, 10.0))
+    assert found[0] == Interval(expected.value, expected.low, expected.high)
+    assert found[0].high is not None
+    assert found[0].high <= 1.0
+    assert found[1].high == 1.0
+    # Trials are alike, so the difference is the plain paired one.
+    paired = student_mean(np.array([-0.1, 0, 0]))
+    assert found[2].value == pytest.approx(paired.value)
+    assert found[2].low == pytest.approx(paired.low)
+
+
+def test_no_interval_holds_what_cannot_be() -> None:
+    """A queue of 0, 0 and 0.6 has no mean below 0; a difference of queues may."""
+    av = {"queue_mean": [0.0, 0.0, 0.6], "vehicle_delay_s": [0.0, 0.1, 2.0]}
+    summary = summary_of(av, {"queue_mean": [0.0, 0.3, 0.0]}, scenario())
+    for measure in HOUR_MEASURES:
+        for arm in summary.measures[measure.name][:2]:
+            assert arm.low is None or arm.low >= 0
+            assert not measure.trials or arm.high is None or arm.high <= measure.per
+    assert summary.measures["queue_mean"][0].low == 0.0
+    low = summary.measures["queue_mean"][2].low
+    assert low is not None
+    assert low < 0
+
+
+def test_differences_of_shares_cover() -> None:
+    """In 1,000 draws of ten hours of both arms: 95 % (2.5 % more or less is 3 sd and some)."""
+    (measure,) = (of for of in HOUR_MEASURES if of.name == "first_let_go")
+    rng, held = np.random.default_rng(1), 0
+    for _ in range(1_000):
+        arms = []
+        for share in (0.7, 0.5):
+            trials = rng.poisson(60, 10).astype(float)
+            own = rng.beta(share * 20, (1 - share) * 20, 10)
+            events = rng.binomial(trials.astype(int), own).astype(float)
+            arms.append({"let_go": events, "had_to_wait": trials})
+        difference = of_both_arms(measure, arms[0], arms[1], 0.95)[2]
+        assert difference.low is not None
+        assert difference.high is not None
+        held += difference.low <= 0.2 <= difference.high
+    assert 925 <= held <= 975
+
+
+def test_the_time_ratio_is_that_of_sums_and_covers() -> None:
+    """Delays of five skewed hours: 92 % (4,000 draws; of normal ones 95 %, of twenty 94 %)."""
+    summary = summary_of({"travel_time_s": [300.0, 100, 50]}, {"travel_time_s": 100.0}, scenario())
+    assert summary.time_ratio.value == 1.5
+    rng, intervals = np.random.default_rng(2), list[Interval]()
+    truth = (40 + 30 * np.exp(0.125)) / (40 + 60 * np.exp(0.125))
+    for _ in range(2_000):
+        people = rng.lognormal(0, 0.5, 5)
+        human = 40 + 60 * people * rng.lognormal(-0.02, 0.2, 5)
+        av = 40 + 30 * people * rng.lognormal(-0.02, 0.2, 5)
+        intervals.append(student_ratio(av, human))
+    ends = [(i.low, i.high) for i in intervals if i.low is not None and i.high is not None]
+    # In a few the reference's sum is too uncertain for an interval to end.
+
+    assert len(ends) >= 0.98 * 2_000
+    assert sum(low <= truth <= high for low, high in ends) >= 0.91 * len(ends)
+
+
+def test_fieller_by_hand() -> None:
+    """The ends are the ρ at which the mean of a − ρ b is just t standard errors from 0."""
+    a, b = np.array([5.0, 7.0, 6.0, 9.0]), np.array([4.0, 6.0, 7.0, 8.0])
+    ratio = student_ratio(a, b)
+    for end in (ratio.low, ratio.high):
+        assert end is not None
+        apart = student_mean(a - end * b)
+        assert min(abs(apart.low or 0.0), abs(apart.high or 0.0)) == pytest.approx(0.0, abs=1e-12)
+    assert student_ratio(a, np.zeros(4)).value is None
+    # A denominator that may be 0 has no interval.
+    assert student_ratio(a, np.array([1.0, -1.0, 2.0, 0.1])).low is None
+
+
+@pytest.mark.parametrize(
+    ("share", "arms", "rate", "reason"),
+    [
+        (1.0, {}, None, "hard_yield declares no yield rate"),
+        (0.3, {}, None, "hard_yield declares no yield rate"),
+        (0.0, {}, 0.74, None),
+        (0.3, {"av": "human_yield"}, 0.74, None),
+        (1.0, {"av": "human_yield", "human": "gap_yield"}, 0.74, None),
+        (0.9, {"av": "human_yield", "human": "gap_yield"}, None, "gap_yield declares no yield"),
+    ],
+)
+def test_yield_rates_are_declared_not_observed(
+    share: float, arms: dict[str, str], rate: float | None, reason: str | None
+) -> None:
+    """M_y = share × the AV's + (1 − share) × the reference's, whatever was seen: nobody let go."""
+    own = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
+    row = hours_row(summary_of(own, own, scenario(share, **arms)))
+    assert row["yield_rate"] == (rate if rate is None else pytest.approx(rate, abs=0.005))
+    assert (row["hcm_pedestrian_delay_s"] is None) == (rate is None)
+    assert str(row["no_handbook"]).startswith(str(reason))
+    if share == 0:
+        assert row["hcm_pedestrian_delay_s"] == row["hcm_pedestrian_delay_s_human"]
+
+
+def test_fallbacks_are_a_share_of_those_that_met_someone() -> None:
+    fallback = summary_of({"met": 40, "fallbacks": [40, 0, 20]}, {}, scenario()).arms[Arm.AV]
+    assert (fallback.fallback.successes, fallback.fallback.trials) == (60, 120)
+
+
+def test_a_delay_that_still_grows() -> None:
+    """By 10, 12 and 11 s in three hours; one hour alone cannot tell."""
+    grows = {"first_third_delay_s": 5.0, "last_third_delay_s": [15.0, 17.0, 16.0]}
+    assert summary_of(grows, {}, scenario()).arms[Arm.AV].still_rises
+    assert not summary_of(grows, {}, scenario(), hours=1).arms[Arm.AV].still_rises
+    noisy = {"first_third_delay_s": 5.0, "last_third_delay_s": [45.0, 1.0, 2.0]}
+    assert not summary_of(noisy, {}, scenario()).arms[Arm.AV].still_rises
+
+
+def hour_of(of: Scenario, *rows: tuple[float, float, float | None, float]) -> tuple[Any, Any, Any]:
+    """An hour of vehicles scheduled, due through and through then, with their uniforms."""
+    passages = [
+        SimpleNamespace(
+            scheduled_s=scheduled,
+            due_s=due,
+            passed_s=passed,
+            control_delay_s=None,
+            moving=SimpleNamespace(plan=SimpleNamespace(uniform=uniform)),
+        )
+        for scheduled, due, passed, uniform in rows
+    ]
+    outcome = SimpleNamespace(scenario=of, arm=Arm.AV, passages=passages)
+    counted = SimpleNamespace(begin_s=300.0, end_s=3900.0, passages=passages)
+    return outcome, counted, [(p.passed_s or 4000.0) - p.due_s for p in passages]
+
+
+def test_late_vehicles_by_hand() -> None:
+    """Who is due but not through is late; who is on the way, or in time, is not."""
+    on_the_way = (3890.0, 3930.0, 3940.0, 0.5)
+    in_time = [(350.0 + t, 387.0 + t, 387.05 + t, 0.5) for t in range(0, 3400, 3)]
+    first_half = (260.0, 297.0, 2150.0, 0.5)
+    both = [(1800.0, 1837.0, 3950.0, 0.5), (1900.0, 1937.0, None, 0.5)]
+    outcome, counted, _ = hour_of(scenario(), on_the_way, first_half, *both, *in_time)
+    late = _late(outcome, counted)
+    assert (late["late_first_half"], late["late_second_half"]) == (1, 2)
+    assert late["due_through"] == len(in_time) + 2
+
+
+def test_delays_of_avs_and_of_others_and_of_thirds() -> None:
+    """The AVs' 30 s and the others' 2 s: the mean of all is neither."""
+    rows = [
+        (400.0, 437.0, 467.0, 0.1),
+        (2000.0, 2037.0, 2039.0, 0.6),
+        (3800.0, 3837.0, 3839.0, 0.9),
+    ]
+    outcome, counted, delays = hour_of(scenario(0.3), *rows)
+    found = _delays(outcome, counted, delays)
+    assert found["automated_delay_s"] == pytest.approx(30.0)
+    assert found["other_delay_s"] == pytest.approx(2.0)
+    assert found["vehicle_delay_s"] == pytest.approx(34 / 3)
+    assert found["first_third_delay_s"] == pytest.approx(30.0)
+    assert found["last_third_delay_s"] == pytest.approx(2.0)

@@ -1,0 +1,130 @@
+"""The rule for *saturated*, held by queues of known load at a crosswalk with absolute priority."""
+
+import math
+
+import numpy as np
+import pytest
+
+from harness.traffic.closed_forms import plain_priority_capacity_per_s
+from harness.traffic.saturation import Growth, growth_of, least_late
+
+HEADWAY_S = 2.0
+BEHIND_S = 37.0
+"""How long after its schedule a vehicle would be through: 300 m at 8 m/s."""
+
+
+def queues(
+    hours: int,
+    load: float,
+    duration_s: float,
+    warm_up_s: float,
+    *,
+    pedestrians_per_hour: float = 1000.0,
+    block_s: float = 8.0,
+    lanes: int = 2,
+    seed: int = 1,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Growth and arrivals of hours whose vehicles come at ``load`` times the capacity.
+
+    People come at random and block all lanes for ``block_s`` each; the queue of a lane moves up
+    by a headway.  Its capacity has a closed form, λ e^{−λτ}/(1 − e^{−λh}) (tested elsewhere).
+    """
+    rng, rate = np.random.default_rng(seed), pedestrians_per_hour / 3600
+    flow = load * plain_priority_capacity_per_s(rate, block_s, 0.0, HEADWAY_S)
+    end_s = warm_up_s + duration_s
+    last_s = 4 * end_s + 4000  # after which nobody is followed any more
+    apart_s = last_s + 1000 + np.arange(hours) * (last_s + 1000)
+    begins, ends = [np.array([-2.0])], [np.array([-1.0])]
+    for apart in apart_s:
+        people = apart + np.sort(rng.uniform(0, last_s, rng.poisson(rate * last_s)))
+        # A block lasts until nobody has come for block_s.
+        first = np.append(True, np.diff(people) > block_s)
+        begins.append(people[first])
+        ends.append(people[np.append(first[1:], True)] + block_s)
+    block_begins, block_ends = np.concatenate(begins), np.concatenate(ends)
+    due, left = [], []
+    for _ in range(lanes):
+        count = int(flow * end_s + 6 * math.sqrt(flow * end_s) + 10)
+        scheduled = np.cumsum(rng.exponential(1 / flow, (hours, count)), axis=1)
+        through = np.empty_like(scheduled)
+        before = np.full(hours, -math.inf)
+        for number in range(count):
+            ready = np.maximum(scheduled[:, number] + BEHIND_S, before + HEADWAY_S) + apart_s
+            block = np.searchsorted(block_begins, ready, "right") - 1
+            before = np.maximum(ready, block_ends[block]) - apart_s
+            through[:, number] = before
+        due.append(np.where(scheduled < end_s, scheduled + BEHIND_S, math.inf))
+        left.append(np.where(scheduled < end_s, through, math.inf))
+    all_due, all_left = np.hstack(due), np.hstack(left)
+    half_s = warm_up_s + duration_s / 2
+    growths = [
+        least_late(*times, half_s, end_s) - least_late(*times, warm_up_s, half_s)
+        for times in zip(all_due, all_left, strict=True)
+    ]
+    counted = (all_due > warm_up_s) & (all_due <= end_s)
+    return np.array(growths, dtype=float), counted.sum(axis=1) / 2
+
+
+def share_saturated(growths: np.ndarray, arrivals: np.ndarray, hours: int, lanes: int = 2) -> float:
+    """The share of runs of so many hours that are called saturated."""
+    whole = len(growths) // hours * hours
+    runs = zip(growths[:whole].reshape(-1, hours), arrivals[:whole].reshape(-1, hours), strict=True)
+    return float(np.mean([growth_of(*run, lanes).saturated for run in runs]))
+
+
+CALM = [(60.0, 0.0), (60.0, 300.0), (300.0, 0.0), (900.0, 300.0), (3600.0, 0.0), (3600.0, 600.0)]
+
+
+@pytest.mark.parametrize(("duration_s", "warm_up_s"), CALM[:4])
+def test_a_road_below_its_capacity_is_not_saturated(duration_s: float, warm_up_s: float) -> None:
+    """At 0.8 of the capacity at most 1 % of runs of 1, 5 and 30 hours say so."""
+    found = queues(3000, 0.8, duration_s, warm_up_s)
+    for hours in (1, 5, 30):
+        assert share_saturated(*found, hours) <= 0.01
+
+
+def test_a_road_beyond_its_capacity_is_found_in_five_hours() -> None:
+    """At 1.25 of it in 95 % of runs at least, where it is 250 vehicles per hour and lane."""
+    found = queues(2000, 1.25, 3600.0, 300.0)
+    assert share_saturated(*found, 5) >= 0.95
+    # One hour finds a part: it says little by itself.
+    assert 0.1 < share_saturated(*found, 1) < 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("pedestrians_per_hour", "block_s", "lanes"),
+    [(1000.0, 8.0, 2), (250.0, 10.0, 2), (500.0, 12.0, 4), (100.0, 10.0, 1), (1000.0, 8.0, 4)],
+)
+def test_the_rule_on_many_roads(pedestrians_per_hour: float, block_s: float, lanes: int) -> None:
+    """The same of five roads, with 9,000 or 3,000 hours each; 3 % of 30 hours are chance."""
+    road = {"pedestrians_per_hour": pedestrians_per_hour, "block_s": block_s, "lanes": lanes}
+    for duration_s, warm_up_s in CALM:
+        count = 9000 if duration_s <= 300 else 3000
+        found = queues(count, 0.8, duration_s, warm_up_s, seed=2, **road)
+        assert share_saturated(*found, 1, lanes) <= 0.01
+        assert share_saturated(*found, 5, lanes) <= 0.01
+        assert share_saturated(*found, 30, lanes) <= 0.03
+    found = queues(3000, 1.25, 3600.0, 300.0, seed=3, **road)
+    assert share_saturated(*found, 5, lanes) >= 0.95
+
+
+def test_a_road_that_fills_grows_by_nobody() -> None:
+    """Without a warm-up the first vehicles are only just there: everybody may be in time."""
+    due = np.arange(37.0, 60.0, 4.6)
+    assert least_late(due, due, 30.0, 60.0) == least_late(due, due, 0.0, 30.0) == 0
+
+
+def test_chance_by_hand() -> None:
+    """One lane: z √(2.5 n) vehicles of n; with four times the hours half the share."""
+    one = growth_of(np.array([50.0]), np.array([250.0]), 1)
+    assert one.bound == pytest.approx(2.3263 * math.sqrt(2.5 * 250) / 250, rel=1e-4)
+    assert one == Growth(0.2, one.bound)
+    assert not one.saturated
+    four = growth_of(np.full(4, 50.0), np.full(4, 250.0), 1)
+    assert four.bound == pytest.approx(0.2326 / 2, rel=1e-3)
+    assert four.saturated
+    # Beyond chance is not enough.
+    assert not growth_of(np.full(400, 12.0), np.full(400, 250.0), 1).saturated
+    assert growth_of(np.zeros(3), np.zeros(3), 1) == Growth(None, None)
+    assert not Growth(None, None).saturated
