@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from harness.errors import InputError
 from harness.trajectories.counting import Tally
@@ -49,7 +50,7 @@ def read_table(path: Path) -> pd.DataFrame:
             table = pd.read_csv(path, encoding="utf-8-sig", low_memory=False)
     except pd.errors.EmptyDataError:
         raise EmptyTableError(str(path), "the file is empty") from None
-    except (OSError, ValueError) as problem:  # ParserError, UnicodeDecodeError and ArrowInvalid too
+    except (OSError, ValueError, pa.ArrowException) as problem:  # ParserError is a ValueError
         first_line = (str(problem).splitlines() or [type(problem).__name__])[0]
         raise InputError(str(path), f"cannot be read as a table: {first_line}") from None
     table.columns = pd.Index([str(name).strip() for name in table.columns])
