@@ -68,7 +68,10 @@ def strategies(
     as_json: JsonOption = False,
 ) -> None:
     """List the strategies and their parameters, or check one."""
+    asked = {"--scenario": scenario != "cctc", "--set": bool(settings), "--limit": limit != 60.0}
     if check is None:
+        if (option := next((name for name, given in asked.items() if given), None)) is not None:
+            raise InputError(option, "goes with --check", "--check STRATEGY")
         _list_strategies(quiet, as_json)
         return
     from harness.conformance import check_strategy

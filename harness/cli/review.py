@@ -52,6 +52,11 @@ def replay(
     if gui:
         if out is not None:
             raise InputError("--out", "stands beside --gui", "--screenshots DIR")
+        if in_this_process:
+            allowed = "--gui alone, which runs in this process, too: breakpoint() stops in decide"
+            raise InputError("--debug", "stands beside --gui", allowed)
+        if every is not None and screenshots is None:
+            raise InputError("--every", "goes with --screenshots", "--screenshots DIR")
         from harness.replay.watch import watch
 
         with unwinding():

@@ -7,6 +7,7 @@ import pandas as pd
 
 from harness.encounter import Arm, Ending
 from harness.errors import HarnessError
+from harness.network import network_of
 from harness.replay.stored import differences_of
 from harness.results.manifest import explained
 from harness.results.tables import table_of
@@ -169,8 +170,13 @@ def differences_from_stored(
 
 
 def task_of(run: RunData, cell: int, pair: int) -> Task:
-    """A stored pair as a task that is to keep its traces."""
+    """A stored pair as a task that is to keep its traces.
+
+    Raises:
+        HarnessError: its network or model is gone, or another one.
+    """
     scenario = run.scenario_of(cell)
+    network_of(scenario)
     return Task(
         cell=cell,
         first_pair=pair,

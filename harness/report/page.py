@@ -11,6 +11,7 @@ from jinja2.utils import htmlsafe_json_dumps
 
 from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
+from harness.network import place_of
 from harness.report import style
 from harness.report.caveats import av_label, first_lines
 from harness.report.comparison_tables import comparison_lines, comparison_tables
@@ -106,12 +107,17 @@ def _pairs_shown(run: RunData) -> _Shown:
         model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
     except InputError as error:
         remarks = [f"Figures of the interaction model are left out: {error}."]
+    place = None
+    try:
+        place = place_of(run.scenario_of(0))
+    except HarnessError as error:
+        remarks.append(f"The figure of the site is left out: {error}.")
     episodes = {
         "player": _player(run, chosen, shown) if shown else None,
         "no_player": no_player,
         "figure_remarks": remarks,
     }
-    return shown, episodes, pictures_of(run, model, shown)
+    return shown, episodes, pictures_of(run, model, place, shown)
 
 
 def _hour_shown(run: RunData) -> _Shown:

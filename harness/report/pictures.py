@@ -9,7 +9,6 @@ import pandas as pd
 from harness.encounter import Arm, Ending, FloatArray, Side
 from harness.episode.arrivals import planned_arrivals
 from harness.interaction import InteractionModel
-from harness.network import place_of
 from harness.report import (
     episode_figures as episodes_drawn,
     model_figures,
@@ -23,7 +22,7 @@ from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.report.tables import counted, level
 from harness.report.words import PAPER, is_the_papers, pair_name
-from harness.roads import read_network, site_at
+from harness.roads import Place, read_network, site_at
 from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
 from harness.scenario import Scenario
@@ -41,13 +40,14 @@ _SAFETY_UP_TO_S = 10.0
 
 
 def pictures_of(
-    run: RunData, model: InteractionModel | None, shown: Sequence[ShownPair]
+    run: RunData, model: InteractionModel | None, place: Place | None, shown: Sequence[ShownPair]
 ) -> Iterator[Picture]:
     """The figures of a run, the paper's first; made inside ``style.styled``.
 
     Args:
         run: with at least one finished pair.
         model: of the first of ``model_cells``; None leaves out what is drawn from it.
+        place: of its first cell's crosswalk; None leaves out the site.
         shown: the pairs with traces; none leaves out the speed profiles.
     """
     if run.varied_keys:
@@ -58,7 +58,8 @@ def pictures_of(
         yield _arrivals(run)
     if shown:
         yield from _profiles(run, shown)
-    yield _site(run)
+    if place is not None:
+        yield _site(run, place)
     if not run.varied_keys:
         yield _safety(run)
     if model is not None:
@@ -161,9 +162,8 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
     yield Picture("speed-time", "Speed over time", caption.format("time"), figure)
 
 
-def _site(run: RunData) -> Picture:
+def _site(run: RunData, place: Place) -> Picture:
     scenario = run.scenario_of(0)
-    place = place_of(scenario)
     network = read_network(place.net)
     figure, (axes,) = style.new_figure(height=5.2)
     site = site_at(network, place.edge, place.approach, lane=place.lane)

@@ -107,9 +107,13 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
     """
     document = read_manifest(folder)
     if document["counts"] is None:
-        finishes = f"`{resume_command(folder)}` finishes it"
-        raise InputError(str(folder), "is not finished", finishes)
+        raise unfinished(folder)
     return document
+
+
+def unfinished(folder: Path) -> InputError:
+    """The refusal of a run that was broken off or is still going on."""
+    return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
 
 
 def read_table(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from harness.errors import InputError
-from harness.results.reading import MANIFEST, count_rows, read_finished_manifest, read_manifest
+from harness.results.reading import MANIFEST, count_rows, read_manifest, unfinished
 from harness.results.tables import encounter_tables, hour_tables
 from harness.runs.run_data import RunData
 from harness.runs.run_tables import readable_shards
@@ -49,12 +49,12 @@ def load_run(path: str | Path) -> RunData:
 
 
 def finished_run(run: RunData | str | Path) -> RunData:
-    """Open a run folder whose run is finished; an open run is given back.
+    """Open a run folder whose run is finished; one that is open already is given back.
 
     Raises:
         InputError: as ``load_run``, or the run was broken off or is still going on.
     """
-    if isinstance(run, RunData):
-        return run
-    read_finished_manifest(Path(run))
-    return load_run(run)
+    found = run if isinstance(run, RunData) else load_run(run)
+    if not found.finished:
+        raise unfinished(found.path)
+    return found

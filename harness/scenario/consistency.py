@@ -54,7 +54,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
         )
     check_steps(f"{source}: experiment.timeout_s", experiment.timeout_s, experiment.step_s, 1)
     if scenario.traffic is not None:
-        _check_traffic(scenario, scenario.traffic, f"{source}: pedestrians")
+        _check_traffic(scenario, scenario.traffic, source)
     check_sight(scenario, source)
 
 
@@ -178,26 +178,24 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
         )
 
 
-def _check_traffic(scenario: Scenario, traffic: TrafficSection, where: str) -> None:
+def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> None:
     """Streams that fit their lanes, times of whole steps, people who know no trigger."""
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
+    people, where = f"{source}: pedestrians", f"{source}: traffic"
     if pedestrians.behaviour == "sumo":
         allowed = "constant, gap_acceptance or reactive"
-        raise InputError(f"{where}.behaviour", "'sumo' beside [traffic]", allowed)
+        raise InputError(f"{people}.behaviour", "'sumo' beside [traffic]", allowed)
     if scenario.perception != PerceptionSection():
-        place = where.replace("pedestrians", "perception")
         why = "beside [traffic], whose drivers see what is so"
-        raise InputError(place, why, "no [perception] table")
+        raise InputError(f"{source}: perception", why, "no [perception] table")
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):
-        raise InputError(f"{where}.{key}", "beside [traffic], which has no one trigger", "none")
-    where = where.replace("pedestrians", "traffic")
+        raise InputError(f"{people}.{key}", "beside [traffic], which has no one trigger", "none")
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would run into each other"
         raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     for key in ("duration_s", "warm_up_s"):
         check_steps(f"{where}.{key}", getattr(traffic, key), step_s)
-    source = where.removesuffix(": traffic")
     for key, oncoming in (("flow_per_hour", False), ("oncoming_per_hour", True)):
         lanes = scenario.crosswalk_from_lanes(oncoming=oncoming)
         if traffic.has_vehicles(oncoming=oncoming):

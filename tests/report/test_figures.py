@@ -334,8 +334,9 @@ def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str)
 
 
 def pictures(run: RunData) -> list[Picture]:
+    place = place_of(run.scenario_of(0))
     with style.styled():
-        return list(pictures_of(run, run.model_of(0), shown_pairs(run, choose_pairs(run))))
+        return list(pictures_of(run, run.model_of(0), place, shown_pairs(run, choose_pairs(run))))
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,8 @@ import harness.report.page as page_module
 from harness.report.episode_traces import TIME_ADVANTAGE, choose_pairs
 from harness.report.page import write_report
 from harness.report.player_data import player_document
-from harness.scenario import Options, validate
+from harness.resources import shipped_directory
+from harness.scenario import Cell, Options, Study, validate
 from tests.batches import here, one_cell, printed, refusal, sweep
 from tests.report.conftest import HOSTILE, simulate
 
@@ -284,6 +285,21 @@ def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) 
     found = Page(write_report(harness.load_run(folder)).page)
     assert "could not be simulated again" in found.words
     assert "Figures of the interaction model are left out" in found.words
+
+
+def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None:
+    net = tmp_path / "my.net.xml"
+    shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", net)
+    own = {"crossing": {"net": str(net), "edge": ":crosswalk_c0"}, "arms": {"human": "human_yield"}}
+    few = {"experiment": {"pairs": 2}}
+    cell = Cell(0, {}, validate({**own, **few}, "test"))
+    run = simulate(Study("own", cell.scenario, (cell,)), tmp_path / "run")
+    net.rename(tmp_path / "elsewhere.net.xml")
+    found = Page(write_report(harness.load_run(run)).page)
+    assert "The figure of the site is left out" in found.words
+    assert "could not be simulated again" in found.words
+    assert "my.net.xml: no such network" in found.words
+    assert 'id="f-tau-mean"' in found.source or "Running mean of τ" in found.words
 
 
 # --- the command ----------------------------------------------------------------------------------

@@ -117,6 +117,13 @@ def test_a_run_that_was_finished_meanwhile_says_so(unfinished: Path, tmp_path: P
         _ = run.episodes
 
 
+def test_an_unfinished_run_that_is_open_is_not_compared(unfinished: Path) -> None:
+    run = harness.load_run(unfinished)
+    for use in (harness.compare, harness.worst):
+        with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
+            use(run)
+
+
 def copy(folder: Path, to: Path) -> Path:
     """A copy to be spoilt."""
     target = to / "copy"

@@ -324,3 +324,21 @@ def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:
     assert result.stderr.startswith("harness: ")
     assert list(here.iterdir()) == []
     assert (tmp_path / "file").read_text() == "kept"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--gui", "--debug"), ("--debug: stands beside --gui", "breakpoint() stops in decide")),
+        (("--gui", "--every", "1"), ("--every: goes with --screenshots",)),
+    ],
+)
+def test_no_option_of_a_replay_is_ignored(
+    refused: Refuse, options: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    says(refused("replay", "run", "--pair", "0", *options), *words)
+
+
+def test_options_of_a_check_are_not_ignored_without_one(refused: Refuse) -> None:
+    says(refused("strategies", "--set", "ego.lane=0"), "--set: goes with --check")
+    says(refused("strategies", "--scenario", "cctc_flow"), "--scenario: goes with --check")

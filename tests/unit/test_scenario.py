@@ -284,3 +284,16 @@ def test_files_that_are_no_scenario(tmp_path: Path) -> None:
             load_scenario(path)
         assert str(path) in str(caught.value)
         assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_file_may_be_called_after_a_table() -> None:
+    # The name of the file stays as it is, whatever table the mistake is in.
+    tree = tomllib.loads("[traffic]\ntau_s = 0.05\n[experiment]\nstep_s = 0.1\n")
+    with pytest.raises(InputError) as caught:
+        validate(tree, "pedestrians.toml", {})
+    assert caught.value.where == "pedestrians.toml: traffic.tau_s"
+    for table, key in (("perception", "latency_s = 1.0"), ("pedestrians", "warm_up_s = 1.0")):
+        tree = tomllib.loads(f"[traffic]\n[{table}]\n{key}\n")
+        with pytest.raises(InputError) as caught:
+            validate(tree, "pedestrians.toml", {})
+        assert caught.value.where.startswith(f"pedestrians.toml: {table}")
