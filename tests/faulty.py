@@ -82,7 +82,7 @@ class Faulty:
 
 def first_number(pair: int) -> float:
     """What the strategy draws first in that pair, under seed 1."""
-    return float(stream(1, "strategy", pair).random())
+    return float(stream(1, "av_strategy", pair).random())
 
 
 def struck(faults: dict[str, int]) -> dict[str, object]:

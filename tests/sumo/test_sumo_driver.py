@@ -172,4 +172,5 @@ def test_both_networks_have_the_right_of_way_they_should() -> None:
         in with_priority
     )
     assert 'via=":crosswalk_0_0" dir="s" state="M"' in without
-    assert network_of(scene()).name == "cctc.net.xml"
+    cctc = scenario(crossing={"latitude_deg": 42.278415, "longitude_deg": -83.735580})
+    assert network_of(cctc).name == "cctc.net.xml"
