@@ -60,6 +60,10 @@ class Contact(StrEnum):
     SIDE = "side"
 
 
+SPEED_ROUNDING = 1e-6
+"""By this share a speed may be above a limit before it counts as above."""
+
+
 @dataclass(frozen=True, slots=True)
 class Vehicle:
     """The ego's constants: metres, m/s, m/s²; decelerations are positive numbers."""

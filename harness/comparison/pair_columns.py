@@ -23,7 +23,8 @@ class PairColumns:
     who stepped off.  ``arrivals`` is the number of those who arrived, ``waited_s`` the sum of
     their waits at the kerb.  ``conditionings`` counts how often the interaction model was asked,
     ``clamped`` how often about an ego that is faster or farther away than its box, by at most the
-    two excesses, which are NaN where that never was.  All of these are NaN in a run from before
+    two excesses, which are NaN where that never was.  ``max_speed_mps`` is
+    the ego's largest speed.  All of these are NaN in a run from before
     they were kept.
     """
 
@@ -45,6 +46,7 @@ class PairColumns:
     clamped: BothArms
     speed_excess_mps: BothArms
     range_excess_m: BothArms
+    max_speed_mps: BothArms
     av_fallback: np.ndarray
 
     def where(self, keep: "np.ndarray | slice") -> "PairColumns":

@@ -75,6 +75,8 @@ class Summary:
     kappa_all: Proportion
     delay_worst_s: Resampled
     delay_human_worst_s: Resampled
+    max_speed_mps: float | None
+    max_speed_human_mps: float | None
 
 
 def summarise(
@@ -163,14 +165,16 @@ def summarise(
         confidence=confidence,
         clamped_share=_clamped_share(pairs, 0),
         clamped_share_human=_clamped_share(pairs, 1),
-        clamped_speed_excess_mps=_largest(pairs.speed_excess_mps),
-        clamped_range_excess_m=_largest(pairs.range_excess_m),
+        clamped_speed_excess_mps=_largest(*pairs.speed_excess_mps),
+        clamped_range_excess_m=_largest(*pairs.range_excess_m),
         time_ratio=time_ratio,
         time_ratio_pairs=_count(counted),
         time_ratio_worst=time_ratio_worst,
         kappa_all=proportion(_count(pairs.av_missed), _count(pairs.av_tried), confidence),
         delay_worst_s=delays_worst[0],
         delay_human_worst_s=delays_worst[1],
+        max_speed_mps=_largest(pairs.max_speed_mps[0]),
+        max_speed_human_mps=_largest(pairs.max_speed_mps[1]),
     )
 
 
@@ -180,7 +184,7 @@ def _clamped_share(pairs: PairColumns, arm: int) -> float | None:
     return float(np.nansum(pairs.clamped[arm]) / asked) if asked else None
 
 
-def _largest(columns: BothArms) -> float | None:
+def _largest(*columns: FloatArray) -> float | None:
     defined = _defined(np.concatenate(columns))
     return float(defined.max()) if len(defined) else None
 

@@ -16,7 +16,7 @@ from harness.conformance.subject import (
     Observed,
     Subject,
 )
-from harness.encounter import Ending
+from harness.encounter import SPEED_ROUNDING, Ending
 from harness.strategies.parameters import parameters_of
 
 HAS_DEFAULTS = "every parameter has a default"
@@ -104,6 +104,19 @@ def _refuse_difference(where: str, one: Observed, other: Observed) -> None:
         raise BrokenRuleError(f"{where}: {len(one.answers)} and {len(other.answers)} steps")
 
 
+def _keeps_to_the_limit(subject: Subject) -> None:
+    """Above the road's limit, or v0 where there is none, time is saved by speeding."""
+    for scene in SCENES:
+        trace, watched = subject.play(scene, 0.1)
+        v0_mps = trace.vehicle.initial_speed_mps
+        limit_mps = max(subject.road_limit_mps or v0_mps, v0_mps)
+        speeding = trace.speed_mps > limit_mps * (1 + SPEED_ROUNDING)
+        if speeding.any():
+            step, fastest = int(speeding.argmax()), float(trace.speed_mps.max())
+            what = f"{scene}: drove at {fastest:.3g} m/s where {limit_mps:g} are allowed"
+            raise BrokenRuleError(what, watched.observations[max(step - 1, 0)])
+
+
 CHECKS: dict[str, Callable[[Subject], None]] = {
     "remembers nothing of other episodes": _forgets,
     "keeps nothing in its class": _keeps_nothing_in_its_class,
@@ -112,6 +125,7 @@ CHECKS: dict[str, Callable[[Subject], None]] = {
     SURVIVES: _survives,
     IS_FINITE: _is_finite,
     "crosses an empty road": _crosses_an_empty_road,
+    "keeps to the road's limit, or v0 where there is none": _keeps_to_the_limit,
     "leaves what it is given as it is": _leaves_alone,
 }
 """Every check by what it demands; those of memory first, as it has to be empty for them."""

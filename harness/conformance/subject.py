@@ -119,6 +119,7 @@ class Subject:
         self.name, self._model = name, model
         self._base = scenario.model_dump(include={"crossing", "ego", "strategies"})
         self.parameters = scenario.strategies.get(name, {})
+        self.road_limit_mps = scenario.crossing.road_speed_limit_mps
         self.factory = find_strategy(name, "--check")
         self.decide_limit_s = DECIDE_LIMIT_S
         self.watched: Observed | None = None

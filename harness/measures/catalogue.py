@@ -213,6 +213,16 @@ MEASURES = (
         "exact",
         efficiency.untouched_pass_time_s,
     ),
+    Measure(
+        "max_speed_mps",
+        "m/s",
+        float,
+        "largest speed within the record",
+        "failed before its first step",
+        "",
+        "exact",
+        efficiency.max_speed_mps,
+    ),
 )
 
 COLUMNS = tuple(measure.column for measure in MEASURES)

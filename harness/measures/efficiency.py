@@ -50,6 +50,16 @@ def stopped_s(chunk: Chunk) -> FloatArray:
     return count * chunk.step_s
 
 
+def max_speed_mps(chunk: Chunk) -> FloatArray:
+    """Largest speed within the record, in m/s; NaN without a step."""
+    trace, state = chunk.record_steps()
+    before, after = chunk.ego.speed_mps[state], chunk.ego.speed_mps[state + 1]
+    # The record ends within its last step, in which the speed is linear.
+    number = state - chunk.ego.first[trace]
+    share = np.clip(chunk.end_s[trace] / chunk.step_s - number, 0.0, 1.0)
+    return chunk.largest(trace, np.maximum(before, before + share * (after - before)))
+
+
 def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
     """Mean wait at the kerb of those who came within the record, in s; NaN if nobody did.
 

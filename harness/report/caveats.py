@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 
 from harness.comparison import Summary
+from harness.encounter import SPEED_ROUNDING
 from harness.report.tables import counted, limits, number, percentage
 from harness.runs.run_data import RunData
 from harness.runs.targets import missed_targets
@@ -90,6 +91,7 @@ def caveats(scenario: Scenario, summary: Summary) -> list[str]:
             f"{number(summary.time_ratio_worst.value, 4)} and μ {number(summary.mu_worst.value, 4)}"
         )
     said += fallback_words(f"the AV's strategy {av}", av, summary.fallback_share, "episodes")
+    said += _speeding(scenario, summary)
     return [*said, *_outside_the_model(summary), *_direction(summary)]
 
 
@@ -107,6 +109,21 @@ def fallback_words(who: str, strategy: str, share: float | None, of: str) -> lis
     return [
         f"{who} fell back on {fallback_of(strategy)} in {whole_percent(share)} of the {of} that "
         f"met someone: what is measured is mostly {fallback_of(strategy)}"
+    ]
+
+
+def _speeding(scenario: Scenario, summary: Summary) -> list[str]:
+    """Who drove above the road's limit, or above v0 where there is none; commands are not cut."""
+    limit_mps = scenario.speed_limit_mps
+    what = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
+    return [
+        f"the {who} drove at up to {fastest:.3g} m/s, above {what} of {limit_mps:g} m/s: it "
+        "saves time by that"
+        for who, fastest in (
+            ("AV", summary.max_speed_mps),
+            ("human", summary.max_speed_human_mps),
+        )
+        if fastest is not None and fastest > limit_mps * (1 + SPEED_ROUNDING)
     ]
 
 

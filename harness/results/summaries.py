@@ -102,6 +102,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         clamped=both(numbers("clamped")),
         speed_excess_mps=both(numbers("clamped_speed_excess_mps")),
         range_excess_m=both(numbers("clamped_range_excess_m")),
+        max_speed_mps=both(numbers("max_speed_mps")),
         av_fallback=both(numbers("fallback") > 0)[0],
     )
 

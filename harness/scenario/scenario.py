@@ -82,10 +82,15 @@ class Scenario(Section):
             ]
         return tuple(self._seen_from(number, *lane) for number, lane in enumerate(lanes))
 
+    @property
+    def speed_limit_mps(self) -> float:
+        """The road's limit, or v0 where none is given."""
+        return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
+
     def _seen_from(self, lane: int, centre_m: float, width_m: float) -> Crossing:
         crossing, limit_mps = self.crossing, None
         if crossing.read is None:
-            limit_mps = crossing.road_speed_limit_mps or self.ego.initial_speed_mps
+            limit_mps = self.speed_limit_mps
         return Crossing(
             length_m=crossing.length_m,
             width_m=crossing.width_m,

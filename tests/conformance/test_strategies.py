@@ -111,6 +111,11 @@ class Learns(Steady):
         return 0.01 * Learns.met
 
 
+class Speeds(Steady):
+    def decide(self, _seen):
+        return 3.0
+
+
 class Interferes(Steady):
     def decide(self, seen):
         object.__setattr__(seen.vehicle, "max_acceleration_mps2", 99.0)
@@ -135,6 +140,7 @@ BROKEN = {
     Infinite: "answers with a finite number or None",
     Text: "answers with a finite number or None",
     Stops: "crosses an empty road",
+    Speeds: "keeps to the road's limit, or v0 where there is none",
     Whims: "the same episode twice gives the same answers",
     Learns: "remembers nothing of other episodes",
     Interferes: "leaves what it is given as it is",

@@ -196,6 +196,7 @@ def columns() -> PairColumns:
         clamped=(none + 1, none),
         speed_excess_mps=(none + 2.5, none * np.nan),
         range_excess_m=(none + 20.0, none * np.nan),
+        max_speed_mps=(none + 5.0, none + 5.0),
         av_fallback=np.arange(len(PAIRS)) == 1,
     )
 

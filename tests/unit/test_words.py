@@ -55,6 +55,7 @@ def columns(pairs: int) -> PairColumns:
         clamped=(none + 1, none),
         speed_excess_mps=(none + 2.5, none * np.nan),
         range_excess_m=(none + 20.0, none * np.nan),
+        max_speed_mps=(none + 5.0, none + 5.0),
         av_fallback=no,
     )
 
