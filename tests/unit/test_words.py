@@ -210,6 +210,12 @@ RISK = {
     "event": "crashed",
     "probability": None,
     "ci_high": 0.95,
+    "nominal_high": 0.95,
+    "nominal_draws": 1_000,
+    "nominal_events": 0,
+    "first_look_draws": 1_000,
+    "first_look_events": 0,
+    "by_brute_force": False,
     "confidence": 0.95,
     "probability_worst": None,
     "episodes": 1_001,
@@ -226,13 +232,17 @@ RISK = {
 
 
 def test_a_risk_says_whether_a_way_to_the_event_was_found() -> None:
-    assert "no way to crash found in 1,001 episodes" in sentence(RISK)
+    bound = "P(crashed) is at most 0.95 (one-sided 95 %; {} in 1,000 nominal draws)."
+    said = sentence(RISK)
+    assert "no way to crash was found in 1,001 episodes" in said
+    assert said.endswith(bound.format("0 events"))
     # A first look saw crashes, the one draw of the estimate none.
-    seen = sentence({**RISK, "events_in_all": 190})
+    looked = {"first_look_events": 190, "nominal_events": 190}
+    seen = sentence({**RISK, **looked, "events_in_all": 195})
     assert "no way" not in seen
-    assert "190 episodes ended in it" in seen
-    assert seen.endswith("(one-sided 95 %).")
-    assert "of which none is among the draws of the estimate (1), which bound it by 0.95" in seen
+    assert "none of its 1 draw ended in the event" in seen
+    assert "190 of the 1,000 episodes of the first look did, and 5 of the exploration" in seen
+    assert seen.endswith(bound.format("190 events"))
 
 
 def test_a_risk_counts_every_record_in_which_the_engines_differ() -> None:
