@@ -88,7 +88,6 @@ def options_of(changes: dict[str, object]) -> list[str]:
 
 def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run ``harness`` to its end in this process, its tasks too, which saves starting Python."""
-    from harness.batch import experiment
     from harness.calibration import jobs
     from harness.cli import app
     from harness.engine.shared import close_engine
@@ -104,7 +103,7 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
         patch.setenv("MPLBACKEND", "Agg")
         if cwd is not None:
             patch.chdir(cwd)
-        for module in (pool, experiment, jobs, rerun, sumo_outputs, episode_traces):
+        for module in (pool, jobs, rerun, sumo_outputs, episode_traces):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         with (
             contextlib.redirect_stdout(out),

@@ -20,12 +20,13 @@ from harness.runs.run_data import RunData
 from harness.scenario import Cell, Options, Study, hang_limit_s
 from harness.strategies.own import is_of_this_process
 from harness.workers.execution import run_tasks
-from harness.workers.pool import LocalPool, workers_for
+from harness.workers.pool import pool_for, workers_for
 from harness.workers.tasks import Executor, ExecutorLostError, Task
 from harness.workers.this_process import ThisProcess
 
-FEWEST_PAIRS = 5
-"""Pairs of the smallest tasks: those at the end of a run, so that workers end together."""
+SHORTEST_S, LONGEST_S = 0.02, 5.0
+"""How long a task takes: less at the end of a run, so that workers end together, and no longer,
+so that a slow strategy keeps all of them busy."""
 
 _OPTIONS = Options()
 
@@ -102,7 +103,7 @@ def resume(
 def _usual_executor(plan: Plan) -> MakeExecutor:
     if plan.options.workers == 0 or any(map(is_of_this_process, plan.study.driven)):
         return lambda _workers: ThisProcess()
-    return LocalPool
+    return lambda _workers: pool_for(plan.study, plan.options)
 
 
 @contextmanager
@@ -159,6 +160,8 @@ class _Work:
         self.folder, self.plan, self.progress = folder, plan, progress
         self.make_executor = make_executor
         self.executor: Executor | None = None
+        self.pair_s: float | None = None
+        """How long a pair took in the task that was finished last."""
         self.done = folder.done_pairs(plan.planned, plan.shard_tables)
 
     def reach(self, goals: dict[int, int]) -> None:
@@ -182,6 +185,8 @@ class _Work:
             self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
+            # Nothing is known of pairs that no worker survived.
+            self.pair_s = result.took_s / task.count or self.pair_s
             self.done.setdefault(task.cell, set()).update(task.pairs)
             done += task.count
             self.progress(done, total, "pairs")
@@ -201,13 +206,15 @@ class _Work:
         return self.executor
 
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
-        """Runs of consecutive pairs, smaller towards the end, so that no worker ends late."""
-        most = 1 if self.plan.study.in_traffic else self.plan.options.task_pairs
+        """Runs of consecutive pairs, smaller towards the end, so that no worker ends late.
+
+        They are read as workers get free: how long pairs take is seen by those before.
+        """
         for cells in self._twins(missing):
             pairs = missing[cells[0].number]
             begin = 0
             while begin < len(pairs):
-                size = min(most, max(FEWEST_PAIRS, left // (4 * workers * len(cells))))
+                size = self._size(len(cells), left // (4 * workers * len(cells)))
                 end = begin + 1
                 while end < len(pairs) and end - begin < size and pairs[end] == pairs[end - 1] + 1:
                     end += 1
@@ -215,6 +222,19 @@ class _Work:
                 yield replace(first, twins=tuple(others))
                 left -= (end - begin) * len(cells)
                 begin = end
+
+    def _size(self, cells: int, share: int) -> int:
+        """Pairs of the next task: a share of what is left, but neither too short nor too long.
+
+        Args:
+            cells: whose pairs they are.
+            share: of the pairs that are left.
+        """
+        if self.plan.study.in_traffic or self.pair_s is None:
+            return 1
+        each_s = max(self.pair_s, 1e-6) * cells
+        most = min(self.plan.options.task_pairs, int(LONGEST_S / each_s))
+        return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
 
     def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
         """The cells by what differs in their arms alone, and misses the same pairs."""

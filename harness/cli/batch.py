@@ -112,14 +112,13 @@ def _refuse_workers_beside_dask(workers: int | None, dask: str | None) -> None:
 @contextmanager
 def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
     """The executor of a study's tasks; its workers import while this process still does."""
-    from harness.workers.pool import LocalPool, workers_for
+    from harness.workers.pool import pool_for
 
     if dask is not None:
         with _cluster(dask) as make_executor:
             yield make_executor
         return
-    pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
-    pool = LocalPool(workers_for(pairs, options))
+    pool = pool_for(study, options)
     try:
         yield lambda _workers: pool
     finally:
@@ -128,11 +127,9 @@ def _executor(study: Any, options: Any, dask: str | None) -> Iterator[Any]:
 
 @contextmanager
 def _cluster(dask: str | None) -> Iterator[Any]:
-    """The Dask cluster, or local workers made when the number of missing pairs is known."""
+    """The Dask cluster; None: local workers, made when the plan is known."""
     if dask is None:
-        from harness.workers.pool import LocalPool
-
-        yield LocalPool
+        yield None
         return
     from harness.workers.cluster import DaskCluster
 

@@ -14,11 +14,11 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from queue import SimpleQueue
 from tempfile import gettempdir
-from threading import Lock, Thread
+from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
 
 from harness.engine.starting import scratch_prefix
-from harness.scenario import Options
+from harness.scenario import Options, Study
 from harness.workers.tasks import (
     Argument,
     ExecutorLostError,
@@ -42,6 +42,8 @@ first lines on it ends with its parent, whom nothing it would print could still 
 
 _STANDARD_ERROR = 2
 
+LATER_S = 3.0
+
 _STARTS = 3
 """How often in a row a worker may die before it is ready; what kills it then is no task."""
 
@@ -58,10 +60,12 @@ class _Worker(NamedTuple):
 
 
 class LocalPool:
-    """See ``Executor``; the workers start at once and import while the caller goes on.
+    """See ``Executor``; the first workers start and import while the caller goes on.
 
     Args:
         workers: how many processes.
+        at_once: so many of them start at once, the others where there is still work to do after
+            ``LATER_S``: a start costs what some hundred quick pairs take.  None: all.
         folder: their working directory, where a user's own strategies are found; None: this
             process's.
         imports: the module of what they will run, imported before they take their first job.
@@ -73,6 +77,7 @@ class LocalPool:
         workers: int,
         folder: Path | None = None,
         *,
+        at_once: int | None = None,
         imports: str = "harness.engine.sumo",
         environment: Mapping[str, str] | None = None,
     ) -> None:
@@ -81,10 +86,14 @@ class LocalPool:
         self._words = [imports, *sys.path]
         self._queue: SimpleQueue[_Job | None] = SimpleQueue()
         self._lock = Lock()
-        self._stopped = False
+        self._stopped = Event()
         self._problem = "the workers are stopped"
         self._alive: set[subprocess.Popen[bytes]] = set()
-        self._threads = [Thread(target=self._keep_busy, daemon=True) for _ in range(workers)]
+        first = workers if at_once is None else at_once
+        self._threads = [
+            Thread(target=self._keep_busy, args=(number < first,), daemon=True)
+            for number in range(workers)
+        ]
         for thread in self._threads:
             thread.start()
 
@@ -99,7 +108,7 @@ class LocalPool:
     def stop(self) -> None:
         """See ``Executor.stop``."""
         with self._lock:
-            self._stopped = True
+            self._stopped.set()
             for process in self._alive:
                 process.kill()
         for _ in self._threads:
@@ -107,9 +116,13 @@ class LocalPool:
         for thread in self._threads:
             thread.join()
 
-    def _keep_busy(self) -> None:
+    def _keep_busy(self, at_once: bool) -> None:
         """Give one worker job after job, and another worker the next if it dies."""
-        worker = self._ready()
+        worker = None
+        if at_once:
+            worker = self._ready()
+        else:
+            self._stopped.wait(LATER_S)
         while (job := self._queue.get()) is not None:
             if worker is not None and worker.process.poll() is not None:
                 # It died of nothing; this job is not to blame.
@@ -166,7 +179,7 @@ class LocalPool:
 
     def _start(self) -> _Worker | None:
         with self._lock:
-            if self._stopped:
+            if self._stopped.is_set():
                 return None
             ours, theirs = Pipe()
             try:
@@ -215,5 +228,12 @@ def default_workers() -> int:
 
 
 def workers_for(pairs: int, options: Options) -> int:
-    """How many workers some pairs keep busy, at most as many as asked for."""
-    return max(1, min(options.workers or default_workers(), -(-pairs // options.task_pairs)))
+    """How many workers some pairs may keep busy, at most as many as asked for."""
+    return max(1, min(options.workers or default_workers(), pairs))
+
+
+def pool_for(study: Study, options: Options) -> LocalPool:
+    """The workers of a study; with few pairs, which may be quick, not all of them start at once."""
+    pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
+    at_once = pairs if study.in_traffic else -(-pairs // options.task_pairs)
+    return LocalPool(workers_for(pairs, options), at_once=at_once)

@@ -66,10 +66,14 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Columns of the tables, by table name, and what the log is told of failed episodes."""
+    """Columns of the tables, by table name, and what the log is told of failed episodes.
+
+    ``took_s`` is how long its worker was busy with it.
+    """
 
     rows: dict[str, dict[str, list[Any]]]
     failures: tuple[dict[str, Any], ...] = ()
+    took_s: float = 0.0
 
 
 class Executor(Protocol):

@@ -3,7 +3,9 @@
 import importlib
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection
+from time import perf_counter
 from typing import Any
 
 from harness.encounter import Ending
@@ -50,10 +52,13 @@ def serve(connection: Connection, module: str) -> None:
 
 def run_task(task: Task) -> tuple[TaskResult, ...]:
     """Run every pair of a task; the results of ``task.each``."""
+    begin = perf_counter()
     try:
         if task.scenario.traffic is not None:
             return (_run_hours(task),)
-        return tuple(_run_encounters(task))
+        results = tuple(_run_encounters(task))
+        took_s = (perf_counter() - begin) / len(results)
+        return tuple(replace(result, took_s=took_s) for result in results)
     except BaseException:
         # Nothing of an episode that was broken off may reach the next one.
         close_engine()

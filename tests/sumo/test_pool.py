@@ -65,6 +65,31 @@ def test_workers_that_never_get_ready_blame_no_pair(
     assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
 
 
+def processes_of(pool: LocalPool) -> int:
+    return len(pool._alive)
+
+
+def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pools, "LATER_S", 0.2)
+    study = one_cell("cctc", {**QUICK, "experiment.pairs": 40})
+    pool = pools.pool_for(study, Options(workers=2))
+    try:
+        # One does for 40 quick pairs; while it is still at work after a while the other helps.
+        naps = [pool.submit(time.sleep, 2.0) for _ in range(2)]
+        assert (pool.workers, processes_of(pool)) == (2, 1)
+        begin = time.monotonic()
+        for nap in naps:
+            nap.result()
+        assert time.monotonic() - begin < 3.9
+        assert processes_of(pool) == 2
+    finally:
+        pool.stop()
+    begin = time.monotonic()
+    monkeypatch.setattr(pools, "LATER_S", 60.0)
+    pools.pool_for(study, Options(workers=2)).stop()
+    assert time.monotonic() - begin < 30
+
+
 @pytest.mark.parametrize("gone", ["pipe", "standard input", "both"])
 def test_a_worker_that_loses_its_parent_while_it_starts_is_silent(gone: str) -> None:
     ours, theirs = Pipe()
