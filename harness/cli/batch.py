@@ -56,6 +56,8 @@ def run(
 
     file = read_scenario_file(scenario, settings_of(settings, pairs, seed))
     study = study_of(file, [parse_variation(text) for text in vary or []])
+    if study.remark is not None:
+        say(f"harness: {study.remark}")
     for remark in dict.fromkeys(line for cell in study.cells for line in remarks(cell.scenario)):
         say(f"harness: {remark}")
     if sumo_outputs not in (None, "all", "crashed"):

@@ -16,7 +16,7 @@ from harness.cli.options import (
     WorkersOption,
     settings_of,
 )
-from harness.cli.output import print_json, print_line, progress_bar
+from harness.cli.output import print_json, print_line, progress_bar, say
 from harness.errors import InputError, unknown_name
 
 
@@ -58,18 +58,17 @@ def risk(
     if arm not in arms:
         raise unknown_name("--arm", "arm", arm, arms)
     in_sumo = engine_named(engine, "--engine") == "sumo"
-    changes = settings_of(settings, None, seed)
-    file = read_scenario_file(scenario, changes)
-    cells = study_of(file).cells
-    varied = {key for cell in cells for key in cell.varied} - {change.key for change in changes}
-    if len(cells) > 1 and varied:
-        allowed = f"one cell: --set {' --set '.join(f'{key}=…' for key in sorted(varied))}"
-        raise InputError(scenario, f"has {len(cells)} cells", allowed)
-    chosen = cells[0].scenario if len(cells) == 1 else file.scenario()
+    study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
+    if len(study.cells) > 1:
+        allowed = f"one cell: --set {' --set '.join(f'{key}=…' for key in study.varied_keys)}"
+        raise InputError(scenario, f"has {len(study.cells)} cells", allowed)
+    if study.remark is not None:
+        say(f"harness: {study.remark}")
+    chosen = study.cells[0].scenario
     from harness.risk.asking import Settings
     from harness.risk.folder import estimate_risk
 
-    asked = Settings(file.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
+    asked = Settings(study.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(asked, out=out, workers=workers, progress=advance)
     show(folder, quiet, as_json)

@@ -31,12 +31,11 @@ from harness.scenario.study import (
     Cell,
     Study,
     as_written,
-    flatten,
     of_today,
-    parse_variation,
     study_from,
     study_of,
 )
+from harness.scenario.variation import flatten, parse_variation
 
 __all__ = [
     "QUARTER_S",

@@ -244,7 +244,7 @@ def test_a_class_stands_for_its_name(write: Write) -> None:
     mine = importlib.import_module(write("mine", "class Steady:\n    decide = None\n"))
     file = read_scenario_file("cctc", {"arms.av": mine.Steady})
     assert file.scenario().arms.av == "mine:Steady"
-    study = study_of(file, [("arms.av", [mine.Steady, "hard_yield"])])
+    study = study_of(read_scenario_file("cctc"), [("arms.av", [mine.Steady, "hard_yield"])])
     assert [cell.varied["arms.av"] for cell in study.cells] == ["mine:Steady", "hard_yield"]
     local = type("Steady", (), {"__module__": "__main__"})
     for nameless in (local, type("Steady", (), {"__module__": "mine"})):

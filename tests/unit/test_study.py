@@ -8,12 +8,15 @@ import pytest
 
 from harness.errors import InputError
 from harness.scenario import (
+    Setting,
     Study,
+    parse_setting,
     parse_variation,
     read_scenario_file,
     study_from,
     study_of,
 )
+from tests.batches import here, refusal
 
 
 def study(tmp_path: Path, text: str, *vary: str) -> Study:
@@ -200,3 +203,120 @@ def test_without_a_variation_there_is_one_cell() -> None:
 def test_a_cell_reaches_a_worker_as_it_is(tmp_path: Path) -> None:
     for cell in study(tmp_path, "", "arms.av=soft_yield,gap_yield").cells:
         assert pickle.loads(pickle.dumps(cell)) == cell
+
+
+# --- keys that are set ---------------------------------------------------------------------------
+
+
+def with_settings(name: str | Path, *settings: str, vary: tuple[str, ...] = ()) -> Study:
+    file = read_scenario_file(name, [parse_setting(text) for text in settings])
+    return study_of(file, [parse_variation(text) for text in vary])
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "cells", "remark"),
+    [
+        # 4 strategies × 5 flows; 7 × 4; 8 margins of one strategy and 8 gaps of another.
+        (
+            "traffic",
+            ["arms.av=soft_yield", "pedestrians.flow_per_hour=300"],
+            1,
+            "arms.av and pedestrians.flow_per_hour are set: the sweep over them is left out; "
+            "20 cells became 1",
+        ),
+        (
+            "strategies",
+            ["arms.av=mine:S", "ego.length_m=4.5"],
+            4,
+            "arms.av is set: the sweep over it is left out; 28 cells became 4",
+        ),
+        (
+            "aggressiveness",
+            ["arms.av=hard_yield"],
+            1,
+            "arms.av is set: the sweep over it is left out; 16 cells became 1",
+        ),
+        (
+            "aggressiveness",
+            ["strategies.soft_yield.time_margin_s=1"],
+            9,
+            "strategies.soft_yield.time_margin_s is set: the sweep over it is left out; "
+            "16 cells became 9",
+        ),
+        ("traffic", ["arms={av='soft_yield'}"], 5, None),
+        ("penetration", ["arms.av=soft_yield"], 11, ""),
+    ],
+)
+def test_a_key_that_is_set_leaves_the_sweep(
+    name: str, settings: list[str], cells: int, remark: str | None
+) -> None:
+    found = with_settings(name, *settings)
+    assert len(found.cells) == cells
+    assert remark is None or (found.remark or "") == remark
+    assert [cell.number for cell in found.cells] == list(range(cells))
+    for setting in map(parse_setting, settings):
+        assert setting.key not in found.varied_keys
+        if setting.key == "arms.av":
+            assert {cell.scenario.arms.av for cell in found.cells} == {setting.value}
+    document = {
+        "name": found.name,
+        "scenario": found.base.model_dump(),
+        "cells": [cell.varied for cell in found.cells],
+    }
+    assert study_from(document, "manifest.json") == found
+
+
+def test_parameters_of_who_does_not_drive_make_no_cells(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        """
+        [sweep]
+        arms.av = ["soft_yield", "hard_yield"]
+        strategies.soft_yield.p1 = [0.01, 0.02]
+        strategies.hard_yield.yield_to_waiting = [false, true]
+        pedestrians.flow_per_hour = [50, 100]
+        """
+    )
+    found = with_settings(path, "arms.av=soft_yield", "arms.human=human_yield")
+    assert [tuple(cell.varied.values()) for cell in found.cells] == [
+        (0.01, 50), (0.01, 100), (0.02, 50), (0.02, 100)
+    ]  # fmt: skip
+    # As the reference it drives, so its parameter is one of the cell.
+    found = with_settings(path, "arms.av=soft_yield", "arms.human=hard_yield")
+    assert len(found.cells) == 8
+
+
+def test_a_strategy_of_ones_own_may_vary_in_a_table(tmp_path: Path) -> None:
+    key = 'strategies."mine:S".look_ahead_m'
+    path = tmp_path / "mine.toml"
+    path.write_text(f'arms.av = "mine:S"\n[sweep]\n{key} = [5.0, 10.0]')
+    cells = study_of(read_scenario_file(path)).cells
+    assert [cell.scenario.strategies["mine:S"]["look_ahead_m"] for cell in cells] == [5.0, 10.0]
+    (cell,) = study_of(read_scenario_file(path, [Setting(key, 7.0)])).cells
+    assert cell.scenario.strategies["mine:S"]["look_ahead_m"] == 7.0
+
+
+@pytest.mark.parametrize(
+    ("options", "where"),
+    [
+        (["--set", "arms.av=hard_yield"], "--vary arms.av: stands beside --set arms.av"),
+        (["--set", "arms={av='hard_yield'}"], "--vary arms.av: stands beside --set arms"),
+    ],
+)
+def test_what_is_set_does_not_vary(options: list[str], where: str, tmp_path: Path) -> None:
+    vary = ("--vary", "arms.av=soft_yield,gap_yield", "--out", tmp_path / "run")
+    assert where in refusal("run", "cctc", *options, *vary)
+    assert not (tmp_path / "run").exists()
+    seeds = refusal("run", "cctc", "--seed", 3, "--vary", "experiment.seed=1,2")
+    assert "stands beside --seed" in seeds
+
+
+def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('[sweep]\narms.av = ["soft_yield", "gap_yield"]\nego.length_m = [4.0, 5.0]')
+    options = ("--set", "arms.av=hard_yield", "--pairs", 1, "--engine", "plain", "--audit", 0, "-q")
+    done = here("run", path, *options, "--out", tmp_path / "run")
+    assert done.returncode == 0
+    assert done.stderr.splitlines() == [
+        "harness: arms.av is set: the sweep over it is left out; 4 cells became 2"
+    ]

@@ -1,0 +1,145 @@
+"""What varies in a study: ``--vary`` and ``[sweep]`` as text, and what each cell changes."""
+
+import itertools
+import math
+import re
+from collections.abc import Mapping, Sequence
+from datetime import time
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+from harness.documents import parse_toml
+from harness.errors import InputError
+from harness.scenario.file import ScenarioFile, as_plain, toml_value
+
+MAX_CELLS = 100_000
+
+
+Variation = tuple[str, list[Any]]
+
+
+def planned_cells(
+    file: ScenarioFile, variations: Sequence[Variation], source: str
+) -> list[dict[str, Any]]:
+    """What each cell changes, by key, of a file's ``[sweep]`` table or of ``variations``.
+
+    Args:
+        file: the scenario file.
+        variations: keys with their values; none beside a table.
+        source: what to call them in messages.
+
+    Raises:
+        InputError: both vary, a key varies twice, or something is no list of values.
+    """
+    if file.sweep is None:
+        return _grid([(key, as_plain(values)) for key, values in variations], source)
+    if variations:
+        raise InputError(
+            "--vary", f"{file.source} has a [sweep] table of its own", "one of the two"
+        )
+    return _points_of_table(file.sweep, file.source)
+
+
+def parse_variation(text: str) -> Variation:
+    """Split ``key=v1,v2,…``; values are TOML or text, ``0:1:0.1`` is a range with its end.
+
+    Raises:
+        InputError: no such form, or a range that never ends.
+    """
+    key, equals, raw = text.partition("=")
+    where = f"--vary {text}"
+    if not equals or not key.strip() or not raw.strip():
+        raise InputError(where, "no key=v1,v2,…", "e.g. pedestrians.flow_per_hour=50,100,250")
+    try:
+        values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
+    except ValueError:
+        values = [toml_value(part.strip()) for part in raw.split(",")]
+    return key.strip(), _expand(values, where)
+
+
+def _expand(values: Sequence[Any], where: str) -> list[Any]:
+    """Replace ranges given as text by their numbers."""
+    expanded: list[Any] = []
+    for value in values:
+        # TOML reads 10:50:10 as a time of day.
+        text = value.isoformat() if isinstance(value, time) else value
+        parts = text.split(":") if isinstance(text, str) else []
+        numbers = [_decimal(part) for part in parts]
+        if len(numbers) != 3 or any(number is None for number in numbers):
+            expanded.append(value)
+            continue
+        # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
+        begin, end, step = (number for number in numbers if number is not None)
+        if step == 0 or (end - begin) / step < 0 or (end - begin) / step > MAX_CELLS:
+            raise InputError(where, f"range {text!r}", "begin:end:step that reaches its end")
+        whole = all(number == number.to_integral_value() for number in (begin, end, step))
+        for index in range(int((end - begin) / step) + 1):
+            number = begin + index * step
+            expanded.append(int(number) if whole else float(number))
+    return expanded
+
+
+def _decimal(text: str) -> Decimal | None:
+    try:
+        number = Decimal(text.strip())
+    except InvalidOperation:
+        return None
+    return number if number.is_finite() and abs(number.adjusted()) < 300 else None
+
+
+def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, Any]]:
+    where = f"{source}: sweep"
+    named = table.get("cells")
+    if named is None:
+        flat = flatten(table)
+        if not flat:
+            raise InputError(where, "nothing to vary", "a list of values for each key that varies")
+        for key, values in flat.items():
+            if not isinstance(values, list):
+                raise InputError(f"{where}.{key}", f"{values!r} is no list", "a list of values")
+        return _grid(
+            [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()], where
+        )
+    if len(table) > 1:
+        other = next(key for key in table if key != "cells")
+        raise InputError(f"{where}.{other}", "stands beside [[sweep.cells]]", "one of the two")
+    if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
+        raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
+    if len(named) > MAX_CELLS:
+        raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
+    if not named:
+        raise InputError(f"{where}.cells", "nothing to vary", "at least one cell")
+    return [flatten(cell) for cell in named]
+
+
+def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
+    keys = [key for key, _ in variations]
+    for key, values in variations:
+        if keys.count(key) > 1:
+            raise InputError(where, f"{key} varies twice", "each key once")
+        if not values:
+            raise InputError(f"{where} {key}", "no values", "at least one")
+    # Counted before they are made: two long ranges are more than the memory holds.
+    count = math.prod(len(values) for _, values in variations)
+    if count > MAX_CELLS:
+        raise InputError(where, f"{count} cells", f"at most {MAX_CELLS}")
+    return [
+        dict(zip(keys, values, strict=True))
+        for values in itertools.product(*(values for _, values in variations))
+    ]
+
+
+def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as dotted keys."""
+    flat: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat |= flatten(value, f"{prefix}{_part(key)}.")
+        else:
+            flat[f"{prefix}{_part(key)}"] = value
+    return flat
+
+
+def _part(key: str) -> str:
+    """A part of a dotted key, quoted where TOML asks for it: ``"my_strategy:MyStrategy"``."""
+    return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else f'"{key}"'
