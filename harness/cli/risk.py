@@ -60,7 +60,9 @@ def risk(
     in_sumo = engine_named(engine, "--engine") == "sumo"
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
     if len(study.cells) > 1:
-        allowed = f"one cell: --set {' --set '.join(f'{key}=…' for key in study.varied_keys)}"
+        allowed = (
+            f"one cell: --set {' --set '.join(f'{key}=…' for key in sorted(study.varied_keys))}"
+        )
         raise InputError(scenario, f"has {len(study.cells)} cells", allowed)
     if study.remark is not None:
         say(f"harness: {study.remark}")

@@ -54,9 +54,9 @@ def summary(level: float, av: ArmOfHours = CALM, human: ArmOfHours = CALM) -> Ho
 def run_of(*variations: str, settings: dict[str, Any] | None = None, **of: HoursSummary) -> Any:
     """A run whose cells have these summaries, in order."""
     common = {AV: "gap_yield", "arms.human": "human_yield", "traffic.flow_per_hour": 300}
-    settings = common | (settings or {})
-    file = read_scenario_file("cctc_flow", settings)
-    cells = study_of(file, [parse_variation(text) for text in variations]).cells
+    varied = [parse_variation(text) for text in variations]
+    settings = {key: common[key] for key in common if key not in dict(varied)} | (settings or {})
+    cells = study_of(read_scenario_file("cctc_flow", settings), varied).cells
     summaries = [*of.values()]
     assert len(cells) == len(summaries)
     keys = [*cells[0].varied]
