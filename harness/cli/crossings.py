@@ -15,6 +15,16 @@ from harness.errors import InputError, nearest_name, one_line
 if TYPE_CHECKING:
     from harness.network.crossings import CrossingRow
 
+_NONE_IN_NETWORK = (
+    "no crossing is in it: netconvert -s THIS --sidewalks.guess --crossings.guess -o NEW adds "
+    "those of junctions with sidewalks; one in a road needs a node there, and -x FILE with "
+    '<crossing node="…" edges="…"/>'
+)
+_NONE_IN_MAP = (
+    "no crossing came of it: the map needs a node with highway=crossing on a road for cars with "
+    "sidewalks"
+)
+
 _SHOWN = 5
 """Crossings that a refusal names."""
 
@@ -32,6 +42,12 @@ def crossings(
         typer.Option(help="Write a scenario file for one crossing.", metavar="SCENARIO.toml"),
     ] = None,
     edge: Annotated[str | None, typer.Option(help="Which crossing --write takes.")] = None,
+    ignore_signal: Annotated[
+        bool,
+        typer.Option(
+            "--ignore-signal", help="Take crossings with a traffic light: it stays green for all."
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="Folder of a converted map; default: beside the map, by its name."),
@@ -56,8 +72,10 @@ def crossings(
         raise InputError("--out", f"{file} needs no conversion", "an OpenStreetMap extract")
     # Millions of records that stay: looking for garbage among them takes as long as the rest.
     gc.disable()
-    rows = list_crossings(read_network(net))
+    rows = list_crossings(read_network(net), ignore_signal=ignore_signal)
     gc.enable()
+    if not rows:
+        remarks += (_NONE_IN_MAP if is_osm(file) else _NONE_IN_NETWORK,)
     if write is not None:
         found = {row.edge: row for row in rows}
         row = found.get(edge or "")
@@ -95,6 +113,7 @@ def _line(row: "CrossingRow") -> str:
             "priority" if row.pedestrian_priority else "no priority",
             "no signal" if row.signal is None else f"signal {row.signal}",
             f"straight for {row.straight_m:.1f} m",
+            *(f"passes {other}" for other in row.passed),
         ]
     parts.append("usable" if row.problem is None else f"not usable: {row.problem}")
     return one_line("; ".join(parts))

@@ -5,9 +5,13 @@ from typing import Annotated, Any
 
 import typer
 
+from harness.resources import shipped_directory
+
+_SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
+
 ScenarioArgument = Annotated[
     str,
-    typer.Argument(help="A scenario file (TOML), or the name of a shipped one: cctc, cctc_flow."),
+    typer.Argument(help=f"A scenario file (TOML), or the name of a shipped one: {_SHIPPED}."),
 ]
 SetOption = Annotated[
     list[str] | None,

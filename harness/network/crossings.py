@@ -6,7 +6,7 @@ from pathlib import Path
 from harness.encounter import PEDESTRIAN_RADIUS_M
 from harness.errors import InputError
 from harness.roads import Geography, RoadNetwork, Site, site_at
-from harness.roads.locate import junction_of
+from harness.roads.road_network import junction_of
 from harness.scenario.own_network import CLEAR_M
 from harness.scenario.sections import CrossingSection, EgoSection
 
@@ -35,6 +35,7 @@ class CrossingRow:
     signal: str | None = None
     straight_m: float | None = None
     trigger_range_m: float | None = None
+    passed: tuple[str, ...] = ()
 
     @property
     def usable(self) -> bool:
@@ -42,8 +43,13 @@ class CrossingRow:
         return self.problem is None
 
 
-def list_crossings(network: RoadNetwork) -> list[CrossingRow]:
-    """All crossings of a network: usable ones first, then in the order of their ids."""
+def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list[CrossingRow]:
+    """All crossings of a network: usable ones first, then in the order of their ids.
+
+    Args:
+        network: as read.
+        ignore_signal: whether one that a traffic light rules is usable: green for everybody.
+    """
     try:
         geography = Geography(network)
     except ValueError:
@@ -55,17 +61,21 @@ def list_crossings(network: RoadNetwork) -> list[CrossingRow]:
         try:
             site = site_at(network, edge.id, all_ways=False)
         except InputError as error:
-            allowed = f"; allowed: {error.allowed}" if error.allowed else ""
-            problem = error.problem + allowed
+            problem = error.problem + (f", not {error.allowed}" if error.allowed else "")
             rows.append(CrossingRow(edge.id, junction_of(edge.id), streets, problem))
             continue
-        rows.append(_row(site, streets, geography))
+        rows.append(_row(site, streets, geography, ignore_signal=ignore_signal))
     return sorted(rows, key=lambda row: (not row.usable, row.edge))
 
 
-def _row(site: Site, streets: tuple[str, ...], geography: Geography | None) -> CrossingRow:
+def _row(
+    site: Site, streets: tuple[str, ...], geography: Geography | None, *, ignore_signal: bool
+) -> CrossingRow:
     centre = site.frame.to_network(0.0, site.length_m / 2)
     longitude, latitude = (None, None) if geography is None else geography.place(*centre)
+    # The paper's trigger is six seconds away at v0.
+    range_m = site.ego.longest_range_m(max(RANGE_M, 6.0 * site.ego.speed_limit_mps))
+    last_m = EgoSection().length_m + site.width_m / 2
     before = [stretch for stretch in site.ego.stretches if stretch.start_m < 0][-1]
     return CrossingRow(
         edge=site.crossing_edge,
@@ -83,35 +93,41 @@ def _row(site: Site, streets: tuple[str, ...], geography: Geography | None) -> C
         pedestrian_priority=site.pedestrian_priority,
         signal=None if site.signal is None else site.signal.id,
         straight_m=site.ego.straight_before_m,
-        # The paper's trigger is six seconds away at v0.
-        trigger_range_m=site.ego.longest_range_m(max(RANGE_M, 6.0 * site.ego.speed_limit_mps)),
-        problem=_problem(site),
+        trigger_range_m=range_m,
+        passed=tuple(str(of) for of in site.passed if -range_m <= of.x_m <= last_m),
+        problem=_problem(site, ignore_signal=ignore_signal),
     )
 
 
-def _problem(site: Site) -> str | None:
+def _problem(site: Site, *, ignore_signal: bool) -> str | None:
     """Why the default scenario cannot take place there, with the figure and what would do."""
     ego, way = EgoSection(), site.ego
-    if site.signal is not None:
-        return f"traffic light {site.signal.id} rules it; allowed: crossing.ignore_signal = true"
-    for name, value in (("length_m", site.length_m), ("width_m", site.width_m)):
+    if site.signal is not None and not ignore_signal:
+        return (
+            f"traffic light {site.signal.id} rules it; crossing.ignore_signal = true (here "
+            "--ignore-signal) keeps it green for everybody"
+        )
+    for name, word, value in (
+        ("length_m", "long", site.length_m),
+        ("width_m", "wide", site.width_m),
+    ):
         low, high = _bounds(name)
         if not low <= value <= high:
-            return f"{name} {value:.2f} m; allowed: {low:g} to {high:g} m"
+            return f"it is {value:.2f} m {word}, not {low:g} to {high:g} m"
     if way.width_m < ego.width_m:
-        return f"the ego's lane is {way.width_m:.2f} m wide; allowed: at least {ego.width_m:g} m"
+        return f"the ego's lane is {way.width_m:.2f} m wide, the ego {ego.width_m:g} m"
     room = min(way.centre_m, site.length_m - way.centre_m) - ego.width_m / 2
     if room < PEDESTRIAN_RADIUS_M:
-        least = f"at least {PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian"
-        return f"the ego leaves {room:.2f} m to a kerb; allowed: {least}"
+        least = f"{PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian"
+        return f"the ego leaves {room:.2f} m to a kerb, less than {least}"
     try:
         way.departure(RANGE_M)
     except InputError as error:
-        return f"{RANGE_M:g} m before it: {error.problem}; allowed: {error.allowed}"
+        return f"a trigger range of {error.problem}; possible: {error.allowed}"
     needed = ego.length_m + site.width_m / 2 + CLEAR_M
     if way.straight_after_m < needed:
         figure = f"straight for {way.straight_after_m:.1f} m beyond it, where it {way.ends_after}"
-        return f"{figure}; allowed: at least {needed:.1f} m"
+        return f"its road is {figure}, not for the {needed:.1f} m that a car needs to leave it"
     return None
 
 
@@ -140,6 +156,7 @@ def scenario_text(net: Path, row: CrossingRow) -> str:
         net=_quoted(net.as_posix()),
         edge=_quoted(row.edge),
         approach=_quoted(row.approach or ""),
+        signal=_GREEN if row.signal else "",
         speed=f"{speed:.6g}",
         kmh=f"{3.6 * speed:.4g}",
         range=f"{row.trigger_range_m:.6g}",
@@ -162,6 +179,8 @@ def _quoted(text: str) -> str:
 
 
 _FAST = "above 8 m/s the interaction model knows no driver"
+_GREEN = """
+ignore_signal = true   # its traffic light stays green for vehicles and pedestrians"""
 _WALKERS = """
 [pedestrians.walking_speed]   # above 8 m/s the interaction model says nothing of how fast they walk
 mean_mps = 1.34
@@ -173,7 +192,7 @@ _SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s) the ego's way, {o
 [crossing]
 net = {net}
 edge = {edge}
-approach = {approach}   # the ego's lane, straight for {straight} m
+approach = {approach}   # the ego's lane, straight for {straight} m{signal}
 
 [ego]
 initial_speed_mps = {speed}   # the road's limit, {kmh} km/h

@@ -13,8 +13,7 @@ from xml.sax.saxutils import quoteattr
 from harness.errors import InputError
 from harness.network.build import run_netconvert
 from harness.roads import RoadNetwork, read_network
-from harness.roads.locate import junction_of
-from harness.roads.road_network import Edge
+from harness.roads.road_network import Edge, junction_of
 
 SUFFIXES = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 
@@ -102,6 +101,10 @@ def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
     return found
 
 
+def _for_cars(edge: Edge) -> bool:
+    return any(lane.allows("passenger") for lane in edge.lanes)
+
+
 def _patch(network: RoadNetwork, tagged: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
     """The connections that mend a network's crossings, and what cannot be mended."""
     built: dict[str, list[Edge]] = defaultdict(list)
@@ -119,8 +122,9 @@ def _patch(network: RoadNetwork, tagged: dict[str, dict[str, str]]) -> tuple[str
         if kind == "traffic_signals":
             remarks.append(f"node {node}: signalled, see its signal in the list")
             continue
-        # At a junction of several roads each crossing is another one.
-        doubled = len(built[node]) == 2 and len(network.into.get(node, [])) <= 2
+        # At a junction of several roads each crossing is another one; a footway is no road.
+        roads = [edge for edge in network.into.get(node, []) if _for_cars(edge)]
+        doubled = len(built[node]) == 2 and len(roads) <= 2
         kept = [] if kind == "no" else built[node][:1] if doubled else built[node]
         for each in built[node]:
             named = f"node={quoteattr(node)} edges={quoteattr(' '.join(each.crossed))}"

@@ -13,7 +13,7 @@ from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
 from harness.network import place_of
 from harness.report import style
-from harness.report.caveats import av_label, first_lines
+from harness.report.caveats import av_label, first_lines, sentence
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
 from harness.report.hour_pictures import hour_pictures
@@ -42,7 +42,7 @@ from harness.runs.compare import compare
 from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
 from harness.runs.strategy_groups import strategy_groups
-from harness.scenario import as_written
+from harness.scenario import as_written, remarks
 
 _MOST_FAILURES = 20
 _MOST_VALUES = 12
@@ -154,6 +154,9 @@ def _context(run: RunData) -> dict[str, Any]:
         "remarks": [
             *([PAPER_REMARK] if paper else []),
             *reference_lines(cell.scenario for cell in run.study.cells),
+            *dict.fromkeys(
+                sentence(line) for cell in run.study.cells for line in remarks(cell.scenario)
+            ),
             *audit_lines(run),
             *knowledge_lines(run),
             *walker_lines(cell.scenario for cell in run.study.cells),

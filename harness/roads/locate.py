@@ -8,7 +8,8 @@ from operator import itemgetter
 
 from harness.encounter import Side
 from harness.errors import InputError, nearest_name
-from harness.roads.road_network import Edge, Lane, Link, RoadNetwork
+from harness.roads.passed import passed_on
+from harness.roads.road_network import Edge, Lane, Link, RoadNetwork, junction_of
 from harness.roads.site import Footpath, RoadFrame, Signal, Site, Stretch, Way
 from harness.roads.ways import Path, Straight, extended, path_over, straight
 
@@ -54,11 +55,6 @@ def site_at(
         return _site(network, edge, _chosen(network, edge, approach, lane), all_ways=all_ways)
     except (LookupError, ValueError, ZeroDivisionError) as error:
         raise InputError(crossing, f"the network is damaged there ({error})") from None
-
-
-def junction_of(crossing: str) -> str:
-    """The junction of a crossing, which SUMO names ``:<junction>_c<number>``."""
-    return crossing[1:].rpartition("_c")[0]
 
 
 def _approaches(network: RoadNetwork, crossing: Edge) -> Iterator[tuple[Lane, Path]]:
@@ -113,6 +109,7 @@ def _site(
         footpaths=_footpaths(network, crossing, reverse=reverse),
         pedestrian_priority=any(link.state in ("M", "G") for link in _onto(network, crossing)),
         signal=_signal(network, crossing, lane),
+        passed=passed_on(network, path, road, crossing),
     )
 
 

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -125,9 +125,23 @@ class RoadNetwork:
         """Whether its traffic keeps left."""
         return self.header.get("lefthand") in ("true", "1")
 
+    @cached_property
+    def crossings_over(self) -> dict[str, list[Edge]]:
+        """The pedestrian crossings over each road, by the road's id."""
+        over: dict[str, list[Edge]] = {}
+        for crossing in self.crossings():
+            for road in crossing.crossed:
+                over.setdefault(road, []).append(crossing)
+        return over
+
     def crossings(self) -> list[Edge]:
         """Its pedestrian crossings, in the file's order."""
         return [edge for edge in self.edges.values() if edge.function == "crossing"]
+
+
+def junction_of(crossing: str) -> str:
+    """The junction of a crossing, which SUMO names ``:<junction>_c<number>``."""
+    return crossing[1:].rpartition("_c")[0]
 
 
 def read_network(path: Path) -> RoadNetwork:

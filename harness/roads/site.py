@@ -7,6 +7,7 @@ ego's right in right-hand traffic) to the other kerb. Where the crosswalk is obl
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 from harness.encounter import Side
 from harness.errors import InputError
@@ -102,11 +103,11 @@ class Way:
         Raises:
             InputError: there is no lane of a road, or none that is straight from there.
         """
-        where, asked = "ego.trigger_range_m", f"{range_m!r}"
+        where = "ego.trigger_range_m"
         # Neither the longest nor the shortest range may fail by the last digit of the file.
         if not range_m <= self.straight_before_m + TOLERANCE_M:
-            allowed = f"at most {self.straight_before_m:.6g} m: the approach {self.ends_before}"
-            raise InputError(where, asked, allowed)
+            problem = f"{range_m:g} m is more than the approach is straight: it {self.ends_before}"
+            raise InputError(where, problem, f"at most {self.straight_before_m:.6g} m")
         for number, stretch in enumerate(self.stretches):
             first_m, last_m = stretch.start_m, stretch.end_m
             if first_m - TOLERANCE_M <= -range_m <= last_m + TOLERANCE_M and first_m < 0:
@@ -118,7 +119,7 @@ class Way:
             for stretch in reversed(self.stretches)
             if stretch.start_m < 0
         )
-        raise InputError(where, f"{asked} is inside a junction", f"{possible} at this site")
+        raise InputError(where, f"{range_m:g} m is inside a junction", f"{possible} at this site")
 
     def longest_range_m(self, range_m: float) -> float:
         """The longest range up to `range_m`, in tenths of a metre, where a vehicle can depart.
@@ -156,6 +157,23 @@ class Signal:
 
 
 @dataclass(frozen=True, slots=True)
+class Passed:
+    """A traffic light or another crosswalk on the ego's way; no strategy is shown it.
+
+    ``x_m`` is its place on the way, negative before the crosswalk's centre line.
+    """
+
+    kind: Literal["traffic light", "crosswalk"]
+    id: str
+    x_m: float
+
+    def __str__(self) -> str:
+        """In words."""
+        where = "before" if self.x_m < 0 else "after"
+        return f"{self.kind} {self.id} {abs(self.x_m):.0f} m {where} the crosswalk"
+
+
+@dataclass(frozen=True, slots=True)
 class Site:
     """A crosswalk's place in a network.
 
@@ -173,6 +191,7 @@ class Site:
         footpaths: each side's.
         pedestrian_priority: whether SUMO's own drivers yield there.
         signal: the traffic light that rules it, None without one.
+        passed: what else the ego's way leads past.
     """
 
     frame: RoadFrame
@@ -188,6 +207,7 @@ class Site:
     footpaths: tuple[Footpath, Footpath]
     pedestrian_priority: bool
     signal: Signal | None
+    passed: tuple[Passed, ...]
 
     @property
     def bearing_deg(self) -> float:

@@ -4,6 +4,7 @@ import math
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
 from harness.errors import InputError, unknown_name
+from harness.roads.site import Passed
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import (
     QUARTER_S,
@@ -71,6 +72,10 @@ def remarks(scenario: Scenario) -> list[str]:
             f"lanes of {crossing.width_of_lane_m:g} m: {lanes} share crossing.length_m = "
             f"{crossing.length_m:g} m; more lanes or crossing.lane_width_m say otherwise"
         )
+    found += [
+        f"the ego passes the {of}: no strategy is shown it, and nobody crosses there"
+        for of in passed_by(scenario)
+    ]
     if scenario.traffic is not None:
         ways = (("the ego's", False, crossing.lanes), ("the other", True, crossing.oncoming_lanes))
         for which, oncoming, count in ways:
@@ -81,6 +86,15 @@ def remarks(scenario: Scenario) -> list[str]:
                     "those that lead straight over the crosswalk"
                 )
     return found
+
+
+def passed_by(scenario: Scenario) -> list[Passed]:
+    """The traffic lights and other crosswalks that the ego, or hours' vehicles, drive past."""
+    read, ego = scenario.crossing.read, scenario.ego
+    every = [Passed(of.kind, of.id, of.x_m) for of in read.passed] if read else []
+    last_m = ego.length_m + scenario.crossing.width_m / 2
+    on_all = scenario.traffic is not None
+    return [of for of in every if on_all or -ego.trigger_range_m <= of.x_m <= last_m]
 
 
 def _check_lanes(scenario: Scenario, source: str) -> None:

@@ -1,6 +1,7 @@
 """``[crossing] net``: a network of the user's own takes the place of the keys that it says."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,7 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
                     {"oncoming": way.oncoming, "centre_m": way.centre_m, "width_m": way.width_m}
                     for way in found.site.ways
                 ],
+                "passed": [asdict(of) for of in found.site.passed],
             },
         },
     }

@@ -67,6 +67,17 @@ class ReadLaneSection(Section):
     """Width of the lane."""
 
 
+class ReadPassedSection(Section):
+    """``[[crossing.read.passed]]``: what else the ego's way leads past."""
+
+    kind: Literal["traffic light", "crosswalk"]
+    """A traffic light, or another crosswalk."""
+    id: str
+    """The light's or the crossing's id in the network."""
+    x_m: float
+    """Its place on the way; 0 at the crosswalk's centre line."""
+
+
 class ReadSection(Section):
     """``[crossing.read]``: what a network of the user's own says; the harness fills it in.
 
@@ -89,6 +100,8 @@ class ReadSection(Section):
     """Angle between road and crosswalk."""
     ways: Annotated[tuple[ReadLaneSection, ...], Field(strict=False)] = ()
     """Every lane that is straight over the crosswalk, each direction from its near kerb on."""
+    passed: Annotated[tuple[ReadPassedSection, ...], Field(strict=False)] = ()
+    """Traffic lights and other crosswalks on the ego's way; no strategy is shown them."""
 
 
 class CrossingSection(Section):

@@ -65,6 +65,8 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
         text = value.isoformat() if isinstance(value, time) else value
         parts = text.split(":") if isinstance(text, str) else []
         numbers = [_decimal(part) for part in parts]
+        if len(numbers) == 2 and None not in numbers:
+            raise InputError(where, f"range {text!r} has no step", "begin:end:step")
         if len(numbers) != 3 or any(number is None for number in numbers):
             expanded.append(value)
             continue

@@ -225,6 +225,7 @@ def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> Non
     own_speeds = {"mean_mps": 1.34, "std_mps": 0.26}
     changes = {"arms.human": "human_yield", "pedestrians.walking_speed": own_speeds}
     shape = {"crossing.latitude_deg": 42.0, "crossing.longitude_deg": -83.0}
+    shape["crossing.length_m"] = 14.0
     study = one_cell("cctc", {**shape, **changes, "experiment.pairs": 3})
     run = simulate(study, tmp_path / "run", Options(traces=True))
     found = Page(write_report(harness.load_run(run)).page)
@@ -232,6 +233,8 @@ def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> Non
         assert words not in found.words, words
     ran = scenario_of(found)
     assert not [key for key in ran if key.startswith("model.")]
+    # What `harness run` remarked, the page remarks.
+    assert "Lanes of 7 m: crossing.lanes = 1 and oncoming_lanes = 1 share" in found.words
     # What did run is there, and what did not drive has no parameters there.
     assert ran["pedestrians.walking_speed.mean_mps"] == "1.34"
     assert ran["strategies.soft_yield.p1"] == "0.0169"

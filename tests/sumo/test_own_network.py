@@ -6,8 +6,10 @@ The networks are netconvert's and netgenerate's; lengths and angles are those th
 import json
 import math
 import random
+import re
 import subprocess
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -22,9 +24,9 @@ from harness.network.build import run_netconvert
 from harness.network.crossings import list_crossings, scenario_text
 from harness.network.osm import convert
 from harness.roads import Place, read_network, read_site
-from harness.scenario import Scenario, load_scenario, validate
+from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.sections import CrossingSection
-from tests.batches import CHECKOUT, here
+from tests.batches import CHECKOUT, here, printed, refusal
 from tests.sites import NETWORKS
 from tests.sumo.test_engines_agree import assert_same_episode
 
@@ -309,6 +311,73 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     assert "1.8 m does not fit the lane" in refused(narrow, ":cross_c0")
 
 
+def test_what_the_ego_passes_is_said(tmp_path: Path) -> None:
+    """Two junctions 100 m apart, drawn by hand: a light and a crosswalk at the first."""
+    tracks = {"w": -250, "light": -100, "cross": 0, "e": 130}
+    kind = {"light": "traffic_light"}
+    nodes = "".join(
+        f'<node id="{name}" x="{x}" y="0" type="{kind.get(name, "priority")}"/>'
+        for name, x in tracks.items()
+    )
+    names = list(tracks)
+    edges = "".join(
+        f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.89" sidewalkWidth="2"/>'
+        for one, other in pairwise(names)
+        for a, b in ((one, other), (other, one))
+    )
+    walks = "".join(
+        f'<crossing node="{node}" edges="{before}{node} {node}{before}" priority="true"/>'
+        for before, node in (("w", "light"), ("light", "cross"))
+    )
+    for table, rows in (("nodes", nodes), ("edges", edges), ("connections", walks)):
+        (tmp_path / f"{table}.xml").write_text(f"<{table}>{rows}</{table}>")
+    files = ("-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml")
+    run_netconvert([*files, "-o", "two.net.xml", "--no-turnarounds"], tmp_path)
+    net = tmp_path / "two.net.xml"
+    listed = {row.edge: row for row in list_crossings(read_network(net))}
+    # From 83.3 m, six seconds at 50 km/h, the ego comes past nothing else.
+    assert listed[":cross_c0"].passed == ()
+    near, far = (
+        scene(net, ":cross_c0", ego={"trigger_range_m": range_m}, arms={"human": "human_yield"})
+        for range_m in (60.0, 130.0)
+    )
+    assert remarks(near) == []
+    light, walk = sorted(remarks(far), reverse=True)
+    assert re.match(r"the ego passes the traffic light light \d+ m before the crosswalk: no", light)
+    assert re.match(r"the ego passes the crosswalk :light_c0 10\d m before the crosswalk: n", walk)
+    assert 85 <= float(light.split()[7]) <= 115  # where the lane ends before its junction
+    # Its own light is no surprise: it is refused unless it is ignored, and the list says how.
+    row = listed[":light_c0"]
+    assert not row.usable
+    assert "--ignore-signal" in (row.problem or "")
+    assert "--ignore-signal" in refusal("crossings", net, "--write", "a.toml", "--edge", row.edge)
+    out = tmp_path / "green.toml"
+    printed("crossings", net, "--ignore-signal", "--write", out, "--edge", row.edge)
+    assert load_scenario(out).crossing.ignore_signal
+    assert "stays green" in remarks(load_scenario(out))[0]
+
+
+def test_a_network_without_a_crossing_says_what_to_do(tmp_path: Path) -> None:
+    nodes = '<node id="a" x="0" y="0"/><node id="b" x="9" y="0"/>'
+    (tmp_path / "nodes.xml").write_text(f"<nodes>{nodes}</nodes>")
+    (tmp_path / "edges.xml").write_text('<edges><edge id="ab" from="a" to="b"/></edges>')
+    run_netconvert(["-n", "nodes.xml", "-e", "edges.xml", "-o", "none.net.xml"], tmp_path)
+    done = here("crossings", tmp_path / "none.net.xml")
+    assert done.returncode == 0
+    assert "0 crossings, 0 usable" in done.stdout
+    assert "netconvert -s THIS --sidewalks.guess --crossings.guess" in done.stderr
+
+
+def test_a_crossing_is_refused_in_a_sentence(tmp_path: Path) -> None:
+    net = built(Road(turn_deg=60.0, straight_m=20.0), tmp_path)
+    (row,) = list_crossings(read_network(net))
+    assert re.fullmatch(
+        r"a trigger range of 30 m is more than the approach is straight: it bends by \d\.\d° "
+        r"1\d\.\d m before the crosswalk; possible: at most 1\d\.\d+ m",
+        row.problem or "",
+    ), row.problem
+
+
 def test_a_light_that_is_ignored_changes_nothing(tmp_path: Path, model, sumo) -> None:
     net = built(Road(signal=True), tmp_path)
     crossing = {"net": str(net), "edge": ":cross_c0", "ignore_signal": True}
@@ -373,6 +442,30 @@ def test_a_mid_block_zebra_of_a_map(tmp_path: Path, model, sumo) -> None:
     scenario = load_scenario(path)
     assert scenario.arms.human == "human_yield"  # 30 km/h is above 8 m/s
     assert play_both(scenario, model, sumo) > 0
+
+
+@pytest.mark.parametrize("nodes", [(4, 2, 5), (4, 2)])
+@pytest.mark.parametrize("kind", ["footway", "cycleway"])
+def test_a_footway_that_meets_a_zebra_adds_no_crossing(
+    tmp_path: Path, nodes: tuple[int, ...], kind: str, model, sumo
+) -> None:
+    """One zebra is painted there: SUMO's two lay 1.5 m apart, and both were called usable."""
+    text = (MAPS / "zebra.osm").read_text()
+    footway = "".join(f'<nd ref="{node}"/>' for node in nodes)
+    footway = f'<way id="11" version="1">{footway}<tag k="highway" v="{kind}"/></way>'
+    ends = "".join(
+        f'<node id="{node}" version="1" lat="{lat}" lon="-83.7000"/>'
+        for node, lat in ((4, 42.3004), (5, 42.2996))
+    )
+    (tmp_path / "met.osm").write_text(
+        text.replace('<way id="10"', f'{ends}<way id="10"').replace("</osm>", f"{footway}</osm>")
+    )
+    converted = convert(tmp_path / "met.osm", tmp_path / "out")
+    (row,) = list_crossings(read_network(converted.net))
+    assert row.usable
+    assert row.pedestrian_priority
+    if kind == "footway":
+        assert play_both(scene(converted.net, row.edge), model, sumo) > 0
 
 
 def test_the_tags_of_a_map_decide_priority(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from typer.main import get_command
 
 from harness.cli.app import app
 from harness.cli.output import print_line
+from harness.resources import shipped_directory
 
 
 def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
@@ -42,3 +43,9 @@ def test_this_file_would_notice() -> None:
         print_line(word)
 
     assert silent(get_command(mute)) == ["word"]
+
+
+def test_the_help_of_run_names_every_shipped_scenario() -> None:
+    (words,) = (getattr(of, "help", "") for of in ALL["run"].params if of.name == "scenario")
+    for file in shipped_directory("scenarios").glob("*.toml"):
+        assert file.stem in words

@@ -44,7 +44,7 @@ def study(tmp_path: Path, text: str, *vary: str) -> Study:
         # TOML alone would read these as times of day.
         ("a.b=10:50:10", [10, 20, 30, 40, 50]),
         ("a.b=10:11:00.5", [10.0, 10.5, 11.0]),
-        ("a.b=not:a:range,1:2", ["not:a:range", "1:2"]),
+        ("a.b=not:a:range,one:2", ["not:a:range", "one:2"]),
     ],
 )
 def test_values_of_an_option(text: str, values: list[object]) -> None:
@@ -320,3 +320,11 @@ def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
     assert done.stderr.splitlines() == [
         "harness: arms.av is set: the sweep over it is left out; 4 cells became 2"
     ]
+
+
+@pytest.mark.parametrize("text", ["0:1", "-0.5:2", "0 : 10"])
+def test_a_range_without_its_step_is_refused_as_one(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_variation(f"strategies.soft_yield.p1={text}")
+    assert caught.value.problem == f"range {text!r} has no step"
+    assert caught.value.allowed == "begin:end:step"
