@@ -19,6 +19,9 @@ from examples.policies import NEAREST, features, linear
 POPULATION, ELITE, GENERATIONS, EPISODES = 32, 6, 12, 20
 SPREAD_FLOOR = 0.05
 
+TRAINING_SEED = 1001
+"""Not the scenarios' seed 1: ``harness run`` must judge by people whom training has not met."""
+
 
 def total_reward(env, weights, pairs):
     """Mean over the pairs of the summed rewards."""
@@ -34,7 +37,9 @@ def total_reward(env, weights, pairs):
     return total / len(pairs)
 
 
-def train(env, generations, seed=1, population=POPULATION, elite=ELITE, episodes=EPISODES):
+def train(
+    env, generations, seed=TRAINING_SEED, population=POPULATION, elite=ELITE, episodes=EPISODES
+):
     """The mean of the last generation's distribution, shape of ``features``."""
     rng = np.random.default_rng(seed)
     vector, _ = env.reset(seed=seed)
