@@ -17,6 +17,12 @@ PAGES_BESIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
 SHOWN = (*PAGES_BESIDE, "LICENSE", "CITATION.cff", "scenarios/*.toml", "examples/*.*")
 """Files of the project that pages lead to; the site has a copy of each."""
 
+IN_THE_SITE = {
+    "](../harness/scenario/sections.py)": "](reference/keys.md)",
+    "](hooks/columns.toml)": "](reference/columns.md)",
+}
+"""Where docs/ is read as files, links lead to what the site's generated pages are made of."""
+
 LOADED = re.compile(
     r"""<(?:script|img|iframe|source|video|audio)\b[^>]*\bsrc=["']?((?:https?:)?//[^"'\s>]+)"""
     r"""|<link\b(?![^>]*rel=["']?canonical)[^>]*\bhref=["']?((?:https?:)?//[^"'\s>]+)"""
@@ -50,6 +56,8 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
         markdown = markdown.replace(f"]({here}{name}", f"]({here}{name.lower()}")
     if beside:
         return markdown.replace("](docs/", "](")
+    for file, made in IN_THE_SITE.items():
+        markdown = markdown.replace(file, made)
     return markdown if "/" in place else markdown.replace("](../", "](")
 
 

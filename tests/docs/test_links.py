@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from docs.hooks.reference import PAGES as GENERATED
+from docs.hooks.site import IN_THE_SITE
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -49,6 +50,18 @@ def broken(page: Path) -> list[str]:
 )
 def test_every_link_leads_somewhere(page: Path) -> None:
     assert broken(page) == []
+
+
+@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.stem)
+def test_pages_lead_to_files_that_are_there_without_the_site(page: Path) -> None:
+    """As GitHub shows them: what `make docs` makes is no file of the project."""
+    assert [link for link in links(page) if "reference/" in link] == []
+
+
+def test_the_site_leads_to_its_own_pages_instead() -> None:
+    for file, made in IN_THE_SITE.items():
+        assert (ROOT / "docs" / file[2:-1]).resolve().is_file()
+        assert made[2:-1] in GENERATED
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
