@@ -25,6 +25,7 @@ Purpose = Literal[
     "perception_error",
     "warm_up",
     "av_strategy",
+    "pilot",
 ]
 
 # The numbers enter the seeds: changing one changes every result.
@@ -43,6 +44,7 @@ _PURPOSES: dict[Purpose, int] = {
     "perception_error": 12,
     "warm_up": 13,
     "av_strategy": 14,
+    "pilot": 15,
 }
 
 

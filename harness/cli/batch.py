@@ -19,6 +19,7 @@ from harness.cli.options import (
     ScenarioArgument,
     SeedOption,
     SetOption,
+    SettleOption,
     SumoOutputsOption,
     TracesOption,
     UntilOption,
@@ -38,6 +39,7 @@ def run(
     seed: SeedOption = None,
     settings: SetOption = None,
     until: UntilOption = None,
+    settle: SettleOption = False,
     workers: WorkersOption = None,
     traces: TracesOption = False,
     sumo_outputs: SumoOutputsOption = None,
@@ -71,6 +73,8 @@ def run(
         engine=_engine(engine, audit),
         audit=AUDIT_SHARE if audit is None else audit,
     )
+    if settle:
+        study = _settled(study, options, quiet or as_json)
     with _executor(study, options, dask) as make_executor:
         from harness.batch.experiment import run_study
 
@@ -79,6 +83,17 @@ def run(
                 study, options, out=out, progress=advance, make_executor=make_executor
             )
     _report(finished, quiet, as_json)
+
+
+def _settled(study: Any, options: Any, quiet: bool) -> Any:
+    from harness.batch.settling import settled
+
+    with progress_bar("pilots", quiet) as advance, unwinding():
+        found = settled(study, options, advance)
+    warm_ups = [cell.scenario.known_traffic.warm_up_s for cell in found.cells]
+    span = f"{min(warm_ups):g}" + (f" to {max(warm_ups):g}" if len({*warm_ups}) > 1 else "")
+    say(f"harness: traffic.warm_up_s = {span} by a pilot of each cell")
+    return found
 
 
 def resume(

@@ -82,6 +82,14 @@ AuditOption = Annotated[
         max=1.0,
     ),
 ]
+SettleOption = Annotated[
+    bool,
+    typer.Option(
+        "--settle",
+        help="Hours of traffic: find each cell's warm-up by a pilot, the longest that a queue "
+        "takes to clear; at most the counted time.",
+    ),
+]
 TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")

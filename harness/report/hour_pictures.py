@@ -23,6 +23,9 @@ _OVER = (
     ("throughput_per_hour", "vehicles through per hour", "Vehicles let through"),
 )
 
+_WARM_UP = "traffic.warm_up_s"
+"""``--settle`` gives each cell its own; it makes no line of its own."""
+
 Points = list[tuple[float, Interval]]
 
 
@@ -42,7 +45,11 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
     """A measure over the main varied key: a line for each strategy, and one for the reference."""
     groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
     for cell, summary in run.hour_results:
-        others = [as_written(value) for other, value in cell.varied.items() if other != key]
+        others = [
+            as_written(value)
+            for other, value in cell.varied.items()
+            if other not in (key, _WARM_UP)
+        ]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
     figure, (axes,) = style.new_figure()
     drawn = False

@@ -150,7 +150,7 @@ def _of_arm(cell: Cell, summary: HoursSummary, arm: Arm, name: str) -> list[str]
         lines.append(
             f"The delay still grows ({name}): vehicles due in the last third of the hour lose "
             f"{own.rising_s.words('.1f')} s more than those of the first, so its mean is one over "
-            "the way up: a longer traffic.warm_up_s tells where it ends."
+            "the way up: --settle finds a warm-up, and more hours tell where it ends."
         )
     if own.not_through:
         lines.append(

@@ -16,6 +16,7 @@ import harness
 from harness.batch.experiment import resume, run_study
 from harness.batch.plan import plan_of
 from harness.batch.scoring import score
+from harness.batch.settling import settled
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
@@ -326,6 +327,49 @@ def test_an_hour_in_sumo_gui_is_the_stored_one(runs: list[Path], tmp_path: Path)
     assert pixels(pictures[0], EGO_AT_V0) == 0
     assert max(pixels(picture, EGO_AT_V0) for picture in pictures) > 150
     assert max(pixels(picture, PEDESTRIAN) for picture in pictures) > 10
+
+
+def test_a_pilot_gives_each_cell_its_warm_up(
+    runs: list[Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The longest of both arms and the scenario's own; one for each cell of several."""
+    looked_at = []
+
+    def longest_queue_s(due_s: Any, left_s: Any, end_s: float) -> float:
+        assert (left_s > due_s + STEP_S).all()
+        looked_at.append((len(due_s), end_s))
+        return [10.0, 50.0, 5.0, 0.0][len(looked_at) - 1]
+
+    monkeypatch.setattr("harness.batch.settling.longest_queue_s", longest_queue_s)
+    monkeypatch.setattr("harness.batch.settling.ROUND_S", 5.0)
+    file = read_scenario_file(runs[0].parent / "busy.toml")
+    study = study_of(file, [("arms.av", ["gap_yield", "hard_yield"])])
+    found = settled(study, Options(workers=0))
+    assert [cell.varied["traffic.warm_up_s"] for cell in found.cells] == [50.0, WARM_UP_S]
+    assert [cell.scenario.known_traffic.warm_up_s for cell in found.cells] == [50.0, WARM_UP_S]
+    # Twice as long as what counts; the reference is the same in both cells.
+    assert looked_at[1] == looked_at[3]
+    assert looked_at[0][1] == 140.0
+    assert looked_at[0][0] > 2
+    looked_at.clear()
+    (one,) = settled(study_of(file), Options(workers=0)).cells
+    assert (one.varied, one.scenario.known_traffic.warm_up_s) == ({}, 50.0)
+    # All else is as it was, the seed too.
+    back = {"traffic": one.scenario.known_traffic.model_copy(update={"warm_up_s": WARM_UP_S})}
+    assert one.scenario.model_copy(update=back) == study_of(file).cells[0].scenario
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"traffic.saturated": True}, "a permanent queue"),
+        ({"traffic.duration_s": 1800, "traffic.flow_per_hour": [1, 2]}, "flows that change"),
+    ],
+)
+def test_what_does_not_settle_is_refused(settings: dict[str, Any], said: str) -> None:
+    file = read_scenario_file("capacity", {"traffic.saturated": False, **settings})
+    with pytest.raises(InputError, match=said):
+        settled(study_of(file), Options(workers=0))
 
 
 def test_what_hours_have_not(runs: list[Path]) -> None:

@@ -5,63 +5,22 @@ import math
 import numpy as np
 import pytest
 
-from harness.traffic.closed_forms import plain_priority_capacity_per_s
 from harness.traffic.saturation import Growth, growth_of, least_late
-
-HEADWAY_S = 2.0
-BEHIND_S = 37.0
-"""How long after its schedule a vehicle would be through: 300 m at 8 m/s."""
+from tests.queues import due_and_left
 
 
 def queues(
-    hours: int,
-    load: float,
-    duration_s: float,
-    warm_up_s: float,
-    *,
-    pedestrians_per_hour: float = 1000.0,
-    block_s: float = 8.0,
-    lanes: int = 2,
-    seed: int = 1,
+    hours: int, load: float, duration_s: float, warm_up_s: float, **road: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Growth and arrivals of hours whose vehicles come at ``load`` times the capacity.
-
-    People come at random and block all lanes for ``block_s`` each; the queue of a lane moves up
-    by a headway.  Its capacity has a closed form, λ e^{−λτ}/(1 − e^{−λh}) (tested elsewhere).
-    """
-    rng, rate = np.random.default_rng(seed), pedestrians_per_hour / 3600
-    flow = load * plain_priority_capacity_per_s(rate, block_s, 0.0, HEADWAY_S)
+    """Growth and arrivals of hours whose vehicles come at ``load`` times the capacity."""
     end_s = warm_up_s + duration_s
-    last_s = 4 * end_s + 4000  # after which nobody is followed any more
-    apart_s = last_s + 1000 + np.arange(hours) * (last_s + 1000)
-    begins, ends = [np.array([-2.0])], [np.array([-1.0])]
-    for apart in apart_s:
-        people = apart + np.sort(rng.uniform(0, last_s, rng.poisson(rate * last_s)))
-        # A block lasts until nobody has come for block_s.
-        first = np.append(True, np.diff(people) > block_s)
-        begins.append(people[first])
-        ends.append(people[np.append(first[1:], True)] + block_s)
-    block_begins, block_ends = np.concatenate(begins), np.concatenate(ends)
-    due, left = [], []
-    for _ in range(lanes):
-        count = int(flow * end_s + 6 * math.sqrt(flow * end_s) + 10)
-        scheduled = np.cumsum(rng.exponential(1 / flow, (hours, count)), axis=1)
-        through = np.empty_like(scheduled)
-        before = np.full(hours, -math.inf)
-        for number in range(count):
-            ready = np.maximum(scheduled[:, number] + BEHIND_S, before + HEADWAY_S) + apart_s
-            block = np.searchsorted(block_begins, ready, "right") - 1
-            before = np.maximum(ready, block_ends[block]) - apart_s
-            through[:, number] = before
-        due.append(np.where(scheduled < end_s, scheduled + BEHIND_S, math.inf))
-        left.append(np.where(scheduled < end_s, through, math.inf))
-    all_due, all_left = np.hstack(due), np.hstack(left)
+    due, left = due_and_left(hours, load, end_s, **road)  # type: ignore[arg-type]
     half_s = warm_up_s + duration_s / 2
     growths = [
         least_late(*times, half_s, end_s) - least_late(*times, warm_up_s, half_s)
-        for times in zip(all_due, all_left, strict=True)
+        for times in zip(due, left, strict=True)
     ]
-    counted = (all_due > warm_up_s) & (all_due <= end_s)
+    counted = (due > warm_up_s) & (due <= end_s)
     return np.array(growths, dtype=float), counted.sum(axis=1) / 2
 
 
