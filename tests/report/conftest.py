@@ -82,7 +82,8 @@ def unfinished(runs: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         # Tasks are cut by the time that pairs take; here each has four.
         patch.setattr(experiment._Work, "_size", lambda *_: 4)
-        return simulate(study, runs / "unfinished", Options(traces=True), stop=True)
+        options = Options(traces=True, workers=1)
+        return simulate(study, runs / "unfinished", options, stop=True)
 
 
 HOSTILE = '<script>document.title = "owned"</script><img src=x onerror=alert(1)> & "$\\frac{1}$'
