@@ -4,6 +4,7 @@
 from .batch.experiment import resume as resume, run_study as run_study
 from .conformance import check_strategy as check_strategy
 from .encounter import (
+    Arm as Arm,
     Crossing as Crossing,
     EgoView as EgoView,
     Observation as Observation,
@@ -25,11 +26,12 @@ from .runs.compare import compare as compare
 from .runs.comparisons import RunComparison as RunComparison
 from .runs.opening import load_run as load_run
 from .runs.run_data import RunData as RunData
-from .runs.worst import got_worse as got_worse, worst as worst
+from .runs.worst import WorstEpisode as WorstEpisode, got_worse as got_worse, worst as worst
 from .scenario import (
     Options as Options,
     Precision as Precision,
     Scenario as Scenario,
+    ScenarioFile as ScenarioFile,
     Setting as Setting,
     Study as Study,
     load_scenario as load_scenario,

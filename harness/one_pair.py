@@ -80,8 +80,8 @@ class PairOutcome:
     @property
     def tau(self) -> float | None:
         """τ = the AV's pass time / the human's; None where either did not cross."""
-        times = self.av.record.pass_time_s, self.human.record.pass_time_s
-        return None if None in times else float(times[0] / times[1])
+        av, human = self.av.record.pass_time_s, self.human.record.pass_time_s
+        return None if av is None or human is None else av / human
 
     @cached_property
     def traces(self) -> pd.DataFrame:

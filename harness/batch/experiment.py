@@ -185,8 +185,7 @@ class _Work:
             self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
-            # Nothing is known of pairs that no worker survived.
-            self.pair_s = result.took_s / task.count or self.pair_s
+            self.pair_s = result.took_s / task.count
             self.done.setdefault(task.cell, set()).update(task.pairs)
             done += task.count
             self.progress(done, total, "pairs")

@@ -201,7 +201,7 @@ def worst(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     by: Annotated[
         str,
-        typer.Option(help="pet_s, min_ttc_s (crashes first), delay_s or contact_speed_mps."),
+        typer.Option(help="A measure of which one end is bad, e.g. min_ttc_s, delay_s, stops."),
     ] = "pet_s",
     most: Annotated[int, typer.Option("-n", help="How many.", metavar="N")] = 20,
     diff: Annotated[
@@ -212,22 +212,20 @@ def worst(
         ),
     ] = None,
     arm: Annotated[str, typer.Option(help="av or human.")] = "av",
+    cell: Annotated[int | None, typer.Option(help="Of that cell alone.")] = None,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print the commands that replay them alone.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """List the worst episodes, with commands that replay them."""
-    from harness.encounter import Arm
     from harness.report.worst_tables import worst_document, worst_tables
     from harness.runs.worst import got_worse, worst as worst_of
 
-    if arm not in (*Arm,):
-        raise InputError(f"--arm {arm}", "no such arm", "av or human")
     if diff is None:
-        found = worst_of(run_folder, by, most, Arm(arm))
+        found = worst_of(run_folder, by, most, arm, cell)
     else:
-        found = got_worse(diff, run_folder, by, most, Arm(arm))
+        found = got_worse(diff, run_folder, by, most, arm, cell)
     if as_json:
         print_json(worst_document(found, by))
     elif quiet:

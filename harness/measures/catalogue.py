@@ -20,7 +20,9 @@ class Measure:
     ``compute`` gives one value for each trace of a chunk, NaN where undefined; each depends on
     that trace alone, to the last bit.  ``kind`` is the type it is kept as.  ``on_step`` says what
     the length of a step does to it: nothing (``exact``); it is an extreme over states, of which a
-    shorter step has more (``states``); or it is counted in steps (``steps``).
+    shorter step has more (``states``); or it is counted in steps (``steps``).  ``worse`` says which
+    values are the bad ones, None where neither end is; by a measure of conflicts a crash is worse
+    than every value.
     """
 
     column: str
@@ -30,6 +32,8 @@ class Measure:
     undefined_when: str
     source: str
     on_step: Literal["exact", "states", "steps"]
+    about: Literal["conflict", "time", "comfort", "other"]
+    worse: Literal["small", "large"] | None
     compute: Callable[[Chunk], FloatArray]
 
 
@@ -42,6 +46,8 @@ MEASURES = (
         "the ego did not cross",
         'the paper\'s "time used"',
         "exact",
+        "time",
+        "large",
         efficiency.pass_time_s,
     ),
     Measure(
@@ -52,6 +58,8 @@ MEASURES = (
         "no contact",
         "",
         "exact",
+        "conflict",
+        "large",
         collision.contact_speed_mps,
     ),
     Measure(
@@ -63,6 +71,8 @@ MEASURES = (
         "nobody stepped off",
         "",
         "states",
+        "conflict",
+        "small",
         proximity.min_gap_m,
     ),
     Measure(
@@ -74,6 +84,8 @@ MEASURES = (
         "never on a collision course",
         "Hayward 1972, for a rectangle and a disc",
         "states",
+        "conflict",
+        "small",
         proximity.min_ttc_s,
     ),
     Measure(
@@ -84,6 +96,8 @@ MEASURES = (
         "no such state",
         "the paper's (tadv); Laureshyn 2010",
         "states",
+        "conflict",
+        "small",
         proximity.min_time_advantage_s,
     ),
     Measure(
@@ -96,6 +110,8 @@ MEASURES = (
         "crash, or one of the two never enters",
         "Allen, Shin, Cooper 1978",
         "exact",
+        "conflict",
+        "small",
         encroachment.pet_s,
     ),
     Measure(
@@ -106,6 +122,8 @@ MEASURES = (
         "never",
         "",
         "exact",
+        "comfort",
+        "large",
         braking.max_deceleration_mps2,
     ),
     Measure(
@@ -116,6 +134,8 @@ MEASURES = (
         "never",
         "SUMO's waiting-time threshold",
         "steps",
+        "comfort",
+        "large",
         efficiency.stops,
     ),
     Measure(
@@ -126,6 +146,8 @@ MEASURES = (
         "never",
         "SUMO's waiting-time threshold",
         "steps",
+        "comfort",
+        "large",
         efficiency.stopped_s,
     ),
     Measure(
@@ -136,6 +158,8 @@ MEASURES = (
         "the ego did not cross",
         "HCM: delay against the free pass time",
         "exact",
+        "time",
+        "large",
         efficiency.delay_s,
     ),
     Measure(
@@ -148,6 +172,8 @@ MEASURES = (
         "crash (it grows without bound), or never on such a course",
         "Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
         "states",
+        "conflict",
+        "large",
         braking.max_drac_mps2,
     ),
     Measure(
@@ -159,6 +185,8 @@ MEASURES = (
         "nobody on a collision course with the front at first sight",
         "constant deceleration to a stop at distance d",
         "states",
+        "conflict",
+        "large",
         braking.required_deceleration_mps2,
     ),
     Measure(
@@ -169,6 +197,8 @@ MEASURES = (
         "never",
         "finite difference: a value for that length of step",
         "steps",
+        "comfort",
+        "large",
         braking.max_jerk_mps3,
     ),
     Measure(
@@ -180,6 +210,8 @@ MEASURES = (
         "no contact",
         "after UN Regulation 157: was the collision preventable?",
         "exact",
+        "conflict",
+        None,
         avoidable.avoidable,
     ),
     Measure(
@@ -191,6 +223,8 @@ MEASURES = (
         "nobody arrived",
         "HCM: pedestrian delay",
         "exact",
+        "comfort",
+        "large",
         efficiency.pedestrian_delay_s,
     ),
     Measure(
@@ -201,6 +235,8 @@ MEASURES = (
         "never",
         "",
         "exact",
+        "other",
+        None,
         efficiency.arrivals,
     ),
     Measure(
@@ -211,6 +247,8 @@ MEASURES = (
         "the rear bumper never left the far edge",
         "",
         "exact",
+        "time",
+        None,
         efficiency.untouched_pass_time_s,
     ),
     Measure(
@@ -221,6 +259,8 @@ MEASURES = (
         "failed before its first step",
         "",
         "exact",
+        "other",
+        None,
         efficiency.max_speed_mps,
     ),
 )

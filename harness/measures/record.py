@@ -3,13 +3,13 @@
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from harness.encounter import Arm, Contact, Ending, FailedIn, Trace
 from harness.measures.catalogue import COLUMNS, MEASURES, Measure
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import strikes_of
 from harness.measures.ego import ego_states
+from harness.measures.measured import Measured
 from harness.measures.steps import legs_of, rows_of
 
 Value = float | int | bool | None
@@ -17,11 +17,9 @@ Value = float | int | bool | None
 Values = namedtuple("Values", COLUMNS)  # type: ignore[misc]  # the names come from the catalogue
 """The measures of an episode, by their columns' names; ``_asdict()`` makes a dictionary."""
 
-_PLACE = {column: number for number, column in enumerate(COLUMNS)}
-
 
 @dataclass(frozen=True, slots=True)
-class EpisodeRecord:
+class EpisodeRecord(Measured):
     """What is kept of an episode: a row of ``episodes.parquet`` (docs/files.md).
 
     ``end_s`` is where the record ends: at the contact, the pass, the time-out or the failure.
@@ -46,12 +44,6 @@ class EpisodeRecord:
     clamped_speed_excess_mps: float | None
     clamped_range_excess_m: float | None
     values: tuple[Value, ...]
-
-    def __getattr__(self, name: str) -> Any:
-        """A measure by its column's name."""
-        if name not in _PLACE:
-            raise AttributeError(name)
-        return self.values[_PLACE[name]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,14 +6,18 @@ from typing import Any
 from harness.encounter import Ending
 from harness.report.tables import Table, TableCell, count_cell, number, sort_key
 from harness.runs.worst import WorstEpisode
+from harness.scenario import as_written
 
 
 def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
     """Where each episode is, how bad it was, and how bad before where runs are compared."""
     compared = any(episode.ending_before is not None for episode in episodes)
+    # Its number is what --cell asks for, its keys what it is.
+    keys = list(episodes[0].varied) if episodes else []
     rows = [
         (
             count_cell(episode.cell),
+            *(TableCell(as_written(episode.varied[key])) for key in keys),
             count_cell(episode.pair),
             *([_outcome(episode.before, episode.ending_before)] if compared else []),
             _outcome(episode.value, episode.ending),
@@ -21,7 +25,7 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
         for episode in episodes
     ]
     words = "got worse" if compared else "worst"
-    headings = ("cell", "pair", *([f"{by} before"] if compared else []), by)
+    headings = ("cell", *keys, "pair", *([f"{by} before"] if compared else []), by)
     if not episodes:
         return Table("worst", f"no episode to look at, by {by}", headings, ())
     caption = f"{words} by {by}: {episodes[0].run}, {episodes[0].arm.value}"
@@ -35,6 +39,7 @@ def worst_document(episodes: Sequence[WorstEpisode], by: str) -> dict[str, Any]:
         "episodes": [
             {
                 "cell": episode.cell,
+                "varied": dict(episode.varied),
                 "pair": episode.pair,
                 "arm": episode.arm.value,
                 "ending": episode.ending.value,

@@ -2,7 +2,8 @@
 
 import math
 import shlex
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,19 +12,20 @@ import pandas as pd
 from harness.encounter import Arm, Ending
 from harness.errors import InputError, unknown_name
 from harness.measures.agreement import TOLERANCE
+from harness.measures.catalogue import COLUMNS, MEASURES
 from harness.results.summaries import known
 from harness.runs.opening import finished_run
 from harness.runs.run_data import RunData
 from harness.runs.same_pairs import check_same_pairs, names_of
 from harness.runs.strategy_groups import StrategyCell, groups_over
 
-FIRST = ("pet_s", "min_ttc_s", "delay_s", "contact_speed_mps")
+RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}
 """Measures by which episodes are ranked."""
 
 CONFLICT_S = 5.0
 """A PET or TTC above this counts as this: no conflict (SSAM's largest PET, FHWA-HRT-08-051)."""
 
-_NO_CONTACT_MPS = 0.0
+_CAPPED = ("pet_s", "min_ttc_s")
 
 _BEFORE = "_before"
 """Ends the columns of the earlier run."""
@@ -35,7 +37,7 @@ class WorstEpisode:
 
     ``value`` is that of the measure, None where it is undefined: then ``ending`` says more.
     ``before`` is the same in the other run, ``ending_before`` its ending there; both None where
-    runs are not compared.
+    runs are not compared.  ``varied`` names the cell by its keys.
     """
 
     run: Path
@@ -46,6 +48,7 @@ class WorstEpisode:
     value: float | None
     before: float | None = None
     ending_before: Ending | None = None
+    varied: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def command(self) -> str:
@@ -56,25 +59,31 @@ class WorstEpisode:
 
 
 def worst(
-    run: RunData | str | Path, by: str = "pet_s", most: int = 20, arm: Arm = Arm.AV
+    run: RunData | str | Path,
+    by: str = "pet_s",
+    most: int = 20,
+    arm: Arm | str = Arm.AV,
+    cell: int | None = None,
 ) -> list[WorstEpisode]:
     """The worst episodes of a run.
 
-    By PET, TTC and contact speed crashes come first, the fastest before the others.  By delay
-    time-outs do, which have none; a crash has no delay either and is left out.
+    By a measure of conflicts (PET, DRAC …) crashes come first, the fastest before the others.  By
+    delay and pass time time-outs do, which have none; a crash has none either and is left out.
 
     Args:
         run: a finished run, or its folder.
-        by: one of ``FIRST``.
+        by: one of ``RANKED``.
         most: how many, 1 or more.
-        arm: whose episodes.
+        arm: whose episodes, ``av`` or ``human``.
+        cell: number of the cell; None: all.
 
     Raises:
-        InputError: no finished run of encounters, no such measure, or ``most`` is less than 1.
+        InputError: no finished run of encounters, no such measure, arm or cell, ``most`` is less
+            than 1, or every episode failed.
     """
-    _check(by, most)
+    arm = _check(by, most, arm)
     data = finished_run(run)
-    rows = _episodes(data, by, arm)
+    rows = _episodes(data, by, arm, cell)
     bad = rows[rows["badness"] > _least(by)].nlargest(most, "badness", keep="all")
     return _ranked(data, bad, "badness", by, arm)[:most]
 
@@ -84,30 +93,32 @@ def got_worse(
     since: RunData | str | Path,
     by: str = "pet_s",
     most: int = 20,
-    arm: Arm = Arm.AV,
+    arm: Arm | str = Arm.AV,
+    cell: int | None = None,
 ) -> list[WorstEpisode]:
     """The episodes of a run that are worse than in an earlier one, the greatest change first.
 
     Cells are matched as ``compare`` groups them: the same strategy and parameters in both runs,
     or the only cell of each in a group.  PET and TTC beyond 5 s, and where there is none, count
-    as 5 s; no contact counts as 0 m/s.  A new crash (by delay, a new time-out) comes before all
-    others.
+    as 5 s; no contact counts as 0 m/s; by other measures an episode is left out in which one of
+    the two is undefined.  A new crash (by delay, a new time-out) comes before all others.
 
     Args:
         run: a finished run, or its folder.
         since: the earlier one, of the same people.
-        by: one of ``FIRST``.
+        by: one of ``RANKED``.
         most: how many, 1 or more.
         arm: whose episodes; the human's are the same in both.
+        cell: number of the cell of ``run``; None: all.
 
     Raises:
         InputError: as ``worst``, or the runs cannot be compared pair by pair.
     """
-    _check(by, most)
+    arm = _check(by, most, arm)
     now, then = finished_run(run), finished_run(since)
     groups = groups_over([then.study, now.study], names_of([then, now]))
     check_same_pairs([then, now], groups)
-    old, new = (_episodes(of, by, arm) for of in (then, now))
+    old, new = _episodes(then, by, arm), _episodes(now, by, arm, cell)
     parts = []
     for before, after in [match for group in groups for match in _matches(group.cells)]:
         past = old.loc[old["cell"] == before.cell.number, ["pair", "badness", by, "ending"]]
@@ -129,11 +140,16 @@ def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> li
     return [_episode(run, row, by, arm) for _, row in order.iterrows()]
 
 
-def _check(by: str, most: int) -> None:
-    if by not in FIRST:
-        raise unknown_name("--by", "measure", by, FIRST)
+def _check(by: str, most: int, arm: Arm | str) -> Arm:
+    if by in COLUMNS and by not in RANKED:
+        raise InputError("--by", f"neither end of {by} is the bad one", ", ".join(RANKED))
+    if by not in RANKED:
+        raise unknown_name("--by", "measure", by, RANKED)
     if most < 1:
         raise InputError("-n", f"{most}", "1 or more")
+    if arm not in (*Arm,):
+        raise unknown_name("--arm", "arm", str(arm), [*Arm])
+    return Arm(arm)
 
 
 def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, StrategyCell]]:
@@ -148,13 +164,20 @@ def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, Strate
     return same or ([(first[0], second[0])] if len(first) == len(second) == 1 else [])
 
 
-def _episodes(run: RunData, by: str, arm: Arm) -> pd.DataFrame:
+def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.DataFrame:
     """The arm's episodes that ran, with a column ``badness``: the larger, the worse."""
-    episodes = run.episodes
+    episodes, cells = run.episodes, len(run.study.cells)
     if by not in episodes:
         raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
-    kept = (episodes["arm"] == arm.value) & (episodes["ending"] != Ending.ENGINE_FAILED)
-    rows = episodes[kept].copy()
+    if cell is not None and not 0 <= cell < cells:
+        raise InputError("--cell", f"{cell}", f"0 to {cells - 1}")
+    of_arm = episodes[(episodes["arm"] == arm.value) & (cell is None or episodes["cell"] == cell)]
+    rows = of_arm[of_arm["ending"] != Ending.ENGINE_FAILED].copy()
+    if rows.empty:
+        where = str(run.path) if cell is None else f"{run.path}: cell {cell}"
+        why = f"e.g. {of_arm['reason'].iloc[0]}" if len(of_arm) else "there is none"
+        what = f"all {len(of_arm)} episodes of {arm.value} failed, {why}"
+        raise InputError(where, what, "a run with an episode that ended otherwise")
     rows["badness"] = [
         _badness(by, *values)
         for values in zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
@@ -162,28 +185,29 @@ def _episodes(run: RunData, by: str, arm: Arm) -> pd.DataFrame:
     return rows
 
 
-_FINAL = 1_000.0
+_FINAL = 1_000_000.0
 """Worse than every value: a crash or, by delay, a time-out."""
 
 
 def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
-    known = value is not None and not math.isnan(value)
-    if by == "delay_s":
-        if ending == Ending.TIMED_OUT:
-            return _FINAL * _FINAL
-        return value if known else math.nan
-    if ending == Ending.CRASHED:
+    measure = RANKED[by]
+    if measure.about == "time" and ending == Ending.TIMED_OUT:
+        return _FINAL
+    if measure.about == "conflict" and ending == Ending.CRASHED:
         return _FINAL + contact_speed_mps
     if by == "contact_speed_mps":
-        return _NO_CONTACT_MPS
-    return -min(value, CONFLICT_S) if known else -CONFLICT_S
+        return 0.0
+    unknown = value is None or math.isnan(value)
+    if by in _CAPPED:
+        return -CONFLICT_S if unknown else -min(value, CONFLICT_S)
+    return math.nan if unknown else float(value if measure.worse == "large" else -value)
 
 
 def _least(by: str) -> float:
     """An episode of this badness, or less, is not worth a look."""
-    if by == "delay_s":
-        return -math.inf
-    return _NO_CONTACT_MPS if by == "contact_speed_mps" else -CONFLICT_S
+    if by in _CAPPED:
+        return -CONFLICT_S
+    return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
 
 
 def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpisode:
@@ -197,4 +221,5 @@ def _episode(run: RunData, row: "pd.Series[Any]", by: str, arm: Arm) -> WorstEpi
         known(row[by]),
         known(row[f"{by}{_BEFORE}"]) if compared else None,
         Ending(row[f"ending{_BEFORE}"]) if compared else None,
+        run.study.cells[int(row["cell"])].varied,
     )

@@ -51,10 +51,10 @@ def outcome_of(passage: Passage, trace: Trace) -> DriverOutcome:
     record = measure([trace])[0]
     pass_time_s, timed_out = pass_time_of(passage, trace)
     ended_s = (len(trace.x_m) - 1) * trace.step_s
-    touched = record.contact is not None
+    touched, struck_at = record.contact is not None, record.contact_speed_mps
     explained = touched and (
         record.contact is Contact.SIDE
-        or record.contact_speed_mps < _STANDING_MPS
+        or (struck_at is not None and struck_at < _STANDING_MPS)
         or not record.avoidable
     )
     return DriverOutcome(

@@ -193,4 +193,5 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
         }
         arms = task.scenario.arms.model_dump().items()
         known = {"episodes": [failed | {"arm": arm, "strategy": of} for arm, of in arms]}
-    return TaskResult({name: columns_of(TABLES[name], known.get(name, ())) for name in names})
+    rows = {name: columns_of(TABLES[name], known.get(name, ())) for name in names}
+    return TaskResult(rows, took_s=task.hang_after_s)

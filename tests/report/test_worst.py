@@ -9,7 +9,7 @@ import pytest
 from harness.encounter import Arm, Ending
 from harness.errors import InputError
 from harness.runs.worst import got_worse, worst
-from tests.batches import one_cell, printed, refusal
+from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import Fate, made_up
 
 
@@ -22,13 +22,13 @@ def crash(speed_mps: float) -> Fate:
 
 
 BEFORE: list[Fate] = [
-    crossed(pet_s=3.0, delay_s=1.0),
-    crossed(pet_s=0.5, delay_s=2.0),
-    crossed(delay_s=9.0),  # nobody came near
+    crossed(pet_s=3.0, delay_s=1.0, min_gap_m=2.0),
+    crossed(pet_s=0.5, delay_s=2.0, max_deceleration_mps2=1.0),
+    crossed(delay_s=9.0, max_deceleration_mps2=4.0),  # nobody came near
     crash(2.0),
     crash(6.0),
-    crossed(pet_s=8.0, delay_s=4.0),
-    "timed_out",
+    crossed(pet_s=8.0, delay_s=4.0, min_gap_m=1.0),
+    {"ending": "timed_out", "max_deceleration_mps2": 3.0},
 ]
 AFTER: list[Fate] = [
     crossed(pet_s=1.0, delay_s=1.5),
@@ -61,6 +61,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
         # A time-out is the longest delay there is.
         ("delay_s", [6, 2, 5, 1, 0]),
         ("min_ttc_s", [4, 3]),
+        # Crashes first, then the smallest value; the hardest braking, whatever the ending.
+        ("min_gap_m", [4, 3, 5, 0]),
+        ("max_deceleration_mps2", [2, 6, 1]),
     ],
 )
 def test_the_worst_by_each_measure(runs: tuple[Path, Path], by: str, pairs: list[int]) -> None:
@@ -79,7 +82,23 @@ def test_what_got_worse(runs: tuple[Path, Path]) -> None:
     assert [episode.pair for episode in got_worse(runs[0], runs[1], "delay_s")] == [1]
 
 
+def test_one_cell_named_by_its_keys(tmp_path: Path) -> None:
+    changes = {"experiment.pairs": 2}
+    study = sweep("cctc_flow", changes, "arms.av=gap_yield,hard_yield")
+    fates: list[list[Fate]] = [[crash(2.0), crash(3.0)], ["engine_failed", "engine_failed"]]
+    run = made_up(tmp_path / "run", study, lambda task, pair: fates[task.cell][pair])
+    (first, _) = worst(run)
+    assert dict(first.varied) == {"arms.av": "gap_yield"}
+    assert first.command.endswith("--pair 1 --arm av --gui")
+    assert "arms.av" in printed("worst", run)
+    assert "gap_yield" in printed("worst", run, "--cell", 0)
+    assert json.loads(printed("worst", run, "--json"))["episodes"][0]["varied"] == first.varied
+    # Nothing is known of a strategy that always failed: that is not "no episode to look at".
+    assert "cell 1: all 2 episodes of av failed, e.g. " in refusal("worst", run, "--cell", 1)
+
+
 def test_the_reference_is_the_same_in_both(runs: tuple[Path, Path]) -> None:
+    assert worst(runs[0], "delay_s", arm="human") == worst(runs[0], "delay_s", arm=Arm.HUMAN)
     assert got_worse(runs[1], runs[0], "delay_s", arm=Arm.HUMAN) == []
 
 
@@ -96,8 +115,10 @@ def test_in_the_shell(runs: tuple[Path, Path]) -> None:
     ("options", "said"),
     [
         (["--by", "pet"], "did you mean 'pet_s'?"),
+        (["--by", "arrivals"], "--by: neither end of arrivals is the bad one"),
+        (["--cell", "1"], "--cell: 1; allowed: 0 to 0"),
         (["-n", "0"], "-n: 0; allowed: 1 or more"),
-        (["--arm", "car"], "--arm car"),
+        (["--arm", "car"], "--arm: unknown arm 'car'"),
         (["--diff", "nowhere"], "nowhere: is no run folder"),
     ],
 )

@@ -7,9 +7,11 @@ import sys
 import tomllib
 from pathlib import Path
 
+import mypy.api
 import pytest
 
 import harness
+from tests import record_stub
 
 ROOT = Path(harness.__file__).parents[1]
 
@@ -34,6 +36,34 @@ def test_every_public_name_is_in_the_docs_and_no_other() -> None:
     rows = [line.split("|")[2] for line in table.splitlines() if line.startswith("| ")]
     told = set(re.findall(r"`([A-Za-z_]+)`", " ".join(rows)))
     assert told == {*harness.__all__}
+
+
+def test_the_stub_of_measures_is_that_of_the_catalogue() -> None:
+    assert record_stub.PATH.read_text("utf-8") == record_stub.stub(), "python -m tests.record_stub"
+
+
+@pytest.mark.slow
+def test_type_checkers_see_the_types_of_measures(tmp_path: Path) -> None:
+    script = """
+from harness import Arm, EpisodeOutcome, ScenarioFile, WorstEpisode, worst
+
+def read(one: EpisodeOutcome, file: ScenarioFile, arm: Arm) -> list[WorstEpisode]:
+    pet_s: float | None = one.record.pet_s
+    stops: int = one.record.stops
+    avoidable: bool | None = one.record.avoidable
+    print(pet_s, stops, avoidable, file.name)
+    return [*worst("run", arm="human"), *worst("run", arm=arm)]
+
+def wrong(one: EpisodeOutcome) -> float:
+    print(one.record.pett_s)
+    return one.record.pet_s
+"""
+    (tmp_path / "script.py").write_text(script, encoding="utf-8")
+    out, _, code = mypy.api.run(["--no-error-summary", str(tmp_path / "script.py")])
+    assert code == 1
+    first, second = out.splitlines()
+    assert 'has no attribute "pett_s"' in first
+    assert 'got "float | None", expected "float"' in second
 
 
 def test_another_name_is_refused() -> None:
