@@ -9,9 +9,13 @@ those of a run's own streams.
 0.17.  ``python -m benchmarks.risk quadrature`` prints κ as an integral over side, quantile and the
 look at which they are found, which is all that is random there.
 
+``dead-3``, ``dead-4`` and ``blind``: the same with strategies of ``benchmarks.faults``, whose rare
+faults no score leads to.  κ is that of ``missed`` and of the fault: ``quadrature`` prints both.
+
 ``python -m benchmarks.risk seeds CASE FIRST COUNT`` estimates as ``harness risk`` does with so
 many seeds and adds a row for each to ``data/risk_seeds.csv``; ``python -m benchmarks.risk verdict``
-holds them against the references.
+holds them against the references.  What is said of an estimate by weighted draws is that κ lies
+between its lower limit and its upper one plus what the nominal draws leave for other ways.
 """
 
 import argparse
@@ -24,17 +28,19 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
-from harness.encounter import Arm, Ending
+from benchmarks.faults import BLIND_FROM_MPS, BLIND_TO_MPS
+from harness.encounter import Arm, Arrival, Ending, Side
 from harness.engine.plain import PlainEngine
-from harness.episode.arrivals import Given
 from harness.episode.pairing import PairRunner
+from harness.episode.walking_speeds import WalkingSpeeds
 from harness.interaction import load_model
 from harness.risk.asking import Settings, question_of
 from harness.risk.estimation import estimate_probability
 from harness.risk.running import Evaluation
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.seeding import resampling
+from harness.seeding import Given, resampling
 from harness.versions import versions_of_runs
 from harness.workers.this_process import ThisProcess
 
@@ -43,9 +49,22 @@ REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"
 REFERENCE_SEED = 101
 
 MISSED = 9.154e-6
-"""What ``quadrature`` prints."""
+"""What ``quadrature`` prints of ``missed``."""
 
-_DETECTION_PROBABILITY = 0.17
+UNHINDERED = 0.2146
+"""κ of ``constant_speed`` in ``cctc``, by quadrature (docs/audits.md): a dead strategy's."""
+
+BLIND = 5.422e-5
+"""What ``quadrature`` prints of ``blind``."""
+
+TRUTH = {
+    "missed": MISSED,
+    "dead-3": 1e-3 * UNHINDERED + (1 - 1e-3) * MISSED,
+    "dead-4": 1e-4 * UNHINDERED + (1 - 1e-4) * MISSED,
+    "blind": BLIND,
+}
+
+DETECTION_PROBABILITY = 0.17
 
 _CASES: dict[str, tuple[str, dict[str, Any]]] = {
     "late": (
@@ -58,12 +77,24 @@ _CASES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "missed": (
         "cctc",
-        {"arms.av": "hard_yield", "perception.detection_probability": _DETECTION_PROBABILITY},
+        {"arms.av": "hard_yield", "perception.detection_probability": DETECTION_PROBABILITY},
     ),
+    **{
+        name: (
+            "cctc",
+            {"arms.av": strategy, "perception.detection_probability": DETECTION_PROBABILITY}
+            | ({} if share is None else {f'strategies."{strategy}".share': share}),
+        )
+        for name, strategy, share in (
+            ("dead-3", "benchmarks.faults:Dead", 1e-3),
+            ("dead-4", "benchmarks.faults:Dead", 1e-4),
+            ("blind", "benchmarks.faults:Blind", None),
+        )
+    },
 }
 
-_CHUNK = 500
-_LOOKS = 80
+CHUNK = 500
+LOOKS = 80
 _QUANTILES = 50
 _NARROWEST = 1e-6
 
@@ -79,8 +110,8 @@ def crashes(runner: PairRunner, pairs: Sequence[tuple[int, Given]]) -> NDArray[n
     """Which of the AV's episodes end in a crash."""
     endings = [
         outcome.record.ending
-        for at in range(0, len(pairs), _CHUNK)
-        for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + _CHUNK], lambda: None)
+        for at in range(0, len(pairs), CHUNK)
+        for outcome in runner.run_arm_given(Arm.AV, pairs[at : at + CHUNK], lambda _: None)
     ]
     if Ending.ENGINE_FAILED in endings:
         raise SystemExit("an episode failed")
@@ -108,22 +139,29 @@ def reference(first: int, count: int) -> dict[str, Any]:
     }
 
 
+def looks() -> list[tuple[float, float]]:
+    """A quantile of the first detection at each look N, in the middle of those that mean it, and
+    P(N).
+
+    N is geometric; whoever is not found at the first ``LOOKS`` looks comes too late for all of
+    them alike.
+    """
+    missed = 1 - DETECTION_PROBABILITY
+    number = np.arange(1, LOOKS + 1)
+    found_at = missed ** (number - 1) * np.where(number < LOOKS, DETECTION_PROBABILITY, 1.0)
+    return list(zip((1 - missed ** (number - 0.5)).tolist(), found_at.tolist(), strict=True))
+
+
 def quadrature() -> float:
     """κ of ``missed``: Σ over sides and looks N of P(side) P(N) |{quantiles: crash}|.
 
-    N is geometric; whoever is not found at the first ``_LOOKS`` looks comes too late for all of
-    them alike.  The set of quantiles is found on a grid, its ends by bisection.
+    The set of quantiles is found on a grid, its ends by bisection.
     """
     runner = runner_of(scenario_of("missed", 0))
-    missed = 1 - _DETECTION_PROBABILITY
-    looks = np.arange(1, _LOOKS + 1)
-    found_at = missed ** (looks - 1) * np.where(looks < _LOOKS, _DETECTION_PROBABILITY, 1.0)
     grid = (np.arange(_QUANTILES) + 0.5) / _QUANTILES
     kappa = 0.0
     for side in (0.25, 0.75):
-        for look, probability in zip(looks, found_at, strict=True):
-            # A quantile of the first detection in the middle of those that mean this look.
-            detection = 1 - missed ** (look - 0.5)
+        for detection, probability in looks():
 
             def crash(
                 quantiles: NDArray[np.float64], side: float = side, detection: float = detection
@@ -147,6 +185,40 @@ def quadrature() -> float:
     return kappa
 
 
+def blind_quantiles() -> tuple[float, float]:
+    """Between which quantiles of the walking speed ``blind`` sees nobody from the far side."""
+    scenario = scenario_of("blind", 0)
+    speeds = WalkingSpeeds(scenario, load_model(scenario.model.name, scenario.model.path))
+    ego = scenario.ego
+
+    def quantile(speed: float) -> float:
+        def beyond(q: float) -> float:
+            arrival = Arrival(0, 0.0, Side.FAR, q)
+            return speeds(arrival, ego.trigger_range_m, ego.initial_speed_mps) - speed
+
+        return float(brentq(beyond, 1e-6, 1 - 1e-6, xtol=1e-14))
+
+    return quantile(BLIND_FROM_MPS), quantile(BLIND_TO_MPS)
+
+
+def quadrature_of_the_blind(missed: float) -> float:
+    """κ of ``blind``: that of ``missed``, but who walks at the fault's speeds is hit at any look.
+
+    Args:
+        missed: κ of ``missed``.
+    """
+    low, high = blind_quantiles()
+    hit = {}
+    for case in ("missed", "blind"):
+        people: list[tuple[int, Given]] = [
+            (0, {"side": [0.75], "quantile": [(low + high) / 2], "detection": [detection]})
+            for detection, _ in looks()
+        ]
+        chances = np.array([probability for _, probability in looks()])
+        hit[case] = float(chances @ crashes(runner_of(scenario_of(case, 0)), people))
+    return missed + 0.5 * (high - low) * (hit["blind"] - hit["missed"])
+
+
 def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
     """What ``harness risk`` says with a seed; what it does not run are the audits in SUMO."""
     scenario = scenario_of(case, seed)
@@ -163,6 +235,9 @@ def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
         "probability": found.probability,
         "ci_low": found.ci_low,
         "ci_high": found.ci_high,
+        "nominal_high": found.nominal.high,
+        "nominal_draws": found.nominal.draws,
+        "nominal_events": found.nominal.events,
         "coefficient_of_variation": found.coefficient_of_variation,
         "effective_sample_size": found.effective_sample_size,
         "draws": found.draws,
@@ -175,8 +250,11 @@ def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
 
 def verdict(case: str) -> str:
     """How many intervals hold the reference, and how far their mean is from it."""
-    truth, error, words = MISSED, 0.0, f"{MISSED:.4g} by quadrature"
-    if case == "late":
+    error = 0.0
+    if case != "late":
+        truth = TRUTH[case]
+        words = f"{truth:.4g} by quadrature"
+    else:
         rows = [row for row in _rows(REFERENCE) if row["case"] == case]
         crashed, pairs = (sum(int(row[key]) for row in rows) for key in ("crashed", "pairs"))
         truth, error = crashed / pairs, math.sqrt(crashed) / pairs
@@ -187,7 +265,11 @@ def verdict(case: str) -> str:
         asked = [row for row in found if row["target_cv"] == target]
         values = np.array([float(row["probability"] or 0) for row in asked])
         held = sum(float(row["ci_low"]) <= truth <= float(row["ci_high"]) for row in asked)
-        line = f"  --target-cv {target}: {held} of {len(asked)} intervals hold it"
+        said = sum(float(row["ci_low"]) <= truth <= _most(row) for row in asked)
+        line = (
+            f"  --target-cv {target}: {held} of {len(asked)} intervals hold it, {said} with what "
+            "the nominal draws leave"
+        )
         if len(asked) > 1:
             both = math.hypot(error, float(values.std(ddof=1)) / math.sqrt(len(asked)))
             away = (values.mean() - truth) / both
@@ -195,6 +277,12 @@ def verdict(case: str) -> str:
         episodes = np.mean([int(row["episodes"]) for row in asked])
         lines.append(f"{line}; {episodes:,.0f} episodes each")
     return "\n".join(lines)
+
+
+def _most(row: Mapping[str, str]) -> float:
+    """Up to where a row says that κ may lie."""
+    left = float(row["nominal_high"]) if row["weighted"] == "True" else 0.0
+    return float(row["ci_high"]) + left
 
 
 def _versions() -> str:
@@ -232,7 +320,8 @@ def main() -> None:
     if asked.command == "reference":
         _add(REFERENCE, reference(asked.first, asked.count))
     elif asked.command == "quadrature":
-        print(quadrature())
+        missed = quadrature()
+        print(f"missed {missed:.4g}, blind {quadrature_of_the_blind(missed):.4g}")
     elif asked.command == "seeds":
         for seed in range(asked.first, asked.first + asked.count):
             _add(SEEDS, estimate(asked.case, seed, asked.target_cv))

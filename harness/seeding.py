@@ -6,6 +6,8 @@ cell and after any resume.  Within a stream the i-th draw belongs to pedestrian 
 stream is keyed by the pedestrian too.
 """
 
+import math
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -27,6 +29,10 @@ Purpose = Literal[
     "av_strategy",
     "pilot",
 ]
+
+Given = Mapping[Purpose, Sequence[float]]
+"""Uniforms in (0, 1) in place of the first draws of a pair's streams: one of each pedestrian, but
+two of ``perception_error``, and of a strategy ``GIVEN_DRAWS``."""
 
 # The numbers enter the seeds: changing one changes every result.
 _PURPOSES: dict[Purpose, int] = {
@@ -73,6 +79,71 @@ def stream(root_seed: int, purpose: Purpose, pair: int, *part: int) -> np.random
     # As a spawn key, not as further entropy: seeds above 2**32 must not run into the purpose.
     key = (_PURPOSES[purpose], pair, *part)
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root_seed, spawn_key=key)))
+
+
+GIVEN_DRAWS = 2
+"""So many first draws of a generator can be given."""
+
+
+def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.random.Generator:
+    """A generator of the same kind whose first draws of ``random()`` are given.
+
+    Each raw word of 64 bits has its uniform's 53 upper bits, its lower ones are drawn: a normal or
+    an integer that is drawn first is a function of it too.  PCG64 is a linear congruential
+    generator, s' = a s + c modulo 2^128, whose word is a rotation of the xor of a state's halves
+    (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first two states are drawn, the
+    lower ones follow from the words, c from both states; what comes after is as random as they.
+
+    Args:
+        uniforms: at most ``GIVEN_DRAWS``, in [0, 1); without any it is ``rng`` itself.
+        rng: a new PCG64 generator, of which the rest is drawn.
+    """
+    if not len(uniforms):
+        return rng
+    words, halves = np.array_split(rng.bit_generator.random_raw(2 * GIVEN_DRAWS), 2)
+    below = [int(word) & 0x7FF for word in words]
+    given = [
+        int(math.ldexp(uniform, 53)) << 11 | bits
+        for uniform, bits in zip(uniforms, below, strict=False)
+    ]
+    given += words[len(given) :].tolist()
+    first, second = (_state(int(half), word) for half, word in zip(halves, given, strict=True))
+    increment = (second - _MULTIPLIER * first) % 2**128
+    if increment % 2 == 0:  # c is odd; another upper half makes it so
+        second = _state(int(halves[1]) ^ 1, given[1])
+        increment = (second - _MULTIPLIER * first) % 2**128
+    before = (first - increment) * pow(_MULTIPLIER, -1, 2**128) % 2**128
+    rng.bit_generator.state = {
+        **rng.bit_generator.state,
+        "state": {"state": before, "inc": increment},
+    }
+    return rng
+
+
+def has_drawn_more(rng: np.random.Generator, begun: np.random.Generator) -> bool:
+    """Whether more than ``GIVEN_DRAWS`` raw words were drawn from a PCG64 generator.
+
+    Args:
+        rng: the generator.
+        begun: another that is as it was at first; is used up.
+    """
+    now = rng.bit_generator.state["state"]
+    for _ in range(GIVEN_DRAWS + 1):
+        if begun.bit_generator.state["state"] == now:
+            return False
+        begun.bit_generator.random_raw()
+    return True
+
+
+_MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
+"""a of PCG64."""
+
+
+def _state(upper: int, word: int) -> int:
+    """The state with that upper half after which PCG64 gives that word."""
+    turned = upper >> 58
+    lower = upper ^ ((word << turned | word >> (64 - turned)) & 2**64 - 1)
+    return upper << 64 | lower
 
 
 def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:

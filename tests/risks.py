@@ -50,6 +50,20 @@ def union(p: float) -> Case:
     return scored(score), 1 - (1 - one) * (1 - two)
 
 
+def fault(share: float) -> Case:
+    """A half-space of 1e-5, and a fault to which no score leads: in a share of all states 0.2 more.
+
+    The half-space lies in the first coordinate, the fault in the last two: they are independent.
+    """
+    half, hit = 1e-5, 0.2
+
+    def score(z: np.ndarray) -> np.ndarray:
+        dead = (z[:, -1] < stats.norm.ppf(share)) & (z[:, -2] < stats.norm.ppf(hit))
+        return np.where(dead, -1.0, stats.norm.isf(half) - z[:, 0])
+
+    return scored(score), 1 - (1 - half) * (1 - share * hit)
+
+
 def crowd(p: float) -> Case:
     """Hit are the slow who come within h of the ego's passage: 4 s + z/10, 1 s more for each early.
 

@@ -1,6 +1,7 @@
 """The strategies of both arms: made anew for each episode, refused before anything runs."""
 
 from collections.abc import Callable
+from types import MappingProxyType
 
 import numpy as np
 
@@ -8,7 +9,7 @@ from harness.encounter import Arm, Strategy
 from harness.errors import InputError, in_one_line
 from harness.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
-from harness.seeding import Purpose, stream
+from harness.seeding import Given, Purpose, beginning_with, stream
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key
@@ -24,6 +25,24 @@ def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
     return "strategy" if alike or driver is Arm.HUMAN else "av_strategy"
 
 
+def draws(scenario: Scenario, driver: Arm) -> bool:
+    """Whether a driver's strategy takes random numbers."""
+    return "rng" in needs(find_strategy(scenario.arms.driver(driver), "arms"))
+
+
+def draws_of(
+    scenario: Scenario,
+    driver: Arm,
+    pair: int,
+    *vehicle: int,
+    given: Given = MappingProxyType({}),
+) -> np.random.Generator:
+    """The generator of what a driver draws itself, its first draws as ``given``."""
+    purpose = draws_from(scenario, driver)
+    rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
+    return beginning_with(given.get(purpose, ()), rng)
+
+
 def make_strategy(
     scenario: Scenario, driver: Arm, pair: int, model: InteractionModel, *vehicle: int
 ) -> Strategy:
@@ -37,9 +56,8 @@ def make_strategy(
         pair: keys the stream of its draws, with ``vehicle``.
         model: for a strategy that asks for it.
     """
-    seed, purpose = scenario.experiment.seed, draws_from(scenario, driver)
     name = scenario.arms.driver(driver)
-    return named_strategy(scenario, name, model, lambda: stream(seed, purpose, pair, *vehicle))
+    return named_strategy(scenario, name, model, lambda: draws_of(scenario, driver, pair, *vehicle))
 
 
 def named_strategy(

@@ -1,7 +1,7 @@
 """The pedestrians of every pair, known before anything runs."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from statistics import NormalDist
 
 import numpy as np
@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 from harness.encounter import Arrival, Leg, Side
 from harness.scenario import GapAcceptanceSection, PedestriansSection, Scenario
-from harness.seeding import Purpose, stream
+from harness.seeding import Given, Purpose, stream
 
 SECONDS_PER_HOUR = 3600.0
 
 _BLOCK = 32
-
-Given = Mapping[Purpose, Sequence[float]]
-"""Uniforms in (0, 1) of the first pedestrians, in place of the first draws of a pair's streams."""
 
 
 def planned_arrivals(

@@ -4,11 +4,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import islice
 from types import MappingProxyType
+from typing import NamedTuple
+
+import numpy as np
 
 from harness.encounter import Arm, Arrival, Ending, Trace
 from harness.engine.protocol import Engine
-from harness.episode.arms import check_arms, draws_from, make_strategy
-from harness.episode.arrivals import Given, already_walking, planned_arrivals
+from harness.episode.arms import check_arms, draws, draws_from, draws_of, named_strategy
+from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
 from harness.episode.ties import Asked, Witness
@@ -19,7 +22,7 @@ from harness.measures import Outcome, measure
 from harness.perception.perception import Perception
 from harness.perception.sensor import sensor_of
 from harness.scenario import Scenario
-from harness.seeding import Purpose
+from harness.seeding import Given, Purpose
 from harness.strategies.human_gmm import HumanDriver
 
 CHUNK_PAIRS = 50
@@ -76,11 +79,11 @@ class PairRunner:
         while chunk := list(islice(remaining, CHUNK_PAIRS)):
             traces: dict[EpisodeKey, Trace] = {}
             for pair in chunk:
-                arrivals = self._arrivals(pair)
+                people = self._people(pair)
                 for arm in Arm:
                     key = self.key(arm, pair)
                     if key not in known:
-                        traces[key] = self._run_arm(arm, pair, arrivals, begins)
+                        traces[key] = self._run_arm(arm, pair, people, begins)
                 on_pair()
             records = dict(zip(traces, measure(list(traces.values())), strict=True))
             for pair in chunk:
@@ -94,30 +97,36 @@ class PairRunner:
         return arm, scenario.arms.driver(arm), draws_from(scenario, arm), pair
 
     def run_arm_given(
-        self, arm: Arm, pairs: Sequence[tuple[int, Given]], on_episode: Callable[[], None]
+        self,
+        arm: Arm,
+        pairs: Sequence[tuple[int, Given]],
+        on_episode: Callable[[np.random.Generator | None], None],
     ) -> Iterator[Outcome]:
-        """One arm of every pair, with people of whom some uniforms are given.
+        """One arm of every pair, of whose uniforms some are given.
 
         Args:
             arm: which arm.
             pairs: the pair's index, which keys the streams of everything not given, and the rest.
-            on_episode: called whenever an episode has been simulated.
+            on_episode: called whenever an episode has been simulated, with the generator that the
+                strategy drew from, None where it takes none.
         """
         self._engine = None
+        drawing = draws(self._scenario, arm)
         traces = []
         for pair, given in pairs:
-            arrivals = self._arrivals(pair, given)
-            traces.append(self._run_arm(arm, pair, arrivals))
-            on_episode()
+            people = self._people(pair, given)
+            rng = draws_of(self._scenario, arm, people.number, given=given) if drawing else None
+            traces.append(self._run_arm(arm, pair, people, rng=rng))
+            on_episode(rng)
         for (pair, _), trace, record in zip(pairs, traces, measure(traces), strict=True):
             yield Outcome(pair, arm, self._scenario.arms.driver(arm), record, trace)
 
     def begin(self, pair: int) -> Episode:
         """The AV's episode of a pair, for somebody else to drive; the caller ends the engine's."""
         self._engine = self._get_engine()
-        arrivals = self._arrivals(pair)
-        perception = self._perception(Arm.AV, pair, arrivals)
-        return Episode(self._engine, arrivals, self._speeds, self._rules, perception)
+        people = self._people(pair)
+        perception = self._perception(Arm.AV, people)
+        return Episode(self._engine, people.arrivals, self._speeds, self._rules, perception)
 
     def run_arm(
         self,
@@ -138,40 +147,45 @@ class PairRunner:
             asked: everything that the strategy is asked is added to it.
         """
         self._engine = None
-        arrivals = self._arrivals(pair, given)
-        trace = self._run_arm(arm, pair, arrivals, begins, asked)
+        trace = self._run_arm(arm, pair, self._people(pair, given), begins, asked)
         name = self._scenario.arms.driver(arm)
         return Outcome(pair, arm, name, measure([trace])[0], trace)
 
-    def _arrivals(self, pair: int, given: Given | None = None) -> tuple[Arrival, ...]:
+    def _people(self, pair: int, given: Given | None = None) -> "_People":
         """Everyone of a pair: those who are on the crosswalk at the trigger, and who comes then."""
-        coming = planned_arrivals(self._scenario, pair, given)
-        walking, number = self._speeds.unconditional, self._number(pair)
-        return (*already_walking(self._scenario, number, walking, len(coming)), *coming)
-
-    def _number(self, pair: int) -> int:
-        """The key of a pair's streams: the episode that it repeats, or its own index."""
         drawn = self._scenario.pedestrians.drawn
-        return drawn[pair].episode if drawn else pair
+        number = drawn[pair].episode if drawn else pair
+        given = drawn[pair].uniforms if drawn and given is None else given or {}
+        coming = planned_arrivals(self._scenario, number, given)
+        walking = self._speeds.unconditional
+        present = already_walking(self._scenario, number, walking, len(coming))
+        return _People(number, given, (*present, *coming))
 
     def _run_arm(
         self,
         arm: Arm,
         pair: int,
-        arrivals: tuple[Arrival, ...],
+        people: "_People",
         begins: Begins = lambda _pair, _arm, _episode: None,
         asked: list[Asked] | None = None,
+        rng: np.random.Generator | None = None,
     ) -> Trace:
         if self._engine is None:
             self._engine = self._get_engine()
+        scenario, number = self._scenario, people.number
         try:
-            strategy = make_strategy(self._scenario, arm, self._number(pair), self._model)
+            strategy = named_strategy(
+                scenario,
+                scenario.arms.driver(arm),
+                self._model,
+                lambda: rng or draws_of(scenario, arm, number, given=people.given),
+            )
         except Exception as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
-        perception = self._perception(arm, pair, arrivals)
+        perception = self._perception(arm, people)
         self._speeds.asked.begin()
-        episode = Episode(self._engine, arrivals, self._speeds, self._rules, perception)
+        episode = Episode(self._engine, people.arrivals, self._speeds, self._rules, perception)
         begins(pair, arm, episode)
         driver = strategy if asked is None else Witness(strategy, asked)
         trace = drive(episode, driver)
@@ -185,8 +199,16 @@ class PairRunner:
             self._engine = None
         return trace
 
-    def _perception(self, arm: Arm, pair: int, arrivals: tuple[Arrival, ...]) -> Perception | None:
+    def _perception(self, arm: Arm, people: "_People") -> Perception | None:
         sensor = self._sensors[arm]
         if sensor is None:
             return None
-        return Perception(sensor, arrivals, self._number(pair))
+        return Perception(sensor, people.arrivals, people.number, people.given)
+
+
+class _People(NamedTuple):
+    """Who comes in a pair; the ``number`` of the episode keys the streams of what is not given."""
+
+    number: int
+    given: Given
+    arrivals: tuple[Arrival, ...]

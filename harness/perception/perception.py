@@ -2,11 +2,13 @@
 
 from collections import deque
 from collections.abc import Sequence
+from types import MappingProxyType
 
 from harness.encounter import Arrival, PedestrianView
 from harness.perception.occlusion import is_hidden
 from harness.perception.sensor import Sensor
 from harness.perception.track import Track
+from harness.seeding import Given
 
 ROUNDING_M = 1e-9
 """An ego this near the detection range is on it: engines differ in the last bits of their sums."""
@@ -28,10 +30,17 @@ class Perception:
         sensor: the arm's.
         arrivals: everyone who may come.
         pair: index of the pair, which keys every stream.
+        given: uniforms that are not drawn.
     """
 
-    def __init__(self, sensor: Sensor, arrivals: Sequence[Arrival], pair: int) -> None:
-        self._sensor, self._pair = sensor, pair
+    def __init__(
+        self,
+        sensor: Sensor,
+        arrivals: Sequence[Arrival],
+        pair: int,
+        given: Given = MappingProxyType({}),
+    ) -> None:
+        self._sensor, self._pair, self._given = sensor, pair, given
         self._quantiles = {arrival.index: arrival.detection_quantile for arrival in arrivals}
         self._tracks: dict[int, Track] = {}
         self._findings: deque[tuple[int, Views]] = deque()
@@ -64,7 +73,7 @@ class Perception:
     def _track(self, index: int) -> Track:
         if index not in self._tracks:
             quantile = self._quantiles[index]
-            self._tracks[index] = Track(self._sensor, self._pair, index, quantile)
+            self._tracks[index] = Track(self._sensor, self._pair, index, quantile, self._given)
         return self._tracks[index]
 
     def _in_sight(self, x_m: float, view: PedestrianView, their_x_m: float) -> bool:

@@ -1,11 +1,13 @@
 """One pedestrian as a sensor has them: when they are found and lost, and the errors beside."""
 
 import math
+from types import MappingProxyType
 
 import numpy as np
+from scipy.special import ndtri
 
 from harness.perception.sensor import Sensor
-from harness.seeding import Purpose, stream
+from harness.seeding import Given, Purpose, beginning_with, stream
 
 
 def updates_until_found(quantile: float, detection_probability: float) -> float:
@@ -39,10 +41,19 @@ class Track:
         pair: index of the pair, which keys the streams.
         index: of the pedestrian, which keys them too.
         quantile: of the time to the first detection; None where the first look finds everybody.
+        given: uniforms of the first errors and of the wait after the first loss, by the index.
     """
 
-    def __init__(self, sensor: Sensor, pair: int, index: int, quantile: float | None) -> None:
+    def __init__(
+        self,
+        sensor: Sensor,
+        pair: int,
+        index: int,
+        quantile: float | None,
+        given: Given = MappingProxyType({}),
+    ) -> None:
         self._sensor, self._key = sensor, (pair, index)
+        self._wait_given = given.get("redetection", ())[index : index + 1]
         section = self._section = sensor.section
         self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
         self._found = False
@@ -52,6 +63,9 @@ class Track:
         self._noise = self._stream("perception_error") if erring else None
         # In standard deviations; the process is stationary from the first update on.
         self._errors = np.zeros(2) if self._noise is None else self._noise.standard_normal(2)
+        first = given.get("perception_error", ())[2 * index : 2 * index + 2]
+        if erring and first:
+            self._errors = ndtri(np.array(first))
 
     def update(self, in_sight: bool) -> bool:
         """Whether they are shown after one more update.
@@ -90,7 +104,7 @@ class Track:
         if probability >= 1:
             return 1
         if self._again is None:
-            self._again = self._stream("redetection")
+            self._again = beginning_with(self._wait_given, self._stream("redetection"))
         return updates_until_found(self._again.random(), probability)
 
     def _stream(self, purpose: Purpose) -> np.random.Generator:

@@ -65,5 +65,5 @@ def question_of(settings: Settings) -> Question:
         )
     model = load_model(scenario.model.name, scenario.model.path)
     check_arms(scenario, model)
-    event, space = parse_event(settings.event), space_of(scenario)
+    event, space = parse_event(settings.event), space_of(scenario, settings.arm)
     return Question(scenario, model, settings.arm, event, space, settings.in_sumo)

@@ -1,22 +1,21 @@
 """Runs the episodes of a risk: points in standard normal space to scores, in a worker process."""
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from harness.encounter import Arm, Ending, FloatArray, Trace
 from harness.engine.shared import open_engine
-from harness.episode.arrivals import Given
+from harness.episode.arms import draws_of
 from harness.episode.pairing import PairRunner
 from harness.episode.ties import Asked, tie_s
 from harness.interaction import InteractionModel
-from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.risk.event import Event
 from harness.risk.space import Space
 from harness.scenario import EngineName, Scenario
+from harness.seeding import Given, has_drawn_more
 from harness.workers.watchdog import watchdog
 
 _scene = ""
@@ -57,7 +56,8 @@ class Scores:
     ``passed_s`` (n,) is when the ego's front reached the centre line, NaN where it did not.
     ``timed_out``, ``reasons`` (of a failure) and ``differs`` (what two engines' records are unequal
     in) have an entry for each episode, None where there is nothing to say; ``by_a_tie`` says
-    whether they are unequal by a tie of the strategy.
+    whether they are unequal by a tie of the strategy, ``drew_more`` whether the strategy drew more
+    random numbers than those that are given.
     """
 
     score: FloatArray
@@ -66,6 +66,7 @@ class Scores:
     reasons: tuple[str | None, ...]
     differs: tuple[str | None, ...]
     by_a_tie: tuple[bool, ...]
+    drew_more: tuple[bool, ...]
 
 
 def run_episodes(task: Episodes) -> Scores:
@@ -77,12 +78,26 @@ def run_episodes(task: Episodes) -> Scores:
     ]
     with watchdog(task.hang_after_s, None) as watch:
         alive = watch.alive
-        outcomes = _outcomes(question, given, alive, in_sumo=question.in_sumo)
+        drew_more: list[bool] = []
+
+        def ended(rng: np.random.Generator | None) -> None:
+            alive()
+            number, known = given[len(drew_more)]
+            drew_more.append(
+                rng is not None
+                and has_drawn_more(
+                    rng, draws_of(question.scenario, question.arm, number, given=known)
+                )
+            )
+
+        runner = _runner_of(question, question.in_sumo)
+        outcomes = list(runner.run_arm_given(question.arm, given, ended))
         records = [outcome.record for outcome in outcomes]
         differs: list[str | None] = [None] * len(records)
         by_a_tie = [False] * len(records)
         if task.compare:
-            others = _outcomes(question, given, alive, in_sumo=not question.in_sumo)
+            runner = _runner_of(question, not question.in_sumo)
+            others = runner.run_arm_given(question.arm, given, lambda _: alive())
             for at, other in enumerate(others):
                 if (words := difference(records[at], other.record)) is not None:
                     tie = _tie_s(question, *given[at])
@@ -97,6 +112,7 @@ def run_episodes(task: Episodes) -> Scores:
         tuple(record.reason for record in records),
         tuple(differs),
         tuple(by_a_tie),
+        tuple(drew_more),
     )
 
 
@@ -116,17 +132,6 @@ def _passed_s(trace: Trace) -> float:
     after = int(beyond[0])
     before_m, after_m = trace.x_m[after - 1], trace.x_m[after]
     return float(trace.step_s * (after - 1 - before_m / (after_m - before_m)))
-
-
-def _outcomes(
-    question: Question,
-    given: Sequence[tuple[int, Given]],
-    alive: Callable[[], None],
-    *,
-    in_sumo: bool,
-) -> list[Outcome]:
-    runner = _runner_of(question, in_sumo)
-    return list(runner.run_arm_given(question.arm, given, alive))
 
 
 def _runner_of(question: Question, in_sumo: bool) -> PairRunner:

@@ -60,8 +60,10 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_], nominal: Tally) ->
     """Mean of w·1_F with its interval.
 
     Where all weights are 1 the interval is Clopper–Pearson's.  Else it is the one of Student's t on
-    the scale of ln p, p̂ exp(± t s/(p̂ √n)), as weights and estimate are skew.  Large weights are
-    rare, so the spread s of most samples is too small: one more of the largest is counted in it.
+    the scale of ln p, p̂ exp(± t s/(p̂ √n)), as weights and estimate are skew, with as many degrees
+    of freedom as the effective sample size leaves: one draw that holds the estimate says hardly
+    anything.  Large weights are rare, so the spread s of most samples is too small: one more of the
+    largest is counted in it.
 
     Args:
         weight: φ/q of every draw, shape (n,).
@@ -81,6 +83,6 @@ def estimate_of(weight: FloatArray, event: NDArray[np.bool_], nominal: Tally) ->
     cv = float(values.std(ddof=1)) / math.sqrt(n) / p
     if np.all(weight == 1):
         return Estimate(p, cv, *clopper_pearson(events, n), size, largest, n, events, nominal)
-    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(events - 1, 1)))
+    quantile = float(stats.t.ppf((1 + CONFIDENCE) / 2, max(size - 1, 1)))
     factor = math.exp(quantile * math.hypot(cv, largest))
     return Estimate(p, cv, p / factor, min(1.0, p * factor), size, largest, n, events, nominal)

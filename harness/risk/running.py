@@ -6,11 +6,12 @@ runs the others.
 """
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError
+from itertools import chain
 from pathlib import Path
 from time import monotonic
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -64,7 +65,8 @@ class Evaluation:
         executor: runs tasks of episodes.
         progress: told how far a batch is.
 
-    ``episodes``, ``timed_out`` and ``reasons`` count what the batches came across so far.
+    ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` count what the batches came across so
+    far.
     """
 
     def __init__(
@@ -74,7 +76,7 @@ class Evaluation:
         self._executor, self._progress = executor, progress
         self._batches = 0
         self._sampled: list[tuple[FloatArray, int]] = []
-        self.episodes, self.timed_out = 0, 0
+        self.episodes, self.timed_out, self.drew_more = 0, 0, 0
         self.reasons: list[str] = []
 
     def __call__(
@@ -87,7 +89,8 @@ class Evaluation:
         first = -self.episodes % CHECKED_EVERY
         self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
         self.episodes += len(z)
-        self.timed_out += int(np.sum(table["timed_out"].to_numpy(zero_copy_only=False)))
+        self.timed_out += pc.sum(table["timed_out"], min_count=0).as_py()
+        self.drew_more += pc.sum(table["drew_more"], min_count=0).as_py()
         self.reasons += [why for why in table["reason"].to_pylist() if why is not None]
         graded = [table[f"score_{grading}"].to_numpy() for grading in range(GRADINGS)]
         return Outcomes(np.stack(graded, axis=1), table["passed_s"].to_numpy(), numbers)
@@ -178,18 +181,20 @@ class Evaluation:
 def _table(rows: NDArray[np.int64], scores: list[Scores]) -> pa.Table:
     """Some rows of a batch, ``rows`` in it."""
     score = np.concatenate([np.empty((0, GRADINGS)), *(part.score for part in scores)])
-    text = pa.string()
+
+    def column(of: Callable[[Scores], Iterable[Any]], kind: pa.DataType) -> pa.Array:
+        return pa.array(chain.from_iterable(map(of, scores)), kind)
+
     return pa.table(
         {
             "at": rows,
             **{f"score_{grading}": score[:, grading] for grading in range(GRADINGS)},
             "passed_s": np.concatenate([np.empty(0), *(part.passed_s for part in scores)]),
-            "timed_out": pa.array(
-                [ended for part in scores for ended in part.timed_out], pa.bool_()
-            ),
-            "reason": pa.array([why for part in scores for why in part.reasons], text),
-            "differs": pa.array([words for part in scores for words in part.differs], text),
-            "by_a_tie": pa.array([tie for part in scores for tie in part.by_a_tie], pa.bool_()),
+            "timed_out": column(lambda part: part.timed_out, pa.bool_()),
+            "reason": column(lambda part: part.reasons, pa.string()),
+            "differs": column(lambda part: part.differs, pa.string()),
+            "by_a_tie": column(lambda part: part.by_a_tie, pa.bool_()),
+            "drew_more": column(lambda part: part.drew_more, pa.bool_()),
         }
     )
 
@@ -198,4 +203,4 @@ def _given_up(task: Episodes, reason: str) -> Scores:
     """Episodes that no worker survived."""
     count = len(task.numbers)
     unknown, no = np.full((count, GRADINGS), np.nan), (False,) * count
-    return Scores(unknown, unknown[:, 0], no, (reason,) * count, (None,) * count, no)
+    return Scores(unknown, unknown[:, 0], no, (reason,) * count, (None,) * count, no, no)

@@ -1,11 +1,12 @@
 """The uniforms behind an episode that are sampled, and what they are in the episode's streams.
 
 An episode is a function of uniforms: when each pedestrian comes, from which side, at which quantile
-of the walking speed, with which critical gap, and when they are first detected.  Those who are
-there for certain (timed, or first at the trigger) have fixed uniforms.  The flow is a Poisson
-process: within ``window_s`` of the trigger, each of its people is a point whose first uniform is
-the arrival over the window.  Everything else (those who come later, the strategy's own draws) is
-drawn from the streams of the episode's number, with weight 1.
+of the walking speed, with which critical gap, when they are first detected and found again after
+the first loss, with which errors at first, and what the strategy draws first.  Those who are there
+for certain (timed, or first at the trigger) have fixed uniforms, and so has the strategy.  The flow
+is a Poisson process: within ``window_s`` of the trigger, each of its people is a point whose first
+uniform is the arrival over the window.  Everything else (those who come later, later draws of
+strategy and perception) is drawn from the streams of the episode's number, with weight 1.
 """
 
 import math
@@ -14,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from harness.encounter import FloatArray
-from harness.episode.arrivals import SECONDS_PER_HOUR, Given
+from harness.encounter import Arm, FloatArray
+from harness.episode.arms import draws, draws_from
+from harness.episode.arrivals import SECONDS_PER_HOUR
 from harness.errors import InputError
 from harness.risk.layout import Layout
 from harness.scenario import Scenario
-from harness.seeding import Purpose, stream
+from harness.seeding import GIVEN_DRAWS, Given, Purpose, stream
 
 _WINDOW_PASSES = 4.0
 """The flow's people are sampled within so many times the time of an unhindered pass."""
@@ -33,7 +35,7 @@ class Space:
     """What the numbers of a state are.
 
     Attributes:
-        fixed: (purpose, number of the pedestrian) of each fixed uniform.
+        fixed: the purpose of each fixed uniform: the first is its stream's first, and so on.
         marks: purposes of the uniforms of each of the flow, the arrival first; () without a flow.
         window_s: within which the flow is sampled, from the trigger on.
         rate_per_s: of the flow.
@@ -41,15 +43,17 @@ class Space:
         seed: of the streams.
         entangled: see ``Layout``: the errors of those who walk at the trigger come from streams
             numbered after all who come.
+        by_chance: what perception draws and no uniform of a state stands for, in words.
     """
 
-    fixed: tuple[tuple[Purpose, int], ...]
+    fixed: tuple[Purpose, ...]
     marks: tuple[Purpose, ...]
     window_s: float
     rate_per_s: float
     first: int
     seed: int
     entangled: bool
+    by_chance: tuple[str, ...]
 
     @property
     def layout(self) -> Layout:
@@ -71,16 +75,16 @@ class Space:
         layout = self.layout
         uniforms = np.clip(ndtr(z[: layout.fixed]), _OPEN, 1 - _OPEN).tolist()
         values: dict[Purpose, list[float]] = {}
-        for (purpose, pedestrian), uniform in zip(self.fixed, uniforms, strict=True):
-            of_purpose = values.setdefault(purpose, [0.5] * pedestrian)
-            of_purpose.append(uniform)
+        for purpose, uniform in zip(self.fixed, uniforms, strict=True):
+            values.setdefault(purpose, []).append(uniform)
         if not self.marks:
             return values
         people = layout.people(z[None])[0]
         people = people[~np.isnan(people[:, 0])]
         people = np.clip(ndtr(people[np.argsort(people[:, 0], kind="stable")]), _OPEN, 1 - _OPEN)
-        for purpose, of_all in zip(self.marks[1:], people[:, 1:].T.tolist(), strict=True):
-            values.setdefault(purpose, []).extend(of_all)
+        for purpose in dict.fromkeys(self.marks[1:]):
+            own = [k for k, mark in enumerate(self.marks) if mark == purpose]
+            values.setdefault(purpose, []).extend(people[:, own].ravel().tolist())
         later = stream(self.seed, "arrival", number).random(self.first + len(people) + 1)[-1]
         window = self.rate_per_s * self.window_s
         times = [0.0, *(window * people[:, 0]), window - math.log1p(-later)]
@@ -90,14 +94,56 @@ class Space:
         return values
 
 
-def space_of(scenario: Scenario) -> Space:
-    """The sampled uniforms of a scenario.
+def space_of(scenario: Scenario, arm: Arm) -> Space:
+    """The sampled uniforms of a scenario, of the episodes of one arm.
 
     Raises:
         InputError: hours of traffic; SUMO's own pedestrians, who are no function of uniforms; or
             nothing in an episode is random.
     """
     pedestrians, perception = scenario.pedestrians, scenario.perception
+    _refuse_what_is_no_function(scenario)
+    misses, drops = perception.detection_probability < 1, perception.dropout_probability > 0
+    errs = perception.position_sd_m > 0 or perception.speed_sd_mps > 0
+    hides = perception.occlusion and bool(scenario.obstacles())
+    seen: list[Purpose] = ["redetection"] if misses and (drops or hides) else []
+    if errs:
+        seen += ["perception_error", "perception_error"]
+    of_walkers: list[Purpose] = ["side", "quantile"]
+    if pedestrians.behaviour == "gap_acceptance":
+        of_walkers.append("critical_gap")
+    if misses:
+        of_walkers.append("detection")
+    timed = len(scenario.timed_walks())
+    most = pedestrians.max_count
+    first = int(pedestrians.first_at_trigger and most != 0)
+    fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
+    fixed += of_walkers * first + seen * (timed + first)
+    if draws(scenario, arm):
+        fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
+    flows = pedestrians.flow_per_hour > 0 and (most is None or most > first)
+    if not (fixed or flows or drops):
+        raise InputError(
+            "pedestrians.flow_per_hour",
+            "is 0: nothing in an episode is left to chance",
+            "a flow above 0, or people who may be missed; else: harness run",
+        )
+    marks: tuple[Purpose, ...] = ("arrival", *of_walkers, *seen) if flows else ()
+    free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
+    window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
+    rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
+    by_chance = (
+        *(["whether perception loses somebody at a look"] if drops else []),
+        *(["how the errors of perception change after somebody's first look"] if errs else []),
+    )
+    entangled = (errs or drops) and pedestrians.warm_up_s > 0
+    return Space(
+        tuple(fixed), marks, window_s, rate, first, scenario.experiment.seed, entangled, by_chance
+    )
+
+
+def _refuse_what_is_no_function(scenario: Scenario) -> None:
+    pedestrians = scenario.pedestrians
     if scenario.traffic is not None:
         raise InputError(
             "traffic", "is hours of many vehicles, not episodes of one", "no [traffic]"
@@ -110,32 +156,3 @@ def space_of(scenario: Scenario) -> Space:
         )
     if pedestrians.drawn:
         raise InputError("pedestrians.drawn", "leaves nothing to chance", "a scenario without it")
-    misses = perception.detection_probability < 1
-    purposes: list[Purpose] = ["side", "quantile"]
-    if pedestrians.behaviour == "gap_acceptance":
-        purposes.append("critical_gap")
-    if misses:
-        purposes.append("detection")
-    fixed: list[tuple[Purpose, int]] = []
-    if misses:
-        fixed += [("timed_detection", number) for number in range(len(scenario.timed_walks()))]
-    most = pedestrians.max_count
-    at_trigger = pedestrians.first_at_trigger and most != 0
-    if at_trigger:
-        fixed += [(purpose, 0) for purpose in purposes]
-    first = int(at_trigger)
-    flows = pedestrians.flow_per_hour > 0 and (most is None or most > first)
-    errs = perception.dropout_probability > 0
-    errs = errs or perception.position_sd_m > 0 or perception.speed_sd_mps > 0
-    if not (fixed or flows or errs):
-        raise InputError(
-            "pedestrians.flow_per_hour",
-            "is 0: nothing in an episode is left to chance",
-            "a flow above 0, or people who may be missed; else: harness run",
-        )
-    marks: tuple[Purpose, ...] = ("arrival", *purposes) if flows else ()
-    free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
-    window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
-    rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
-    entangled = errs and pedestrians.warm_up_s > 0
-    return Space(tuple(fixed), marks, window_s, rate, first, scenario.experiment.seed, entangled)

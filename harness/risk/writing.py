@@ -18,6 +18,7 @@ from harness.risk.episodes import Question
 from harness.risk.estimation import Findings
 from harness.risk.running import Compared, Evaluation
 from harness.risk.ways import drawn_of, people_of, ways_of
+from harness.seeding import GIVEN_DRAWS
 
 RESULT = "result.json"
 
@@ -50,7 +51,7 @@ def write_findings(
     _write_failures(folder, question, findings, numbers)
     if ways:
         _write_critical(folder, question, findings, numbers, ways)
-    result = _result(settings, findings, evaluation, compared, ways)
+    result = _result(settings, question, findings, evaluation, compared, ways)
     write_file(folder / RESULT, as_json(result))
 
 
@@ -86,6 +87,7 @@ def figures(findings: Findings) -> dict[str, Any]:
 
 def _result(
     settings: Settings,
+    question: Question,
     findings: Findings,
     evaluation: Evaluation,
     compared: Compared,
@@ -99,6 +101,17 @@ def _result(
         warnings.append(
             f"{failed:,} of {evaluation.episodes:,} episodes failed and count as no event, "
             f"e.g. {evaluation.reasons[0]}"
+        )
+    by_chance = list(question.space.by_chance)
+    if evaluation.drew_more:
+        by_chance.append(
+            f"what the strategy draws after its first {GIVEN_DRAWS} random numbers (it does in "
+            f"{evaluation.drew_more:,} of {evaluation.episodes:,} episodes)"
+        )
+    if by_chance:
+        warnings.append(
+            f"left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
+            "rare values of it are found by chance alone"
         )
     if compared.differs:
         warnings.append(

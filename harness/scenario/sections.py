@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
 from harness.encounter import Arm, Behaviour
-from harness.seeding import Purpose
+from harness.seeding import GIVEN_DRAWS, Given
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the approach road of every network is as long."""
@@ -232,7 +232,8 @@ class DrawnSection(Section):
     """``[[pedestrians.drawn]]``: the people of one pair, as ``harness risk`` found them.
 
     ``episode`` keys the streams of everything that is not given; the lists hold the uniforms of the
-    first pedestrians in the place of those streams' first draws.
+    first pedestrians, and those that a strategy draws first, in the place of those streams' first
+    draws.
     """
 
     episode: Annotated[int, Field(ge=0)]
@@ -249,9 +250,17 @@ class DrawnSection(Section):
     """Uniforms of the looks until the first detection."""
     timed_detection: Uniforms = ()
     """Uniforms of the looks until the first detection of people with a timetable."""
+    redetection: Uniforms = ()
+    """Uniforms of the looks until each is found again after the first loss."""
+    perception_error: Uniforms = ()
+    """Uniforms of the first errors of each, two by two: of their place and of their speed."""
+    strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
+    """What the strategy of ``arms.human``, or of both arms where they are alike, draws first."""
+    av_strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
+    """What the strategy of ``arms.av`` draws first."""
 
     @property
-    def uniforms(self) -> dict[Purpose, tuple[float, ...]]:
+    def uniforms(self) -> Given:
         """By purpose of the stream."""
         return {
             "arrival": self.arrival,
@@ -260,6 +269,10 @@ class DrawnSection(Section):
             "critical_gap": self.critical_gap,
             "detection": self.detection,
             "timed_detection": self.timed_detection,
+            "redetection": self.redetection,
+            "perception_error": self.perception_error,
+            "strategy": self.strategy,
+            "av_strategy": self.av_strategy,
         }
 
 

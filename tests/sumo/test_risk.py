@@ -16,7 +16,7 @@ from harness.risk.asking import Settings, question_of
 from harness.risk.folder import estimate_risk, read_risk, resume_risk
 from harness.risk.running import Evaluation
 from harness.risk.writing import RESULT
-from harness.scenario import read_scenario_file
+from harness.scenario import read_scenario_file, validate
 from tests import planner
 from tests.batches import CHECKOUT, HARNESS, Inline, here, printed, refusal
 
@@ -169,6 +169,17 @@ def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
     # Everybody who steps off is nearer than a kilometre.
     assert result["probability"] == 1.0
     assert result["strategy"] == "human_gmm"
+
+
+def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> None:
+    # The human driver that samples its speed draws at every decision.
+    tree = read_scenario_file("cctc").scenario().model_dump()
+    tree["arms"]["av"], tree["strategies"]["human_gmm"] = "human_gmm", {"speed": "sampled"}
+    asked = Settings("cctc", validate(tree, "test"), event="min_gap_m<1000", most_episodes=60)
+    drawing = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
+    words = "left to chance, not sampled: what the strategy draws after its first 2"
+    assert words in " ".join(read_risk(drawing)["warnings"])
+    assert "left to chance" not in " ".join(read_risk(finished)["warnings"])
 
 
 @pytest.mark.parametrize(

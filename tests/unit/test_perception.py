@@ -421,6 +421,17 @@ def test_cells_share_their_draws_and_pairs_do_not() -> None:
     assert len(set(draws)) == 4
 
 
+def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss() -> None:
+    errors = {"perception_error": (0.5, 0.5, stats.norm.cdf(2.0), stats.norm.cdf(-1.0))}
+    track = Track(sensor_with(position_sd_m=0.3, speed_sd_mps=0.1), 0, 1, None, errors)
+    assert track.next_errors() == pytest.approx((2.0 * 0.3, -1.0 * 0.1))
+    # u = 0.999, p = 0.5: ten looks, as at the first detection.
+    sensor = sensor_with(detection_probability=0.5)
+    track = Track(sensor, 0, 1, 0.0, {"redetection": (0.1, 0.999)})
+    seen = [track.update(in_sight) for in_sight in (True, False, *[True] * 10)]
+    assert seen == [True, *[False] * 10, True]
+
+
 def test_what_was_shown_is_kept_in_the_traces() -> None:
     walkers = [(0.0, Side.NEAR, 1.0)]
     seen, trace = play(scenario(perception={"latency_s": 0.5}), walkers)

@@ -9,7 +9,7 @@ from scipy import stats
 
 from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
-from harness.episode.arms import check_arms
+from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.errors import InputError
@@ -28,6 +28,7 @@ from harness.risk.space import space_of
 from harness.risk.ways import drawn_of, people_of
 from harness.risk.writing import RESULT, figures
 from harness.scenario import Scenario, load_scenario, validate
+from harness.seeding import has_drawn_more
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
 
@@ -298,14 +299,61 @@ def test_what_is_no_event_is_refused(text: str) -> None:
 
 
 def test_the_sampled_uniforms_are_those_of_the_people_who_come() -> None:
-    flow = space_of(Scenario())
+    flow = space_of(Scenario(), Arm.AV)
     assert (flow.fixed, flow.marks) == ((), ("arrival", "side", "quantile"))
-    paper = space_of(validate({"pedestrians": {"max_count": 1, "first_at_trigger": True}}, "test"))
-    assert (paper.fixed, paper.marks) == ((("side", 0), ("quantile", 0)), ())
+    one = {"pedestrians": {"max_count": 1, "first_at_trigger": True}}
+    paper = space_of(validate(one, "test"), Arm.AV)
+    assert (paper.fixed, paper.marks) == (("side", "quantile"), ())
     with pytest.raises(InputError, match="sumo"):
-        space_of(validate({"pedestrians": {"behaviour": "sumo"}}, "test"))
+        space_of(validate({"pedestrians": {"behaviour": "sumo"}}, "test"), Arm.AV)
     with pytest.raises(InputError, match="nothing in an episode is left to chance"):
-        space_of(validate({"pedestrians": {"flow_per_hour": 0.0}}, "test"))
+        space_of(validate({"pedestrians": {"flow_per_hour": 0.0}}, "test"), Arm.AV)
+
+
+DEAD = "benchmarks.faults:Dead"
+
+
+def test_what_strategy_and_perception_draw_first_is_sampled() -> None:
+    settings = {"arms.av": DEAD, f'strategies."{DEAD}".share': 1e-3}
+    space = space_of(load_scenario("cctc", settings), Arm.AV)
+    assert space.fixed == ("side", "quantile", "av_strategy", "av_strategy")
+    assert space_of(load_scenario("cctc"), Arm.AV).fixed == ("side", "quantile")
+    eyes = {"perception.position_sd_m": 0.2, "perception.dropout_probability": 0.1}
+    flow = load_scenario("cctc_flow", {**eyes, "perception.detection_probability": 0.9})
+    space = space_of(flow, Arm.AV)
+    person = ("side", "quantile", "detection", "redetection", "perception_error")
+    assert space.marks == ("arrival", *person, "perception_error")
+    assert len(space.by_chance) == 2
+    # Two people: each has one uniform of every stream, and two errors in a row.
+    z = space.layout.draw(1, np.random.default_rng(1))
+    people = space.layout.people(z)[0]
+    people[2:] = np.nan
+    people[:2, 0], people[:2, 6] = (-1.0, 1.0), (0.5, 1.5)
+    errors = space.given(z[0], 0)["perception_error"]
+    assert errors[1::2] == pytest.approx(stats.norm.cdf([0.5, 1.5]))
+
+
+def test_a_strategy_gets_the_uniforms_of_its_state_and_again_in_its_critical_pair() -> None:
+    settings = {"arms.av": DEAD, f'strategies."{DEAD}".share': 1e-3}
+    scenario = load_scenario("cctc", settings)
+    space, model = space_of(scenario, Arm.AV), load_model("dut")
+    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
+    runner = PairRunner(scenario, model, lambda: engine)
+    # A far-side walker of 1.1 m/s meets a car of 5 m/s that does not brake.
+    dead, alive = np.array([1.0, -0.2, -3.2, 0.0]), np.array([1.0, -0.2, -3.0, 0.0])
+    cases = [(9, space.given(state, 9)) for state in (dead, alive)]
+    generators: list[np.random.Generator | None] = []
+    hit, missed = runner.run_arm_given(Arm.AV, cases, generators.append)
+    assert (hit.record.ending, missed.record.ending) == (Ending.CRASHED, Ending.CROSSED)
+    # Φ(−3.2) = 6.9e-4 is below 1e-3, Φ(−3) = 1.35e-3 is not; it drew once.
+    assert not any(
+        has_drawn_more(rng, draws_of(scenario, Arm.AV, 9, given=given))
+        for rng, (_, given) in zip(generators, cases, strict=True)
+    )
+    drawn = [drawn_of(space, 9, state) for state in (dead, alive)]
+    again = load_scenario("cctc", {**settings, "pedestrians.drawn": drawn, "experiment.pairs": 2})
+    runner = PairRunner(again, model, lambda: engine)
+    assert [runner.run_arm(pair, Arm.AV).record for pair in (0, 1)] == [hit.record, missed.record]
 
 
 def test_who_may_be_missed_leaves_something_to_chance() -> None:
@@ -320,8 +368,8 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
         "pedestrians": {"flow_per_hour": 0.0, "timed": [child]},
         "perception": {"detection_probability": 0.5},
     }
-    space = space_of(validate(tree, "test"))
-    assert space.fixed == (("timed_detection", 0),)
+    space = space_of(validate(tree, "test"), Arm.AV)
+    assert space.fixed == ("timed_detection",)
     scenario = validate(tree, "test")
     (arrival,) = planned_arrivals(scenario, 3, space.given(np.array([1.0]), 3))
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
@@ -344,20 +392,21 @@ def test_who_was_missed_is_met_again_at_a_speed_that_the_model_does_not_know() -
         "arms.av": "emergency_brake",
     }
     scenario = load_scenario("euro_ncap_vru", settings)
-    space = space_of(scenario)
-    drawn = [drawn_of(space, 5, np.array([2.0]))]
+    space = space_of(scenario, Arm.AV)
+    # The car that hides the child may hide them again: the wait after that is sampled too.
+    assert space.fixed == ("timed_detection", "redetection")
+    state = np.array([2.0, 0.5])
+    drawn = [drawn_of(space, 5, state)]
     again = load_scenario("euro_ncap_vru", {**settings, "pedestrians.drawn": drawn})
     for of in (scenario, again):
         check_arms(of, load_model(of.model.name, of.model.path))
-    assert planned_arrivals(again, 0) == planned_arrivals(
-        scenario, 5, space.given(np.array([2.0]), 5)
-    )
+    assert planned_arrivals(again, 0) == planned_arrivals(scenario, 5, space.given(state, 5))
 
 
 @pytest.mark.parametrize("first_at_trigger", [False, True])
 def test_a_state_is_met_in_the_streams(first_at_trigger: bool) -> None:
     scenario = validate({"pedestrians": {"first_at_trigger": first_at_trigger}}, "test")
-    space = space_of(scenario)
+    space = space_of(scenario, Arm.AV)
     layout = space.layout
     z = layout.draw(1, np.random.default_rng(3))
     arrivals = planned_arrivals(scenario, 7, space.given(z[0], 7))[int(first_at_trigger) :]
