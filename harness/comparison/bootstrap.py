@@ -17,6 +17,8 @@ from harness.encounter import FloatArray
 RESAMPLES = 4_999
 """Bootstrap resamples; fewer above 4,000 values, see ``_resamples``."""
 
+FEWEST_RESAMPLES = 1_999
+
 _DRAWS_IN_MEMORY = 2_000_000
 
 _DIGITS = 9
@@ -156,7 +158,7 @@ def _resamples(n: int, confidence: float) -> int:
     More where the confidence leaves too few beyond the limits otherwise.
     """
     beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
-    return max(1_999, min(RESAMPLES, 20_000_000 // n), beyond)
+    return max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
 
 
 def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterator[FloatArray]:

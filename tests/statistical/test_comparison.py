@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import INTERVALS, holds, population, times_of
+from benchmarks.equal_cells import equal_cells, verdicts
 from harness.comparison import (
     RELIABLE_FROM,
     Interval,
@@ -15,6 +16,7 @@ from harness.comparison import (
     mcnemar,
     paired_difference,
     proportion,
+    sign_flip_p,
     unreliable,
 )
 from harness.results.summaries import pair_columns
@@ -126,3 +128,27 @@ def test_intervals_hold_where_they_are_not_called_unreliable(scenario: str) -> N
         for name, hit in hits.items():
             least = stats.binom.ppf(0.001, trials[name], 0.935)
             assert hit >= least, f"N = {n}, {name}: {hit} of {trials[name]}"
+
+
+@pytest.mark.parametrize("cells", [2, 8])
+def test_equal_cells_are_not_told_apart(cells: int) -> None:
+    """Poisson(5) of 2,000 pairs differ: any "better" in at most 5 % of the sweeps."""
+    rng = np.random.default_rng(14)
+    sweeps = 600
+    wrong = sum(
+        verdicts(*equal_cells(rng, cells, 2_000, 5.0), rng)["better"] > 0 for _ in range(sweeps)
+    )
+    assert wrong <= stats.binom.ppf(0.999, sweeps, 0.05), f"{wrong} of {sweeps}"
+
+
+def test_one_cell_that_is_slower_is_found() -> None:
+    """With many differing pairs the sign flips find what Student's paired test finds."""
+    rng = np.random.default_rng(15)
+    flips = student = 0
+    for _ in range(300):
+        waits = rng.lognormal(1.0, 1.0, (2, 200)) * (rng.random((2, 200)) < 0.5)
+        slower = waits[0] + 1.0 * (waits[0] > 0)
+        flips += sign_flip_p(slower - waits[1]) < 0.05
+        student += stats.ttest_rel(slower, waits[1]).pvalue < 0.05
+    assert student > 30
+    assert abs(flips - student) <= 0.1 * student
