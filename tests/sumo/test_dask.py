@@ -131,7 +131,7 @@ def test_same_bytes_as_in_one_process(
 def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> None:
     from harness.workers.cluster import DaskCluster
 
-    study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.initial_speed_mps=9,10,12")
+    study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.length_m=4,4.5,5")
     run_study(study, Options(workers=1), out=tmp_path / "here")
     run_study(
         study, Options(), out=tmp_path / "there", make_executor=lambda _: DaskCluster(cluster)

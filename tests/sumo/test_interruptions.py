@@ -59,7 +59,7 @@ RUN = [
     "out",
     *options_of(QUICK),
 ]
-SWEEP = ["sweep", *RUN[1:], "--vary", "ego.initial_speed_mps=9,10"]
+SWEEP = ["sweep", *RUN[1:], "--vary", "ego.length_m=4,5"]
 COMMANDS: dict[str, list[object]] = {
     "score": ["score", "RUN", "--out", "out"],
     "report": ["report", "RUN", "--figures", "out"],
