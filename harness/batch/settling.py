@@ -87,7 +87,7 @@ def _warm_up_s(run: RunData, cell: Cell) -> float:
         # Who never got through is late at least from a free way after the schedule on.
         due_s = (rows["passed_s"] - rows["delay_s"]).fillna(rows["scheduled_s"]).to_numpy(float)
         left_s = rows["passed_s"].fillna(math.inf).to_numpy(float)
-        late = left_s > due_s + cell.scenario.experiment.step_s
+        late = left_s > due_s
         longest_s = max(longest_s, longest_queue_s(due_s[late], left_s[late], end_s))
     rounded_s = ROUND_S * math.ceil(longest_s / ROUND_S)
     return max(traffic.warm_up_s, min(rounded_s, traffic.duration_s))

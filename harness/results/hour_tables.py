@@ -145,13 +145,13 @@ def _delays(
 def _late(outcome: HourOutcome, counted: _Counted) -> dict[str, int]:
     """How many vehicles were late at least in each half, those from the warm-up included.
 
-    A vehicle is late from when it is due through until it is; who is within a step is in time.
+    A vehicle is late from when it is due through until it is.
     """
-    step_s, begin_s, end_s = outcome.scenario.experiment.step_s, counted.begin_s, counted.end_s
+    begin_s, end_s = counted.begin_s, counted.end_s
     both = ((p.due_s or 0.0, p.passed_s) for p in outcome.passages)
     times = [(due_s, math.inf if passed_s is None else passed_s) for due_s, passed_s in both]
     due = np.array([due_s for due_s, _ in times])
-    late = np.array([(d, left) for d, left in times if left > d + step_s]).reshape(-1, 2)
+    late = np.array([(d, left) for d, left in times if left > d]).reshape(-1, 2)
     half_s = (begin_s + end_s) / 2
     return {
         "late_first_half": least_late(late[:, 0], late[:, 1], begin_s, half_s),
