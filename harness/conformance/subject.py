@@ -144,7 +144,7 @@ class Subject:
         )
         try:
             watched = Observed(make_strategy(scenario, Arm.HUMAN, 0, self._model))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise StoppedError(f"cannot be made: {in_one_line(error)}", SURVIVES) from None
         self.watched = watched
         trace = _run(scenario, watched, chosen.walkers)

@@ -110,5 +110,5 @@ def check_arms(scenario: Scenario, model: InteractionModel) -> None:
         except InputError as error:
             parameter = error.where.removeprefix(f"{name}.")
             raise InputError(f"{where}.{parameter}", error.problem, error.allowed) from None
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise InputError(where, f"cannot be made: {in_one_line(error)}") from None

@@ -26,7 +26,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
     raise StrategyError(f"the strategy returned {answer!r} at t = {time_s:.3f} s")
 
 
-def strategy_raised(error: Exception, time_s: float) -> StrategyError:
+def strategy_raised(error: BaseException, time_s: float) -> StrategyError:
     """The error that tells of a strategy that raised in ``decide``."""
     what = f"raised {type(error).__name__}: {error}"
     when = f"at t = {time_s:.3f} s ({place_of(error)})"

@@ -106,7 +106,7 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
         while True:
             try:
                 wanted = decide(observation)
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 raise strategy_raised(error, observation.time_s) from error
             observation = steps.send(wanted)
     except StopIteration as finished:

@@ -91,6 +91,11 @@ class PairRunner:
                     key, name = self.key(arm, pair), self._scenario.arms.driver(arm)
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
+    def hung(self, arm: Arm, pair: int, reason: str) -> Outcome:
+        """The outcome of an episode whose strategy gave no answer."""
+        trace = failed_episode(StrategyError(reason), self._rules)
+        return Outcome(pair, arm, self._scenario.arms.driver(arm), measure([trace])[0], trace)
+
     def key(self, arm: Arm, pair: int) -> EpisodeKey:
         """A key that tells episodes apart among cells that differ in their arms alone."""
         scenario = self._scenario
@@ -180,7 +185,7 @@ class PairRunner:
                 self._model,
                 lambda: rng or draws_of(scenario, arm, number, given=people.given),
             )
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
         perception = self._perception(arm, people)

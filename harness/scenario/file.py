@@ -198,9 +198,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         branch = {}
     # A remark, or several lines, is TOML too.
     if len(branch) != 1 or "\n" in key:
-        raise InputError(
-            f"{setting.source} {key}", "not a dotted key", "e.g. ego.initial_speed_mps"
-        ) from None
+        raise InputError(f"{setting.source} {key}", "not a dotted key", _how_written(key)) from None
     node = tree
     while True:
         (name,) = branch
@@ -224,6 +222,15 @@ def as_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: as_plain(part) for key, part in value.items()}
     return value
+
+
+def _how_written(key: str) -> str:
+    """How a key would be written whose quotes the shell may have taken away."""
+    table, _, parameter = key.rpartition(".")
+    name = table.removeprefix("strategies.")
+    if name == table or '"' in name or "'" in name:
+        return "e.g. ego.initial_speed_mps"
+    return "with quotes that the shell leaves: " + f"""'strategies."{name}".{parameter}=…'"""
 
 
 _GONE = {"pedestrians.pairing": "pairs share quantiles; remove the key"}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from harness.errors import InputError
+from harness.errors import InputError, nearest_name
 from harness.scenario.file import (
     ScenarioFile,
     Setting,
@@ -81,7 +81,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
 
     Raises:
         InputError: a key or value is not accepted, a key varies twice or is set too, two cells are
-            the same.
+            the same, or parameters are given to a strategy that drives in none.
     """
     source = "--vary" if file.sweep is None else f"{file.source}: sweep"
     planned = planned_cells(file, variations, source)
@@ -117,7 +117,20 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
         allowed = "[traffic] in every cell, or in none"
         raise InputError(source, "some cells are hours of traffic, others are not", allowed)
     remark = _left_out(list(given), len(planned), len(cells)) if given else None
-    return Study(file.name, file.scenario(), tuple(cells), remark)
+    study = Study(file.name, file.scenario(), tuple(cells), remark)
+    _check_driven(study, [*file.settings, *(Setting(key, None, source) for key, _ in variations)])
+    return study
+
+
+def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
+    """Refuse parameters that somebody gives by hand to a strategy that drives nowhere."""
+    for setting in settings:
+        section, *names = _path_of(setting)
+        if section == "strategies" and names and names[0] not in study.driven:
+            where = f"{setting.source} {setting.key}"
+            allowed = f"a parameter of {' or '.join(study.driven)}"
+            near = nearest_name(names[0], study.driven)
+            raise InputError(where, f"{names[0]} drives in no cell", allowed, near)
 
 
 def _given(

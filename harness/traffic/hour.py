@@ -135,7 +135,7 @@ class Hour:
                 observation = Observation(time_s, step, view, vehicle, crossing, visible)
                 try:
                     answer = moving.strategy.decide(observation)
-                except Exception as error:
+                except (Exception, SystemExit) as error:
                     raise _of_vehicle(moving, now, strategy_raised(error, time_s)) from error
                 if answer is None and self.sumo_drives:
                     if not moving.by_engine:

@@ -92,7 +92,7 @@ class HourRunner:
             try:
                 strategy = make_strategy(scenario, driver, pair, self._model, planned.number)
                 return scenario.arms.driver(driver), strategy
-            except Exception as error:
+            except (Exception, SystemExit) as error:
                 what = f"the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None
 

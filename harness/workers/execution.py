@@ -84,8 +84,14 @@ def run_tasks(
                 limit_s = task.scenario.experiment.decide_limit_s
                 reason = f"decide gave no answer within {limit_s:g} s (arm {arm.value})"
                 again += [part for part in _around(task, pair) if part.count]
-                note("pair given up", cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
-                yield _part(task, pair), _given_up(_part(task, pair), reason, "strategy")
+                alone = replace(_part(task, pair), hung=(arm, reason))
+                what = "episode given up" if task.hung is None else "pair given up"
+                note(what, cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
+                if task.hung is None:
+                    # The other arm has done nothing wrong.
+                    again.append(alone)
+                else:
+                    yield alone, _given_up(alone, f"{task.hung[1]}; {reason}", "strategy")
                 continue
             failures[task.name] = failures.get(task.name, 0) + 1
             last = failures[task.name] >= ATTEMPTS

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from harness.errors import HarnessError
 
 if TYPE_CHECKING:
+    from harness.encounter import Arm
     from harness.interaction import InteractionModel
     from harness.scenario import EngineName, Scenario
     from harness.workers.audit import Audit
@@ -32,6 +33,9 @@ class Task:
     several of them have is simulated once.  ``engine`` moves the egos; with an ``audit`` some
     episodes are repeated in SUMO.
 
+    ``hung``, of a task of one pair: the arm whose strategy gave no answer, and how that is said;
+    only the other one is simulated.
+
     ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
     stack before it ends itself; None, or a path it cannot open, drops the stack.
     """
@@ -47,6 +51,7 @@ class Task:
     engine: "EngineName" = "sumo"
     audit: "Audit | None" = None
     twins: "tuple[Task, ...]" = ()
+    hung: "tuple[Arm, str] | None" = None
 
     @property
     def each(self) -> "tuple[Task, ...]":

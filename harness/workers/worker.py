@@ -72,6 +72,9 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
             runner = _runner_for(each, each.engine)
+            if each.hung is not None:
+                arm, reason = each.hung
+                known[runner.key(arm, each.first_pair)] = runner.hung(arm, each.first_pair, reason)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
             known |= {runner.key(of.arm, of.pair): of for of in outcomes}
             yield _result_of(each, outcomes, list(_audited(each, outcomes, watch, repeated)))

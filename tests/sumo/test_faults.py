@@ -21,6 +21,7 @@ from harness.engine.plain import PlainEngine
 from harness.engine.shared import close_engine
 from harness.errors import EngineError, HarnessError
 from harness.scenario import Options
+from harness.seeding import stream
 from tests.batches import QUICK, Inline, content, here, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
@@ -41,7 +42,7 @@ REASONS = {
     "nan": "the strategy returned nan at t = 0.300 s",
     "text": "the strategy returned 'fast' at t = 0.300 s",
     "loses_ego": "SUMO lost the episode",
-    "exits": "SystemExit: 3",
+    "exits": "the strategy raised SystemExit: 3 at t = 0.300 s (",
     # 6 is SIGABRT's number on every POSIX system.
     "aborts": "the worker process died (exit code -6)",
     "hangs": "decide gave no answer within 2 s (arm av)",
@@ -97,10 +98,8 @@ def test_the_culprit_is_recorded_with_its_reason(batch: Path, fault: str) -> Non
     assert (av["arm"], av["ending"]) == ("av", "engine_failed")
     assert REASONS[fault] in av["reason"]
     assert av["pass_time_s"] is None
-    assert av["failed_in"] == (
-        "engine" if fault in ("loses_ego", "exits", "aborts") else "strategy"
-    )
-    if fault in ("raises", "nan", "text", "loses_ego"):
+    assert av["failed_in"] == ("engine" if fault in ("loses_ego", "aborts") else "strategy")
+    if fault != "aborts":
         # The other arm of the pair has a new simulation and its own result.
         assert human == rows(batch / "clean", "episodes")[CULPRITS[fault]][1]
     else:
@@ -118,20 +117,22 @@ def test_all_others_keep_their_results(batch: Path) -> None:
 def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
     lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
     events = [json.loads(line) for line in lines]
+    given_up = [event for event in events if event["event"] == "episode given up"]
     for fault, function in (("hangs", "in hang"), ("hangs_in_c", "in hang_in_c")):
         pair = CULPRITS[fault]
-        stacks = [event["stack"] for event in events if event.get("pair") == pair]
+        stacks = [event["stack"] for event in given_up if event["pair"] == pair]
         assert len(stacks) == 1, "another attempt would wait as long"
         assert function in stacks[0]
-    given_up = {event["pair"] for event in events if event["event"] == "pair given up"}
-    assert given_up == {CULPRITS[name] for name in ("exits", "aborts", "hangs", "hangs_in_c")}
+    for what, faults in (("pair", ["aborts"]), ("episode", ["hangs", "hangs_in_c"])):
+        named = {event["pair"] for event in events if event["event"] == f"{what} given up"}
+        assert named == {CULPRITS[name] for name in faults}
 
 
 def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
     lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
     events = [json.loads(line) for line in lines]
     failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
-    assert set(failed) == {CULPRITS[name] for name in ("raises", "nan", "text", "loses_ego")}
+    assert set(failed) == {pair for name, pair in CULPRITS.items() if name != "aborts"}
     event = failed[CULPRITS["raises"]]
     assert (event["arm"], event["strategy"]) == ("av", NAME)
     assert REASONS["raises"] in event["reason"]
@@ -141,6 +142,27 @@ def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
     assert "in raise_error" in event["traceback"]
     assert "episode.py" not in event["traceback"]
     assert failed[CULPRITS["nan"]]["traceback"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_simulation")
+def test_where_both_strategies_hang_both_arms_are_given_up(tmp_path: Path) -> None:
+    """Each for itself: the second hang says both reasons, and the run goes on."""
+    changes = {
+        **CHANGES,
+        "arms.human": NAME,
+        "experiment.pairs": 3,
+        "experiment.decide_limit_s": 1.0,
+    }
+    # One strategy in both arms draws the same numbers in both.
+    number = float(stream(1, "strategy", 1).random())
+    study = one_cell("cctc", {**changes, f'strategies."{NAME}".hangs': number})
+    run_study(study, Options(workers=1), out=tmp_path / "run")
+    found = rows(tmp_path / "run", "episodes")
+    av, human = found[1]
+    assert {av["ending"], human["ending"]} == {"engine_failed"}
+    assert "(arm av); decide gave no answer within 1 s (arm human)" in av["reason"]
+    assert [row["ending"] for pair in (0, 2) for row in found[pair]].count("engine_failed") == 0
 
 
 def test_summary_counts_the_failed_apart(batch: Path) -> None:

@@ -328,3 +328,39 @@ def test_a_range_without_its_step_is_refused_as_one(text: str) -> None:
         parse_variation(f"strategies.soft_yield.p1={text}")
     assert caught.value.problem == f"range {text!r} has no step"
     assert caught.value.allowed == "begin:end:step"
+
+
+# --- parameters by hand --------------------------------------------------------------------------
+
+
+def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path) -> None:
+    hand = "strategies.hard_yield.yield_to_waiting=true"
+    with pytest.raises(InputError, match="hard_yield drives in no cell; allowed: a parameter of"):
+        with_settings("cctc", hand)
+    with pytest.raises(InputError, match=r"--vary .*: gap_yeild drives in no cell"):
+        with_settings(
+            "cctc", "arms.av=gap_yield", vary=("strategies.gap_yeild.critical_gap_s=1,2",)
+        )
+    file = read_scenario_file("cctc", {"strategies.gap_yield.critical_gap_s": 1.0})
+    with pytest.raises(InputError, match=r"settings strategies\.gap_yield\.critical"):
+        study_of(file)
+    # It drives in one cell of several, or the file itself gives it parameters.
+    assert with_settings("cctc", hand, vary=("arms.av=hard_yield,soft_yield",)).cells
+    path = tmp_path / "mine.toml"
+    path.write_text("[strategies.hard_yield]\nyield_to_waiting = true\n")
+    assert with_settings(path).cells
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("strategies.my_module:Mine.margin_s", "'strategies.\"my_module:Mine\".margin_s=…'"),
+        ("strategies.exec:./driver.py.limit_s", "'strategies.\"exec:./driver.py\".limit_s=…'"),
+        ("ego..length_m", "e.g. ego.initial_speed_mps"),
+    ],
+)
+def test_a_key_that_lost_its_quotes_in_the_shell_says_how_to_quote_it(key: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        with_settings("cctc", f"{key}=1")
+    assert caught.value.where == f"--set {key}"
+    assert words in (caught.value.allowed or "")
