@@ -96,7 +96,8 @@ def test_missing_or_broken_file(refused: Refuse, tmp_path: Path) -> None:
 def test_unknown_strategy(refused: Refuse) -> None:
     line = refused("run", "cctc", "--set", "arms.av=soft_yeild")
     says(line, "arms.av", "'soft_yeild'", "did you mean 'soft_yield'")
-    says(refused("run", "cctc", "--set", "strategies.nobody.x=1"), "strategies.nobody", "unknown")
+    line = refused("run", "cctc", "--set", "strategies.nobody.x=1")
+    says(line, "--set strategies.nobody.x", "drives in no cell", "soft_yield or human_gmm")
 
 
 @pytest.mark.parametrize(
@@ -107,7 +108,7 @@ def test_unknown_strategy(refused: Refuse) -> None:
         ("strategies.soft_yield.p1=true", ["strategies.soft_yield.p1", "True", "number"]),
         ("strategies.soft_yield.p1=inf", ["strategies.soft_yield.p1", "inf"]),
         ("strategies.soft_yield.p1=" + "9" * 400, ["strategies.soft_yield.p1"]),
-        ("strategies.constant_speed.gap=1", ["strategies.constant_speed.gap", "no parameters"]),
+        ("strategies.constant_speed.gap=1", ["strategies.constant_speed.gap", "drives in no"]),
         ("strategies.human_gmm.reading=both", ["'both'", "'marginal'", "given_time_advantage"]),
         ("strategies.human_gmm.decision_interval_s=-1", ["decision_interval_s", "-1"]),
         ("strategies.human_gmm.decision_interval_s=0.25", ["decision_interval_s", "0.25"]),
