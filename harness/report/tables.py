@@ -63,8 +63,13 @@ def per_cent(share: float, decimals: int) -> str:
     """A share times 100, with so many decimals or with more: two digits of a small one show.
 
     A bound of 0.0003 must not become 0.0: no N shows that there is no risk.
+
+    >>> per_cent(0.5, 1), per_cent(0.000003, 1), per_cent(1.6e-21, 1)
+    ('50.0', '0.00030', '1.6e-19')
     """
     value = 100 * share
+    if 0 < abs(value) < 1e-6:
+        return f"{value:.1e}"
     if value != 0 and abs(value) < 10.0 ** (1 - decimals):
         decimals = max(decimals, 1 - math.floor(math.log10(abs(value))))
     return f"{value:.{decimals}f}"
