@@ -72,6 +72,8 @@ class SumoEngine:
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
         calls: the functions called at every step; None: the module's own.
+
+    ``automated``: whether SUMO's files and window are to call the ego an AV; set between episodes.
     """
 
     def __init__(
@@ -85,7 +87,7 @@ class SumoEngine:
         calls: Calls | None = None,
     ) -> None:
         self._api, self._close = api, close
-        self.closed = False
+        self.closed = self.automated = False
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         calls = calls or calls_of(api)
         self._advance, self._move = calls.advance, calls.move
@@ -225,7 +227,7 @@ class SumoEngine:
         self._api.vehicle.add(
             self._ego,
             "drive",
-            typeID="ego",
+            typeID="av" if self.automated else "ego",
             depart="now",
             departLane=self._lane_index,
             departPos=self._depart_position,
@@ -239,7 +241,7 @@ class SumoEngine:
         if self._own_driver:
             return
         vehicle = self._api.vehicle
-        vehicle.setType(self._ego, "driven")
+        vehicle.setType(self._ego, "av_driven" if self.automated else "driven")
         vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
         vehicle.setSpeed(self._ego, -1)
         self._told_mps = None
@@ -248,7 +250,7 @@ class SumoEngine:
 
     def _take_back(self) -> None:
         """Let the strategy alone drive again."""
-        self._api.vehicle.setType(self._ego, "ego")
+        self._api.vehicle.setType(self._ego, "av" if self.automated else "ego")
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._own_driver = False
 

@@ -102,8 +102,10 @@ class SumoRoad:
         """SUMO's name of a vehicle of this hour."""
         return f"vehicle-{self._hours}-{vehicle}"
 
-    def add(self, name: str, lane: int, x_m: float, speed_mps: float) -> None:
-        """Put a vehicle on the road: there, and that fast, at the end of the next step."""
+    def add(
+        self, name: str, lane: int, x_m: float, speed_mps: float, *, automated: bool = False
+    ) -> None:
+        """Put a vehicle, an AV or another, on the road: there and so fast after the next step."""
         road = self.lanes[lane]
         number = road.number_at(x_m)
         first, last = road.stretches[number], road.stretches[-1]
@@ -114,7 +116,7 @@ class SumoRoad:
         self._api.vehicle.add(
             name,
             route,
-            typeID="vehicle",
+            typeID="av" if automated else "vehicle",
             depart="now",
             departLane=str(first.lane),
             # A rounding before the lane would be counted from its end.

@@ -13,6 +13,8 @@ from harness.encounter import Vehicle
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
+AV_COLOUR = {"color": "0,114,178"}
+"""Of AVs in sumo-gui, whose other vehicles are yellow; Okabe and Ito's blue."""
 
 _STANDS_NEARER_M = {"IDM": 0.4}
 """So much nearer than its minGap SUMO's IDM stops (1.61 m where 2 m are asked)."""
@@ -60,8 +62,9 @@ def start_command(
 def types_file(vehicle: Vehicle, speed_limit_mps: float | None) -> str:
     """The types of ego and pedestrians as a SUMO additional file; nothing in them is random.
 
-    The ego is ``driven`` while SUMO's own driver drives it.  SUMO refuses an ego that is to be
-    faster than the road's limit, unless its speed factor says so.
+    An AV differs in name and colour alone.  The ego is ``driven`` while SUMO's own driver drives
+    it.  SUMO refuses an ego that is to be faster than the road's limit, unless its speed factor
+    says so.
     """
     ego = {
         "vClass": "passenger",
@@ -81,11 +84,16 @@ def types_file(vehicle: Vehicle, speed_limit_mps: float | None) -> str:
         "accel": vehicle.resume_acceleration_mps2,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    return additional_file(_written({"ego": ego, "driven": driven, "walker": _WALKER}))
+    types = {"ego": ego, "driven": driven, "walker": _WALKER}
+    types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
+    return additional_file(_written(types))
 
 
 def traffic_types(vehicle: Vehicle, speed_limit_mps: float | None, following: Following) -> str:
-    """The types of an hour of traffic: vehicles that follow each other, and pedestrians."""
+    """The types of an hour of traffic: vehicles that follow each other, and pedestrians.
+
+    An AV differs in name and colour alone.
+    """
     car = {
         "vClass": "passenger",
         "length": vehicle.length_m,
@@ -101,7 +109,7 @@ def traffic_types(vehicle: Vehicle, speed_limit_mps: float | None, following: Fo
         "sigma": 0,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    return _written({"vehicle": car, "walker": _WALKER})
+    return _written({"vehicle": car, "av": car | AV_COLOUR, "walker": _WALKER})
 
 
 def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:

@@ -229,6 +229,7 @@ def _episode(job: Repetition) -> Outcome:
             outputs={**_files(SUMO_FILES, job.folder), **_FURTHER_OPTIONS},
         )
         try:
+            engine.automated = job.arm is Arm.AV
             runner = PairRunner(scenario, job.model, lambda: engine)
             return runner.run_arm(job.pair, job.arm, watch.begins)
         finally:

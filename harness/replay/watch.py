@@ -88,6 +88,7 @@ def _episode(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome:
     scenario = stored.cell.scenario
     place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
     engine = gui_engine(*place, scenario.experiment.step_s, gui)
+    engine.automated = arm is Arm.AV
     try:
         outcome = PairRunner(scenario, stored.model, lambda: engine).run_arm(pair, arm)
     finally:

@@ -9,8 +9,8 @@ from harness.scenario import TrafficSection
 from harness.traffic.demand import Scheduled
 from harness.traffic.vehicles import LaneOnRoad, Moving, state_of
 
-MakeStrategy = Callable[[Scheduled], tuple[str, Strategy]]
-"""The name and a fresh object of a vehicle's strategy."""
+MakeStrategy = Callable[[Scheduled], tuple[bool, str, Strategy]]
+"""Whether a vehicle is an AV, its strategy's name and a fresh object of it."""
 
 
 class Entrance:
@@ -41,11 +41,11 @@ class Entrance:
         while (planned := lane.next_scheduled) is not None and planned.step <= step:
             if saturated and lane.due:
                 break
-            name, strategy = self._make(planned)
+            automated, name, strategy = self._make(planned)
             x_m = self.x_m[lane.number]
             assert x_m is not None
             lane.due.append(
-                Moving(planned, self._road.name_of(planned.number), name, strategy, x_m)
+                Moving(planned, self._road.name_of(planned.number), automated, name, strategy, x_m)
             )
             lane.plan_next()
         if not lane.due or (saturated and step > until_step):
@@ -57,7 +57,9 @@ class Entrance:
         lane.due.popleft()
         moving.inserted_step = step
         moving.x_m, moving.speed_mps = moving.insert_x_m, speed
-        self._road.add(moving.name, lane.number, moving.insert_x_m, speed)
+        self._road.add(
+            moving.name, lane.number, moving.insert_x_m, speed, automated=moving.automated
+        )
         lane.coming.append(moving)
         return moving
 

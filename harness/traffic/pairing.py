@@ -86,12 +86,12 @@ class HourRunner:
             for number, lane in enumerate(lanes_of(scenario))
         ]
 
-        def make(planned: Scheduled) -> tuple[str, Strategy]:
+        def make(planned: Scheduled) -> tuple[bool, str, Strategy]:
             automated = arm is Arm.AV and planned.uniform < traffic.av_share
             driver = Arm.AV if automated else Arm.HUMAN
             try:
                 strategy = make_strategy(scenario, driver, pair, self._model, planned.number)
-                return scenario.arms.driver(driver), strategy
+                return automated, scenario.arms.driver(driver), strategy
             except (Exception, SystemExit) as error:
                 what = f"the strategy could not be made: {in_one_line(error)}"
                 raise StrategyError(what, error) from None

@@ -26,6 +26,7 @@ class Moving:
 
     plan: Scheduled
     name: str
+    automated: bool
     strategy_name: str
     strategy: Strategy
     insert_x_m: float

@@ -102,6 +102,8 @@ def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
                 assert len(digits.partition(".")[2]) >= 6
             # SUMO's ids carry the number of the episode in the middle: pedestrian-0-3.
             index = item.attrib["id"].rpartition("-")[2]
+            if item.tag == "vehicle":
+                assert item.attrib["type"] == ("av" if arm is Arm.AV else "ego")
             name = "ego" if item.tag == "vehicle" else f"pedestrian-{index}"
             speed = float(item.attrib["speed"])
             seen[name, number] = (*site.frame.to_road(x, y), speed)

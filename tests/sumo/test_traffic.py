@@ -89,7 +89,7 @@ def hour_of(
         lanes,
         tuple(arrivals),
         choose,
-        lambda planned: (name, make_strategy(driven, Arm.AV, 0, MODEL, planned.number)),
+        lambda planned: (True, name, make_strategy(driven, Arm.AV, 0, MODEL, planned.number)),
         rules,
         scenario.traffic,
         sumo_drives=name == SUMO_DRIVER,
@@ -387,7 +387,7 @@ def test_capacity_under_absolute_priority() -> None:
             lanes,
             people,
             lambda *_: 1.2,
-            lambda p: ("hard_yield", make_strategy(driven, Arm.AV, 0, MODEL, p.number)),
+            lambda p: (True, "hard_yield", make_strategy(driven, Arm.AV, 0, MODEL, p.number)),
             rules,
             scenario.traffic,
         )

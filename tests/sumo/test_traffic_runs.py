@@ -20,12 +20,14 @@ from harness.batch.settling import settled
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
+from harness.report.hour_figures import _is_automated, time_space
 from harness.report.hour_player import hour_document
 from harness.report.hour_words import hour_lines
 from harness.report.page import write_report
 from harness.report.shown_hour import shown_hour
 from harness.results.tables import HOUR_TABLES
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
+from harness.traffic.lanes import lanes_of
 from harness.workers.pool import LocalPool
 from tests.batches import HARNESS, Inline, here, shell, start
 from tests.sumo.test_watch import EGO_AT_V0, PEDESTRIAN, needs_xvfb, pixels
@@ -34,8 +36,13 @@ SCENARIO = """
 arms = {av = "gap_yield", human = "human_yield"}
 ego = {initial_speed_mps = 8.0}
 pedestrians = {flow_per_hour = 600}
-traffic = {flow_per_hour = 300, oncoming_per_hour = 200, duration_s = 70, warm_up_s = 20}
 experiment = {pairs = 2}
+[traffic]
+flow_per_hour = 300
+oncoming_per_hour = 200
+av_share = 0.5
+duration_s = 70
+warm_up_s = 20
 """
 
 WARM_UP_S, STEP_S, QUEUED_MPS = 20.0, 0.1, 5 / 3.6
@@ -223,6 +230,23 @@ def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "0"
 
 
+def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
+    run = harness.load_run(runs[1])
+    hour = shown_hour(run)
+    assert hour is not None
+    av, human = time_space(run, hour).figure.axes
+    labels = [set(panel.get_legend_handles_labels()[1]) for panel in (av, human)]
+    # One lane each way: no lane to tell apart.
+    assert labels == [{"AVs", "others"}, {"others"}]
+    passages = run.passages
+    own = passages[(passages["pair"] == hour.pair) & (passages["arm"] == "av")]
+    for row in own.to_dict("records"):
+        lane = lanes_of(run.scenario)[row["vehicle"] % 2]
+        automated = _is_automated(run.scenario, hour.pair, lane, row["vehicle"] // 2)
+        assert automated == (row["strategy"] == "gap_yield")
+    assert own["strategy"].nunique() == 2
+
+
 def rows_of(run: Path, table: str, arm: str, pair: int = 0) -> list[dict[str, Any]]:
     rows = getattr(harness.load_run(run), table)
     found: list[dict[str, Any]] = rows[(rows["arm"] == arm) & (rows["pair"] == pair)].to_dict(
@@ -239,6 +263,7 @@ def test_sumos_trips_agree_with_the_passages(runs: list[Path], again: Path, arm:
     ours, sumos = [], []
     for row in rows_of(runs[0], "passages", arm):
         trip = trips[f"vehicle-1-{row['vehicle']}"]
+        assert trip.get("vType") == ("av" if row["strategy"] == "gap_yield" else "vehicle")
         late_s = row["inserted_s"] - row["scheduled_s"]
         ours.append(row["control_delay_s"])
         sumos.append(float(trip.get("timeLoss")) + late_s)
