@@ -70,7 +70,7 @@ def gui_engine(
     Raises:
         EngineError: it does not start (it needs a display) or does not answer.
     """
-    settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
+    settings = view_settings(gui.delay_ms, vehicle.initial_speed_mps)
     site, types = _prepared(place, vehicle, crossing)
     close = _connected("sumo-gui", place, types, step_s, settings)
     return _ShownEngine(close, site, vehicle, crossing, step_s, gui)
@@ -112,7 +112,7 @@ def gui_road(
     site = read_site(place)
     limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
     types = additional_file(traffic_types(vehicle, limit_mps, following))
-    settings = view_settings(vehicle.initial_speed_mps, gui.delay_ms)
+    settings = view_settings(gui.delay_ms)
     close = _connected("sumo-gui", place, types, step_s, settings)
     return _ShownRoad(close, site, crossing, limit_mps, step_s, gui)
 

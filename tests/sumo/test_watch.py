@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,11 @@ from PIL import Image
 from harness.batch.experiment import run_study
 from harness.encounter import Arm
 from harness.engine.shared import close_engine
+from harness.engine.starting import Following, additional_file, traffic_types
+from harness.engine.view import view_settings
 from harness.errors import InputError
 from harness.replay.watch import watch
-from harness.scenario import Options
+from harness.scenario import Options, Scenario
 from tests.batches import FLOW, HARNESS, Inline, one_cell
 
 needs_xvfb = pytest.mark.skipif(
@@ -93,3 +96,18 @@ def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no run folder"):
         watch(tmp_path, 0, [Arm.AV])
+
+
+def test_in_hours_a_colour_tells_avs_from_others() -> None:
+    types = ET.fromstring(
+        additional_file(traffic_types(Scenario().vehicle(), None, Following("Krauss", 1.0, 2.0)))
+    )
+    attributes = {one.attrib.pop("id"): one.attrib for one in types}
+    # Nothing but the colour differs: results cannot.
+    assert attributes["av"].pop("color") == "0,114,178"
+    assert attributes["av"] == attributes["vehicle"]
+    hours, ego = (ET.fromstring(view_settings(50.0, v0)).find(".//vehicles") for v0 in (None, 5.0))
+    assert hours is not None
+    assert ego is not None
+    # SUMO's first scheme, "given vehicle/type/route color", and its ninth, "by speed".
+    assert (hours.attrib["vehicleMode"], ego.attrib["vehicleMode"]) == ("0", "8")
