@@ -42,6 +42,6 @@ class MyStrategy:
         to_edge = ego.range_m - observation.crossing.width_m / 2
         if in_the_way and 0 < to_edge < self._look_ahead:
             return -self._deceleration
-        if ego.speed_mps < vehicle.initial_speed_mps:
-            return vehicle.resume_acceleration_mps2
-        return 0.0
+        # Back to v0, and no faster than that at the end of this step.
+        to_initial = (vehicle.initial_speed_mps - ego.speed_mps) / observation.step_s
+        return max(0.0, min(vehicle.resume_acceleration_mps2, to_initial))
