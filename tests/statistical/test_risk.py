@@ -10,8 +10,8 @@ from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
-from harness.risk.estimation import _pilot, estimate_probability
-from harness.risk.interval import Estimate, Tally
+from harness.risk.estimation import Findings, _pilot, estimate_probability
+from harness.risk.interval import Tally
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate
 from harness.risk.space import space_of
@@ -64,9 +64,11 @@ def test_the_bound_by_nominal_draws_covers_whenever_the_first_look_ends(p, cv: f
     assert exceeded <= stats.binom.ppf(0.999, repetitions, 0.052)
 
 
-def is_true(estimate: Estimate, truth: float) -> bool:
-    """Whether what is said holds: the interval, and what the nominal draws leave beside it."""
-    return estimate.ci_low <= truth <= estimate.ci_high + estimate.nominal.high
+def is_true(findings: Findings, truth: float) -> bool:
+    """Whether what is said holds: the interval, and the bound beside it where it is weighted."""
+    estimate = findings.estimate
+    left = estimate.nominal.high if findings.proposal.components else 0.0
+    return estimate.ci_low <= truth <= estimate.ci_high + left
 
 
 @pytest.mark.parametrize("share", [1e-3, 1e-4])
@@ -76,9 +78,9 @@ def test_what_is_said_holds_where_the_exploration_misses_a_fault(share: float, s
     evaluate, truth = fault(share)
     said = alone = 0
     for seed in range(seeds):
-        found = estimate_probability(evaluate, LAYOUT, np.random.default_rng((13, seed))).estimate
-        said += is_true(found, truth)
-        alone += found.ci_low <= truth <= found.ci_high
+        findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng((13, seed)))
+        said += is_true(findings, truth)
+        alone += findings.estimate.ci_low <= truth <= findings.estimate.ci_high
     assert said >= stats.binom.ppf(0.001, seeds, 0.95)
     # The interval alone is that of the ways found, and says no more.
     assert seeds < 100 or alone < 0.95 * seeds
@@ -106,9 +108,9 @@ def test_what_is_said_of_faulty_strategies_holds(
     seeds, said, found = 20, 0, 0
     for seed in range(seeds):
         rng = np.random.default_rng((13, seed))
-        estimate = estimate_probability(evaluate, FAULTY, rng).estimate
-        said += is_true(estimate, truth)
-        found += (estimate.probability or 0.0) > 0.8 * truth
+        findings = estimate_probability(evaluate, FAULTY, rng)
+        said += is_true(findings, truth)
+        found += (findings.estimate.probability or 0.0) > 0.8 * truth
     assert said >= seeds - 1
     # The strategy's own draw is sampled: a fault of 1e-3 is found, not only bounded.
     assert found >= least_found
