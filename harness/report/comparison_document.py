@@ -25,6 +25,10 @@ def comparison_document(result: RunComparison) -> dict[str, Any]:
                 ],
                 "comparisons": [_row(item, group) for item in group.comparisons],
                 "allowed": [_sweep_document(sweep, group) for sweep in group.sweeps],
+                "allowed_together": [group.group.cells[at].number for at in group.allowed],
+                "best_allowed": None
+                if group.best_allowed is None
+                else group.group.cells[group.best_allowed].number,
             }
             for group in result.groups
         ],

@@ -6,9 +6,12 @@ from harness.report.tables import (
     Table,
     TableCell,
     count_cell,
+    counted,
     interval_cell,
     level,
+    limits,
     named_values,
+    number,
     share_cell,
     value_cell,
 )
@@ -22,14 +25,14 @@ _NAMED = 4
 def comparison_tables(result: RunComparison) -> list[Table]:
     """Every group's cells and their front, the differences, and the allowed values."""
     tables = []
-    for number, group in enumerate(result.groups):
+    for place, group in enumerate(result.groups):
         shared = named_values(group.group.shared)
         name = f"{result.name}, {shared}" if shared else result.name
-        tables.append(_cell_table(group, f"compared-{number}", name))
+        tables.append(_cell_table(group, f"compared-{place}", name))
         if group.comparisons:
-            tables.append(_difference_table(group, f"differences-{number}", name))
+            tables.append(_difference_table(group, f"differences-{place}", name))
         tables += [
-            _sweep_table(sweep, group, f"allowed-{number}-{position}")
+            _sweep_table(sweep, group, f"allowed-{place}-{position}")
             for position, sweep in enumerate(group.sweeps)
         ]
     return tables
@@ -183,6 +186,24 @@ def allowed_lines(result: SweepResult, error: float) -> list[str]:
     ]
 
 
+def best_lines(result: GroupResult) -> list[str]:
+    """The best of a group's allowed cells in words; nothing where nothing is judged."""
+    if result.judged is None:
+        return []
+    cells, best = result.group.cells, result.best_allowed
+    shared = named_values(result.group.shared)
+    where = "Best allowed cell" + (f" at {shared}" if shared else "")
+    sure = f"by bounds of all {len(cells)} cells together, {level(1 - result.level)}"
+    if best is None:
+        return [f"{where}: none is allowed, {sure}."]
+    times = result.summaries[best].time_ratio
+    return [
+        f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
+        f"{number(times.value, 3)} ({limits(times, 3)}), the least of "
+        f"{counted(len(result.allowed), 'cell')} allowed {sure}."
+    ]
+
+
 def comparison_lines(result: RunComparison) -> list[str]:
     """The tables' findings in words, and how to read them."""
     tests = sum(len(group.comparisons) for group in result.groups)
@@ -211,6 +232,7 @@ def comparison_lines(result: RunComparison) -> list[str]:
     repeats = sum(group.group.repeats for group in result.groups)
     if repeats:
         notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")
+    notes += [line for group in result.groups for line in best_lines(group)]
     return notes
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.comparison import (
+    AllowedInterval,
     Limits,
     PairColumns,
     allowed_interval,
@@ -173,6 +174,7 @@ def _compare_group(
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
         tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
+        _judged(range(len(columns)), columns, limits, seed, level) if sweeps and limits else None,
     )
 
 
@@ -225,18 +227,25 @@ def _compare(
 def _judge(
     sweep: ParameterSweep, columns: list[PairColumns], limits: Limits, seed: int, level: float
 ) -> SweepResult:
+    return SweepResult(sweep, limits, _judged(sweep.cells, columns, limits, seed, level))
+
+
+def _judged(
+    cells: Sequence[int], columns: list[PairColumns], limits: Limits, seed: int, level: float
+) -> AllowedInterval:
+    """On some cells, with bounds that hold for all of them together."""
     swept = [
         swept_value(
             columns[cell].tau_all,
             columns[cell].av_missed,
             columns[cell].av_tried,
             resampling(seed, "comparison"),
-            len(sweep.cells),
+            len(cells),
             level,
         )
-        for cell in sweep.cells
+        for cell in cells
     ]
-    return SweepResult(sweep, limits, allowed_interval(swept, limits, level))
+    return allowed_interval(swept, limits, level)
 
 
 def _count(values: FloatArray) -> int:

@@ -11,6 +11,7 @@ from harness.comparison import (
     Limits,
     Standing,
     Summary,
+    Verdict,
     pareto_front,
     relation_of_crashes,
     relation_of_times,
@@ -84,7 +85,8 @@ class GroupResult:
     """One group of cells that differ in the AV's strategy alone.
 
     ``level`` is the chance of error at which a difference counts as told; ``summaries`` are those
-    of the group's cells, in order.
+    of the group's cells, in order.  ``judged`` is the judgement of all its cells together, where a
+    parameter is swept under limits.
     """
 
     group: StrategyGroup
@@ -92,6 +94,20 @@ class GroupResult:
     summaries: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
     sweeps: tuple[SweepResult, ...]
+    judged: AllowedInterval | None = None
+
+    @property
+    def allowed(self) -> list[int]:
+        """Positions of the cells that are allowed by bounds of all of them together."""
+        judgements = () if self.judged is None else self.judged.judgements
+        return [at for at, of in enumerate(judgements) if of.verdict is Verdict.ALLOWED]
+
+    @property
+    def best_allowed(self) -> int | None:
+        """Of these the one of the least ratio of times; None where none is allowed."""
+        times = {at: self.summaries[at].time_ratio.value for at in self.allowed}
+        known = [(value, at) for at, value in times.items() if value is not None]
+        return min(known)[1] if known else None
 
     def standings(self) -> list[Standing]:
         """The place of every cell on the front of (ratio of times, κ with time-outs)."""

@@ -188,6 +188,34 @@ def test_allowed_values(tmp_path: Path) -> None:
     assert few.pairs_needed == int(np.ceil(np.log(0.05 / 6) / np.log(0.99)))
 
 
+def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
+    """As above, and each second of ``time_margin_s`` takes the AV a second more."""
+
+    def fates(task: Task, pair: int) -> Fate:
+        fate = bolder_with_less(task, pair)
+        margin_s = task.scenario.strategies["soft_yield"]["time_margin_s"]
+        return fate if fate == "crashed" else float(fate) + margin_s  # type: ignore[arg-type]
+
+    keys = ("strategies.soft_yield.p1=0.3,0.1,0.2", "strategies.soft_yield.time_margin_s=0.5,0.0")
+    study = sweep("cctc", {"experiment.pairs": 200}, *keys)
+    run = made_up(tmp_path / "run", study, fates)
+    result = compare(run, mu0=1.0, kappa0=0.05).groups[0]
+    # τ of cells 4 and 5, p1 = 0.2: (9 + margin)/10.  κ of all six together, none of 200 crashed:
+    # 1 − (0.05/12)^(1/200), below 2.8 %.
+    assert result.judged is not None
+    assert result.judged.judgements[5].swept.kappa.high == pytest.approx(
+        1 - (0.05 / 12) ** (1 / 200), rel=1e-6
+    )
+    assert (result.allowed, result.best_allowed) == ([4, 5], 5)
+    text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
+    said = text[text.index("Best allowed cell: 5 (") :]
+    assert "ratio of times 0.900 (0.900 … 0.900), the least of 2 cells allowed by bounds" in said
+    assert "of all 6 cells together, 95 %." in said
+    assert "none is allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
+    (group,) = json.loads(printed("compare", run, "--mu0", 1, "--kappa0", 0.05, "--json"))["groups"]
+    assert (group["best_allowed"], group["allowed_together"]) == (5, [4, 5])
+
+
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     run = margins(tmp_path / "run", {}, bolder_with_less)
     assert compare(run).groups[0].sweeps == ()
