@@ -79,7 +79,8 @@ def caveats(scenario: Scenario, summary: Summary) -> list[str]:
             f"{summary.timed_out:,} of {counted(summary.pairs, 'pair')} timed out "
             f"(AV {summary.timed_out_av:,}, human {summary.timed_out_human:,}): the ratio of times "
             "counts them with the time-out, μ, c_v and the delays leave them out; in the worst "
-            f"case μ is {number(summary.mu_worst.value, 4)} and the AV's delay "
+            f"case the ratio of times is {number(summary.time_ratio_worst.value, 4)}, "
+            f"μ {number(summary.mu_worst.value, 4)} and the AV's delay "
             f"{number(summary.delay_worst_s.value, 2)} s"
         )
     if summary.failed:

@@ -1,6 +1,8 @@
 """The tables and sentences of a comparison, for the terminal and the page alike."""
 
-from harness.comparison import Place, Standing, SweepVerdict, Verdict
+from collections import defaultdict
+
+from harness.comparison import Place, Standing, Summary, SweepVerdict, Verdict
 from harness.report.caveats import av_label, caveats, joined_caveats, sentence
 from harness.report.tables import (
     Table,
@@ -15,6 +17,7 @@ from harness.report.tables import (
     share_cell,
     value_cell,
 )
+from harness.report.words import unreliable_keys
 from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
 from harness.scenario import as_written
 
@@ -53,21 +56,22 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
     for cell, summary, standing in zip(
         result.group.cells, result.summaries, result.standings(), strict=True
     ):
+        star = defaultdict(str, dict.fromkeys(unreliable_keys(summary), "*"))
         rows.append(
             (
                 count_cell(cell.number),
                 TableCell(av_label(cell.label, summary)),
                 count_cell(summary.pairs),
-                interval_cell(summary.time_ratio, 3),
-                count_cell(summary.pairs - summary.time_ratio_pairs),
-                interval_cell(summary.mu, 3),
-                interval_cell(summary.delay_s, 2),
+                interval_cell(summary.time_ratio, 3, star["time_ratio"]),
+                _left_out(summary),
+                interval_cell(summary.mu, 3, star["mu"]),
+                interval_cell(summary.delay_s, 2, star["delay_s"]),
                 share_cell(summary.kappa),
                 share_cell(summary.kappa_all),
                 TableCell(_words(standing, result)),
-                interval_cell(summary.time_ratio_worst, 3),
-                interval_cell(summary.mu_worst, 3),
-                interval_cell(summary.delay_worst_s, 2),
+                interval_cell(summary.time_ratio_worst, 3, star["time_ratio_worst"]),
+                interval_cell(summary.mu_worst, 3, star["mu_worst"]),
+                interval_cell(summary.delay_worst_s, 2, star["delay_worst_s"]),
                 count_cell(summary.timed_out_av),
                 count_cell(summary.defined_pairs),
             )
@@ -85,6 +89,13 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
         sortable=True,
         terminal=tuple(range(len(front))),
     )
+
+
+def _left_out(summary: Summary) -> TableCell:
+    """How many pairs the ratio of times leaves out, over what it is at its worst."""
+    count = summary.pairs - summary.time_ratio_pairs
+    worst = f"worst {number(summary.time_ratio_worst.value, 2)}" if count else ""
+    return TableCell(f"{count:,}", worst, str(count))
 
 
 def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
@@ -225,7 +236,8 @@ def comparison_lines(result: RunComparison) -> list[str]:
         f"below {error}, within the family of all {2 * tests} tests of both, which an interval may "
         "contradict; alike where no pair differs.",
     ]
-    few = any(item.indicative for group in result.groups for item in group.comparisons)
+    few = any(unreliable_keys(of) for group in result.groups for of in group.summaries)
+    few = few or any(item.indicative for group in result.groups for item in group.comparisons)
     few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
     if few:
         notes.append("* unreliable: too few informative pairs")

@@ -154,11 +154,10 @@ def _agreement(results: Sequence[CellResult]) -> list[str]:
         sides.add("less" if ratio.high < 1 else "more" if ratio.low > 1 else "untold")
         parts.append(f"{name} {ratio.words('.3f')}")
     said = f"ratio of times {'; '.join(parts)}"
-    if len(sides) > 1:
+    if {"less", "more"} <= sides:
         return [f"The references disagree on whether the AV takes less time than a human: {said}."]
-    how = {
-        "less": "The AV takes less time than each of the references",
-        "more": "The AV takes more time than each of the references",
-        "untold": "No reference tells whether the AV takes less time than a human",
-    }
-    return [f"{how[sides.pop()]}: {said}."]
+    told, rest = sides - {"untold"}, "each" if "untold" not in sides else "some"
+    if not told:
+        return [f"No reference tells whether the AV takes less time than a human: {said}."]
+    untold = "" if rest == "each" else "; of the others it is not told"
+    return [f"The AV takes {told.pop()} time than {rest} of the references{untold}: {said}."]

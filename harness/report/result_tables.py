@@ -25,6 +25,7 @@ from harness.report.words import (
     both_arms,
     both_shares,
     conflict_condition,
+    has_worst_case,
     is_the_papers,
     left_out,
     unreliable_words,
@@ -67,7 +68,7 @@ def _of_one_cell(run: RunData) -> Table:
 
 def measure_rows(summary: Summary) -> list[Row]:
     """The measures of a cell, the paper's three and what they have to be read with."""
-    some_missing = bool(summary.failed or summary.timed_out)
+    some_missing = has_worst_case(summary)
     rows = [
         _row(
             "ratio of times, Σ AV / Σ human (below 1: AV takes less)",

@@ -14,7 +14,13 @@ from harness.report.tables import (
     sort_key,
     value_cell,
 )
-from harness.report.words import both_arms, both_shares, conflict_name, unreliable_keys
+from harness.report.words import (
+    both_arms,
+    both_shares,
+    conflict_name,
+    has_worst_case,
+    unreliable_keys,
+)
 from harness.runs.run_data import CellResult, RunData
 
 MOST_ROWS = 2_000
@@ -41,7 +47,7 @@ def sweep_tables(run: RunData) -> list[Table]:
 
 def _over_cells(run: RunData, shown: Sequence[CellResult]) -> Table:
     """μ, c_v, κ, delays and counts of every cell."""
-    worst = any(of.summary.failed or of.summary.timed_out for of in shown)
+    worst = any(has_worst_case(of.summary) for of in shown)
     fell = "arms.av" not in run.varied_keys and any(
         _label(of) != of.cell.scenario.arms.av for of in shown
     )

@@ -162,6 +162,11 @@ def left_out(summary: Summary) -> str:
     return f"{counted(count, 'pair')} left out: worst case {worst}"
 
 
+def has_worst_case(summary: Summary) -> bool:
+    """Whether a pair is left out of the ratio of times, or counts in it with the time-out."""
+    return bool(summary.timed_out or summary.time_ratio_pairs < summary.pairs)
+
+
 def sweep_lines(results: Sequence[CellResult]) -> list[str]:
     """A sentence on the pairs that all cells of a sweep leave out."""
     summaries = [result.summary for result in results]

@@ -13,6 +13,7 @@ from harness.encounter import Observation
 from harness.errors import InputError
 from harness.interaction import InteractionModel
 from harness.report.page import write_report
+from harness.report.sweep_tables import sweep_tables
 from harness.report.terminal import print_run, run_document
 from harness.report.words import knowledge_lines
 from harness.results import summaries
@@ -269,9 +270,32 @@ def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
     words = "Cell 1: 1 of 10 pairs timed out (AV 1, human 0)"
     # Nine took 9 s, 1.6 s of it delay; the time-out is 60 s, the human takes 10 s.
     mu, delay_s = (9 * 0.9 + 6) / 10, (9 * 1.6 + 52.6) / 10
-    assert f"in the worst case μ is {mu:.4f} and the AV's delay {delay_s:.2f} s" in text
+    worst = f"the ratio of times is {mu:.4f}, μ {mu:.4f} and the AV's delay {delay_s:.2f} s"
+    assert f"in the worst case {worst}" in text
     assert text.index(words) < text.index("cctc: strategies")
+    # Ten pairs are too few: the star stands at the cell's own numbers too.
+    assert f"{mu:.3f}*" in text
+    assert "* unreliable" in text
     assert "A − B (negative: A takes less time)" in text
+
+
+def test_crashes_that_a_ratio_of_times_leaves_out_show_its_worst_case(tmp_path: Path) -> None:
+    study = sweep("cctc", {"experiment.pairs": 10}, "arms.av=soft_yield,constant_speed")
+
+    def fates(task: Task, pair: int) -> Fate:
+        return "crashed" if task.scenario.arms.av == "constant_speed" and pair < 5 else 8.0
+
+    made_up(tmp_path / "run", study, fates)
+    run = harness.load_run(tmp_path / "run")
+    table, _ = sweep_tables(run)
+    shown = [table.headings[column] for column in table.terminal or ()]
+    column = shown.index("ratio of times, worst case")
+    # Five took 8 s, five count with 60 s, the human takes 10 s; nobody failed or timed out.
+    assert [row[column].text for row in table.rows] == ["0.800 *", "3.400 *"]
+    assert "worst 3.40" in " ".join(printed("compare", tmp_path / "run").split())
+    document = run_document(run)["cells"][1]["summary"]
+    assert document["time_ratio"] == pytest.approx(0.8)
+    assert document["time_ratio_worst"] == pytest.approx(3.4)
 
 
 def test_settings_in_a_file_are_named_as_the_files() -> None:
