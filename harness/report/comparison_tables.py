@@ -17,7 +17,7 @@ from harness.report.tables import (
     share_cell,
     value_cell,
 )
-from harness.report.words import unreliable_keys
+from harness.report.words import left_out, unreliable_keys, unreliable_words
 from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
 from harness.scenario import as_written
 
@@ -207,12 +207,17 @@ def best_lines(result: GroupResult) -> list[str]:
     sure = f"by bounds of all {len(cells)} cells together, {level(1 - result.level)}"
     if best is None:
         return [f"{where}: none is allowed, {sure}."]
-    times = result.summaries[best].time_ratio
-    return [
+    summary, untold = result.summaries[best], result.untold_from(best)
+    times, few = summary.time_ratio, unreliable_words(summary, "time_ratio")
+    said = (
         f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
-        f"{number(times.value, 3)} ({limits(times, 3)}), the least of "
-        f"{counted(len(result.allowed), 'cell')} allowed {sure}."
-    ]
+        f"{number(times.value, 3)} ({limits(times, 3)}{few and '; ' + few}; {left_out(summary)}), "
+        f"the least of {counted(len(result.allowed), 'cell')} allowed {sure}."
+    )
+    if untold:
+        names = ", ".join(str(cells[at].number) for at in untold)
+        said += f" Not told apart from it: cell{'s' * (len(untold) > 1)} {names}."
+    return [said]
 
 
 def comparison_lines(result: RunComparison) -> list[str]:

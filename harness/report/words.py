@@ -132,13 +132,20 @@ def time_lines(summary: Summary, scenario: Scenario) -> list[str]:
         return [sentence(NOTHING_TESTED)]
     if ratio.value is None:
         return ["Every pair failed, or the AV crashed in it: nothing is known of its time."]
-    much = f"{per_cent(abs(1 - ratio.value), 1)} % {'less' if ratio.value < 1 else 'more'}"
-    said = f"Over {counted(summary.time_ratio_pairs, 'pair')} the AV took {much} time than "
+    much = (
+        f"{per_cent(abs(1 - ratio.value), 1)} % {'less' if ratio.value < 1 else 'more'} time than"
+    )
+    much = "as much time as" if ratio.value == 1 else much
+    said = f"Over {counted(summary.time_ratio_pairs, 'pair')} the AV took {much} "
     said += f"{scenario.arms.human}, the reference: ratio of times {ratio.value:.4f} "
     said += f"({level(summary.confidence)} interval {limits(ratio, 4) or 'undefined'}, "
     said += f"{left_out(summary)})"
     words = [unreliable_words(summary, "time_ratio")]
-    if ratio.low is not None and ratio.high is not None and ratio.low <= 1 <= ratio.high:
+    if (
+        ratio.low is not None
+        and ratio.high is not None
+        and ratio.low <= 1 <= ratio.high > ratio.low
+    ):
         words.append("the interval holds 1: who takes less time is not told")
     words.append(known_disagreement(scenario, ratio.value))
     lines = ["; ".join([said, *(word for word in words if word)]) + "."]
@@ -154,12 +161,13 @@ def time_lines(summary: Summary, scenario: Scenario) -> list[str]:
 
 
 def left_out(summary: Summary) -> str:
-    """How many pairs the ratio of times leaves out, with its worst case where there are any."""
+    """How many pairs the ratio of times leaves out and why, with its worst case."""
     count = summary.pairs - summary.time_ratio_pairs
     if not count:
         return "no pair left out"
     worst = number(summary.time_ratio_worst.value, 4)
-    return f"{counted(count, 'pair')} left out: worst case {worst}"
+    why = "as the AV crashed or an arm failed"
+    return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
 
 
 def has_worst_case(summary: Summary) -> bool:

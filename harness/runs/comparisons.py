@@ -9,6 +9,7 @@ from harness.comparison import (
     CrashTest,
     Difference,
     Limits,
+    Relation,
     Standing,
     Summary,
     Verdict,
@@ -109,16 +110,27 @@ class GroupResult:
         known = [(value, at) for at, value in times.items() if value is not None]
         return min(known)[1] if known else None
 
+    def untold_from(self, best: int) -> list[int]:
+        """Positions of the other allowed cells whose times are not told apart from that cell's."""
+        told = (Relation.BETTER, Relation.WORSE)
+        return [
+            item.a + item.b - best
+            for item in self.comparisons
+            if best in (item.a, item.b)
+            and {item.a, item.b} <= {*self.allowed}
+            and self._times(item) not in told
+        ]
+
+    def _times(self, item: Comparison) -> Relation:
+        return relation_of_times(
+            item.time_ratio_difference, item.counted_in_one, item.time_ratio_p_holm, self.level
+        )
+
     def standings(self) -> list[Standing]:
         """The place of every cell on the front of (ratio of times, κ with time-outs)."""
         relations = {
             (item.a, item.b): (
-                relation_of_times(
-                    item.time_ratio_difference,
-                    item.counted_in_one,
-                    item.time_ratio_p_holm,
-                    self.level,
-                ),
+                self._times(item),
                 relation_of_crashes(item.misses, item.misses_p_holm, self.level),
             )
             for item in self.comparisons

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from harness.comparison import Place, SweepVerdict, Verdict
 from harness.errors import InputError
+from harness.report.comparison_tables import best_lines
 from harness.results import summaries
 from harness.runs.compare import compare
 from harness.runs.comparisons import RunComparison
@@ -209,8 +211,14 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert (result.allowed, result.best_allowed) == ([4, 5], 5)
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     said = text[text.index("Best allowed cell: 5 (") :]
-    assert "ratio of times 0.900 (0.900 … 0.900), the least of 2 cells allowed by bounds" in said
-    assert "of all 6 cells together, 95 %." in said
+    assert "ratio of times 0.900 (0.900 … 0.900; no pair left out), the least of 2 cells" in said
+    # The other allowed cell's times are 0.95 in all pairs: told apart from 0.9.
+    assert "Not told apart" not in said
+    untold = replace(result.comparisons[-1], time_ratio_p_holm=0.2)
+    kept = replace(result, comparisons=(*result.comparisons[:-1], untold))
+    assert (untold.a, untold.b, kept.untold_from(5)) == (4, 5, [4])
+    assert "Not told apart from it: cell 4." in best_lines(kept)[0]
+    assert "allowed by bounds of all 6 cells together, 95 %." in said
     assert "none is allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
     (group,) = json.loads(printed("compare", run, "--mu0", 1, "--kappa0", 0.05, "--json"))["groups"]
     assert (group["best_allowed"], group["allowed_together"]) == (5, [4, 5])

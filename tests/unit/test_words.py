@@ -98,6 +98,10 @@ def test_what_the_times_tell() -> None:
     assert "no pair left out" in first
     assert "unreliable below 1,000 informative pairs (has 50)" in first
     assert "not told" not in first
+    same = replace(summary, time_ratio=Resampled(1.0, 1.0, 1.0, 0))
+    alike = time_lines(same, own)[0]
+    assert "the AV took as much time as human_gmm" in alike
+    assert "not told" not in alike
     assert "μ = 0.8500" in second
     first, _ = time_lines(replace(summary, time_ratio=Resampled(1.02, 0.97, 1.08, 1_000)), own)
     assert "2.0 % more" in first
@@ -128,7 +132,7 @@ def test_what_the_ratio_of_times_leaves_out_stands_beside_it() -> None:
     # 8 + 9 + 8 s against 30 s; at its worst the crash counts with the time-out, 85 s against 40.
     first, _ = time_lines(summary, driven_by("own:Av", "human_gmm"))
     assert "ratio of times 0.8333" in first
-    assert "1 pair left out: worst case 2.1250" in first
+    assert "1 pair left out, as the AV crashed or an arm failed: worst case 2.1250" in first
 
 
 @pytest.mark.parametrize(
