@@ -132,6 +132,10 @@ def _row(
     return name, number(interval.value, digits), within, paper, remark
 
 
+def _share_met(rate: ConflictRate) -> str:
+    return percentage(rate.rate_met_someone.value)
+
+
 def conflict_rows(rates: Sequence[ConflictRate]) -> list[Row]:
     """A row for each kind of conflict."""
     return [
@@ -139,7 +143,7 @@ def conflict_rows(rates: Sequence[ConflictRate]) -> list[Row]:
             f"{conflict_condition(av)}, AV / human",
             *both_shares(av.rate, human.rate),
             "",
-            "conflict rate",
+            f"conflict rate; {_share_met(av)} / {_share_met(human)} where somebody was met",
         )
         for av, human in both_arms(rates)
     ]

@@ -41,12 +41,16 @@ CONFLICTS = (
 
 @dataclass(frozen=True, slots=True)
 class ConflictRate:
-    """Share of an arm's episodes with a conflict, with its interval and that one's confidence."""
+    """Share of an arm's episodes with a conflict, with its interval and that one's confidence.
+
+    ``rate_met_someone`` is that over the pairs in which either arm met somebody.
+    """
 
     arm: Arm
     conflict: str
     threshold: float
     rate: Proportion
+    rate_met_someone: Proportion
     confidence: float
 
 
@@ -58,8 +62,9 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
 
     Returns:
         ``arm, measure, defined, mean, p05, p50, p95``; failed episodes do not count, quantiles are
-        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  No
-        row for a measure that the episodes have no column for (a run of an earlier version).
+        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  The
+        same with ``_met_someone``, over the pairs in which either arm met somebody.  No row for a
+        measure that the episodes have no column for (a run of an earlier version).
     """
     rows = []
     for arm in Arm:
@@ -67,18 +72,23 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
         for measure in MEASURES:
             if measure.column not in episodes.column_names:
                 continue
-            values = _numbers(own, measure.column)
-            values = values[~np.isnan(values)]
-            row: dict[str, Any] = {"arm": arm.value, "measure": measure.column}
-            row |= {"defined": len(values), "mean": None} | dict.fromkeys(QUANTILES)
-            if len(values):
-                quantiles = np.quantile(values, list(QUANTILES.values())).tolist()
-                row |= {
-                    "mean": float(np.mean(values)),
-                    **dict(zip(QUANTILES, quantiles, strict=True)),
-                }
-            rows.append(row)
+            values, met = _numbers(own, measure.column), _met_someone(own, episodes)
+            of_met = _statistics(values[met])
+            rows.append(
+                {"arm": arm.value, "measure": measure.column}
+                | _statistics(values)
+                | {f"{name}_met_someone": value for name, value in of_met.items()}
+            )
     return rows
+
+
+def _statistics(values: FloatArray) -> dict[str, Any]:
+    defined = values[~np.isnan(values)]
+    found: dict[str, Any] = {"defined": len(defined), "mean": None} | dict.fromkeys(QUANTILES)
+    if len(defined):
+        quantiles = np.quantile(defined, list(QUANTILES.values())).tolist()
+        found |= {"mean": float(np.mean(defined)), **dict(zip(QUANTILES, quantiles, strict=True))}
+    return found
 
 
 def conflict_rates(
@@ -106,9 +116,12 @@ def conflict_rates(
             threshold: float = getattr(thresholds, conflict.threshold)
             # An undefined measure is NaN, which is on neither side.
             beyond = values > threshold if conflict.above else values < threshold
-            count = int(np.count_nonzero(beyond | crashed))
-            rate = proportion(count, len(values), confidence)
-            rates.append(ConflictRate(arm, conflict.name, threshold, rate, confidence))
+            every = beyond | crashed
+            rate, rate_met = (
+                proportion(int(counted.sum()), len(counted), confidence)
+                for counted in (every, every[_met_someone(own, episodes)])
+            )
+            rates.append(ConflictRate(arm, conflict.name, threshold, rate, rate_met, confidence))
     return tuple(rates)
 
 
@@ -124,6 +137,11 @@ def conflict_row(rate: ConflictRate) -> dict[str, Any]:
         "ci_low": rate.rate.low,
         "ci_high": rate.rate.high,
         "confidence": rate.confidence,
+        "episodes_met_someone": rate.rate_met_someone.trials,
+        "conflicts_met_someone": rate.rate_met_someone.successes,
+        "rate_met_someone": rate.rate_met_someone.value,
+        "rate_met_someone_ci_low": rate.rate_met_someone.low,
+        "rate_met_someone_ci_high": rate.rate_met_someone.high,
     }
 
 
@@ -131,6 +149,12 @@ def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:
     of_arm = pc.equal(episodes["arm"], arm.value)
     ran = pc.not_equal(episodes["ending"], Ending.ENGINE_FAILED.value)
     return episodes.filter(pc.and_(of_arm, ran))
+
+
+def _met_someone(own: pa.Table, episodes: pa.Table) -> np.ndarray:
+    """Which episodes of an arm are of pairs in which either arm met somebody."""
+    met = episodes.filter(pc.greater(episodes["pedestrians"], 0))["pair"]
+    return np.isin(own["pair"].to_numpy(), met.to_numpy())
 
 
 def _numbers(episodes: pa.Table, column: str) -> FloatArray:

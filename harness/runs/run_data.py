@@ -214,7 +214,8 @@ class RunData:
     def measures(self) -> pd.DataFrame:
         """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
 
-        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``.
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``; the last five
+        with ``_met_someone`` too, over the pairs in which either arm met somebody.
         """
         return pd.DataFrame(
             [
@@ -229,7 +230,7 @@ class RunData:
         """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
 
         ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
-        ci_high``.
+        ci_high``; ``episodes``, ``conflicts`` and ``rate`` with ``_met_someone`` too.
         """
         return pd.DataFrame(
             [

@@ -84,6 +84,30 @@ def test_conflicts_by_hand() -> None:
     assert {found["human", conflict.name] for conflict in CONFLICTS} == {(0, 8)}
 
 
+def test_those_who_met_somebody_are_told_apart() -> None:
+    """Pairs 0, 1 and 4 met somebody: pair 1 in the human's arm alone; nobody else counts."""
+    episodes = table(AV, HUMAN)
+    met = [
+        1 if key in {(0, "av"), (1, "human"), (4, "av")} else 0
+        for key in zip(episodes["pair"].to_pylist(), episodes["arm"].to_pylist(), strict=True)
+    ]
+    place = episodes.schema.get_field_index("pedestrians")
+    episodes = episodes.set_column(
+        place, EPISODES.field(place), pa.array(met, EPISODES.field(place).type)
+    )
+    (ttc,) = [
+        row for row in measure_rows(episodes) if (row["arm"], row["measure"]) == ("av", "min_ttc_s")
+    ]
+    # 1.49, 1.5 and 0.05 of five.
+    assert (ttc["defined"], ttc["defined_met_someone"], ttc["p50_met_someone"]) == (5, 3, 1.49)
+    assert ttc["mean_met_someone"] == pytest.approx((1.49 + 1.5 + 0.05) / 3)
+    rows = map(conflict_row, conflict_rates(episodes, ConflictsSection(), 0.95))
+    (row,) = [row for row in rows if (row["arm"], row["conflict"]) == ("av", "ttc")]
+    assert (row["conflicts_met_someone"], row["episodes_met_someone"]) == (2, 3)
+    assert row["rate_met_someone_ci_low"] == pytest.approx(stats.beta.ppf(0.025, 2, 2))
+    assert (row["conflicts"], row["episodes"]) == (3, 7)
+
+
 def test_thresholds_are_the_scenarios() -> None:
     found = counted(ConflictsSection(ttc_s=2.1, pet_s=0.0, drac_mps2=0.4))
     assert found["av", "ttc"] == (5, 7)
