@@ -60,7 +60,7 @@ def hour_document(run: RunData, hour: ShownHour) -> dict[str, Any]:
 
 def _arm(run: RunData, hour: ShownHour, arm: Arm) -> dict[str, Any]:
     scenario = run.scenario_of(hour.cell)
-    passages = pd.DataFrame(run.rows_of("passages", hour.cell, hour.pair).to_pylist())
+    passages = run.rows_of("passages", hour.cell, hour.pair).to_pandas()
     own = passages[passages["arm"] == arm.value].set_index("vehicle")
     ways = hour.ways[hour.ways["arm"] == arm.value]
     near = ways["time_s"].between(hour.begin_s - 1.0, hour.end_s + 1.0)

@@ -191,6 +191,13 @@ def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
         assert {person["index"] for person in people} <= there
 
 
+def test_an_hour_without_vehicles_has_a_page(tmp_path: Path) -> None:
+    empty = {"traffic.flow_per_hour": 0, "traffic.oncoming_per_hour": 0, "traffic.duration_s": 60}
+    study = study_of(read_scenario_file("field_sites", empty | {"experiment.pairs": 1}))
+    run = run_study(study, Options(workers=0), out=tmp_path / "run")
+    assert write_report(run, tmp_path / "page.html").page.is_file()
+
+
 def test_traces_give_all_measures_again(runs: list[Path], tmp_path: Path) -> None:
     """Times are kept from the end of the warm-up, so the last bits of sums may differ."""
     stored = harness.load_run(runs[1])
