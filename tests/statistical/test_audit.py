@@ -8,6 +8,7 @@ import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -27,6 +28,7 @@ from harness.report.comparison_document import comparison_document
 from harness.results.reading import read_table
 from harness.runs.compare import compare
 from harness.scenario import Options, Scenario, study_of
+from harness.scenario.file import Setting, apply_setting
 from tests.batches import Inline, scenario_file
 
 PER_SIDE = 200
@@ -89,7 +91,10 @@ def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
     """A run folder of the same cells: its CSV files and ``harness compare`` say the same."""
     seed, pairs = 7, 30
     file = scenario_file("cctc", {"experiment.seed": seed, "experiment.pairs": pairs})
-    cells = [{"arms.av": "soft_yield", **settings} for settings in CELLS.values()]
+    cells: list[dict[str, Any]] = [{} for _ in CELLS]
+    for cell, settings in zip(cells, CELLS.values(), strict=True):
+        for key, value in {"arms.av": "soft_yield", **settings}.items():
+            apply_setting(cell, Setting(key, value))
     run = run_study(
         study_of(replace(file, sweep={"cells": cells}), []),
         Options(workers=1, engine="plain", audit=0.0),

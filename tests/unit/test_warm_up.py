@@ -73,9 +73,7 @@ class Watching(ConstantSpeed):
 
 def test_they_walk_on_and_are_seen_from_the_trigger_on_in_both_arms(model, monkeypatch) -> None:
     of = scene(60.0, flow_per_hour=1800.0)
-    monkeypatch.setattr(
-        "harness.episode.pairing.make_strategy", lambda *_: Watching(), raising=True
-    )
+    monkeypatch.setattr("harness.episode.pairing.named_strategy", lambda *_: Watching())
     Watching.first.clear()
     runner = PairRunner(of, model, lambda: PlainEngine(of.vehicle(), of.experiment.step_s))
     outcomes = list(runner.run(range(10)))
