@@ -68,16 +68,21 @@ def run_task(task: Task) -> tuple[TaskResult, ...]:
 def _run_encounters(task: Task) -> Iterator[TaskResult]:
     known: dict[EpisodeKey, Outcome] = {}
     repeated: dict[EpisodeKey, Finding] = {}
+    hung: set[EpisodeKey] = set()
     limit_s = task.scenario.experiment.decide_limit_s
     with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
         for each in task.each:
             runner = _runner_for(each, each.engine)
             if each.hung is not None:
                 arm, reason = each.hung
-                known[runner.key(arm, each.first_pair)] = runner.hung(arm, each.first_pair, reason)
+                key = runner.key(arm, each.first_pair)
+                known[key] = runner.hung(arm, each.first_pair, reason)
+                hung.add(key)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
             known |= {runner.key(of.arm, of.pair): of for of in outcomes}
-            yield _result_of(each, outcomes, list(_audited(each, outcomes, watch, repeated)))
+            # What hung would hang in SUMO, too, and take the other arm with it.
+            ended = [of for of in outcomes if runner.key(of.arm, of.pair) not in hung]
+            yield _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
 
 
 def _audited(
