@@ -174,7 +174,7 @@ def _compare_group(
         tuple(summaries[member.run][member.cell.number] for member in group.cells),
         tuple(comparisons),
         tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
-        _judged(range(len(columns)), columns, limits, seed, level) if sweeps and limits else None,
+        _judged(range(len(columns)), columns, limits, seed, level) if limits else None,
     )
 
 

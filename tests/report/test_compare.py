@@ -224,6 +224,16 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert (group["best_allowed"], group["allowed_together"]) == (5, [4, 5])
 
 
+def test_limits_judge_strategies_without_parameters_too(tmp_path: Path) -> None:
+    """So far a sweep over ``arms.av`` alone said nothing of the limits that it was given."""
+    study = sweep("cctc", {"experiment.pairs": 200}, "arms.av=soft_yield,hard_yield")
+    run = made_up(
+        tmp_path / "run", study, lambda task, _: 8.0 + (task.scenario.arms.av == "hard_yield")
+    )
+    text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
+    assert "Best allowed cell: 0 (soft_yield), ratio of times 0.800" in text
+
+
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
     run = margins(tmp_path / "run", {}, bolder_with_less)
     assert compare(run).groups[0].sweeps == ()
