@@ -76,17 +76,18 @@ def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatc
     try:
         # One does for 40 quick pairs; while it is still at work after a while the other helps.
         naps = [pool.submit(time.sleep, 2.0) for _ in range(2)]
-        assert (pool.workers, processes_of(pool)) == (2, 1)
-        begin = time.monotonic()
+        assert pool.workers == 2
         for nap in naps:
             nap.result()
-        assert time.monotonic() - begin < 3.9
         assert processes_of(pool) == 2
     finally:
         pool.stop()
-    begin = time.monotonic()
     monkeypatch.setattr(pools, "LATER_S", 60.0)
-    pools.pool_for(study, Options(workers=2)).stop()
+    pool = pools.pool_for(study, Options(workers=2))
+    pool.submit(time.sleep, 0.0).result()
+    assert processes_of(pool) == 1
+    begin = time.monotonic()
+    pool.stop()
     assert time.monotonic() - begin < 30
 
 
