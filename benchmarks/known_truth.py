@@ -155,7 +155,7 @@ def _always(speed_mps: float) -> Callable[..., float]:
 
 def columns_of(episodes: pa.Table) -> tuple[Columns, Columns]:
     """Of the AV's and the human's rows: pass times, ending, and what conflicts go by."""
-    names = ("pass_time_s", "untouched_pass_time_s", "pedestrian_delay_s")
+    names = ("pass_time_s", "pass_time_ignoring_contact_s", "pedestrian_delay_s")
     names += ("min_ttc_s", "min_time_advantage_s", "pet_s", "max_drac_mps2")
     found = []
     for first in (0, 1):
@@ -200,7 +200,7 @@ def truth_of_cell(episodes: pa.Table) -> dict[str, float]:
 def _left_out(av: Columns, human: Columns) -> dict[str, float]:
     """What stands beside μ and κ: what they leave out, counted or at its worst."""
     timeout_s = scenario_of({}).experiment.timeout_s
-    av_s, human_s = av["pass_time_s"], human["untouched_pass_time_s"]
+    av_s, human_s = av["pass_time_s"], human["pass_time_ignoring_contact_s"]
     missing = np.isnan(av_s)
     worst = np.where(missing, timeout_s, av_s) / np.where(np.isnan(human_s), FREE_S, human_s)
     return {
@@ -219,11 +219,15 @@ def _left_out(av: Columns, human: Columns) -> dict[str, float]:
 def _ratios(av: Columns, human: Columns, timeout_s: float) -> dict[str, float]:
     """Ratios of times: a crash of the human as if untouched, whoever never passed at the end."""
     times = [
-        np.where(np.isnan(arm["untouched_pass_time_s"]), timeout_s, arm["untouched_pass_time_s"])
+        np.where(
+            np.isnan(arm["pass_time_ignoring_contact_s"]),
+            timeout_s,
+            arm["pass_time_ignoring_contact_s"],
+        )
         for arm in (av, human)
     ]
     alive = ~av["crashed"]
-    never = np.isnan(human["untouched_pass_time_s"])
+    never = np.isnan(human["pass_time_ignoring_contact_s"])
     av_worst = np.where(alive, times[0], timeout_s)
     return {
         "time_ratio": float(times[0][alive].sum() / times[1][alive].sum()),

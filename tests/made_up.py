@@ -66,7 +66,7 @@ def _episode(task: Task, arm: Arm, fate: Fate) -> dict[str, Any]:
     if isinstance(fate, float):
         return known | {
             "pass_time_s": fate,
-            "untouched_pass_time_s": fate,
+            "pass_time_ignoring_contact_s": fate,
             "delay_s": fate - FREE_S,
         }
     changes = fate if isinstance(fate, dict) else {"ending": fate}

@@ -26,7 +26,7 @@ from harness.results.walk_rows import stored_walk
 from harness.scenario import Cell, ConflictsSection, Scenario, Setting, study_from, validate
 from harness.scenario.file import apply_setting
 
-_AFTER_CONTACT = ("untouched_pass_time_s",)
+_AFTER_CONTACT = ("pass_time_ignoring_contact_s",)
 """Measures that need the passage after a contact."""
 
 _PART_PAIRS = 500

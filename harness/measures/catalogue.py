@@ -240,7 +240,7 @@ MEASURES = (
         efficiency.arrivals,
     ),
     Measure(
-        "untouched_pass_time_s",
+        "pass_time_ignoring_contact_s",
         "s",
         float,
         "the pass time had nobody been touched: the simulation goes on past a contact",
@@ -249,7 +249,7 @@ MEASURES = (
         "exact",
         "time",
         None,
-        efficiency.untouched_pass_time_s,
+        efficiency.pass_time_ignoring_contact_s,
     ),
     Measure(
         "max_speed_mps",

@@ -31,7 +31,7 @@ class Chunk:
     crashed: np.ndarray
     pass_time_s: FloatArray
     """NaN where the ego did not cross, contacts included."""
-    untouched_pass_time_s: FloatArray
+    pass_time_ignoring_contact_s: FloatArray
     """The same had nobody been touched: the simulation goes on past a contact."""
     end_s: FloatArray
     """Where the record ends: at the contact, the pass, the time-out or the failure."""
@@ -115,7 +115,7 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
         strikes=tuple(strikes),
         crashed=crashed,
         pass_time_s=np.where(crashed, np.nan, in_time),
-        untouched_pass_time_s=in_time,
+        pass_time_ignoring_contact_s=in_time,
         end_s=ends,
         steps=np.minimum(np.ceil(ends / step_s - 1e-9).astype(np.int64), ego.steps),
     )

@@ -18,9 +18,9 @@ def pass_time_s(chunk: Chunk) -> FloatArray:
     return chunk.pass_time_s
 
 
-def untouched_pass_time_s(chunk: Chunk) -> FloatArray:
+def pass_time_ignoring_contact_s(chunk: Chunk) -> FloatArray:
     """The pass time had nobody been touched, in s; NaN if the body never left the crosswalk."""
-    return chunk.untouched_pass_time_s
+    return chunk.pass_time_ignoring_contact_s
 
 
 def delay_s(chunk: Chunk) -> FloatArray:

@@ -39,7 +39,7 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
 }
 """Columns of each table that are never null."""
 
-_POSITIVE = ("pass_time_s", "untouched_pass_time_s", "av_time_s", "human_time_s", "tau")
+_POSITIVE = ("pass_time_s", "pass_time_ignoring_contact_s", "av_time_s", "human_time_s", "tau")
 """Columns that others are divided by."""
 
 

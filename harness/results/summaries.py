@@ -85,7 +85,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     arrivals = numbers("arrivals")
     return PairColumns(
         time_s=both(numbers("pass_time_s")),
-        untouched_time_s=both(numbers("untouched_pass_time_s")),
+        untouched_time_s=both(numbers("pass_time_ignoring_contact_s")),
         delay_s=both(numbers("delay_s")),
         stops=both(numbers("stops")),
         stopped_s=both(numbers("stopped_s")),

@@ -387,8 +387,12 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
     # record waited until then.
     run = harness.load_run(swept)
     keys = ["cell", "pair", "arm"]
-    came = run.pedestrians.merge(run.episodes[[*keys, "untouched_pass_time_s", "contact_time_s"]])
-    until_s = came["start_s"].fillna(came["contact_time_s"]).fillna(came["untouched_pass_time_s"])
+    came = run.pedestrians.merge(
+        run.episodes[[*keys, "pass_time_ignoring_contact_s", "contact_time_s"]]
+    )
+    until_s = (
+        came["start_s"].fillna(came["contact_time_s"]).fillna(came["pass_time_ignoring_contact_s"])
+    )
     came["wait_s"] = until_s - came["arrival_s"]
     of_cell = came.groupby(["cell", "arm"])["wait_s"].agg(["sum", "size"])
     delay_s = of_cell["sum"] / of_cell["size"]

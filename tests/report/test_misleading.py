@@ -182,7 +182,7 @@ def test_mu_says_which_way_it_errs(told: Any) -> None:
     def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
         if pair % 4:
             return 8.0 + 0.1 * (pair % 3), 10.0
-        return 35.0 + pair % 3, {"ending": "crashed", "untouched_pass_time_s": 8.0}
+        return 35.0 + pair % 3, {"ending": "crashed", "pass_time_ignoring_contact_s": 8.0}
 
     found = told(fates)
     found.says_first("the AV looks faster than it is")

@@ -82,7 +82,7 @@ def measured(records):
     Its episode is over at a contact, so nothing after it is known; and it does not count how the
     interaction model is asked.
     """
-    place = COLUMNS.index("untouched_pass_time_s")
+    place = COLUMNS.index("pass_time_ignoring_contact_s")
     found = []
     for record in records:
         values = list(record.values)
