@@ -160,9 +160,10 @@ class Rank(IntEnum):
     LEFT_OUT = 3
     SATURATION = 4
     FALLBACK = 5
-    OUTSIDE_MODEL = 6
-    REFERENCE = 7
-    FEW_PAIRS = 8
+    SPEEDING = 6
+    OUTSIDE_MODEL = 7
+    REFERENCE = 8
+    FEW_PAIRS = 9
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -189,3 +190,20 @@ class CellFindings:
     pairs: int
     findings: Mapping[str, Finding]
     notes: tuple[Note, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class RunFindings:
+    """What a run reports: its cells, and the notes about the run as a whole.
+
+    ``scope`` says what the run consists of beside its pairs, such as its seed and its audit.
+    ``paper`` says whether its only cell is the paper's experiment.
+    """
+
+    name: str
+    folder: str
+    scope: str
+    confidence: float
+    paper: bool
+    cells: tuple[CellFindings, ...]
+    notes: tuple[Note, ...] = ()
