@@ -5,9 +5,9 @@ reference in the documentation are views of findings, and compute nothing.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from harness.comparison.bootstrap import Resampled
 from harness.comparison.intervals import Interval, Proportion
@@ -30,8 +30,21 @@ class Form(StrEnum):
 
     NUMBER = "number"
     SHARE = "share"
+    EVENTS = "events"
+    """A share of which events and trials say more: 0 of 50."""
     COUNT = "count"
+    FLAG = "flag"
     WORD = "word"
+
+
+_LIMITS = (("_ci_low", "low", float), ("_ci_high", "high", float))
+_STORED: Mapping[type[Interval] | None, tuple[tuple[str, str, type], ...]] = {
+    None: (),
+    Interval: _LIMITS,
+    Resampled: (*_LIMITS, ("_ci_informative", "n", int)),
+    Proportion: (*_LIMITS, ("_events", "events", int), ("_n", "n", int)),
+}
+"""What stands beside a value in ``summary.csv``: suffix of the column, field of a finding, type."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +64,25 @@ class Finding:
     reliable: bool = True
     reason: str | None = None
 
+    @property
+    def number(self) -> float | None:
+        """The value as a number; None where it is undefined, or a word."""
+        return None if self.value is None or isinstance(self.value, str) else float(self.value)
+
+    @property
+    def count(self) -> int:
+        """The value of a count."""
+        return int(self.number or 0)
+
+    @property
+    def half_width(self) -> float | None:
+        """Half of the distance between the limits; None where there are none."""
+        return None if self.low is None or self.high is None else (self.high - self.low) / 2
+
+
+Findings = Mapping[str, Finding]
+"""The findings of one cell by name, in the catalogue's order."""
+
 
 @dataclass(frozen=True, slots=True)
 class Entry(Generic[Source]):
@@ -58,21 +90,26 @@ class Entry(Generic[Source]):
 
     Attributes:
         key: its name in ``summary.csv`` and in JSON, with its unit.
-        heading: its name on screens and pages, without its unit.
+        heading: its name on screens and pages, without its unit.  It may hold the name of a
+            threshold of conflicts in braces, see ``title``.
         meaning: one sentence for the reference in the documentation.
         form: how it is written.
         unit: empty for pure numbers; a share is written in per cent.
         digits: decimals on a screen.
         of_arm: computes the number of one arm, 0 for the AV's and 1 for the reference's.
         paired: computes the number of both arms together, a ratio or the difference AV − reference.
-        keys: the names of the three numbers in ``summary.csv``.  By default the AV's is ``key``,
-            the reference's ``key_human`` and the paired one ``key_difference``, or ``key`` where
-            there is no number of one arm.
-        reliable_from: informative pairs from which on the interval covers what it says; None where
-            the interval is exact.
+        interval: which interval the numbers have; None where they have none.
+        keys: the names of the three numbers in ``summary.csv``; an empty name is not reported.  By
+            default the AV's is ``key``, the reference's ``key_human`` and the paired one
+            ``key_difference``, or ``key`` where there is no number of one arm.
+        reliable_from: informative pairs from which on a bootstrap interval covers what it says.
         undefined: why it is undefined where it is.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
+        worst_case: whether the first screen shows it where anything was left out.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
+        paired_meaning: one sentence on the paired number where each arm has one, too.
+        paired_digits: decimals of the paired number; None: ``digits``.
+        paired_from: as ``reliable_from``, of the paired number; None: the same.
     """
 
     key: str
@@ -83,11 +120,16 @@ class Entry(Generic[Source]):
     digits: int = 2
     of_arm: Callable[[Source, int], Reported] | None = None
     paired: Callable[[Source], Reported] | None = None
+    interval: type[Interval] | None = None
     keys: tuple[str, str, str] | None = None
     reliable_from: int | None = None
     undefined: str = ""
     first_screen: bool = False
+    worst_case: bool = False
     paper: str = ""
+    paired_meaning: str = "The AV's less the reference's."
+    paired_digits: int | None = None
+    paired_from: int | None = None
 
     @property
     def names(self) -> tuple[str | None, str | None, str | None]:
@@ -101,10 +143,32 @@ class Entry(Generic[Source]):
         alone = self.key if self.of_arm is None else f"{self.key}_difference"
         av, human, paired = self.keys or (self.key, f"{self.key}_human", alone)
         return (
-            av if self.of_arm else None,
-            human if self.of_arm else None,
+            (av or None) if self.of_arm else None,
+            (human or None) if self.of_arm else None,
             paired if self.paired else None,
         )
+
+    def title(self, thresholds: Mapping[str, float]) -> str:
+        """The heading, with the thresholds of conflicts of a scenario.
+
+        >>> Entry("conflict_pet", "PET below {pet_s:g} s", "").title({"pet_s": 1.5})
+        'PET below 1.5 s'
+        """
+        return self.heading.format(**thresholds)
+
+    def least(self, name: str) -> int | None:
+        """Informative pairs from which on the interval of that name covers what it says."""
+        paired = name == self.names[2] and self.paired_from is not None
+        return self.paired_from if paired else self.reliable_from
+
+    def columns(self) -> dict[str, type]:
+        """The columns of this entry in ``summary.csv``, each with its type."""
+        kind = {Form.COUNT: int, Form.FLAG: bool, Form.WORD: str}.get(self.form, float)
+        columns: dict[str, type] = {}
+        for name in filter(None, self.names):
+            columns |= {name: kind}
+            columns |= {f"{name}{end}": of for end, _, of in _STORED[self.interval]}
+        return columns
 
     def findings(self, source: Source, met_someone: int) -> dict[str, Finding]:
         """The entry's findings by name.
@@ -113,42 +177,55 @@ class Entry(Generic[Source]):
             source: the columns of one cell.
             met_someone: the number of its pairs that met someone.
         """
-        av, human, paired = self.names
         reported: dict[str, Reported] = {}
-        if self.of_arm is not None and av is not None and human is not None:
-            reported |= {av: self.of_arm(source, 0), human: self.of_arm(source, 1)}
-        if self.paired is not None and paired is not None:
-            reported[paired] = self.paired(source)
-        return {name: self.finding(value, met_someone) for name, value in reported.items()}
+        for arm, name in enumerate(self.names[:2]):
+            if self.of_arm is not None and name is not None:
+                reported[name] = self.of_arm(source, arm)
+        if self.paired is not None and self.names[2] is not None:
+            reported[self.names[2]] = self.paired(source)
+        return {name: self.finding(name, value, met_someone) for name, value in reported.items()}
 
-    def finding(self, reported: Reported, met_someone: int) -> Finding:
-        """A computed value as a finding."""
+    def finding(self, name: str, reported: Reported, met_someone: int) -> Finding:
+        """A computed value as the finding of that name."""
         if not isinstance(reported, Interval):
-            return Finding(reported, reason=self.undefined if reported is None else None)
+            return self._judged(name, Finding(reported), met_someone)
         n = events = None
         if isinstance(reported, Proportion):
             n, events = reported.trials, reported.successes
         elif isinstance(reported, Resampled):
             n = reported.informative
-        reason = self.undefined if reported.value is None else None
-        few = self._too_few(reported, met_someone)
-        if few:
-            reason = f"unreliable below {self.reliable_from:,} informative pairs (has {n:,})"
-        return Finding(reported.value, reported.low, reported.high, n, events, not few, reason)
+        finding = Finding(reported.value, reported.low, reported.high, n, events)
+        return self._judged(name, finding, met_someone)
 
-    def _too_few(self, interval: Interval, met_someone: int) -> bool:
-        """Whether an interval rests on too few informative pairs to cover what it says.
+    def row(self, findings: Findings) -> dict[str, Plain]:
+        """The entry's findings as columns of ``summary.csv``."""
+        row: dict[str, Plain] = {}
+        for name in filter(None, self.names):
+            finding = findings[name]
+            row |= {name: finding.value}
+            row |= {f"{name}{e}": getattr(finding, of) for e, of, _ in _STORED[self.interval]}
+        return row
 
-        Where all values are the same there is nothing that the width could be too small for,
-        unless hardly anybody was met.
-        """
-        if self.reliable_from is None or not isinstance(interval, Resampled):
-            return False
-        if interval.low is None:
-            return False
-        if interval.informative == 0:
-            return met_someone < ALIKE_FROM
-        return interval.informative < self.reliable_from
+    def from_row(self, row: Mapping[str, Any], met_someone: int) -> dict[str, Finding]:
+        """The entry's findings from columns of ``summary.csv``; the inverse of ``row``."""
+        findings = {}
+        for name in filter(None, self.names):
+            stored = {field: row[f"{name}{end}"] for end, field, _ in _STORED[self.interval]}
+            findings[name] = self._judged(name, Finding(row[name], **stored), met_someone)
+        return findings
+
+    def _judged(self, name: str, finding: Finding, met_someone: int) -> Finding:
+        """With the reason why it is undefined or its interval unreliable."""
+        if finding.value is None:
+            return replace(finding, reason=self.undefined or None)
+        least = self.least(name)
+        if self.interval is not Resampled or least is None or finding.low is None:
+            return finding
+        # Where all values are the same there is nothing that the width could be too small for,
+        # unless hardly anybody was met.
+        few = finding.n < least if finding.n else met_someone < ALIKE_FROM
+        reason = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
+        return replace(finding, reliable=False, reason=reason) if few else finding
 
 
 class Rank(IntEnum):
@@ -179,8 +256,8 @@ class CellFindings:
     """What a run reports of one cell.
 
     ``varied`` are the keys that a sweep varies, with the cell's values.  ``av`` and ``reference``
-    are the drivers' names as screens show them.  ``findings`` are by name, in the catalogue's
-    order; ``notes`` are in the order of their ranks.
+    are the drivers' names as screens show them.  ``thresholds`` are those of conflicts, for
+    ``Entry.title``.  ``notes`` are in the order of their ranks.
     """
 
     cell: int
@@ -188,7 +265,8 @@ class CellFindings:
     av: str
     reference: str
     pairs: int
-    findings: Mapping[str, Finding]
+    thresholds: Mapping[str, float]
+    findings: Findings
     notes: tuple[Note, ...]
 
 
@@ -196,10 +274,12 @@ class CellFindings:
 class RunFindings:
     """What a run reports: its cells, and the notes about the run as a whole.
 
-    ``scope`` says what the run consists of beside its pairs, such as its seed and its audit.
-    ``paper`` says whether its only cell is the paper's experiment.
+    ``catalogue`` is that of the run's kind.  ``scope`` says what the run consists of beside its
+    pairs, such as its seed and its audit.  ``paper`` says whether its only cell is the paper's
+    experiment.
     """
 
+    catalogue: tuple[Entry[Any], ...]
     name: str
     folder: str
     scope: str
