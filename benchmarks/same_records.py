@@ -42,7 +42,10 @@ RUNS: dict[str, tuple[str, int, list[str], str]] = {
 }
 """By name: scenario, pairs of each cell, keys set, a key varied."""
 
-RENAMED = {"untouched_pass_time_s": "pass_time_ignoring_contact_s"}
+RENAMED = {
+    "untouched_pass_time_s": "pass_time_ignoring_contact_s",
+    "late_s": "trace_offset_s",
+}
 """Columns of the kept records that have another name now."""
 
 

@@ -96,7 +96,7 @@ def side_by_side(duration_s: float, rounds: int) -> None:
         close_engine()
     whole_s, bare_s = best["whole"], best["bare"]
     steps = sum(
-        (passage.moving.gone_step or 0) - (passage.moving.inserted_step or 0)
+        (passage.vehicle.gone_step or 0) - (passage.vehicle.inserted_step or 0)
         for passage in outcome.passages
     )
     print(f"{len(noted):,} calls of SUMO, {steps:,} vehicle-steps, {duration_s:g} s of traffic")

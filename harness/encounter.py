@@ -258,9 +258,9 @@ class Trace:
     in between the acceleration is constant.  ``ending`` is how the *engine* left off
     (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason``, whose fault it was
     (``failed_in``) and, where a strategy raised, its ``traceback``); contacts are found
-    afterwards, by ``measures``.  In traffic the trace begins ``late_s`` after the front bumper was
-    at the trigger, less than a step.  ``shown`` is what the strategy was shown of the pedestrians
-    at each step, None where that is what was so.
+    afterwards, by ``measures``.  In traffic the trace begins ``trace_offset_s``, less than a step,
+    after the front bumper was at the trigger.  ``shown`` is what the strategy was shown of the
+    pedestrians at each step, None where it was shown the ground truth.
     """
 
     vehicle: Vehicle
@@ -275,7 +275,7 @@ class Trace:
     fallback: bool
     traceback: str | None = None
     failed_in: FailedIn | None = None
-    late_s: float = 0.0
+    trace_offset_s: float = 0.0
     shown: tuple[tuple[PedestrianView, ...], ...] | None = None
     conditionings: Conditionings = NOTHING_ASKED
 

@@ -94,7 +94,7 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
     )
     in_time = np.array(
         [
-            math.nan if time is None else time + trace.late_s
+            math.nan if time is None else time + trace.trace_offset_s
             for trace, time in zip(traces, passes, strict=True)
         ]
     )

@@ -164,14 +164,14 @@ def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
     if passage.delay_s is not None:
         return passage.delay_s
     assert passage.scheduled_s is not None
-    at_x_m = passage.moving.x_m if passage.inserted_s is not None else passage.moving.insert_x_m
-    driven_s = (at_x_m - passage.moving.insert_x_m) / speed_mps
+    at_x_m = passage.vehicle.x_m if passage.inserted_s is not None else passage.vehicle.insert_x_m
+    driven_s = (at_x_m - passage.vehicle.insert_x_m) / speed_mps
     return max(0.0, last_s - passage.scheduled_s - driven_s)
 
 
 def _automated(outcome: HourOutcome, passage: Passage) -> bool:
     """Whether ``arms.av`` drives it in the AV's arm; the other arm has the same vehicles."""
-    return passage.moving.plan.uniform < outcome.scenario.known_traffic.av_share
+    return passage.vehicle.plan.uniform < outcome.scenario.known_traffic.av_share
 
 
 def passage_counts(
@@ -209,7 +209,7 @@ def passage_counts(
 
 
 def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
-    moving, record = passage.moving, passage.record
+    moving, record = passage.vehicle, passage.record
     row = record_row(record)
     first = moving.first_step
     return row | {
@@ -224,7 +224,7 @@ def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
         "passed_s": _since(passage.passed_s, begin_s),
         "delay_s": passage.delay_s,
         "control_delay_s": passage.control_delay_s,
-        "late_s": moving.late_s,
+        "trace_offset_s": moving.trace_offset_s,
         "approach_stops": moving.stops,
     }
 
@@ -250,7 +250,7 @@ def _queue_rows(outcome: HourOutcome) -> Iterator[dict[str, Any]]:
     begin_s = traffic.warm_up_s
     minutes = math.ceil(len(log.queues) / MINUTE_S)
     through = Counter(
-        (passage.moving.plan.lane, math.floor((passage.passed_s - begin_s) / MINUTE_S))
+        (passage.vehicle.plan.lane, math.floor((passage.passed_s - begin_s) / MINUTE_S))
         for passage in outcome.passages
         if passage.passed_s is not None and passage.passed_s < begin_s + traffic.duration_s
     )

@@ -20,7 +20,7 @@ from harness.scenario import Scenario
 from harness.traffic.lanes import Lane, lanes_of
 from harness.traffic.pairing import HourOutcome
 from harness.traffic.passages import as_seen
-from harness.traffic.vehicles import Moving
+from harness.traffic.vehicles import HourVehicle
 
 _ROUNDING_S = 1e-9
 
@@ -50,9 +50,9 @@ def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:
     """Name, and columns from ``time_s`` on without the object, of everybody."""
     step_s, begin_s = outcome.scenario.experiment.step_s, outcome.scenario.known_traffic.warm_up_s
     for passage in outcome.passages:
-        columns = _vehicle(passage.moving, step_s, begin_s)
+        columns = _vehicle(passage.vehicle, step_s, begin_s)
         if columns[0]:
-            yield f"vehicle-{passage.moving.plan.number}", columns
+            yield f"vehicle-{passage.vehicle.plan.number}", columns
     crossing, last = outcome.scenario.crosswalk(), outcome.log.last_step
     for walk in outcome.log.walks:
         if walk.start_s is None:
@@ -66,7 +66,7 @@ def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:
         yield f"pedestrian-{walk.arrival.index}", values
 
 
-def _vehicle(moving: Moving, step_s: float, begin_s: float) -> list[list[Any]]:
+def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> list[list[Any]]:
     lane, first = moving.plan.lane, moving.first_step
     driven: list[tuple[int, float, float]] = []
     if first is not None:
@@ -152,7 +152,7 @@ def _trace(
         reason=row["reason"],
         sumo_collision=row["sumo_collision"],
         fallback=row["fallback"],
-        late_s=row["late_s"],
+        trace_offset_s=row["trace_offset_s"],
     )
 
 

@@ -111,7 +111,7 @@ PASSAGES = pa.schema(
         *((name, pa.float64()) for name in _PASSED),
         ("delay_s", pa.float64()),
         ("control_delay_s", pa.float64()),
-        ("late_s", pa.float64()),
+        ("trace_offset_s", pa.float64()),
         ("approach_stops", pa.int32()),
         *((name, kind) for name, kind in (_FACTS | _MEASURES).items() if name not in _OWN_COLUMNS),
     ]

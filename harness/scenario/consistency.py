@@ -200,7 +200,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
         allowed = "constant, gap_acceptance or reactive"
         raise InputError(f"{people}.behaviour", "'sumo' beside [traffic]", allowed)
     if scenario.perception != PerceptionSection():
-        why = "beside [traffic], whose drivers see what is so"
+        why = "beside [traffic], whose drivers see the ground truth"
         raise InputError(f"{source}: perception", why, "no [perception] table")
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):

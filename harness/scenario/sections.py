@@ -351,7 +351,7 @@ class PerceptionSection(Section):
     """The human's arm is shown the same way."""
 
     def is_perfect(self, step_s: float) -> bool:
-        """Whether it shows what is so at every step, but for what obstacles hide."""
+        """Whether it shows the ground truth at every step, except for whom obstacles hide."""
         no_faults = {"update_s": None, "correlation_s": 1.0, "occlusion": True, "human": False}
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
         return every_step and self.model_copy(update=no_faults) == PerceptionSection()

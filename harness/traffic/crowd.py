@@ -11,7 +11,7 @@ from harness.encounter import Arrival, PedestrianView, Side
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import keeps_waiting
 from harness.episode.walkers import ChooseSpeed, ReactiveWalker, Walker
-from harness.traffic.vehicles import LaneOnRoad, Moving
+from harness.traffic.vehicles import HourVehicle, LaneOnRoad
 
 
 class Crowd:
@@ -44,7 +44,7 @@ class Crowd:
         self._next_look_s = math.inf
         self.next_s = self._next_arrival_s
         """When somebody next comes, or looks again by themselves."""
-        self._blockers: dict[int, Moving] = {}
+        self._blockers: dict[int, HourVehicle] = {}
         self._half_width_m = rules.crossing.width_m / 2
         across = sorted(lanes, key=lambda lane: lane.lane.centre_m)
         self._on_way = {Side.NEAR: across, Side.FAR: across[::-1]}
@@ -52,7 +52,7 @@ class Crowd:
     def begin_step(self, now: float) -> None:
         """People who wait look again; people who have reached the other kerb leave."""
         gone = []
-        blockers: dict[float, Moving | None] = {}  # for all who wait equally long
+        blockers: dict[float, HourVehicle | None] = {}  # for all who wait equally long
         for walker in self.walkers:
             if walker.due_s <= now:
                 if walker.start_s is not None:
@@ -108,9 +108,9 @@ class Crowd:
         critical_gap_s = walker.arrival.critical_gap_s
         return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
 
-    def _blocker(self, wait_s: float, elapsed_s: float) -> Moving | None:
+    def _blocker(self, wait_s: float, elapsed_s: float) -> HourVehicle | None:
         """The vehicle that keeps somebody with that gap waiting: the first one there, or None."""
-        nearest: Moving | None = None
+        nearest: HourVehicle | None = None
         first_s = math.inf
         for lane in self._lanes:
             first = lane.first(elapsed_s)
@@ -125,7 +125,7 @@ class Crowd:
         return nearest
 
     def _decide(
-        self, walker: Walker, time_s: float, elapsed_s: float, nearest: Moving | None
+        self, walker: Walker, time_s: float, elapsed_s: float, nearest: HourVehicle | None
     ) -> None:
         """Step off now, or wait for the next step."""
         if nearest is not None:

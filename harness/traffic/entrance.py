@@ -7,7 +7,7 @@ from harness.encounter import Strategy, Vehicle
 from harness.engine.road import SumoRoad
 from harness.scenario import TrafficSection
 from harness.traffic.demand import Scheduled
-from harness.traffic.vehicles import LaneOnRoad, Moving, state_of
+from harness.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 
 MakeStrategy = Callable[[Scheduled], tuple[bool, str, Strategy]]
 """Whether a vehicle is an AV, its strategy's name and a fresh object of it."""
@@ -32,7 +32,7 @@ class Entrance:
         per_step_m = vehicle.initial_speed_mps * step_s
         self.x_m = [lane.entry_x_m(vehicle.trigger_range_m, per_step_m) for lane in road.lanes]
 
-    def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> Moving | None:
+    def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> HourVehicle | None:
         """Put a lane's next vehicle on the road for the end of this step, if due and with room.
 
         Where there always is another one, nobody comes after ``until_step``.
@@ -45,7 +45,9 @@ class Entrance:
             x_m = self.x_m[lane.number]
             assert x_m is not None
             lane.due.append(
-                Moving(planned, self._road.name_of(planned.number), automated, name, strategy, x_m)
+                HourVehicle(
+                    planned, self._road.name_of(planned.number), automated, name, strategy, x_m
+                )
             )
             lane.plan_next()
         if not lane.due or (saturated and step > until_step):

@@ -20,7 +20,7 @@ from harness.traffic.crowd import Crowd
 from harness.traffic.entrance import Entrance, MakeStrategy
 from harness.traffic.log import HourLog, clearing_s
 from harness.traffic.sampling import SAMPLE_S, note_paths, queued_in
-from harness.traffic.vehicles import LaneOnRoad, Moving, state_of
+from harness.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 
 
 class Hour:
@@ -63,7 +63,7 @@ class Hour:
         self.entrance = Entrance(road, vehicle, traffic, self.step_s, make)
         self.crowd = Crowd(arrivals, lanes, choose_speed, rules, road.remove)
         self.log = HourLog(let_go=self.crowd.let_go)
-        self.on_road: dict[str, Moving] = {}
+        self.on_road: dict[str, HourVehicle] = {}
 
     def run(self) -> HourLog:
         """Simulate warm-up, counted time, and whatever it takes until the road is empty.
@@ -197,14 +197,14 @@ class Hour:
             head = coming[0]
             head.x_m, head.speed_mps = state_of(self.road, head)
 
-    def _take_over(self, moving: Moving, lane: LaneOnRoad, step: int) -> None:
+    def _take_over(self, moving: HourVehicle, lane: LaneOnRoad, step: int) -> None:
         moving.first_step = step
         over = max(0.0, moving.x_m + self.rules.vehicle.trigger_range_m)
         speed, gain = moving.speed_mps, moving.acceleration_mps2
         if over > ROUNDING_M:
             # Back in time to R0: over = v t − a t²/2.
             root = math.sqrt(max(0.0, speed**2 - 2 * gain * over))
-            moving.late_s = min(2 * over / (speed + root), self.step_s)
+            moving.trace_offset_s = min(2 * over / (speed + root), self.step_s)
         moving.xs.append(moving.x_m)
         moving.speeds.append(speed)
         moving.met = list(self.crowd.walkers)
@@ -231,7 +231,7 @@ class Hour:
             note_paths(self.road, self.on_road.values(), step)
 
 
-def _of_vehicle(moving: Moving, now: float, error: StrategyError) -> StrategyError:
+def _of_vehicle(moving: HourVehicle, now: float, error: StrategyError) -> StrategyError:
     """The same error, with the vehicle and the hour's time."""
     what = f"vehicle {moving.plan.number}, {now:.3f} s into the hour: {error}"
     named = StrategyError(what)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from harness.encounter import Walk
 from harness.scenario import TrafficSection
-from harness.traffic.vehicles import Moving
+from harness.traffic.vehicles import HourVehicle
 
 LEAST_CLEARING_S = 900.0
 
@@ -18,7 +18,7 @@ class HourLog:
     go.
     """
 
-    vehicles: list[Moving] = field(default_factory=list)
+    vehicles: list[HourVehicle] = field(default_factory=list)
     walks: list[Walk] = field(default_factory=list)
     queues: list[list[int]] = field(default_factory=list)
     let_go: dict[int, bool] = field(default_factory=dict)

@@ -13,7 +13,7 @@ from harness.measures.efficiency import beyond
 from harness.measures.ego import crossing_time
 from harness.traffic.lanes import Lane
 from harness.traffic.log import HourLog
-from harness.traffic.vehicles import Moving
+from harness.traffic.vehicles import HourVehicle
 
 CHUNK = 200
 """Passages measured together; results do not depend on it."""
@@ -29,7 +29,7 @@ class Passage:
     after ``due_s``.  ``control_delay_s`` counts to where vehicles leave the road.
     """
 
-    moving: Moving
+    vehicle: HourVehicle
     scheduled_s: float | None
     due_s: float | None
     inserted_s: float | None
@@ -52,7 +52,7 @@ def passages_of(
         end_x_m: where vehicles leave the road, by place of their lane (``number`` % lanes).
         saturated: there is no schedule: delays are undefined.
     """
-    by_lane: dict[Lane, list[Moving]] = defaultdict(list)
+    by_lane: dict[Lane, list[HourVehicle]] = defaultdict(list)
     for moving in sorted(log.vehicles, key=lambda moving: moving.plan.number):
         by_lane[moving.plan.lane].append(moving)
     found = []
@@ -63,11 +63,11 @@ def passages_of(
             for moving, trace, record in zip(part, traces, measure(traces), strict=True):
                 end_x = end_x_m[moving.plan.number % len(end_x_m)]
                 found.append(_passage(moving, trace, record, end_x, saturated))
-    return sorted(found, key=lambda passage: passage.moving.plan.number)
+    return sorted(found, key=lambda passage: passage.vehicle.plan.number)
 
 
 def _passage(
-    moving: Moving, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
+    moving: HourVehicle, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
 ) -> Passage:
     step_s, vehicle, half_m = trace.step_s, trace.vehicle, trace.crossing.width_m / 2
     v0, rear_m = vehicle.initial_speed_mps, vehicle.length_m + half_m
@@ -91,7 +91,7 @@ def _passage(
     return Passage(moving, *times, delay_s, control_s, record, trace)
 
 
-def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:
+def _trace(moving: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:
     begin_s = (moving.first_step or 0) * rules.step_s
     walks = []
     if moving.first_step is not None:
@@ -109,7 +109,7 @@ def _trace(moving: Moving, lane: Lane, log: HourLog, rules: CellConstants) -> Tr
         reason=None,
         sumo_collision=moving.collided,
         fallback=bool(getattr(moving.strategy, "fallback", False)),
-        late_s=moving.late_s,
+        trace_offset_s=moving.trace_offset_s,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 
 from harness.engine.road import SumoRoad
 from harness.measures.efficiency import STANDING_MPS
-from harness.traffic.vehicles import LaneOnRoad, Moving, state_of
+from harness.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 
 QUEUED_MPS = 5 / 3.6
 """Slower than this counts as queued (SUMO's queue output: 5 km/h)."""
@@ -31,7 +31,7 @@ def queued_in(road: SumoRoad, lanes: Sequence[LaneOnRoad]) -> list[int]:
     return counts
 
 
-def note_paths(road: SumoRoad, on_road: Iterable[Moving], step: int) -> None:
+def note_paths(road: SumoRoad, on_road: Iterable[HourVehicle], step: int) -> None:
     """Note the vehicles that no strategy drives; the others are noted at every step anyway."""
     for moving in on_road:
         if moving.first_step is None or moving.passed:

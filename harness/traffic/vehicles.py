@@ -15,13 +15,13 @@ from harness.traffic.lanes import Lane
 
 
 @dataclass(slots=True, eq=False)
-class Moving:
+class HourVehicle:
     """A vehicle from its schedule until it has left the road; times are steps of the hour.
 
     ``x_m``, ``speed_mps``: the state at the beginning of the step; ``next_x_m``,
     ``next_speed_mps``: at its end, once it is read, with ``acceleration_mps2``, which until then is
     the last step's.  ``xs``, ``speeds``: the states from ``first_step`` on, when its strategy took
-    over, ``late_s`` after its bumper was at R0, until its rear has left the crosswalk.
+    over, ``trace_offset_s`` after its bumper was at R0, until its rear has left the crosswalk.
     """
 
     plan: Scheduled
@@ -37,7 +37,7 @@ class Moving:
     next_x_m: float = 0.0
     next_speed_mps: float = 0.0
     first_step: int | None = None
-    late_s: float = 0.0
+    trace_offset_s: float = 0.0
     passed: bool = False
     by_engine: bool = False
     gone_step: int | None = None
@@ -70,9 +70,9 @@ class LaneOnRoad:
         self.number, self.lane, self.schedule = number, lane, schedule
         self.passed_at_m = rules.vehicle.length_m + rules.crossing.width_m / 2 - ROUNDING_M
         self.plan_next()
-        self.due: deque[Moving] = deque()
-        self.coming: deque[Moving] = deque()
-        self.driven: list[Moving] = []
+        self.due: deque[HourVehicle] = deque()
+        self.coming: deque[HourVehicle] = deque()
+        self.driven: list[HourVehicle] = []
         self._shift = {
             side: (
                 lane.own_side(side),
@@ -89,7 +89,7 @@ class LaneOnRoad:
         self.next_scheduled = next(self.schedule, None)
         self.next_step = math.inf if self.next_scheduled is None else self.next_scheduled.step
 
-    def first(self, elapsed_s: float) -> tuple[float, float, Moving] | None:
+    def first(self, elapsed_s: float) -> tuple[float, float, HourVehicle] | None:
         """x, speed and vehicle of the first that has not passed, so far into the step."""
         for moving in self.driven:
             gain = moving.acceleration_mps2
@@ -116,7 +116,7 @@ class LaneOnRoad:
         return tuple(seen)
 
 
-def state_of(road: SumoRoad, moving: Moving) -> tuple[float, float]:
+def state_of(road: SumoRoad, moving: HourVehicle) -> tuple[float, float]:
     """x and speed of a vehicle on the road."""
     x = moving.insert_x_m + road.distance_of(moving.name)
     return x, road.speed_of(moving.name)

@@ -128,7 +128,7 @@ def test_one_vehicle_is_the_single_ego(strategy: str, people: int) -> None:
     waits = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
     scenario = scenario_of({"duration_s": 120.0}, pedestrians=waits)
     _, _, empty = hour_of(scenario, [[100], []], strategy="constant_speed")
-    begins = empty[0].moving.first_step
+    begins = empty[0].vehicle.first_step
     assert begins is not None
     rng = np.random.default_rng(people)
     times = np.sort(rng.uniform(0.0, 8.0, people)).tolist()
@@ -258,13 +258,13 @@ def followers(outcome: HourOutcome) -> float:
     length = outcome.scenario.ego.length_m
     by_lane: dict[str, list[Passage]] = {}
     for passage in outcome.passages:
-        by_lane.setdefault(passage.moving.plan.lane.name, []).append(passage)
+        by_lane.setdefault(passage.vehicle.plan.lane.name, []).append(passage)
     for passages in by_lane.values():
-        ordered = sorted(passages, key=lambda passage: passage.moving.plan.number)
+        ordered = sorted(passages, key=lambda passage: passage.vehicle.plan.number)
         for ahead, behind in pairwise(ordered):
-            if ahead.moving.first_step is None or behind.moving.first_step is None:
+            if ahead.vehicle.first_step is None or behind.vehicle.first_step is None:
                 continue
-            begin = behind.moving.first_step - ahead.moving.first_step
+            begin = behind.vehicle.first_step - ahead.vehicle.first_step
             count = min(len(ahead.trace.x_m) - begin, len(behind.trace.x_m))
             if count > 0:
                 front = ahead.trace.x_m[begin : begin + count] - length
@@ -276,7 +276,7 @@ def test_the_road_is_empty_after_an_hour() -> None:
     scenario = scenario_of(busy(), pedestrians={"flow_per_hour": 600.0, "kerb_wait_s": 2.0})
     outcome = run_pair(scenario)["outcomes"]["av"]
     assert all(passage.passed_s is not None for passage in outcome.passages)
-    assert all(passage.moving.gone_step is not None for passage in outcome.passages)
+    assert all(passage.vehicle.gone_step is not None for passage in outcome.passages)
     api = road_for(scenario)._api
     assert api.vehicle.getIDList() == ()
     assert api.person.getIDList() == ()
@@ -335,7 +335,7 @@ def test_waits_are_the_integral_over_the_blocked_times() -> None:
     half = scenario.crossing.width_m / 2
     spans = []
     for passage in outcome.passages:
-        first = passage.moving.first_step
+        first = passage.vehicle.first_step
         assert first is not None
         edge_s = first * step_s + (-half - passage.trace.x_m[0]) / speed
         rear_s = edge_s + (scenario.crossing.width_m + scenario.ego.length_m) / speed
@@ -487,11 +487,11 @@ def check_everybody(outcome: HourOutcome) -> None:
         for lane in lanes_of(scenario)
         for planned in scheduled_vehicles(scenario, 0, lane)
     ]
-    assert sorted(passage.moving.plan.number for passage in outcome.passages) == sorted(due)
+    assert sorted(passage.vehicle.plan.number for passage in outcome.passages) == sorted(due)
     assert followers(outcome) > 2.0 - 0.2
     places: dict[tuple[str, int], list[float]] = {}
     for passage in outcome.passages:
-        moving, ways = passage.moving, dict[int, float]()
+        moving, ways = passage.vehicle, dict[int, float]()
         ways.update((step, x) for step, x, _ in moving.path)
         first = moving.first_step or 0
         ways.update((first + number, x) for number, x in enumerate(moving.xs))

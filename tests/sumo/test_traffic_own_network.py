@@ -18,7 +18,7 @@ from harness.scenario import Scenario, remarks, validate
 from harness.traffic.hour import Hour
 from harness.traffic.lanes import Direction
 from harness.traffic.pairing import HourOutcome, HourRunner
-from harness.traffic.vehicles import LaneOnRoad, Moving
+from harness.traffic.vehicles import HourVehicle, LaneOnRoad
 from tests.sumo.test_own_network import CCTC, Road, built, random_road
 from tests.sumo.test_traffic import MODEL, check_everybody, hour_of
 
@@ -62,8 +62,8 @@ def assert_same_passages(one: HourOutcome, other: HourOutcome) -> None:
     assert len(one.passages) == len(other.passages) >= 10
     waited = 0
     for own, made in zip(one.passages, other.passages, strict=True):
-        assert own.moving.plan.number == made.moving.plan.number
-        assert own.moving.inserted_step == made.moving.inserted_step
+        assert own.vehicle.plan.number == made.vehicle.plan.number
+        assert own.vehicle.inserted_step == made.vehicle.inserted_step
         assert own.trace.x_m == pytest.approx(made.trace.x_m, abs=1e-6)
         assert own.trace.speed_mps == pytest.approx(made.trace.speed_mps, abs=1e-6)
         assert own.delay_s == pytest.approx(made.delay_s, abs=1e-6)
@@ -89,7 +89,7 @@ def test_a_curved_road_is_a_straight_one_of_its_length(tmp_path: Path, lanes: in
         scenario = scenario_of(at(built(road, tmp_path / f"{turn_deg}")))
         outcomes.append(hour_in(scenario))
         assert {len(lane.stretches) for lane in road_for(scenario).lanes[:lanes]} == {3}
-    assert {p.moving.plan.lane.name for p in outcomes[0].passages} == {
+    assert {p.vehicle.plan.lane.name for p in outcomes[0].passages} == {
         *(f"forward-{lane}" for lane in range(lanes)),
         "oncoming-0",
     }
@@ -104,7 +104,7 @@ def test_x_is_where_sumo_has_the_vehicle(tmp_path: Path, monkeypatch: pytest.Mon
     frame = read_site(Place(net, ":cross_c0")).frame
     take_over, places = Hour._take_over, []
 
-    def noted(self: Hour, moving: Moving, lane: LaneOnRoad, step: int) -> None:
+    def noted(self: Hour, moving: HourVehicle, lane: LaneOnRoad, step: int) -> None:
         x_m, y_m = frame.to_road(*road_for(scenario)._api.vehicle.getPosition(moving.name))
         sign = 1 if lane.lane.direction is Direction.FORWARD else -1
         places.append((sign * x_m - moving.x_m, y_m - lane.lane.centre_m))
@@ -149,13 +149,13 @@ def test_waiting_worked_out_by_hand_on_a_curved_road_of_two_lanes(tmp_path: Path
     people = [Arrival(0, 67.5, Side.NEAR, 0.5), Arrival(1, 67.7, Side.FAR, 0.5)]
     _, log, passages = hour_of(scenario, [[100], [120], [455]], people, "constant_speed")
     assert [walk.start_s for walk in log.walks] == pytest.approx([67.5, 73.4], abs=1e-9)
-    inserted = [passage.moving.insert_x_m for passage in passages]
+    inserted = [passage.vehicle.insert_x_m for passage in passages]
     assert inserted == pytest.approx([-300.0, -300.0, -130.0], abs=0.51)
     passed = [passage.passed_s for passage in passages]
     ways = [7.0 - x_m for x_m in inserted]
     assert passed == pytest.approx([10 + ways[0] / 5, 12 + ways[1] / 5, 45.5 + ways[2] / 5])
     # Lanes of 3 m: who comes the ego's way is 1.5 and 4.5 m from the near kerb, the other 7.5 m.
-    centres = [passage.moving.plan.lane.centre_m for passage in passages]
+    centres = [passage.vehicle.plan.lane.centre_m for passage in passages]
     assert centres == pytest.approx([1.5, 4.5, 7.5], abs=1e-6)
 
 
@@ -243,7 +243,7 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="600 vehicles where no lane leads; allowed: 0"):
         scenario_of(at(one_way))
     scenario = scenario_of(at(one_way), traffic={"oncoming_per_hour": 0.0})
-    assert {passage.moving.plan.lane.name for passage in hour_in(scenario).passages} == {
+    assert {passage.vehicle.plan.lane.name for passage in hour_in(scenario).passages} == {
         "forward-0"
     }
 

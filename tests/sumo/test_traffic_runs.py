@@ -274,9 +274,9 @@ def test_sumos_trips_agree_with_the_passages(runs: list[Path], again: Path, arm:
     for row in rows_of(runs[0], "passages", arm):
         trip = trips[f"vehicle-1-{row['vehicle']}"]
         assert trip.get("vType") == ("av" if row["strategy"] == "gap_yield" else "vehicle")
-        late_s = row["inserted_s"] - row["scheduled_s"]
+        delayed_s = row["inserted_s"] - row["scheduled_s"]
         ours.append(row["control_delay_s"])
-        sumos.append(float(trip.get("timeLoss")) + late_s)
+        sumos.append(float(trip.get("timeLoss")) + delayed_s)
         # Its first state is at the end of the step that SUMO says it departs in.
         assert float(trip.get("depart")) == pytest.approx(row["inserted_s"] + WARM_UP_S)
         assert float(trip.get("departDelay")) == 0.0

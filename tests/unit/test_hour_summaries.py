@@ -189,7 +189,7 @@ def hour_of(of: Scenario, *rows: tuple[float, float, float | None, float]) -> tu
             due_s=due,
             passed_s=passed,
             control_delay_s=None,
-            moving=SimpleNamespace(plan=SimpleNamespace(uniform=uniform)),
+            vehicle=SimpleNamespace(plan=SimpleNamespace(uniform=uniform)),
         )
         for scheduled, due, passed, uniform in rows
     ]
