@@ -1,37 +1,34 @@
 """Figures of a fitted interaction model, after the paper's section on the model.
 
-BIC over the number of components, raw rows beside the model for pairs of variables, densities of
-walking and driving speed under several conditions.  Each function draws into an axes that it is
-given and neither saves nor shows anything.  Lines differ in dash and grey level as well as colour.
+BIC over the number of components, recorded rows beside the model for pairs of variables, densities
+of walking and driving speed.  Each function draws into the axes that it is given and neither saves
+nor shows anything.  Lines differ in dash as well as colour, so figures survive greyscale.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize, PowerNorm
-from scipy.stats import multivariate_normal
+from matplotlib.ticker import MaxNLocator
 
 from harness.encounter import FloatArray
 from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
 from harness.mixture import TruncatedGaussianMixture
-from harness.mixture.boxes import box_probability
 from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish
 
-AXIS_LABELS = (
-    "1/R (1/m)",
-    "vehicle speed v (m/s)",
-    "walking speed v_p (m/s)",
-    "1/T_adv (1/s)",
-)
+AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+Conditions = Sequence[Mapping[str, float]]
 
-STYLES = tuple((look.colour, look.dash) for look in SERIES)
-_MAIN, _MARK = BLUE, VERMILLION
 _CELLS = 48
-# Density is drawn by its square root: ridges and the thin surroundings show side by side.
-_GAMMA = 0.5
+_SYMBOLS = {
+    "range_m": ("1/R", "per m"),
+    "vehicle_speed_mps": ("v", "m/s"),
+    "pedestrian_speed_mps": ("v_p", "m/s"),
+    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
+}
 
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
@@ -42,17 +39,14 @@ def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
         bic: by K.
         chosen: a K of ``bic``.
     """
-    ks = sorted(bic)
-    axes.plot(ks, [bic[k] for k in ks], "o-", color=_MAIN, ms=4, lw=1.4)
-    axes.plot(chosen, bic[chosen], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
+    _over_components(axes, bic, "BIC", "BIC (lower is better)", chosen)
     axes.annotate(
         f"K = {chosen}",
         (chosen, bic[chosen]),
         xytext=(8, 10),
         textcoords="offset points",
-        color=_MARK,
+        color=VERMILLION,
     )
-    _over_components(axes, ks, "BIC", "BIC (lower is better)")
 
 
 def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
@@ -63,20 +57,12 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
         gain: (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K.
         limit: the rule's share.
     """
-    ks = sorted(gain)
-    axes.plot(ks, [100 * gain[k] for k in ks], "o-", color=_MAIN, ms=4, lw=1.4)
+    shares = {k: 100 * share for k, share in gain.items()}
+    _over_components(axes, shares, "Gain of the K-th component", "share of the second's gain (%)")
     axes.axhline(0, color=MUTED, lw=0.8)
-    axes.axhline(100 * limit, color=_MARK, lw=1.2, ls="--")
-    axes.annotate(
-        f"{limit:.0%}: the rule",
-        (1, 100 * limit),
-        xycoords=("axes fraction", "data"),
-        xytext=(-4, 4),
-        textcoords="offset points",
-        ha="right",
-        color=_MARK,
-    )
-    _over_components(axes, ks, "Gain of the K-th component", "share of the second's gain (%)")
+    axes.axhline(100 * limit, color=VERMILLION, lw=1.2, ls="--")
+    right = axes.get_yaxis_transform()
+    axes.text(1, 100 * limit, f"{limit:.0%}: the rule ", transform=right, ha="right", va="bottom")
 
 
 def draw_held_out(
@@ -89,16 +75,13 @@ def draw_held_out(
         scores: mean and standard error (None when undefined) by K.
         chosen: the K to mark.
     """
-    ks = sorted(scores)
-    means = [scores[k][0] for k in ks]
-    errors = [scores[k][1] or 0.0 for k in ks]
+    means = {k: mean for k, (mean, _) in scores.items()}
+    errors = [scores[k][1] or 0.0 for k in sorted(scores)]
     axes.errorbar(
-        ks, means, yerr=errors, fmt="o-", color=_MAIN, ms=4, lw=1.4, ecolor=MUTED, capsize=2
+        sorted(means), [means[k] for k in sorted(means)], errors, fmt="none", ecolor=MUTED
     )
-    if chosen in scores:
-        axes.plot(chosen, scores[chosen][0], "s", ms=10, mfc="none", mec=_MARK, mew=1.8)
-    title = "Held-out score (higher is better)"
-    _over_components(axes, ks, title, "mean log f(v_p | 1/R, v) (nats)")
+    title, label = "Held-out score (higher is better)", "mean log f(v_p | 1/R, v) (nats)"
+    _over_components(axes, means, title, label, chosen)
 
 
 def draw_rows(
@@ -109,7 +92,7 @@ def draw_rows(
     view: FloatArray,
     norm: Normalize,
 ) -> QuadMesh:
-    """Density of raw rows in two variables: a weighted histogram.
+    """Density of recorded rows in two variables: a weighted histogram.
 
     Args:
         axes: drawn into.
@@ -118,14 +101,12 @@ def draw_rows(
         view: (4, 2) what to show of each variable.
         norm: colour scale, shared with the model's panel.
     """
-    across, up = pair
     edges = _edges(pair, view)
-    counts, _, _ = np.histogram2d(data[:, across], data[:, up], bins=edges, weights=weights)
+    x, y = data[:, pair].T
+    counts, _, _ = np.histogram2d(x, y, bins=edges, weights=weights)
     cell = float(np.prod([edge[1] - edge[0] for edge in edges]))
     density = counts / (weights.sum() * cell)
-    mesh = axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
-    _of_pair(axes, pair, f"rows, n = {len(data):,}")
-    return mesh
+    return _draw_density(axes, density, pair, view, norm, f"rows, n = {len(data):,}")
 
 
 def draw_pair(
@@ -138,54 +119,38 @@ def draw_pair(
         density: as ``pair_density`` gives it.
         pair, view, norm: as for ``draw_rows``.
     """
-    edges = _edges(pair, view)
-    mesh = axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
-    _of_pair(axes, pair, "model")
-    return mesh
+    return _draw_density(axes, density, pair, view, norm, "model")
 
 
 def pair_density(
     mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
 ) -> FloatArray:
-    """(c, c) density at the cells' centres, across × up, the other two variables integrated out.
+    """(c, c) density at the cells' centres, across × up: f(x) f(y | x)."""
+    across, up = pair
+    x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
+    marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
+    given = mixture.conditional(up, (across,))
+    rows = given.pdf(np.tile(y, x.size), np.repeat(x, y.size)[:, None])
+    return marginal[:, None] * rows.reshape(x.size, y.size)
 
-    Each component is its untruncated density in the pair times the probability that the others
-    lie in the box given the pair, over the component's mass.
+
+def density_scale(density: FloatArray) -> Normalize:
+    """A colour scale by the square root, so that ridges and thin surroundings show side by side.
+
+    The top 0.2 % of the cells is saturated.
     """
-    centres = [(edges[1:] + edges[:-1]) / 2 for edges in _edges(pair, view)]
-    points = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1).reshape(-1, 2)
-    shown, rest = list(pair), [i for i in range(mixture.lower.size) if i not in pair]
-    total = np.zeros(len(points))
-    for k, scale in enumerate(mixture.scale_matrices):
-        slope = np.linalg.solve(scale[np.ix_(shown, shown)], scale[np.ix_(shown, rest)]).T
-        away = points - mixture.locations[k, shown]
-        means = mixture.locations[k, rest] + away @ slope.T
-        spread = scale[np.ix_(rest, rest)] - slope @ scale[np.ix_(shown, rest)]
-        inside = box_probability(
-            np.repeat(spread[None], len(points), axis=0),
-            mixture.lower[rest] - means,
-            mixture.upper[rest] - means,
-        )
-        share = mixture.weights[k] / mixture.masses[k]
-        normal = multivariate_normal(np.zeros(2), scale[np.ix_(shown, shown)])
-        total += share * normal.pdf(away) * inside
-    return total.reshape(_CELLS, _CELLS)
-
-
-def density_scale(*densities: FloatArray) -> Normalize:
-    """One colour scale for panels to be compared; the top 0.2 % of cells is saturated."""
-    top = max(float(np.quantile(density, 0.998)) for density in densities)
-    return PowerNorm(_GAMMA, vmin=0, vmax=top if top > 0 else 1)
+    return PowerNorm(0.5, vmin=0, vmax=float(np.quantile(density, 0.998)) or 1.0)
 
 
 def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
-    """(4, 2) from each lower bound to about the 99.7 % quantile of the variable."""
-    drawn = mixture.sample(20_000, np.random.default_rng(0))
-    return np.column_stack((mixture.lower, np.quantile(drawn, 0.997, axis=0)))
+    """(4, 2) from each lower bound to the 99.7 % quantile of the variable."""
+    nothing = np.empty((1, 0))
+    high = [mixture.conditional(i, ()).ppf([0.997], nothing)[0] for i in range(4)]
+    return np.column_stack((mixture.lower, high))
 
 
 def draw_walking_speed(
-    axes: Axes, model: InteractionModel, conditions: Sequence[Mapping[str, float]], title: str
+    axes: Axes, model: InteractionModel, conditions: Conditions, title: str
 ) -> None:
     """Densities of v_p under conditions.
 
@@ -196,25 +161,14 @@ def draw_walking_speed(
             ``inverse_time_advantage_per_s``.
         title: what is shown; what the conditions have in common is added.
     """
-    low, high = (bound[PEDESTRIAN_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
-    speeds = np.linspace(low, min(high, 2.5), 400)
-    for condition, (colour, dash) in zip(conditions, STYLES, strict=False):
-        time = condition.get("inverse_time_advantage_per_s")
-        density = model.walking_speed_density(
-            speeds,
-            np.array([condition["range_m"]]),
-            np.array([condition["vehicle_speed_mps"]]),
-            inverse_time_advantage_per_s=None if time is None else np.array([time]),
-        )
-        label = _words(condition, _varied(conditions))
-        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=label)
-    _of_density(axes, AXIS_LABELS[PEDESTRIAN_SPEED], title, conditions)
+    _draw_speeds(axes, model, PEDESTRIAN_SPEED, model.walking_speed_density, conditions, title)
+    axes.set_xlim(right=min(axes.get_xlim()[1], 2.5))
 
 
 def draw_driving_speed(
-    axes: Axes, model: InteractionModel, conditions: Sequence[Mapping[str, float]], title: str
+    axes: Axes, model: InteractionModel, conditions: Conditions, title: str
 ) -> None:
-    """Densities of v under conditions; the dot is the mode, where the human driver goes.
+    """Densities of v under conditions; the dot is the mode, the speed the human driver aims for.
 
     Args:
         axes: drawn into.
@@ -222,65 +176,75 @@ def draw_driving_speed(
         conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
         title: what is shown; what the conditions have in common is added.
     """
-    low, high = (bound[VEHICLE_SPEED] for bound in (model.mixture.lower, model.mixture.upper))
-    speeds = np.linspace(low, high, 500)
-    for condition, (colour, dash) in zip(conditions, STYLES, strict=False):
-        keys = ("range_m", "pedestrian_speed_mps", "inverse_time_advantage_per_s")
-        given = [condition[key] for key in keys]
-        density = model.driver_speed_density(speeds, *(np.array([value]) for value in given))
-        label = _words(condition, _varied(conditions))
-        axes.plot(speeds, density, color=colour, ls=dash, lw=1.8, label=label)
-        mode = model.driver_speed(*given)
-        axes.plot(mode, np.interp(mode, speeds, density), "o", color=colour, ms=5)
-    _of_density(axes, AXIS_LABELS[VEHICLE_SPEED], title, conditions)
+    _draw_speeds(axes, model, VEHICLE_SPEED, model.driver_speed_density, conditions, title)
+    for condition, look in zip(conditions, SERIES, strict=False):
+        mode = np.array([model.driver_speed(**condition)])
+        height = model.driver_speed_density(mode, **_arrays(condition))
+        axes.plot(mode, height, "o", color=look.colour, ms=5)
 
 
-_SYMBOLS = {
-    "range_m": ("1/R", "per m"),
-    "vehicle_speed_mps": ("v", "m/s"),
-    "pedestrian_speed_mps": ("v_p", "m/s"),
-    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
-}
+def _draw_speeds(
+    axes: Axes,
+    model: InteractionModel,
+    variable: int,
+    density: Callable[..., FloatArray],
+    conditions: Conditions,
+    title: str,
+) -> None:
+    """One line for each condition; the legend has what differs, the title what is common."""
+    speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
+    varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
+    for condition, look in zip(conditions, SERIES, strict=False):
+        values = density(speeds, **_arrays(condition))
+        label = _words(condition, varied)
+        axes.plot(speeds, values, color=look.colour, ls=look.dash, lw=1.8, label=label)
+    finish(axes, AXIS_LABELS[variable], "probability density (s/m)")
+    common = _words(conditions[0], set(conditions[0]) - varied)
+    axes.set_title(f"{title} at {common}" if common else title, loc="left")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    axes.legend(frameon=False, loc="upper right")
 
 
-def _varied(conditions: Sequence[Mapping[str, float]]) -> set[str]:
-    """The keys whose values differ between the conditions."""
-    return {key for key in conditions[0] if len({of[key] for of in conditions}) > 1}
+def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
+    return {key: np.array([value]) for key, value in condition.items()}
 
 
 def _words(condition: Mapping[str, float], keys: set[str]) -> str:
-    parts = []
-    for key, (symbol, unit) in _SYMBOLS.items():
-        if key in keys:
-            value = 1 / condition[key] if key == "range_m" else condition[key]
-            parts.append(f"{symbol} = {value:.3g} {unit}")
-    return ", ".join(parts)
+    values = {key: 1 / condition[key] if key == "range_m" else condition[key] for key in keys}
+    return ", ".join(
+        f"{symbol} = {values[key]:.3g} {unit}"
+        for key, (symbol, unit) in _SYMBOLS.items()
+        if key in keys
+    )
 
 
 def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
     return [np.linspace(float(view[i, 0]), float(view[i, 1]), _CELLS + 1) for i in pair]
 
 
-def _over_components(axes: Axes, ks: Sequence[int], title: str, label: str) -> None:
-    finish(axes, "number of components K", label)
-    axes.set_title(title, fontsize=11, loc="left")
-    if ks:
-        axes.set_xticks(ks[:: 1 + len(ks) // 14])
-        axes.set_xlim(min(ks) - 0.5, max(ks) + 0.5)
-
-
-def _of_pair(axes: Axes, pair: tuple[int, int], title: str) -> None:
-    axes.set_xlabel(AXIS_LABELS[pair[0]])
-    axes.set_ylabel(AXIS_LABELS[pair[1]])
+def _draw_density(
+    axes: Axes,
+    density: FloatArray,
+    pair: tuple[int, int],
+    view: FloatArray,
+    norm: Normalize,
+    title: str,
+) -> QuadMesh:
+    axes.set(xlabel=AXIS_LABELS[pair[0]], ylabel=AXIS_LABELS[pair[1]])
     axes.set_title(title, fontsize=10, loc="left")
+    edges = _edges(pair, view)
+    return axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
 
 
-def _of_density(
-    axes: Axes, label: str, title: str, conditions: Sequence[Mapping[str, float]]
+def _over_components(
+    axes: Axes, values: Mapping[int, float], title: str, label: str, chosen: int | None = None
 ) -> None:
-    finish(axes, label, "probability density (s/m)")
-    common = _words(conditions[0], set(conditions[0]) - _varied(conditions))
-    axes.set_title(f"{title} at {common}" if common else title, fontsize=11, loc="left")
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    axes.legend(frameon=False, fontsize=9, loc="upper right")
+    """Values over K joined by a line, with a square around the chosen one."""
+    ks = sorted(values)
+    axes.plot(ks, [values[k] for k in ks], "o-", color=BLUE, ms=4, lw=1.4)
+    if chosen is not None and chosen in values:
+        axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
+    finish(axes, "number of components K", label)
+    axes.set_title(title, loc="left")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

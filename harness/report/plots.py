@@ -3,9 +3,9 @@
 import io
 import re
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
@@ -14,17 +14,15 @@ from harness.calibration.choice import RULE_SHARE, relative_gain
 from harness.files import cannot_write, write_file
 from harness.interaction import InteractionModel
 from harness.report import model_figures as draw
-from harness.report.style import INK, figure_text, new_figure, without_glyph_warnings
+from harness.report.style import caption, new_figure, without_glyph_warnings
 from harness.report.trajectory_figures import draw_map, draw_passing_event
 from harness.trajectories import Clip
 
 _DPI = 150
 # The authors' public scripts draw these conditions.
 _INVERSE_RANGES = (0.07, 0.10, 0.13)
-_WALKING_SPEED_MPS = 1.2
 _INVERSE_TIMES = (0.05, 0.10)
-# The paper's Table II, and speeds about it.
-_TRIGGER_RANGE_M = 30.0
+# Below the speed at the trigger in the paper's Table II.
 _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 
 
@@ -55,22 +53,26 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
         rows: what was extracted from them.
         folder: made if missing; earlier files of the same names are replaced.
     """
-    sites: dict[str, list[Clip]] = {}
-    for clip in clips:
-        sites.setdefault(clip.site, []).append(clip)
     written = []
-    for site, of_site in sites.items():
+    for site, clips_there in groupby(sorted(clips, key=_site), key=_site):
         figure, axes = new_figure(height=6, width=8)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
-        draw_map(axes[0], of_site, title)
+        draw_map(axes[0], list(clips_there), title)
         # A clip in a folder of its own is named after it, as in "b/straight".
         name = "-".join(["map", *re.findall(r"[\w.]+", site)])
         written += save(figure, folder, name)
-    event = _sample_event(rows)
+    # The encounter that was watched over the longest approach of the vehicle.
+    ranges = rows.groupby(["source", "clip", "vehicle", "pedestrian"])["range_m"]
+    spans = ranges.max() - ranges.min()
+    source, name, vehicle, pedestrian = (str(part) for part in spans.index[int(spans.argmax())])
     figure, axes = new_figure(height=6, width=8)
-    clip = next(clip for clip in clips if (clip.source, clip.name) == event[:2])
-    draw_passing_event(axes[0], clip, event[2], event[3])
+    clip = next(clip for clip in clips if (clip.source, clip.name) == (source, name))
+    draw_passing_event(axes[0], clip, vehicle, pedestrian)
     return [*written, *save(figure, folder, "passing-event")]
+
+
+def _site(clip: Clip) -> str:
+    return clip.site
 
 
 def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
@@ -91,18 +93,18 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
 def _components_page(model: InteractionModel) -> Figure:
     """BIC, each component's gain, held-out scores."""
     card = model.provenance
-    bic = {of["components"]: of["bic"] for of in card["candidates"]}
+    bic = {fit["components"]: fit["bic"] for fit in card["candidates"]}
     scores = {
-        of["components"]: (of["held_out"]["mean"], of["held_out"]["standard_error"])
-        for of in card["candidates"]
-        if of["held_out"]
+        fit["components"]: (fit["held_out"]["mean"], fit["held_out"]["standard_error"])
+        for fit in card["candidates"]
+        if fit["held_out"]
     }
     figure, axes = new_figure(1, 3 if scores else 2, height=4, width=15 if scores else 10)
     draw.draw_bic(axes[0], bic, card["components"])
     draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
     if scores:
         draw.draw_held_out(axes[2], scores, card["components"])
-    _caption(
+    caption(
         figure,
         f"{model.name}: n = {card['rows']:,} rows, {card['encounters']} encounters, "
         f"{card['vehicles']} vehicles; BIC's n is {card['weight_sum']:.0f}. "
@@ -116,70 +118,35 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
     wide = sample is not None
     figure, axes = new_figure(3, 4 if wide else 2, height=10.5, width=15 if wide else 8)
     view = draw.usual_view(model.mixture)
-    for index, pair in enumerate(draw.PAIRS):
+    panels = iter(axes)
+    for pair in draw.PAIRS:
         density = draw.pair_density(model.mixture, pair, view)
         norm = draw.density_scale(density)
-        panels = axes[2 * index : 2 * index + 2] if wide else axes[index : index + 1]
         if sample is not None:
-            draw.draw_rows(panels[0], sample.data, sample.weights, pair, view, norm)
-        mesh = draw.draw_pair(panels[-1], density, pair, view, norm)
-        bar = figure.colorbar(mesh, ax=list(panels), pad=0.02, aspect=30)
-        bar.set_label("density", fontsize=8)
-        bar.ax.tick_params(labelsize=7)
+            draw.draw_rows(next(panels), sample.data, sample.weights, pair, view, norm)
+        panel = next(panels)
+        mesh = draw.draw_pair(panel, density, pair, view, norm)
+        figure.colorbar(mesh, ax=panel, label="density")
     words = f"{model.name}, K = {model.mixture.weights.size}; one scale for each pair (square root)"
     if sample is not None:
         words += f"; {len(sample.data):,} rows weighted by {sample.weigh}"
-    _caption(figure, words + ".")
+    caption(figure, words + ".")
     return figure
 
 
 def _speeds_page(model: InteractionModel) -> Figure:
     """Densities of v_p and of v under the authors' conditions, and v_p as pedestrians use it."""
     figure, axes = new_figure(2, 2, height=8.5, width=12)
-    times, speed = _INVERSE_TIMES, _VEHICLE_SPEEDS[1]
-    draw.draw_walking_speed(
-        axes[0],
-        model,
-        [
-            {
-                "range_m": 1 / inverse,
-                "vehicle_speed_mps": speed,
-                "inverse_time_advantage_per_s": times[1],
-            }
-            for inverse in _INVERSE_RANGES
-        ],
-        "v_p",
-    )
-    draw.draw_walking_speed(
-        axes[1],
-        model,
-        [{"range_m": _TRIGGER_RANGE_M, "vehicle_speed_mps": v} for v in _VEHICLE_SPEEDS],
-        "v_p, T_adv integrated out,",
-    )
-    for panel, time in zip(axes[2:], times, strict=True):
-        conditions = [
-            {
-                "range_m": 1 / inverse,
-                "pedestrian_speed_mps": _WALKING_SPEED_MPS,
-                "inverse_time_advantage_per_s": time,
-            }
-            for inverse in _INVERSE_RANGES
-        ]
-        draw.draw_driving_speed(panel, model, conditions, "v")
-    n = model.provenance.get("rows")
+    ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
+    common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}
+    draw.draw_walking_speed(axes[0], model, [each | common for each in ranges], "v_p")
+    at_trigger = [{"range_m": 30.0, "vehicle_speed_mps": speed} for speed in _VEHICLE_SPEEDS]
+    draw.draw_walking_speed(axes[1], model, at_trigger, "v_p, T_adv integrated out,")
+    for panel, inverse_time in zip(axes[2:], _INVERSE_TIMES, strict=True):
+        common = {"pedestrian_speed_mps": 1.2, "inverse_time_advantage_per_s": inverse_time}
+        draw.draw_driving_speed(panel, model, [each | common for each in ranges], "v")
+    rows = model.provenance.get("rows")
     words = f"{model.name}, K = {model.mixture.weights.size}"
-    words += f", fitted on n = {n:,} rows" if isinstance(n, int) else ""
-    _caption(figure, words + ". Dots: modes, the speeds the human driver goes for.")
+    words += f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
+    caption(figure, words + ". Dots: modes, the speeds that the human driver aims for.")
     return figure
-
-
-def _sample_event(rows: pd.DataFrame) -> tuple[str, str, str, str]:
-    """The encounter that was watched over the longest approach of the vehicle."""
-    key = ["source", "clip", "vehicle", "pedestrian"]
-    span = rows.groupby(key, sort=True)["range_m"].agg(lambda column: column.max() - column.min())
-    source, clip, vehicle, pedestrian = (str(part) for part in span.index[int(np.argmax(span))])
-    return source, clip, vehicle, pedestrian
-
-
-def _caption(figure: Figure, words: str) -> None:
-    figure.supxlabel(figure_text(words), fontsize=9.5, color=INK)
