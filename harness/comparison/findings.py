@@ -235,12 +235,13 @@ class Rank(IntEnum):
     FAILURES = 1
     TIME_OUTS = 2
     LEFT_OUT = 3
-    SATURATION = 4
-    FALLBACK = 5
-    SPEEDING = 6
-    OUTSIDE_MODEL = 7
-    REFERENCE = 8
-    FEW_PAIRS = 9
+    UNDEFINED = 4
+    SATURATION = 5
+    FALLBACK = 6
+    SPEEDING = 7
+    OUTSIDE_MODEL = 8
+    REFERENCE = 9
+    FEW_PAIRS = 10
 
 
 @dataclass(frozen=True, slots=True, order=True)

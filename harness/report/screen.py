@@ -16,7 +16,7 @@ MOST_LINES = 16
 """Lines of the screen of one result; notes that do not fit are named together."""
 
 _GAP = "  "
-_NEVER_MERGED = Rank.LEFT_OUT
+_NEVER_MERGED = Rank.UNDEFINED
 _NAMES = {
     Rank.SATURATION: "saturation",
     Rank.FALLBACK: "the fallback",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.comparison import Interval
+from harness.comparison.findings import Entry, Finding, Form, Plain
 from harness.encounter import Arm
 from harness.scenario import as_written
 
@@ -110,6 +111,60 @@ def share_limits(share: Interval, decimals: int = 1) -> str:
     if share.low is None or share.high is None:
         return ""
     return f"{per_cent(share.low, decimals)} … {per_cent(share.high, decimals)} %"
+
+
+DASH = "–"
+"""An undefined number; a note, or the remark of its row, says why it is undefined."""
+
+
+def entry_heading(entry: Entry[Any], thresholds: Mapping[str, float]) -> str:
+    """The name of a reported number with its unit."""
+    title = entry.title(thresholds)
+    return f"{title}, {entry.unit}" if entry.unit else title
+
+
+def entry_value(entry: Entry[Any], finding: Finding | None, digits: int | None = None) -> str:
+    """A finding's value, written as its entry says; empty where there is no finding.
+
+    >>> crashes = Entry("kappa", "crashes", "", form=Form.EVENTS, digits=1)
+    >>> entry_value(crashes, Finding(0.0, 0.0, 0.07, n=50, events=0)), entry_value(crashes, None)
+    ('0 of 50', '')
+    >>> entry_value(Entry("delay_s", "delay", "", unit="s"), Finding(-2.961))
+    '−2.96'
+    """
+    if finding is None:
+        return ""
+    value, decimals = finding.value, entry.digits if digits is None else digits
+    if value is None:
+        return DASH
+    if isinstance(value, str):
+        return value
+    if entry.form is Form.EVENTS:
+        return f"{finding.events:,} of {finding.n:,}"
+    if entry.form is Form.SHARE:
+        return f"{per_cent(float(value), decimals)} %"
+    if entry.form is Form.FLAG:
+        return "yes" if value else "no"
+    return _signed(value, 0 if entry.form is Form.COUNT else decimals)
+
+
+def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None) -> str:
+    """The limits of a finding's interval, shares in per cent; empty where there are none."""
+    if finding.low is None or finding.high is None:
+        return ""
+    decimals = entry.digits if digits is None else digits
+    write = per_cent if entry.form in (Form.EVENTS, Form.SHARE) else _signed
+    return f"{write(finding.low, decimals)} … {write(finding.high, decimals)}"
+
+
+def _signed(value: float, decimals: int) -> str:
+    """A number with separators and a minus sign."""
+    return f"{value:z,.{decimals}f}".replace("-", "−")
+
+
+def value_text(value: Plain) -> str:
+    """The value of a scenario's key."""
+    return as_written(value)
 
 
 def count_cell(value: int) -> TableCell:
