@@ -277,15 +277,15 @@ def _hour_notes_of_arm(
         note(
             Rank.SATURATION,
             "the road was saturated. The number of vehicles on it grew by "
-            f"{100 * (growth or 0):.0f} % of the arrivals (limit {100 * GROWTH:.0f} %, chance up to "
-            f"{100 * (bound or 0):.0f} %), and delays would grow with a longer hour.",
+            f"{100 * (growth or 0):.0f} % of the arrivals (limit {100 * GROWTH:.0f} %, chance up "
+            f"to {100 * (bound or 0):.0f} %), and delays would grow with a longer hour.",
         )
     elif rising.low is not None and rising.low > 0:
         note(
             Rank.SATURATION,
-            f"the delay still grew from the first third of the hour to the last, by "
-            f"{rising.number:.1f} ({rising.low:.1f} … {rising.high:.1f}) s; --settle finds a longer "
-            "warm-up.",
+            "the delay still grew from the first third of the hour to the last, by "
+            f"{rising.number:.1f} ({rising.low:.1f} … {rising.high:.1f}) s; --settle finds a "
+            "longer warm-up.",
         )
     share = findings[f"fallback_share{end}"].number
     if share:
