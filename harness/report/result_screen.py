@@ -11,8 +11,8 @@ from harness.report.tables import (
     entry_limits,
     entry_value,
     named_values,
-    value_text,
 )
+from harness.scenario import as_written
 
 MOST_CELLS = 2_000
 """Cells of a sweep that a screen lists; the others are in the run folder's files."""
@@ -111,7 +111,6 @@ def _worst_values(run: RunFindings, cell: CellFindings) -> Iterable[tuple[Entry[
 
 def _sweep(run: RunFindings, footer: str) -> Screen:
     shown = run.cells[:MOST_CELLS]
-    keys = list(run.cells[0].varied)
     # A heading that names a threshold holds for all cells, or the entry is in their tables alone.
     entries = [
         entry
@@ -121,16 +120,8 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         and any(_has_something(entry, cell) for cell in shown)
     ]
     worst = any(map(left_out, shown))
-    columns: list[list[str]] = [[str(cell.cell) for cell in shown]]
-    headings = ["cell"]
-    for key, heading in zip(keys, varied_headings(keys), strict=True):
-        headings.append(heading)
-        columns.append([value_text(_varied(cell)[key]) for cell in shown])
-    labels = [cell.av for cell in shown]
-    if "arms.av" not in keys and len({*labels}) > 1:
-        headings.append("AV drove")
-        columns.append(labels)
-    headings.append("pairs")
+    labels = cell_labels(shown)
+    headings, columns = [*labels, "pairs"], [*labels.values()]
     columns.append([f"{cell.pairs:,}" for cell in shown])
     for place, entry in enumerate(entries):
         headings.append(entry_heading(entry, shown[0].thresholds))
@@ -151,18 +142,21 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     )
 
 
-def _varied(cell: CellFindings) -> dict[str, Any]:
-    """The values of the varied keys; the AV's name with what drove in its place."""
-    varied = dict(cell.varied)
-    if "arms.av" in varied:
-        varied["arms.av"] = cell.av
-    return varied
-
-
-def varied_headings(keys: list[str]) -> list[str]:
-    """The varied keys' last words; the whole keys where those are not different."""
+def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:
+    """What tells cells apart, by heading: numbers, varied keys, and who drove in the AV's place."""
+    keys = list(cells[0].varied)
     words = [key.split(".")[-1] for key in keys]
-    return words if len({*words}) == len(words) else keys
+    headings = words if len({*words}) == len(words) else keys
+    labels = {"cell": [str(cell.cell) for cell in cells]}
+    for key, heading in zip(keys, headings, strict=True):
+        # The AV's name says what drove in its place.
+        labels[heading] = [
+            cell.av if key == "arms.av" else as_written(cell.varied[key]) for cell in cells
+        ]
+    drivers = [cell.av for cell in cells]
+    if "arms.av" not in keys and len({*drivers}) > 1:
+        labels["AV drove"] = drivers
+    return labels
 
 
 def _sweep_text(entry: Entry[Any], cell: CellFindings, limits: bool) -> str:

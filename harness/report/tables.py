@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.comparison import Interval
-from harness.comparison.findings import Entry, Finding, Form, Plain
+from harness.comparison.findings import Entry, Finding, Form
 from harness.encounter import Arm
 from harness.scenario import as_written
 
@@ -160,11 +160,6 @@ def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None)
 def _signed(value: float, decimals: int) -> str:
     """A number with separators and a minus sign."""
     return f"{value:z,.{decimals}f}".replace("-", "−")
-
-
-def value_text(value: Plain) -> str:
-    """The value of a scenario's key."""
-    return as_written(value)
 
 
 def count_cell(value: int) -> TableCell:
