@@ -6,12 +6,12 @@ the trace; the loop only keeps what cannot be worked out later.
 
 import math
 from collections.abc import Generator, Sequence
-from operator import methodcaller
 
 import numpy as np
 
 from harness.encounter import (
     Arrival,
+    Crossing,
     EgoView,
     Ending,
     FailedIn,
@@ -23,12 +23,11 @@ from harness.encounter import (
 )
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import CellConstants
-from harness.episode.deciding import ROUNDING_M, keeps_waiting, limited, strategy_raised
-from harness.episode.walkers import ChooseSpeed, NativeWalker, ReactiveWalker, TimedWalker, Walker
+from harness.episode.crowd import VIEW, Crowd
+from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
+from harness.episode.walkers import ChooseSpeed, NativeWalker
 from harness.errors import EngineError, StrategyError
 from harness.perception.perception import Perception
-
-_VIEW = methodcaller("view")
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""
@@ -114,12 +113,32 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
         return ending
 
 
+class _EgoLane:
+    """The ego's lane, with the ego alone on it, in the state that was written down last."""
+
+    __slots__ = ("acceleration_mps2", "centre_m", "passed", "speed_mps", "x_m")
+
+    def __init__(self, crossing: Crossing) -> None:
+        self.centre_m, self.passed = crossing.lane_centre_m, False
+        self.at(0.0, 0.0, 0.0)
+
+    def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
+        """Write down the ego's state at the beginning of a step."""
+        self.x_m, self.speed_mps, self.acceleration_mps2 = x_m, speed_mps, acceleration_mps2
+
+    def first(self, elapsed_s: float) -> "tuple[float, float, _EgoLane]":
+        """See ``LaneAhead.first``: until the episode ends the ego has not passed."""
+        gain = self.acceleration_mps2
+        x = self.x_m + self.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+        return x, self.speed_mps + gain * elapsed_s, self
+
+
 class Episode:
     """One running episode: who drives it answers the observations of ``steps``.
 
     Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
-    ``came`` everyone who has arrived, ``places`` (index, y in m) of everyone who was at the
-    crosswalk at the end of the last step.
+    ``crowd`` the pedestrians, ``places`` (index, y in m) of everyone who was at the crosswalk at
+    the end of the last step.
     """
 
     def __init__(
@@ -131,11 +150,16 @@ class Episode:
         perception: Perception | None = None,
     ) -> None:
         self.engine, self.rules, self.perception = engine, rules, perception
-        self.arrivals, self.choose_speed = arrivals, choose_speed
-        self.next_arrival = 0
-        self.next_event_s = 0.0
-        self.walkers: list[Walker] = []
-        self.came: list[Walker] = []
+        self._arrivals, self._ego = arrivals, _EgoLane(rules.crossing)
+        self.crowd = Crowd(
+            arrivals,
+            [self._ego],
+            choose_speed,
+            rules,
+            engine.remove,
+            engine.let_walk,
+            look_back=True,
+        )
         self.x_m: list[float] = []
         self.speed_mps: list[float] = []
         self.places: list[tuple[int, float]] = []
@@ -158,7 +182,7 @@ class Episode:
             step_s=self.rules.step_s,
             x_m=np.array(self.x_m),
             speed_mps=np.array(self.speed_mps),
-            walks=tuple(walker.walk for walker in self.came),
+            walks=tuple(walker.walk for walker in self.crowd.came),
             ending=ending,
             reason=reason,
             sumo_collision=sumo_collision,
@@ -183,27 +207,29 @@ class Episode:
         passed_at = vehicle.length_m + crossing.width_m / 2 - ROUNDING_M
         steps = math.ceil(rules.timeout_s / step - 1e-9)
         note_x, note_speed = self.x_m.append, self.speed_mps.append
-        walkers, natives = self.walkers, rules.behaviour == "sumo"
-        perception = self.perception
+        crowd, ego, perception = self.crowd, self._ego, self.perception
+        walkers, natives = crowd.walkers, rules.behaviour == "sumo"
         most, least = vehicle.max_acceleration_mps2, -vehicle.max_deceleration_mps2
         acceleration = 0.0
         x, speed = engine.begin(self._held())
         note_x(x)
         note_speed(speed)
-        self._happen(0.0, 0.0, x, speed, 0.0)
+        ego.at(x, speed, 0.0)
+        crowd.advance(0.0, 0.0)
         then = 0.0
         for n in range(steps):
             now, then = then, (n + 1) * step
             for walker in walkers:
                 if walker.due_s <= now:
-                    self._update_walkers(now, -x, speed, acceleration)
+                    ego.at(x, speed, acceleration)
+                    crowd.begin_step(now)
                     break
             seen: tuple[PedestrianView, ...] = ()
             if perception is not None:
                 seen = perception.shown(n, x, [(walker.view(), walker.x_m) for walker in walkers])
                 self.shown.append(seen)
             elif walkers and -detection <= x <= detection:
-                seen = tuple(map(_VIEW, walkers))
+                seen = tuple(map(VIEW, walkers))
             view = quick_tuple(EgoView, (-x, speed, acceleration))
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
@@ -219,8 +245,9 @@ class Episode:
                     target = 0.0
                 acceleration = (target - speed) / step
             # People who arrive within this step see the ego where it is at that very moment.
-            if self.next_event_s <= then:
-                self._happen(now, then, x, speed, acceleration)
+            if crowd.next_s <= then:
+                ego.at(x, speed, acceleration)
+                crowd.advance(now, then)
             if natives:
                 x, after = self._step_with_natives(target, now, then)
             else:
@@ -237,94 +264,22 @@ class Episode:
                 return Ending.CROSSED
         return Ending.TIMED_OUT
 
-    def _update_walkers(
-        self, now: float, range_m: float, speed: float, acceleration: float
-    ) -> None:
-        """Those who wait look again; those who have reached the other kerb leave."""
-        for walker in tuple(self.walkers):
-            if walker.due_s > now:
-                continue
-            if walker.start_s is None:
-                self._look(walker, now, range_m, speed, acceleration)
-                self.next_event_s = min(self.next_event_s, walker.look_s)
-            else:
-                self.walkers.remove(walker)
-                self.engine.remove(walker.index)
-
-    def _happen(
-        self, now: float, until: float, x: float, speed: float, acceleration: float
-    ) -> None:
-        """Everyone who arrives or looks again in (now, until] sees the ego where it is then."""
-
-        def seen_at(time_s: float) -> tuple[float, float]:
-            elapsed = time_s - now
-            range_then = -(x + speed * elapsed + acceleration * elapsed**2 / 2)
-            return range_then, speed + acceleration * elapsed
-
-        self.next_event_s = math.inf
-        while self.next_arrival < len(self.arrivals):
-            arrival = self.arrivals[self.next_arrival]
-            if arrival.arrival_s > until:
-                self.next_event_s = arrival.arrival_s
-                break
-            self.next_arrival += 1
-            self._admit(arrival, *seen_at(arrival.arrival_s), acceleration)
-        for walker in self.walkers:
-            while walker.look_s <= until:
-                walker.look(*seen_at(walker.look_s))
-            self.next_event_s = min(self.next_event_s, walker.look_s)
-
-    def _admit(self, arrival: Arrival, range_m: float, speed: float, acceleration: float) -> None:
-        """Someone arrives: they wait for their time, look for a gap, or are left to the engine."""
-        walker = self._walker(arrival)
-        self.came.append(walker)
-        self.walkers.append(walker)
-        if isinstance(walker, NativeWalker):
-            walking_speed = self.choose_speed(arrival, range_m, speed)
-            walker.wanted_mps, walker.seen = walking_speed, (range_m, speed)
-            self.engine.let_walk(arrival.index, arrival.side, walking_speed)
-        elif not isinstance(walker, TimedWalker):
-            self._look(walker, arrival.arrival_s, range_m, speed, acceleration)
-
-    def _walker(self, arrival: Arrival) -> Walker:
-        crossing, behaviour = self.rules.crossing, self.rules.behaviour
-        if arrival.path is not None:
-            return TimedWalker(arrival, crossing)
-        if behaviour == "sumo":
-            return NativeWalker(arrival, crossing)
-        if behaviour == "reactive":
-            return ReactiveWalker(arrival, crossing, self.rules.vehicle, self.choose_speed)
-        return Walker(arrival, crossing)
-
-    def _look(
-        self, walker: Walker, time_s: float, range_m: float, speed: float, acceleration: float
-    ) -> None:
-        """Kerb rule: step off now, or wait for the next step."""
-        rules, arrival = self.rules, walker.arrival
-        gap_s = arrival.critical_gap_s
-        wait_s = rules.kerb_wait_s if gap_s is None else gap_s
-        if keeps_waiting(range_m - rules.crossing.width_m / 2, speed, acceleration, wait_s):
-            return
-        walking_speed = self.choose_speed(arrival, range_m, speed)
-        walker.step_off(time_s, walking_speed, (range_m, speed))
-
     def _held(self) -> Sequence[Arrival]:
         """Those whom the engine holds where it is told to."""
         if self.rules.behaviour == "sumo":
-            return [arrival for arrival in self.arrivals if arrival.path is not None]
-        return self.arrivals
+            return [arrival for arrival in self._arrivals if arrival.path is not None]
+        return self._arrivals
 
     def _step_with_natives(
         self, target: float | None, now: float, then: float
     ) -> tuple[float, float]:
         """A step in which some walk by the engine's own model."""
-        natives = [walker for walker in self.walkers if isinstance(walker, NativeWalker)]
-        held = [walker for walker in self.walkers if not isinstance(walker, NativeWalker)]
-        places = [(walker.index, walker.walk_until(then)) for walker in held]
-        state = self.engine.step(target, places)
+        natives = [walker for walker in self.crowd.walkers if isinstance(walker, NativeWalker)]
+        held = [walker for walker in self.crowd.walkers if not isinstance(walker, NativeWalker)]
+        self.places = [(walker.index, walker.walk_until(then)) for walker in held]
+        state = self.engine.step(target, self.places)
         for walker in natives:
             x, y = self.engine.place_of(walker.index)
             walker.note(now, then, x, y)
-            places.append((walker.index, y))
-        self.places = places
+            self.places.append((walker.index, y))
         return state

@@ -38,7 +38,7 @@ class ChooseSpeed(Protocol):
         lateral_m: float | None = None,
         /,
     ) -> float:
-        """Walking speed in m/s, > 0; ``lateral_m`` where they are no longer at their kerb."""
+        """Walking speed in m/s, > 0; ``lateral_m`` is their L, None where there is no vehicle."""
         ...
 
 
@@ -269,6 +269,10 @@ class NativeWalker(Walker):
     def x_m(self) -> float:
         """See ``Walker.x_m``; these keep to the right of the centre line."""
         return 0.0 if self._place is None else self._place[0]
+
+    def walk_until(self, time_s: float) -> float:  # noqa: ARG002
+        """Where they were noted last: the engine moves them."""
+        return self._kerb + self._direction * self._progress
 
     def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
         """Where they are at ``then``, the end of the step that began at ``now``."""

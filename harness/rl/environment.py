@@ -170,7 +170,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if self._shown is None:
             raise EngineError("there is nothing to draw yet: call reset first")
         crossing = self._crossing
-        views = [(walker.x_m, walker.view()) for walker in self._shown.walkers]
+        views = [(walker.x_m, walker.view()) for walker in self._shown.crowd.walkers]
         people = [(x, crossing.place_of(view.side, view.remaining_m)) for x, view in views]
         return top_view(self._vehicle, crossing, self._shown.x_m[-1], people)
 

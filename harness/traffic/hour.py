@@ -1,8 +1,8 @@
 """Runs one hour of one arm: every vehicle its strategy, everybody the same road.
 
-The encounter's loop (``harness.episode.loop``) stays one of its own: with one ego it reads and
-sets one state and knows all of the step beforehand, which is what makes it fast.  Walkers,
-strategies, the kerb rule and the limits of a command are the same objects and functions here.
+The encounter has a loop of its own (``harness.episode.loop``): with one ego it reads and sets one
+state and knows all of the step beforehand, which is what makes it fast.  Pedestrians
+(``harness.episode.crowd``), strategies and the limits of a command are the same in both.
 """
 
 import math
@@ -12,11 +12,11 @@ from harness.encounter import Arrival, EgoView, Observation
 from harness.engine.control import COLLISION_REACH_M
 from harness.engine.road import SumoRoad
 from harness.episode.cell_constants import CellConstants
+from harness.episode.crowd import Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.episode.walkers import ChooseSpeed
 from harness.errors import StrategyError
 from harness.scenario import TrafficSection
-from harness.traffic.crowd import Crowd
 from harness.traffic.entrance import Entrance, MakeStrategy
 from harness.traffic.log import HourLog, clearing_s
 from harness.traffic.sampling import SAMPLE_S, note_paths, queued_in
@@ -76,7 +76,7 @@ class Hour:
         road = self.road
         last = self.end_step + round(clearing_s(self.traffic) / self.step_s)
         lanes = self.lanes
-        centres_m = [lane.lane.centre_m for lane in lanes] if self.sumo_drives else None
+        centres_m = [lane.centre_m for lane in lanes] if self.sumo_drives else None
         with road.watched():
             road.begin(self.arrivals, centres_m)
             for n in range(last):
@@ -109,7 +109,7 @@ class Hour:
         if crowd.walkers:
             self._note_collisions()
         if crowd.next_s <= then:
-            crowd.end_step(now, then)
+            crowd.advance(now, then)
         for lane in lanes:
             if lane.driven or lane.coming:
                 self._move(lane, after)

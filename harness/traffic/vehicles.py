@@ -68,6 +68,7 @@ class LaneOnRoad:
         self, number: int, lane: Lane, schedule: Iterator[Scheduled], rules: CellConstants
     ) -> None:
         self.number, self.lane, self.schedule = number, lane, schedule
+        self.centre_m = lane.centre_m
         self.passed_at_m = rules.vehicle.length_m + rules.crossing.width_m / 2 - ROUNDING_M
         self.plan_next()
         self.due: deque[HourVehicle] = deque()

@@ -67,7 +67,7 @@ def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
         assert range_m == pytest.approx(300 - 20 * at + 0.3 * at**2, abs=1e-9)
         assert speed_mps == pytest.approx(20 - 0.6 * at, abs=1e-9)
         walked = [0.0, 1.0, 3.0, 3.5, 5.0, 6.5, 8.0][number]
-        assert lateral_m == (None if number == 0 else pytest.approx(2.25 - walked))
+        assert lateral_m == pytest.approx(2.25 - walked)
     assert len(speeds.asked) == 7
     assert walk.legs is not None
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.234, 1.234, 2.234, 3.234])

@@ -1,0 +1,218 @@
+"""The pedestrians of an encounter or an hour: they come, look, wait, step off and leave."""
+
+import math
+from collections.abc import Callable, Sequence
+from operator import methodcaller
+from typing import Protocol
+
+from harness.encounter import Arrival, PedestrianView, Side
+from harness.episode.cell_constants import CellConstants
+from harness.episode.deciding import keeps_waiting
+from harness.episode.walkers import (
+    ChooseSpeed,
+    NativeWalker,
+    ReactiveWalker,
+    SeenState,
+    TimedWalker,
+    Walker,
+)
+
+LetWalk = Callable[[int, Side, float], None]
+"""Takes the index, the kerb and the wanted speed of somebody who walks by the engine's model."""
+
+VIEW = methodcaller("view")
+"""Of a walker: their view."""
+
+
+class Approaching(Protocol):
+    """A vehicle on its way to the crosswalk: its state at the beginning of the step."""
+
+    x_m: float
+    speed_mps: float
+    acceleration_mps2: float
+    passed: bool
+
+
+class LaneAhead(Protocol):
+    """A lane as people see it; ``centre_m`` is y of its centre."""
+
+    centre_m: float
+
+    def first(self, elapsed_s: float) -> tuple[float, float, Approaching] | None:
+        """x, speed and vehicle of the first that has not passed, so far into the step."""
+        ...
+
+
+class Crowd:
+    """Everyone who comes.  Each looks at the first vehicle in every lane that has not passed.
+
+    Args:
+        arrivals: all of them, by time.
+        lanes: the road.
+        choose_speed: the walking speed of someone who steps off, given what they see.
+        rules: the cell's constants.
+        leave: called with the index of each who has reached the other kerb.
+        let_walk: called for each who walks by the engine's own model.
+        look_back: whether people also look at the vehicles of lanes that they have crossed, as
+            they do in encounters.
+    """
+
+    def __init__(
+        self,
+        arrivals: Sequence[Arrival],
+        lanes: Sequence[LaneAhead],
+        choose_speed: ChooseSpeed,
+        rules: CellConstants,
+        leave: Callable[[int], None],
+        let_walk: LetWalk | None = None,
+        *,
+        look_back: bool = False,
+    ) -> None:
+        self.walkers: list[Walker] = []
+        """Everyone at the crosswalk."""
+        self.came: list[Walker] = []
+        """Everyone who came so far, in order of arrival."""
+        self.let_go: dict[int, bool] = {}
+        """Of each who had to wait: whether the first vehicle that blocked them let them go."""
+        self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
+        self._choose_speed, self._leave, self._let_walk = choose_speed, leave, let_walk
+        self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
+        self._next_look_s = math.inf
+        self.next_s = self._next_arrival_s
+        """When somebody next comes, or looks again by themselves."""
+        self._blockers: dict[int, Approaching] = {}
+        self._half_width_m = rules.crossing.width_m / 2
+        across = sorted(lanes, key=lambda lane: lane.centre_m)
+        self._on_way = {Side.NEAR: across, Side.FAR: across[::-1]}
+        self._kerb_m = {Side.NEAR: 0.0, Side.FAR: rules.crossing.length_m}
+        self._look_back = look_back
+
+    def begin_step(self, now: float) -> None:
+        """People who wait look again; people who have reached the other kerb leave."""
+        gone = []
+        blockers: dict[float, Approaching | None] = {}  # for all who wait equally long
+        for walker in self.walkers:
+            if walker.due_s <= now:
+                if walker.start_s is not None:
+                    gone.append(walker)
+                    continue
+                wait_s = self._wait_s(walker)
+                if wait_s not in blockers:
+                    blockers[wait_s] = self._blocker(wait_s, 0.0)
+                self._decide(walker, now, 0.0, blockers[wait_s])
+        for walker in gone:
+            self.walkers.remove(walker)
+            self._leave(walker.index)
+
+    def advance(self, now: float, then: float) -> None:
+        """Everyone who arrives or looks again in (now, then] sees the vehicles where they are."""
+        while self._next_arrival_s <= then:
+            arrival = self._arrivals[len(self.came)]
+            walker = self._walker(arrival)
+            self.came.append(walker)
+            self.walkers.append(walker)
+            coming = len(self.came) < len(self._arrivals)
+            self._next_arrival_s = self._arrivals[len(self.came)].arrival_s if coming else math.inf
+            self._admit(walker, arrival.arrival_s - now)
+            self._next_look_s = min(self._next_look_s, walker.look_s)
+            walker.walk_until(then)
+        if self._next_look_s <= then:
+            for walker in self.walkers:
+                if walker.look_s > then:
+                    continue
+                while walker.look_s <= then:
+                    self._look_again(walker, walker.look_s - now)
+                walker.walk_until(then)
+            self._next_look_s = min((walker.look_s for walker in self.walkers), default=math.inf)
+        self.next_s = min(self._next_arrival_s, self._next_look_s)
+
+    def walk_until(self, then: float) -> list[tuple[int, float]]:
+        """Everyone walks on to that time: index and y of each."""
+        return [(walker.index, walker.walk_until(then)) for walker in self.walkers]
+
+    def views(self) -> tuple[PedestrianView, ...]:
+        """Everyone as the ego's lane sees them."""
+        return tuple(map(VIEW, self.walkers))
+
+    def _walker(self, arrival: Arrival) -> Walker:
+        crossing, behaviour = self._rules.crossing, self._rules.behaviour
+        if arrival.path is not None:
+            return TimedWalker(arrival, crossing)
+        if behaviour == "sumo":
+            return NativeWalker(arrival, crossing)
+        if behaviour == "reactive":
+            return ReactiveWalker(arrival, crossing, self._rules.vehicle, self._choose_speed)
+        return Walker(arrival, crossing)
+
+    def _admit(self, walker: Walker, elapsed_s: float) -> None:
+        """Someone arrives: they wait for their time, look for a gap, or are left to the engine."""
+        arrival = walker.arrival
+        if isinstance(walker, NativeWalker):
+            assert self._let_walk is not None
+            walker.wanted_mps, walker.seen = self._speed_before_traffic(walker, elapsed_s)
+            self._let_walk(arrival.index, arrival.side, walker.wanted_mps)
+        elif not isinstance(walker, TimedWalker):
+            blocker = self._blocker(self._wait_s(walker), elapsed_s)
+            self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
+
+    def _wait_s(self, walker: Walker) -> float:
+        """The gap they need."""
+        critical_gap_s = walker.arrival.critical_gap_s
+        return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
+
+    def _blocker(self, wait_s: float, elapsed_s: float) -> Approaching | None:
+        """The vehicle that keeps somebody with that gap waiting: the first one there, or None."""
+        nearest: Approaching | None = None
+        first_s = math.inf
+        for lane in self._lanes:
+            first = lane.first(elapsed_s)
+            if first is None:
+                continue
+            x, speed, vehicle = first
+            to_edge = -x - self._half_width_m
+            if keeps_waiting(to_edge, speed, vehicle.acceleration_mps2, wait_s):
+                reaches_s = to_edge / speed if speed > 0 else 0.0
+                if nearest is None or reaches_s < first_s:
+                    nearest, first_s = vehicle, reaches_s
+        return nearest
+
+    def _decide(
+        self, walker: Walker, time_s: float, elapsed_s: float, nearest: Approaching | None
+    ) -> None:
+        """Step off now, or wait for the next step."""
+        if nearest is not None:
+            self._blockers.setdefault(walker.index, nearest)
+            return
+        walker.step_off(time_s, *self._speed_before_traffic(walker, elapsed_s))
+        if walker.look_s < self._next_look_s:
+            self._next_look_s = walker.look_s
+            self.next_s = min(self._next_arrival_s, walker.look_s)
+        blocker = self._blockers.pop(walker.index, None)
+        if blocker is not None:
+            at = blocker.x_m + blocker.speed_mps * elapsed_s
+            self.let_go[walker.index] = not blocker.passed and at < -self._half_width_m
+
+    def _speed_before_traffic(self, walker: Walker, elapsed_s: float) -> tuple[float, SeenState]:
+        """Their speed at the kerb, and the state (range, speed) of the vehicle it is given."""
+        seen = self._first_on_way(walker, -math.inf, elapsed_s)
+        if seen is None:
+            return self._choose_speed(walker.arrival, -1.0, 0.0, None), (None, None)
+        range_m, speed, across = seen
+        return self._choose_speed(walker.arrival, range_m, speed, across), (range_m, speed)
+
+    def _look_again(self, walker: Walker, elapsed_s: float) -> None:
+        walked = -math.inf
+        if not self._look_back:
+            walked = abs(walker.walk_until(walker.look_s) - self._kerb_m[walker.side])
+        walker.look(*(self._first_on_way(walker, walked, elapsed_s) or (-1.0, 0.0, None)))
+
+    def _first_on_way(
+        self, walker: Walker, walked_m: float, elapsed_s: float
+    ) -> tuple[float, float, float] | None:
+        """Range, speed and way from the kerb to the first lane beyond that place with a vehicle."""
+        for lane in self._on_way[walker.side]:
+            across = abs(lane.centre_m - self._kerb_m[walker.side])
+            first = lane.first(elapsed_s) if across > walked_m else None
+            if first is not None:
+                return -first[0], first[1], across
+        return None
