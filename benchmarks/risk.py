@@ -243,7 +243,7 @@ def estimate(case: str, seed: int, target_cv: float) -> dict[str, Any]:
         "draws": found.draws,
         "episodes": findings.episodes,
         "weighted": bool(findings.proposal.components),
-        "warnings": "; ".join(findings.warnings),
+        "warnings": "; ".join(note.text for note in findings.notes),
         "versions": _versions(),
     }
 

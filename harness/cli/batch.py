@@ -108,7 +108,7 @@ def resume(
     from harness.cli.risk import go_on_with_risk, is_risk
 
     if is_risk(run_folder):
-        go_on_with_risk(run_folder, workers, dask, quiet, as_json)
+        go_on_with_risk(run_folder, workers, dask, quiet, as_json, full=False)
         return
 
     _refuse_workers_beside_dask(workers, dask)

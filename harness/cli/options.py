@@ -91,6 +91,9 @@ SettleOption = Annotated[
     ),
 ]
 TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
+FullOption = Annotated[
+    bool, typer.Option("--full", help="Print every number, not only the first screen.")
+]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
 ]

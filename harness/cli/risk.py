@@ -7,6 +7,7 @@ import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import (
+    FullOption,
     JsonOption,
     OutOption,
     QuietOption,
@@ -49,6 +50,7 @@ def risk(
     workers: WorkersOption = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
+    full: FullOption = False,
 ) -> None:
     """Estimate the probability of a rare event of an episode."""
     from harness.encounter import Arm
@@ -70,10 +72,10 @@ def risk(
     from harness.risk.asking import Settings
     from harness.risk.folder import estimate_risk
 
-    asked = Settings(study.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
+    question = Settings(study.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
-        folder = estimate_risk(asked, out=out, workers=workers, progress=advance)
-    show(folder, quiet, as_json)
+        folder = estimate_risk(question, out=out, workers=workers, progress=advance)
+    show(folder, quiet, as_json, full)
 
 
 def is_risk(folder: Path) -> bool:
@@ -84,7 +86,7 @@ def is_risk(folder: Path) -> bool:
 
 
 def go_on_with_risk(
-    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool
+    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool, full: bool
 ) -> None:
     """Go on with a risk that was interrupted; a finished one is only shown."""
     from harness.risk.folder import resume_risk
@@ -93,7 +95,7 @@ def go_on_with_risk(
         raise InputError("--dask", "cannot go on with a risk", "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume_risk(folder, workers=workers, progress=advance)
-    show(folder, quiet, as_json)
+    show(folder, quiet, as_json, full)
 
 
 def report_risk(
@@ -101,11 +103,10 @@ def report_risk(
 ) -> Path:
     """Write the page of a finished risk."""
     from harness.report.risk_page import write_risk_page
-    from harness.risk.folder import ASKED, read_risk
 
     if figures is not None:
         raise InputError(f"--figures {figures}", "a risk has no figures", "no --figures")
-    page = write_risk_page(folder, read_risk(folder, ASKED), read_risk(folder), out)
+    page = write_risk_page(folder, out)
     if as_json:
         print_json({"page": str(page)})
     else:
@@ -113,21 +114,22 @@ def report_risk(
     return page
 
 
-def show(folder: Path, quiet: bool, as_json: bool) -> None:
-    """What a finished risk came to.
+def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
+    """Print the findings of a finished risk.
 
     Raises:
         typer.Exit: with code 1 where episodes failed, or differed between the engines.
     """
     from harness.report.risk_terminal import print_risk
     from harness.risk.folder import read_risk
+    from harness.risk.writing import risk_document
 
-    result = read_risk(folder)
+    findings = read_risk(folder)
     if as_json:
-        print_json(result)
+        print_json(risk_document(findings))
     elif quiet:
         print_line(str(folder))
     else:
-        print_risk(result, folder)
-    if result["failed"] or result["differing"]:
+        print_risk(findings, folder, full)
+    if findings.failed or findings.differing:
         raise typer.Exit(1)

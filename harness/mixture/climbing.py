@@ -39,7 +39,7 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
     if rows.shape[0] > _CLUSTER_ROWS:
         chosen = rng.choice(rows.shape[0], _CLUSTER_ROWS, replace=False)
         rows, weights = rows[chosen], weights[chosen]
-    centres = _seeds(rows, weights, count, rng)
+    centres = k_means_seeds(rows, weights, count, rng)
     for _ in range(_CLUSTER_ROUNDS):
         member = np.zeros((rows.shape[0], count))
         member[np.arange(rows.shape[0]), _distances(rows, centres).argmin(axis=1)] = 1.0
@@ -59,8 +59,8 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
     return Parameters(sizes / sizes.sum(), centres, scales)
 
 
-def _seeds(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Rows drawn one by one with chances by squared distance to those drawn before."""
+def k_means_seeds(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
+    """k-means++: rows drawn one by one with chances by squared distance to those drawn before."""
     chance = weights
     centres = []
     nearest = np.full(rows.shape[0], np.inf)

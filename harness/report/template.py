@@ -19,6 +19,8 @@ _TEMPLATES = Path(__file__).parent / "templates"
 
 _EMPTY: dict[str, Any] = {
     "unfinished": "",
+    "screen": [],
+    "opening": [],
     "caveats": [],
     "tiles": [],
     "verdicts": [],

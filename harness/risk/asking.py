@@ -1,24 +1,83 @@
-"""What a risk is asked, and whether it can be."""
+"""The settings of a risk as the user gives them, and the question as the workers get it."""
 
 from dataclasses import dataclass
-from typing import Any
+
+from pydantic import BaseModel, ConfigDict
 
 from harness.encounter import Arm
 from harness.engine.installation import check_packages
 from harness.episode.arms import check_arms
 from harness.errors import InputError
-from harness.interaction import load_model
-from harness.risk.episodes import Question
-from harness.risk.event import parse_event
-from harness.risk.space import space_of
-from harness.scenario import Scenario
+from harness.interaction import InteractionModel, load_model
+from harness.risk.event import Event, parse_event
+from harness.risk.space import Space, space_of
+from harness.scenario import Scenario, validate
 from harness.strategies.registry import source_digests
 from harness.versions import versions_of_runs
 
 
+class Document(BaseModel):
+    """A part of a risk's JSON files."""
+
+    model_config = ConfigDict(allow_inf_nan=False, frozen=True)
+
+
+class ModelDigest(Document):
+    """Which interaction model the episodes used."""
+
+    name: str
+    sha256: str
+
+
+class SettingsDocument(Document):
+    """``risk.json``: everything that the result depends on."""
+
+    name: str
+    scenario: dict[str, object]
+    arm: Arm
+    event: str
+    target_cv: float
+    most_episodes: int
+    in_sumo: bool
+    seed: int
+    versions: dict[str, str]
+    model: ModelDigest
+
+    def settings(self, where: str) -> "Settings":
+        """The settings that the document was made from.
+
+        Raises:
+            InputError: the scenario is refused, naming ``where``.
+        """
+        return Settings(
+            self.name,
+            validate(self.scenario, where),
+            self.arm,
+            self.event,
+            self.target_cv,
+            self.most_episodes,
+            self.in_sumo,
+        )
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a worker has to know to run episodes; ``in_sumo`` makes SUMO the engine."""
+
+    scenario: Scenario
+    model: InteractionModel
+    arm: Arm
+    event: Event
+    space: Space
+    in_sumo: bool
+
+
 @dataclass(frozen=True)
 class Settings:
-    """What is asked; ``event`` as ``parse_event`` reads it, ``most_episodes`` of the last stage."""
+    """What the user asks.
+
+    ``event`` is written as ``parse_event`` reads it; ``most_episodes`` bounds the last stage.
+    """
 
     name: str
     scenario: Scenario
@@ -28,29 +87,33 @@ class Settings:
     most_episodes: int = 200_000
     in_sumo: bool = False
 
-    def document(self) -> dict[str, Any]:
-        """What ``risk.json`` holds: all that the result depends on."""
+    @property
+    def driver(self) -> str:
+        """The strategy whose episodes are run."""
+        return self.scenario.arms.driver(self.arm)
+
+    def document(self) -> SettingsDocument:
+        """What ``risk.json`` holds."""
         model = load_model(self.scenario.model.name, self.scenario.model.path)
-        driver = self.scenario.arms.driver(self.arm)
-        return {
-            "name": self.name,
-            "scenario": self.scenario.model_dump(),
-            "arm": self.arm.value,
-            "event": self.event,
-            "target_cv": self.target_cv,
-            "most_episodes": self.most_episodes,
-            "in_sumo": self.in_sumo,
-            "seed": self.scenario.experiment.seed,
-            "versions": {**versions_of_runs(), **source_digests({driver})},
-            "model": {"name": model.name, "sha256": model.sha256},
-        }
+        return SettingsDocument(
+            name=self.name,
+            scenario=self.scenario.model_dump(mode="json"),
+            arm=self.arm,
+            event=self.event,
+            target_cv=self.target_cv,
+            most_episodes=self.most_episodes,
+            in_sumo=self.in_sumo,
+            seed=self.scenario.experiment.seed,
+            versions={**versions_of_runs(), **source_digests({self.driver})},
+            model=ModelDigest(name=model.name, sha256=model.sha256),
+        )
 
 
 def question_of(settings: Settings) -> Question:
-    """The question, with everything that a user may have got wrong refused.
+    """The question for the workers.
 
     Raises:
-        InputError: naming what.
+        InputError: a setting, the scenario, the strategy or the event is refused.
     """
     check_packages()
     scenario = settings.scenario
@@ -58,10 +121,9 @@ def question_of(settings: Settings) -> Question:
         raise InputError("--target-cv", f"{settings.target_cv:g}", "above 0, at most 1")
     if settings.most_episodes < 1:
         raise InputError("--most-episodes", f"{settings.most_episodes}", "at least 1")
-    driver = scenario.arms.driver(settings.arm)
-    if driver == "sumo_driver" and not settings.in_sumo:
+    if settings.driver == "sumo_driver" and not settings.in_sumo:
         raise InputError(
-            f"arms.{settings.arm.value}", "sumo_driver drives in SUMO alone", "--engine sumo"
+            f"arms.{settings.arm.value}", "sumo_driver drives only in SUMO", "--engine sumo"
         )
     model = load_model(scenario.model.name, scenario.model.path)
     check_arms(scenario, model)

@@ -1,20 +1,20 @@
-"""Runs the episodes of a risk: points in standard normal space to scores, in a worker process."""
+"""Runs the episodes of a risk in a worker process: states in standard normal space to scores."""
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from harness.encounter import Arm, Ending, FloatArray, Trace
+from harness.encounter import Ending, FloatArray, Trace
 from harness.engine.shared import open_engine
 from harness.episode.arms import draws_of
 from harness.episode.pairing import PairRunner
 from harness.episode.ties import Asked, tie_s
-from harness.interaction import InteractionModel
 from harness.measures.agreement import difference
-from harness.risk.event import Event
-from harness.risk.space import Space
-from harness.scenario import EngineName, Scenario
+from harness.risk.asking import Question
+from harness.risk.event import GRADINGS
+from harness.scenario import EngineName
 from harness.seeding import Given, has_drawn_more
 from harness.workers.watchdog import watchdog
 
@@ -23,22 +23,10 @@ _runners: dict[bool, PairRunner] = {}
 
 
 @dataclass(frozen=True)
-class Question:
-    """What is asked: of which scenario, which arm, which event; ``in_sumo``: by SUMO's engine."""
-
-    scenario: Scenario
-    model: InteractionModel
-    arm: Arm
-    event: Event
-    space: Space
-    in_sumo: bool
-
-
-@dataclass(frozen=True)
 class Episodes:
     """Some episodes of a batch from its ``first``-th on: their numbers and states (n, width).
 
-    ``compare``: the other engine runs them too, and the answer says which records differ.
+    ``compare`` makes the other engine run them too, and reports which records differ.
     """
 
     question: Question
@@ -49,83 +37,87 @@ class Episodes:
     hang_after_s: float
 
 
-@dataclass(frozen=True)
-class Scores:
-    """What became of them: ``score`` of shape (n, gradings), NaN where the episode failed.
+class Score(NamedTuple):
+    """The outcome of one episode.
 
-    ``passed_s`` (n,) is when the ego's front reached the centre line, NaN where it did not.
-    ``timed_out``, ``reasons`` (of a failure) and ``differs`` (what two engines' records are unequal
-    in) have an entry for each episode, None where there is nothing to say; ``by_a_tie`` says
-    whether they are unequal by a tie of the strategy, ``drew_more`` whether the strategy drew more
-    random numbers than those that are given.
+    Attributes:
+        score: one for each grading of the event; NaN where the episode failed.
+        passed_s: when the ego's front reached the centre line; NaN where it did not.
+        timed_out: whether the time limit ended the episode.
+        reason: of a failure; else None.
+        difference: how the two engines' records differ; None where they are equal.
+        by_a_tie: whether a tie of the strategy made them differ.
+        drew_more: whether the strategy drew more random numbers than the sampled ones.
     """
 
-    score: FloatArray
-    passed_s: FloatArray
-    timed_out: tuple[bool, ...]
-    reasons: tuple[str | None, ...]
-    differs: tuple[str | None, ...]
-    by_a_tie: tuple[bool, ...]
-    drew_more: tuple[bool, ...]
+    score: tuple[float, ...]
+    passed_s: float
+    timed_out: bool = False
+    reason: str | None = None
+    difference: str | None = None
+    by_a_tie: bool = False
+    drew_more: bool = False
 
 
-def run_episodes(task: Episodes) -> Scores:
+def failed(reason: str) -> Score:
+    """The score of an episode that no worker survived."""
+    return Score((math.nan,) * GRADINGS, math.nan, reason=reason)
+
+
+def run_episodes(task: Episodes) -> list[Score]:
     """Run every episode of a task, in its order."""
     question = task.question
     given = [
         (number, question.space.given(z, number))
         for number, z in zip(task.numbers, task.z, strict=True)
     ]
+    drew_more: list[bool] = []
     with watchdog(task.hang_after_s, None) as watch:
-        alive = watch.alive
-        drew_more: list[bool] = []
 
         def ended(rng: np.random.Generator | None) -> None:
-            alive()
+            watch.alive()
             number, known = given[len(drew_more)]
-            drew_more.append(
-                rng is not None
-                and has_drawn_more(
-                    rng, draws_of(question.scenario, question.arm, number, given=known)
-                )
-            )
+            fresh = draws_of(question.scenario, question.arm, number, given=known)
+            drew_more.append(rng is not None and has_drawn_more(rng, fresh))
 
         runner = _runner_of(question, question.in_sumo)
         outcomes = list(runner.run_arm_given(question.arm, given, ended))
-        records = [outcome.record for outcome in outcomes]
-        differs: list[str | None] = [None] * len(records)
-        by_a_tie = [False] * len(records)
+        scores = [
+            Score(
+                question.event.scores(outcome.record),
+                _passed_s(outcome.trace),
+                outcome.record.ending is Ending.TIMED_OUT,
+                outcome.record.reason,
+                drew_more=more,
+            )
+            for outcome, more in zip(outcomes, drew_more, strict=True)
+        ]
         if task.compare:
             runner = _runner_of(question, not question.in_sumo)
-            others = runner.run_arm_given(question.arm, given, lambda _: alive())
-            for at, other in enumerate(others):
-                if (words := difference(records[at], other.record)) is not None:
-                    tie = _tie_s(question, *given[at])
-                    alive()
+            others = runner.run_arm_given(question.arm, given, lambda _: watch.alive())
+            for place, other in enumerate(others):
+                words = difference(outcomes[place].record, other.record)
+                if words is not None:
+                    tie = _tie_s(question, *given[place])
+                    watch.alive()
                     when = "" if tie is None else f"tie at {tie:.3f} s, "
-                    differs[at] = f"episode {task.numbers[at]}: {when}{words}"
-                    by_a_tie[at] = tie is not None
-    return Scores(
-        np.array([question.event.scores(record) for record in records]),
-        np.array([_passed_s(outcome.trace) for outcome in outcomes]),
-        tuple(record.ending is Ending.TIMED_OUT for record in records),
-        tuple(record.reason for record in records),
-        tuple(differs),
-        tuple(by_a_tie),
-        tuple(drew_more),
-    )
+                    scores[place] = scores[place]._replace(
+                        difference=f"episode {task.numbers[place]}: {when}{words}",
+                        by_a_tie=tie is not None,
+                    )
+    return scores
 
 
 def _tie_s(question: Question, number: int, given: Given) -> float | None:
-    """When a tie of the strategy made the two engines' records of an episode differ, if one did."""
-    asked: tuple[list[Asked], list[Asked]] = ([], [])
-    for heard, in_sumo in zip(asked, (False, True), strict=True):
+    """When a tie of the strategy made the two engines' records differ; None where none did."""
+    decisions: tuple[list[Asked], list[Asked]] = ([], [])
+    for heard, in_sumo in zip(decisions, (False, True), strict=True):
         _runner_of(question, in_sumo).run_arm(number, question.arm, given=given, asked=heard)
-    return tie_s(*asked)
+    return tie_s(*decisions)
 
 
 def _passed_s(trace: Trace) -> float:
-    """When the ego's front reached the centre line, between steps by interpolation."""
+    """When the ego's front reached the centre line, interpolated between steps."""
     beyond = np.flatnonzero(trace.x_m >= 0.0)
     if len(beyond) == 0 or beyond[0] == 0:
         return math.nan
@@ -135,7 +127,7 @@ def _passed_s(trace: Trace) -> float:
 
 
 def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
-    """The runner of a scenario; made again only when the scenario changes."""
+    """The runner of a scenario; it is made again only when the scenario changes."""
     global _scene
     scenario = question.scenario
     scene = repr((scenario, question.model.sha256))

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy import stats
 from threadpoolctl import threadpool_limits
 
+from harness.comparison.findings import Note, Rank
 from harness.encounter import FloatArray
-from harness.risk.drawing import draws_from
 from harness.risk.exploring import POINTS, Exploration, explore
 from harness.risk.interval import Estimate, Tally, estimate_of
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Counted, Evaluate
-from harness.risk.proposal import NOMINAL_SHARE, Proposal, keys_of, nominal
+from harness.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, keys_of, nominal
 from harness.risk.refitting import refit
 
 EXPLORATIONS = 3
@@ -57,12 +57,12 @@ _CHECK_TAIL = 0.001
 
 
 @dataclass(frozen=True, slots=True)
-class Findings:
+class Estimation:
     """The estimate and how it came about.
 
     ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
     ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
-    ``events_in_all`` of them ended in the event.  ``first_look`` counts the draws that decided
+    of which ``events_in_all`` ended in the event.  ``first_look`` counts the draws that decided
     between brute force and exploring; the estimate does not count them.  ``failed_weight`` is the
     probability that failed episodes would add if all were in the event.
     """
@@ -78,7 +78,7 @@ class Findings:
     events_in_all: int
     first_look: Tally
     failed_weight: float
-    warnings: tuple[str, ...]
+    notes: tuple[Note, ...]
 
 
 def estimate_probability(
@@ -87,7 +87,7 @@ def estimate_probability(
     rng: np.random.Generator,
     target_cv: float = 0.1,
     most_draws: int = 200_000,
-) -> Findings:
+) -> Estimation:
     """Explore, fit a proposal, estimate.
 
     Args:
@@ -108,7 +108,7 @@ def _estimate(
     rng: np.random.Generator,
     target_cv: float,
     most_draws: int,
-) -> Findings:
+) -> Estimation:
     # From a generator of its own: what follows is the same whatever the pilot took.
     share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
     explorations: list[Exploration] = []
@@ -132,23 +132,25 @@ def _estimate(
     event, weights = drawn.event, drawn.weight[drawn.event]
     tally = sum((exploration.nominal for exploration in explorations), pilot + drawn.nominal)
     estimate = estimate_of(drawn.weight, event, tally)
-    warnings = list(_warnings(estimate, weights, weighted=weighted))
-    if share is not None and not event.any():
-        warnings.append(
-            f"none of the {draws:,} draws ended in the event, though {pilot.events:,} of the "
-            f"{pilot.draws:,} episodes of the first look did: more draws are needed"
+    notes = _doubts(estimate, weights, weighted=weighted)
+    if counted.events and not event.any():
+        seen = counted.events - pilot.events
+        notes.append(
+            f"None of the {draws:,} draws ended in the event, but {pilot.events:,} of the "
+            f"{pilot.draws:,} episodes of the first look did, and {seen:,} of the exploration: "
+            "more draws are needed."
         )
     if len(found) and not weighted:
-        warnings.append(
-            "the estimate is by brute force: weighted draws around the events that the exploration "
-            "found would have needed as many episodes, or held too few events"
+        notes.append(
+            "The estimate is by brute force: weighted draws around the events that the exploration "
+            "found would have needed as many episodes, or held too few events."
         )
     if wanted > most_draws:
-        warnings.append(
+        notes.append(
             f"{wanted:,} draws were needed for a coefficient of variation of {target_cv:g}; "
-            f"{most_draws:,} were allowed"
+            f"{most_draws:,} were allowed."
         )
-    return Findings(
+    return Estimation(
         estimate,
         tuple(explorations),
         proposal,
@@ -160,7 +162,7 @@ def _estimate(
         counted.events,
         pilot,
         float(drawn.weight[drawn.failed].sum() / draws),
-        tuple(warnings),
+        tuple(Note(Rank.FEW_PAIRS, text) for text in notes),
     )
 
 
@@ -184,26 +186,27 @@ def _pilot(
     return events / draws, Tally(draws, events)
 
 
-def _warnings(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
+def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
     """Where the proposal missed, in words."""
     # The interval of brute force is exact, however few events there were.
     if estimate.probability is None or not weighted:
         return []
-    words = []
-    if estimate.effective_sample_size < _SMALL_SAMPLE:
-        size = estimate.effective_sample_size
-        words.append(f"the effective sample size is {size:.0f}: the interval is too narrow")
-    if estimate.largest_share is not None and estimate.largest_share > _LARGE_SHARE:
-        share = 100 * estimate.largest_share
-        words.append(f"one draw holds {share:.0f} % of the estimate: the interval is too narrow")
+    doubts = []
+    size, largest = estimate.effective_sample_size, estimate.largest_share
+    if size < _SMALL_SAMPLE:
+        doubts.append(f"The interval is too narrow: the effective sample size is only {size:.0f}.")
+    if largest is not None and largest > _LARGE_SHARE:
+        doubts.append(
+            f"The interval is too narrow: one draw holds {100 * largest:.0f} % of the estimate."
+        )
     beyond = float(weights[weights > 0.5 / NOMINAL_SHARE].sum() / weights.sum())
     if beyond > _LARGE_SHARE:
-        words.append(
-            f"{100 * beyond:.0f} % of the estimate comes from events that the exploration missed"
+        doubts.append(
+            f"{100 * beyond:.0f} % of the estimate comes from events that the exploration missed."
         )
     events, trials = estimate.nominal.events, estimate.nominal.draws
     too_many = stats.binom.sf(events - 1, trials, estimate.ci_high) < _CHECK_TAIL
     too_few = stats.binom.cdf(events, trials, estimate.ci_low) < _CHECK_TAIL
     if too_many or too_few:
-        words.append(f"brute force disagrees: {events:,} of {trials:,} nominal draws were events")
-    return words
+        doubts.append(f"Brute force disagrees: {events:,} of {trials:,} nominal draws were events.")
+    return doubts

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
+from harness.mixture.climbing import k_means_seeds
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal
 
@@ -50,17 +51,17 @@ def first_components(
     """
     parts = []
     for placed in (False, True):
-        own = np.flatnonzero((who >= 0) == placed)
-        y = cases.fixed[own]
+        rows = np.flatnonzero((who >= 0) == placed)
+        y = cases.fixed[rows]
         if placed:
-            y = np.concatenate([y, cases.people[own, who[own]]], axis=1)
+            y = np.concatenate([y, cases.people[rows, who[rows]]], axis=1)
         y = y[~np.isnan(y).any(axis=1)]
         if y.size == 0:
             continue
         count = min(COMPONENTS, 1 + len(y) // _POINTS)
-        nearest = nearest_of(y, starts_of(y, np.full(len(y), 1 / len(y)), count, rng))
-        for k in np.unique(nearest):
-            cluster = y[nearest == k]
+        cluster_of = clusters_of(y, np.full(len(y), 1 / len(y)), count, rng)
+        for k in np.unique(cluster_of):
+            cluster = y[cluster_of == k]
             moments = cluster.mean(axis=0), np.atleast_2d(np.cov(cluster.T, bias=True))
             share = len(cluster) / len(who)
             parts.append(_component(layout, share, placed, *moments, len(cluster)))
@@ -129,21 +130,23 @@ def spread(layout: Layout, components: tuple[Component, ...]) -> Proposal:
     return Proposal(layout, tuple(parts))
 
 
-def starts_of(
-    points: FloatArray, weights: FloatArray, count: int, rng: np.random.Generator
-) -> FloatArray:
-    """k-means++ starts: each next centre is drawn by its squared distance from those before."""
-    chosen = [points[rng.choice(len(points), p=weights)]]
-    for _ in range(count - 1):
-        distance = np.min([((points - centre) ** 2).sum(axis=1) for centre in chosen], axis=0)
-        mass = weights * distance
-        total = mass.sum()
-        chosen.append(points[rng.choice(len(points), p=mass / total if total > 0 else weights)])
-    return np.array(chosen)
+def clusters_of(
+    points: FloatArray, weights: FloatArray, count: int, rng: np.random.Generator, rounds: int = 0
+) -> NDArray[np.intp]:
+    """The cluster of each point by weighted k-means from k-means++ seeds, shape (n,)."""
+    centres = k_means_seeds(points, weights, count, rng)
+    cluster_of = _nearest(points, centres)
+    for _ in range(rounds):
+        for k in np.unique(cluster_of):
+            members = cluster_of == k
+            centres[k] = weights[members] @ points[members] / weights[members].sum()
+        before, cluster_of = cluster_of, _nearest(points, centres)
+        if np.array_equal(before, cluster_of):
+            break
+    return cluster_of
 
 
-def nearest_of(points: FloatArray, centres: FloatArray) -> NDArray[np.intp]:
-    """Which centre each point is nearest to, shape (n,)."""
+def _nearest(points: FloatArray, centres: FloatArray) -> NDArray[np.intp]:
     nearest: NDArray[np.intp] = np.argmin(
         ((points[:, None] - centres[None]) ** 2).sum(axis=2), axis=1
     ).astype(np.intp)
@@ -164,11 +167,11 @@ def _component(
     that differs little from a nominal one, by its divergence (m² + v − 1 − ln v)/2, is taken for
     nominal, and independent of the others.
     """
-    own = np.maximum(np.diag(scatter), 1e-12)
-    correlations = scatter / np.sqrt(np.outer(own, own))
+    raw = np.maximum(np.diag(scatter), 1e-12)
+    correlations = scatter / np.sqrt(np.outer(raw, raw))
     correlations *= count / (count + _CORRELATION_PRIOR * len(mean))
     np.fill_diagonal(correlations, 1.0)
-    variances = np.maximum(own ** (count / (count + _VARIANCE_PRIOR)), _NARROWEST)
+    variances = np.maximum(raw ** (count / (count + _VARIANCE_PRIOR)), _NARROWEST)
     plain = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
     if placed:
         plain[layout.fixed] = False  # the time, which is not normal nominally

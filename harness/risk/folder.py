@@ -1,29 +1,24 @@
 """A risk from question to folder: begun, interrupted, gone on with, finished.
 
-The folder holds ``risk.json`` (what was asked), ``result.json``, ``failures.parquet`` (the draws
-that ended in the event, with their weights) and ``critical.toml``: a scenario whose pairs are the
-likeliest of them, on which any strategy can be run.
+The folder holds ``risk.json`` (the settings), ``result.json`` (the findings), ``failures.parquet``
+(the draws that ended in the event, with their weights) and ``critical.toml``: a scenario whose
+pairs are the likeliest of them, on which any strategy can be run.
 """
 
-import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
-from harness.documents import check_form, parse_json
-from harness.encounter import Arm
+from harness.documents import Form, check_form, parse_json
 from harness.errors import HarnessError, InputError, InterruptedRunError, resume_command
 from harness.files import read_file, write_file
 from harness.results.run_folder import RunFolder, claim_folder
-from harness.risk.asking import Settings, question_of
-from harness.risk.episodes import Question
+from harness.risk.asking import Question, Settings, SettingsDocument, question_of
 from harness.risk.estimation import estimate_probability
-from harness.risk.forms import AskedForm, ResultForm
+from harness.risk.findings import RiskFindings
 from harness.risk.running import Evaluation, Progress
 from harness.risk.writing import RESULT, as_json, write_findings
-from harness.scenario import validate
 from harness.seeding import resampling
 from harness.workers.pool import LocalPool, default_workers
 from harness.workers.tasks import Executor, ExecutorLostError
@@ -46,10 +41,10 @@ def estimate_risk(
     """Estimate the probability that an episode ends in the event.
 
     Args:
-        settings: what is asked.
+        settings: as the user gave them.
         out: the folder; default ``runs/<name>-risk-<next free number>``.
         workers: processes; default: all cores.  Results do not depend on it.
-        progress: told how far each batch is.
+        progress: is called with the progress of each batch.
         make_executor: makes what runs the episodes, for a number of workers.
 
     Returns:
@@ -63,7 +58,7 @@ def estimate_risk(
     if (folder / ASKED).exists():
         raise InputError(f"--out {folder}", "holds a risk already", "a new or empty folder")
     with _held(folder):
-        write_file(folder / ASKED, as_json(settings.document()))
+        write_file(folder / ASKED, as_json(settings.document().model_dump(mode="json")))
         _carry_out(folder, settings, question, workers, progress, make_executor)
     return folder
 
@@ -81,17 +76,9 @@ def resume_risk(
         InputError: the folder holds no risk, or versions or model differ.
     """
     with _held(folder):
-        document = read_risk(folder, ASKED)
-        settings = Settings(
-            document["name"],
-            validate(document["scenario"], ASKED),
-            Arm(document["arm"]),
-            document["event"],
-            document["target_cv"],
-            document["most_episodes"],
-            document["in_sumo"],
-        )
-        if document != json.loads(as_json(settings.document())):
+        document = read_settings(folder)
+        settings = document.settings(ASKED)
+        if document != settings.document():
             raise InputError(
                 str(folder), "was begun with other versions or another model", "the same ones"
             )
@@ -100,26 +87,35 @@ def resume_risk(
             _carry_out(folder, settings, question, workers, progress, make_executor)
 
 
-def read_risk(folder: Path, name: str = RESULT) -> dict[str, Any]:
-    """What ``risk.json`` or ``result.json`` of a folder holds.
+def read_settings(folder: Path) -> SettingsDocument:
+    """What ``risk.json`` of a folder holds.
 
     Raises:
-        InputError: there is none, the risk is not finished, the file is damaged, or it is of a
-            version that did not bound the ways to the event that the exploration did not find.
+        InputError: there is none, or it is damaged.
     """
-    if not (folder / name).is_file():
-        if name == RESULT and (folder / ASKED).is_file():
-            raise InputError(str(folder), "is not finished", resume_command(folder))
+    return _read(folder, ASKED, SettingsDocument)
+
+
+def read_risk(folder: Path) -> RiskFindings:
+    """The findings of a finished risk.
+
+    Raises:
+        InputError: the folder holds no risk or an unfinished one, or ``result.json`` is damaged.
+    """
+    if (folder / ASKED).is_file() and not (folder / RESULT).is_file():
+        raise InputError(str(folder), "is not finished", resume_command(folder))
+    return _read(folder, RESULT, RiskFindings)
+
+
+def _read(folder: Path, name: str, form: type[Form]) -> Form:
+    path = folder / name
+    if not path.is_file():
         raise InputError(str(folder), f"has no {name}", "a folder of harness risk")
     try:
-        document: dict[str, Any] = parse_json(read_file(folder / name))
+        document = parse_json(read_file(path))
     except ValueError as error:
-        what = f"is damaged ({error})"
-        raise InputError(str(folder / name), what, "as harness risk writes it") from None
-    if isinstance(document, dict) and "events" in document and "nominal_high" not in document:
-        raise InputError(str(folder), "is of an earlier harness risk", "one estimated again")
-    check_form(ResultForm if name == RESULT else AskedForm, document, str(folder / name))
-    return document
+        raise InputError(str(path), f"is damaged ({error})", "as harness risk writes it") from None
+    return check_form(form, document, str(path))
 
 
 @contextmanager
@@ -155,11 +151,11 @@ def _carry_out(
         evaluation = Evaluation(question, folder / _BATCHES, executor, progress)
         rng = resampling(settings.scenario.experiment.seed, "risk")
         layout = question.space.layout
-        findings = estimate_probability(
+        estimation = estimate_probability(
             evaluation, layout, rng, settings.target_cv, settings.most_episodes
         )
-        compared = evaluation.compare(findings.z, findings.numbers)
+        compared = evaluation.compare(estimation.z, estimation.numbers)
     finally:
         executor.stop()
-    write_findings(folder, settings, question, findings, evaluation, compared, rng)
+    write_findings(folder, settings, question, estimation, evaluation, compared, rng)
     shutil.rmtree(folder / _BATCHES)

@@ -50,9 +50,7 @@ class Layout:
     @property
     def places(self) -> int:
         """How many of the crowd a state has room for."""
-        if not self.marks:
-            return 0
-        return _most(self.mean_count) + _SPARE
+        return _most(self.mean_count) + _SPARE if self.marks else 0
 
     @property
     def width(self) -> int:

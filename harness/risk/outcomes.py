@@ -1,4 +1,4 @@
-"""What running episodes says of them, as far as the sampling looks at it."""
+"""What the sampling needs to know of the episodes that it has run."""
 
 from typing import NamedTuple, Protocol
 
@@ -9,12 +9,12 @@ from harness.encounter import FloatArray
 
 
 class Outcomes(NamedTuple):
-    """What became of some states.
+    """The outcomes of some states.
 
     ``score`` (n, gradings) is at most 0 in the event and the greater the farther from it; +∞ where
     nothing says how far, NaN where the episode failed.  ``passed_s`` (n,) is when the ego's front
-    reached the crosswalk's centre line, NaN where it did not.  ``numbers`` (n,) key what a state
-    does not hold: the same state with the same number has the same outcome.
+    reached the crosswalk's centre line, NaN where it did not.  ``numbers`` (n,) key everything that
+    a state does not hold: the same state with the same number has the same outcome.
     """
 
     score: FloatArray
@@ -32,6 +32,10 @@ class Outcomes(NamedTuple):
         """Which episodes failed, shape (n,)."""
         return np.isnan(self.score[:, 0])
 
+    def where(self, chosen: NDArray[np.bool_]) -> "Outcomes":
+        """The outcomes of the chosen states."""
+        return Outcomes(self.score[chosen], self.passed_s[chosen], self.numbers[chosen])
+
 
 class Evaluate(Protocol):
     """Runs episodes."""
@@ -43,8 +47,8 @@ class Evaluate(Protocol):
 
         Args:
             z: the states.
-            what: what they are for, in words.
-            numbers: of the episodes; None: new ones.
+            what: their purpose, for the progress bar.
+            numbers: of the episodes; None for new ones.
         """
         ...
 
@@ -60,7 +64,7 @@ class Counted:
         self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
     ) -> Outcomes:
         """See ``Evaluate``."""
-        self.episodes += len(z)
         outcomes = self._evaluate(z, what, numbers)
+        self.episodes += len(z)
         self.events += int(outcomes.event.sum())
         return outcomes

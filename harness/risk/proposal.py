@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
+from harness.risk.interval import Tally
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate, Outcomes
 
@@ -118,11 +119,11 @@ class Proposal:
         placed = np.zeros(count, dtype=bool)
         who = np.zeros((count, layout.marks))
         for k, part in enumerate(self.components, 1):
-            own = np.flatnonzero(chosen == k)
-            y = part.mean + rng.standard_normal((len(own), len(part.mean))) @ part.factor.T
-            z[own, : layout.fixed] = y[:, : layout.fixed]
+            rows = np.flatnonzero(chosen == k)
+            y = part.mean + rng.standard_normal((len(rows), len(part.mean))) @ part.factor.T
+            z[rows, : layout.fixed] = y[:, : layout.fixed]
             if part.placed:
-                placed[own], who[own] = True, y[:, layout.fixed :]
+                placed[rows], who[rows] = True, y[:, layout.fixed :]
         outcomes = evaluate(z, what)
         if not placed.any():
             return z, outcomes, chosen == 0
@@ -186,8 +187,42 @@ def cases_of(
     return Cases(z[:, : layout.fixed], people), score
 
 
+class Draws(NamedTuple):
+    """Independent draws from a proposal.
+
+    ``event`` and ``failed`` (n,) are their outcomes; ``weight`` (n,) is that of the draws of either
+    kind, and 0 of the others, or 1 of every draw where the proposal is the nominal density.
+    ``cases`` are of the event; ``nominal`` counts the draws that came from the nominal density.
+    """
+
+    z: FloatArray
+    numbers: NDArray[np.int64]
+    event: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
+    weight: FloatArray
+    cases: Cases
+    nominal: Tally
+
+
+def draws_from(
+    proposal: Proposal, evaluate: Evaluate, count: int, rng: np.random.Generator, what: str
+) -> Draws:
+    """Independent draws from a proposal, with their weights."""
+    z, outcomes, nominal = proposal.draw(count, evaluate, rng, what)
+    event, failed = outcomes.event, outcomes.failed
+    again = evaluate if proposal.components else None
+    weight = np.zeros(count) if proposal.components else np.ones(count)
+    kinds = []
+    for kind in (event, failed):
+        cases, _ = cases_of(proposal.layout, z[kind], outcomes.where(kind), again)
+        weight[kind] = np.exp(proposal.log_weight(cases))
+        kinds.append(cases)
+    tally = Tally(int(nominal.sum()), int(event[nominal].sum()))
+    return Draws(z, outcomes.numbers, event, failed, weight, kinds[0], tally)
+
+
 def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
-    """The fixed uniforms of each state, and the one of the crowd whom it owes its density to.
+    """The fixed uniforms of each state, and the pedestrian who was most likely the placed one.
 
     Args:
         proposal: drew the states.

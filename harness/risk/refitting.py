@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
-from harness.risk.drawing import Draws, draws_from
 from harness.risk.fitting import first_components, fit_components, spread
 from harness.risk.layout import Layout
-from harness.risk.outcomes import Counted, Evaluate, Outcomes
-from harness.risk.proposal import Cases, Proposal, cases_of, nominal
+from harness.risk.outcomes import Counted, Evaluate
+from harness.risk.proposal import Cases, Draws, Proposal, cases_of, draws_from, nominal
 
 _REFITS = 3
 _POINTS_OF_REFIT = 2_000
@@ -93,8 +92,7 @@ def _explored(
     # What a state does not hold is drawn anew and may have mattered.
     event = outcomes.event
     found = found[event]
-    outcomes = Outcomes(outcomes.score[event], outcomes.passed_s[event], outcomes.numbers[event])
-    cases, without = cases_of(layout, found, outcomes, evaluate)
+    cases, without = cases_of(layout, found, outcomes.where(event), evaluate)
     arrivals_s = np.where(without > 0, layout.arrivals_s(found), -np.inf)
     who = np.where(np.isfinite(arrivals_s).any(axis=1), arrivals_s.argmax(axis=1), -1)
     return cases, who

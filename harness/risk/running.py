@@ -1,14 +1,12 @@
-"""Runs the episodes of a risk batch by batch, and keeps what is finished.
+"""Runs the batches of a risk in processes; what is finished is kept for ``harness resume``.
 
-What is finished of a batch becomes a file several times a minute, and when the risk is
-interrupted.  A risk that goes on draws the same points again, finds their scores in the files, and
-runs the others.
+The batches come in a fixed order, because everything before a batch determines it.  So a batch is
+known by its number, and after an interruption the sampling starts anew and finds the episodes that
+were kept.  The results are the same on any number of workers, interrupted or not.
 """
 
-import io
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
-from itertools import chain
 from pathlib import Path
 from time import monotonic
 from typing import Any, NamedTuple
@@ -20,8 +18,9 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
-from harness.files import write_file
-from harness.risk.episodes import Episodes, Question, Scores, run_episodes
+from harness.results.tables import write_parquet
+from harness.risk.asking import Question
+from harness.risk.episodes import Episodes, Score, failed, run_episodes
 from harness.risk.event import GRADINGS
 from harness.risk.outcomes import Outcomes
 from harness.scenario import hang_limit_s
@@ -33,22 +32,36 @@ FIRST_NUMBER = 2**40
 """The number of a risk's first episode: its streams are not those of a run's pairs."""
 
 CHECKED_EVERY = 100
-"""Of so many episodes one is run in the other engine too."""
+"""One of this many episodes is run in the other engine too."""
 
 KEPT_EVERY_S = 20.0
-"""So often what is finished is kept: a risk that is killed loses less than a minute."""
+"""Time between two writes of what is finished: a risk that is killed loses less than a minute."""
 
 _CHUNK = 25
-"""Episodes of a task; results do not depend on it."""
+"""Episodes of a task; the results do not depend on it."""
+
+_SCORES = pa.schema(
+    {
+        "at": pa.int64(),
+        "score": pa.list_(pa.float64(), GRADINGS),
+        "passed_s": pa.float64(),
+        "timed_out": pa.bool_(),
+        "reason": pa.string(),
+        "difference": pa.string(),
+        "by_a_tie": pa.bool_(),
+        "drew_more": pa.bool_(),
+    }
+)
+"""``Score`` by its place in the batch."""
 
 Progress = Callable[[int, int, str], None]
-"""(done, planned, of what)."""
+"""(episodes done, episodes planned, their purpose)."""
 
 
 class Compared(NamedTuple):
     """How many episodes were run in both engines, and in words the records that differ.
 
-    ``ties`` differ by a tie of the strategy; ``differs`` are the others.
+    Those in ``ties`` differ by a tie of the strategy; those in ``differs`` by anything else.
     """
 
     episodes: int
@@ -60,13 +73,13 @@ class Evaluation:
     """Runs batches on an executor.
 
     Args:
-        question: what is asked.
-        folder: where finished batches are kept.
+        question: for the workers.
+        folder: keeps the finished episodes.
         executor: runs tasks of episodes.
-        progress: told how far a batch is.
+        progress: is called with the progress of a batch.
 
-    ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` count what the batches came across so
-    far.
+    ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
+    so far.
     """
 
     def __init__(
@@ -85,82 +98,78 @@ class Evaluation:
         """Run a batch; see ``Evaluate``."""
         if numbers is None:
             numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
-        table = self._rows(z, numbers, what, compare=False)
+        table = self._scores(z, numbers, what, compare=False)
         first = -self.episodes % CHECKED_EVERY
         self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
         self.episodes += len(z)
         self.timed_out += pc.sum(table["timed_out"], min_count=0).as_py()
         self.drew_more += pc.sum(table["drew_more"], min_count=0).as_py()
-        self.reasons += [why for why in table["reason"].to_pylist() if why is not None]
-        graded = [table[f"score_{grading}"].to_numpy() for grading in range(GRADINGS)]
-        return Outcomes(np.stack(graded, axis=1), table["passed_s"].to_numpy(), numbers)
+        self.reasons += table["reason"].drop_null().to_pylist()
+        score = table["score"].combine_chunks().flatten().to_numpy().reshape(-1, GRADINGS)
+        return Outcomes(score, table["passed_s"].to_numpy(), numbers)
 
     def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> Compared:
-        """Run episodes in both engines: those given, one in ``CHECKED_EVERY`` of all batches."""
+        """Run these episodes, and one in ``CHECKED_EVERY`` of all batches, in both engines."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         if not chosen:
             return Compared(0, [], [])
-        states, of = np.array([row for row, _ in chosen]), np.array([n for _, n in chosen])
-        table = self._rows(states, of, "checks in SUMO", compare=True)
+        states, keys = (np.array(column) for column in zip(*chosen, strict=True))
+        table = self._scores(states, keys, "checks in SUMO", compare=True)
         differs, ties = (
-            table.filter(pc.equal(table["by_a_tie"], tie))["differs"].drop_null().to_pylist()
+            table.filter(pc.equal(table["by_a_tie"], tie))["difference"].drop_null().to_pylist()
             for tie in (False, True)
         )
         return Compared(len(chosen), differs, ties)
 
-    def _rows(
+    def _scores(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
     ) -> pa.Table:
-        """The rows of a batch in order: those that were kept, and the others run."""
+        """The scores of a batch in order; episodes that were not kept are run."""
         form = f"batch-{self._batches}-{{}}.parquet"
         self._batches += 1
-        parts = [_table(np.empty(0, dtype=np.int64), [])]
+        parts = [_SCORES.empty_table()]
         while (path := self._folder / form.format(len(parts))).is_file():
             parts.append(pq.read_table(path))
         kept = pa.concat_tables(parts)["at"].to_numpy()
         left = np.setdiff1d(np.arange(len(z)), kept)
-        fresh: list[Scores] = []
-        rows: list[NDArray[np.int64]] = []
+        fresh: list[dict[str, Any]] = []
 
         def keep() -> None:
-            if not fresh:
-                return
-            content = io.BytesIO()
-            parts.append(_table(np.concatenate(rows), fresh))
-            pq.write_table(parts[-1], content)
-            self._folder.mkdir(exist_ok=True)
-            write_file(self._folder / form.format(len(parts) - 1), content.getvalue())
-            fresh.clear()
-            rows.clear()
+            if fresh:
+                parts.append(pa.Table.from_pylist(fresh, _SCORES))
+                self._folder.mkdir(exist_ok=True)
+                path = self._folder / form.format(len(parts) - 1)
+                write_parquet(path, _SCORES, iter(parts[-1:]))
+                fresh.clear()
 
-        done, kept_at = len(kept), monotonic()
+        kept_at = monotonic()
         try:
-            for task, scores in self._scored(z[left], numbers[left], compare=compare):
-                own = left[task.first : task.first + len(task.numbers)]
-                fresh.append(scores)
-                rows.append(own)
-                done += len(own)
+            for task, scores in self._finished(z[left], numbers[left], compare=compare):
+                places = left[task.first : task.first + len(scores)].tolist()
+                fresh += [
+                    {"at": place, **score._asdict()}
+                    for place, score in zip(places, scores, strict=True)
+                ]
                 if monotonic() - kept_at > KEPT_EVERY_S:
                     keep()
                     kept_at = monotonic()
-                self._progress(done, len(z), what)
+                self._progress(sum(map(len, (*parts, fresh))), len(z), what)
         finally:
             keep()
         return pa.concat_tables(parts).sort_by("at")
 
-    def _scored(
+    def _finished(
         self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
-    ) -> Iterator[tuple[Episodes, Scores]]:
+    ) -> Iterator[tuple[Episodes, list[Score]]]:
         """The tasks of some episodes as they are finished."""
         question = self._question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
         keys = tuple(numbers.tolist())
         waiting = [
             Episodes(question, i, keys[i : i + _CHUNK], z[i : i + _CHUNK], compare, hang_s)
-            for i in range(0, len(z), _CHUNK)
+            for i in reversed(range(0, len(z), _CHUNK))
         ]
         failures: dict[int, int] = {}
-        waiting.reverse()
 
         def take() -> Episodes | None:
             return waiting.pop() if waiting else None
@@ -175,32 +184,5 @@ class Evaluation:
                 if failures[task.first] < ATTEMPTS:
                     waiting.append(task)
                 else:
-                    yield task, _given_up(task, reason_of(error, hang_s, None))
-
-
-def _table(rows: NDArray[np.int64], scores: list[Scores]) -> pa.Table:
-    """Some rows of a batch, ``rows`` in it."""
-    score = np.concatenate([np.empty((0, GRADINGS)), *(part.score for part in scores)])
-
-    def column(of: Callable[[Scores], Iterable[Any]], kind: pa.DataType) -> pa.Array:
-        return pa.array(chain.from_iterable(map(of, scores)), kind)
-
-    return pa.table(
-        {
-            "at": rows,
-            **{f"score_{grading}": score[:, grading] for grading in range(GRADINGS)},
-            "passed_s": np.concatenate([np.empty(0), *(part.passed_s for part in scores)]),
-            "timed_out": column(lambda part: part.timed_out, pa.bool_()),
-            "reason": column(lambda part: part.reasons, pa.string()),
-            "differs": column(lambda part: part.differs, pa.string()),
-            "by_a_tie": column(lambda part: part.by_a_tie, pa.bool_()),
-            "drew_more": column(lambda part: part.drew_more, pa.bool_()),
-        }
-    )
-
-
-def _given_up(task: Episodes, reason: str) -> Scores:
-    """Episodes that no worker survived."""
-    count = len(task.numbers)
-    unknown, no = np.full((count, GRADINGS), np.nan), (False,) * count
-    return Scores(unknown, unknown[:, 0], no, (reason,) * count, (None,) * count, no, no)
+                    reason = reason_of(error, hang_s, None)
+                    yield task, [failed(reason)] * len(task.numbers)

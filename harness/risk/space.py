@@ -37,30 +37,18 @@ class Space:
     Attributes:
         fixed: the purpose of each fixed uniform: the first is its stream's first, and so on.
         marks: purposes of the uniforms of each of the flow, the arrival first; () without a flow.
-        window_s: within which the flow is sampled, from the trigger on.
-        rate_per_s: of the flow.
+        layout: sizes of a state.
         first: the number of the flow's first pedestrian.
         seed: of the streams.
-        entangled: see ``Layout``: the errors of those who walk at the trigger come from streams
-            numbered after all who come.
         by_chance: what perception draws and no uniform of a state stands for, in words.
     """
 
     fixed: tuple[Purpose, ...]
     marks: tuple[Purpose, ...]
-    window_s: float
-    rate_per_s: float
+    layout: Layout
     first: int
     seed: int
-    entangled: bool
     by_chance: tuple[str, ...]
-
-    @property
-    def layout(self) -> Layout:
-        """Sizes of a state."""
-        return Layout(
-            len(self.fixed), len(self.marks), self.rate_per_s, self.window_s, self.entangled
-        )
 
     def given(self, z: FloatArray, number: int) -> Given:
         """The uniforms Φ(z) by purpose, in place of the first draws of each stream.
@@ -83,10 +71,10 @@ class Space:
         people = people[~np.isnan(people[:, 0])]
         people = np.clip(ndtr(people[np.argsort(people[:, 0], kind="stable")]), _OPEN, 1 - _OPEN)
         for purpose in dict.fromkeys(self.marks[1:]):
-            own = [k for k, mark in enumerate(self.marks) if mark == purpose]
-            values.setdefault(purpose, []).extend(people[:, own].ravel().tolist())
+            columns = [k for k, mark in enumerate(self.marks) if mark == purpose]
+            values.setdefault(purpose, []).extend(people[:, columns].ravel().tolist())
         later = stream(self.seed, "arrival", number).random(self.first + len(people) + 1)[-1]
-        window = self.rate_per_s * self.window_s
+        window = layout.mean_count
         times = [0.0, *(window * people[:, 0]), window - math.log1p(-later)]
         gaps = np.clip(-np.expm1(-np.diff(times)), _OPEN, 1 - _OPEN)
         # The first arrival is nobody's where the first pedestrian is there at the trigger.
@@ -102,23 +90,23 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
             nothing in an episode is random.
     """
     pedestrians, perception = scenario.pedestrians, scenario.perception
-    _refuse_what_is_no_function(scenario)
+    _refuse_unsampled(scenario)
     misses, drops = perception.detection_probability < 1, perception.dropout_probability > 0
     errs = perception.position_sd_m > 0 or perception.speed_sd_mps > 0
     hides = perception.occlusion and bool(scenario.obstacles())
     seen: list[Purpose] = ["redetection"] if misses and (drops or hides) else []
     if errs:
         seen += ["perception_error", "perception_error"]
-    of_walkers: list[Purpose] = ["side", "quantile"]
+    per_walker: list[Purpose] = ["side", "quantile"]
     if pedestrians.behaviour == "gap_acceptance":
-        of_walkers.append("critical_gap")
+        per_walker.append("critical_gap")
     if misses:
-        of_walkers.append("detection")
+        per_walker.append("detection")
     timed = len(scenario.timed_walks())
     most = pedestrians.max_count
     first = int(pedestrians.first_at_trigger and most != 0)
     fixed: list[Purpose] = ["timed_detection"] * timed if misses else []
-    fixed += of_walkers * first + seen * (timed + first)
+    fixed += per_walker * first + seen * (timed + first)
     if draws(scenario, arm):
         fixed += [draws_from(scenario, arm)] * GIVEN_DRAWS
     flows = pedestrians.flow_per_hour > 0 and (most is None or most > first)
@@ -128,7 +116,7 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
             "is 0: nothing in an episode is left to chance",
             "a flow above 0, or people who may be missed; else: harness run",
         )
-    marks: tuple[Purpose, ...] = ("arrival", *of_walkers, *seen) if flows else ()
+    marks: tuple[Purpose, ...] = ("arrival", *per_walker, *seen) if flows else ()
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
     rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
@@ -136,13 +124,13 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         *(["whether perception loses somebody at a look"] if drops else []),
         *(["how the errors of perception change after somebody's first look"] if errs else []),
     )
+    # The errors of those who walk at the trigger come from streams numbered after all who come.
     entangled = (errs or drops) and pedestrians.warm_up_s > 0
-    return Space(
-        tuple(fixed), marks, window_s, rate, first, scenario.experiment.seed, entangled, by_chance
-    )
+    layout = Layout(len(fixed), len(marks), rate, window_s, entangled)
+    return Space(tuple(fixed), marks, layout, first, scenario.experiment.seed, by_chance)
 
 
-def _refuse_what_is_no_function(scenario: Scenario) -> None:
+def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
     if scenario.traffic is not None:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What a finished risk leaves: its result, its events, and a scenario of the likeliest of them."""
+"""What a finished risk leaves: its findings, its events, and a scenario of the likeliest ones."""
 
 import json
 import math
@@ -10,14 +10,15 @@ import numpy as np
 import pyarrow as pa
 import tomlkit
 
+from harness.comparison.findings import Note, Rank
 from harness.comparison.intervals import CONFIDENCE
 from harness.files import write_file
 from harness.results.tables import write_parquet
-from harness.risk.asking import Settings
-from harness.risk.episodes import Question
-from harness.risk.estimation import Findings
+from harness.risk.asking import Question, Settings
+from harness.risk.estimation import Estimation
+from harness.risk.findings import SCHEMA, RiskFindings, Way
 from harness.risk.running import Compared, Evaluation
-from harness.risk.ways import drawn_of, people_of, ways_of
+from harness.risk.ways import Cluster, drawn_of, people_of, ways_of
 from harness.seeding import GIVEN_DRAWS
 
 RESULT = "result.json"
@@ -30,7 +31,7 @@ def write_findings(
     folder: Path,
     settings: Settings,
     question: Question,
-    findings: Findings,
+    estimation: Estimation,
     evaluation: Evaluation,
     compared: Compared,
     rng: np.random.Generator,
@@ -39,162 +40,188 @@ def write_findings(
 
     Args:
         folder: of the risk.
-        settings: what was asked.
-        question: the same for the workers.
-        findings: what the sampling came to.
+        settings: as the user gave them.
+        question: as the workers were given it.
+        estimation: the result of the sampling.
         evaluation: counted the episodes.
-        compared: what came of those run in both engines.
-        rng: starts the search for ways.
+        compared: the episodes that were run in both engines.
+        rng: seeds the clusters of events.
     """
-    numbers = findings.numbers.tolist()
-    ways = _ways(question, findings, numbers, rng)
-    _write_failures(folder, question, findings, numbers)
-    if ways:
-        _write_critical(folder, question, findings, numbers, ways)
-    result = _result(settings, question, findings, evaluation, compared, ways)
-    write_file(folder / RESULT, as_json(result))
+    clusters = ways_of(estimation.keys, estimation.weights, rng) if estimation.weights.size else []
+    _write_failures(folder, question, estimation)
+    if clusters:
+        _write_critical(folder, question, estimation, clusters)
+    ways = _ways(question, estimation, clusters)
+    findings = findings_of(settings, question, estimation, evaluation, compared, ways)
+    write_file(folder / RESULT, as_json(risk_document(findings)))
 
 
-def as_json(document: Mapping[str, Any]) -> bytes:
+def risk_document(findings: RiskFindings) -> dict[str, object]:
+    """What ``result.json`` holds, and ``--json`` prints."""
+    return {"schema": SCHEMA, **findings.model_dump(mode="json")}
+
+
+def as_json(tree: Mapping[str, object]) -> bytes:
     """A document as the risk's files hold it."""
-    return (json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    return (json.dumps(tree, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
-def figures(findings: Findings) -> dict[str, Any]:
-    """The estimate as the result holds it, with the bound on what the exploration did not find."""
-    estimate, p = findings.estimate, findings.estimate.probability
-    cv = estimate.coefficient_of_variation
-    return {
-        "by_brute_force": not findings.proposal.components,
-        "probability": p,
-        "ci_low": estimate.ci_low,
-        "ci_high": estimate.ci_high,
-        "nominal_high": estimate.nominal.high,
-        "nominal_draws": estimate.nominal.draws,
-        "nominal_events": estimate.nominal.events,
-        "confidence": CONFIDENCE,
-        "coefficient_of_variation": cv,
-        "effective_sample_size": estimate.effective_sample_size,
-        "episodes": findings.episodes,
-        "brute_force_episodes": None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
-        "draws": estimate.draws,
-        "events": estimate.events,
-        "events_in_all": findings.events_in_all,
-        "first_look_draws": findings.first_look.draws,
-        "first_look_events": findings.first_look.events,
-    }
-
-
-def _result(
+def findings_of(
     settings: Settings,
     question: Question,
-    findings: Findings,
+    estimation: Estimation,
     evaluation: Evaluation,
     compared: Compared,
-    ways: list[dict[str, Any]],
-) -> dict[str, Any]:
-    p, failed = findings.estimate.probability, len(evaluation.reasons)
+    ways: tuple[Way, ...],
+) -> RiskFindings:
+    """The findings; the arguments are those of ``write_findings``."""
+    estimate, failed = estimation.estimate, len(evaluation.reasons)
+    p, cv = estimate.probability, estimate.coefficient_of_variation
     nothing_known = failed == evaluation.episodes
-    worst = findings.failed_weight + (p or 0.0)
-    warnings = list(findings.warnings)
-    if failed:
-        warnings.append(
-            f"{failed:,} of {evaluation.episodes:,} episodes failed and count as no event, "
-            f"e.g. {evaluation.reasons[0]}"
+    worst = min(1.0, estimation.failed_weight + (p or 0.0))
+    return RiskFindings(
+        scenario=settings.name,
+        arm=settings.arm,
+        strategy=settings.driver,
+        event=settings.event,
+        by_brute_force=not estimation.proposal.components,
+        probability=p,
+        ci_low=estimate.ci_low,
+        ci_high=1.0 if nothing_known else estimate.ci_high,
+        nominal_high=1.0 if nothing_known else estimate.nominal.high,
+        nominal_draws=estimate.nominal.draws,
+        nominal_events=estimate.nominal.events,
+        confidence=CONFIDENCE,
+        coefficient_of_variation=cv,
+        effective_sample_size=estimate.effective_sample_size,
+        episodes=estimation.episodes,
+        brute_force_episodes=None if p is None or not cv else math.ceil((1 - p) / p / cv**2),
+        draws=estimate.draws,
+        events=estimate.events,
+        events_in_all=estimation.events_in_all,
+        first_look_draws=estimation.first_look.draws,
+        first_look_events=estimation.first_look.events,
+        probability_worst=worst if failed or p else None,
+        failed=failed,
+        timed_out=evaluation.timed_out,
+        compared_with_other_engine=compared.episodes,
+        differing=len(compared.differs),
+        differences=tuple(compared.differs[:_DIFFERENCES_KEPT]),
+        differing_by_a_tie=len(compared.ties),
+        ties=tuple(compared.ties[:_DIFFERENCES_KEPT]),
+        levels=tuple(exploration.levels for exploration in estimation.explorations),
+        ways=ways,
+        notes=tuple(sorted(_notes(question, estimation, evaluation, compared, worst))),
+    )
+
+
+def _notes(
+    question: Question,
+    estimation: Estimation,
+    evaluation: Evaluation,
+    compared: Compared,
+    worst: float,
+) -> list[Note]:
+    notes = list(estimation.notes)
+    if len(evaluation.reasons) == evaluation.episodes:
+        notes.append(Note(Rank.NOTHING_TESTED, "Every episode failed: nothing is known."))
+    elif not estimation.events_in_all:
+        notes.append(
+            Note(
+                Rank.NOTHING_TESTED,
+                f"No way to the event was found in {estimation.episodes:,} episodes.",
+            )
+        )
+    if evaluation.reasons:
+        notes.append(
+            Note(
+                Rank.FAILURES,
+                f"{len(evaluation.reasons):,} of {evaluation.episodes:,} episodes failed and count "
+                f"as no event; if all of them were events, the probability would be {worst:.3g}. "
+                f"The first failure: {evaluation.reasons[0]}",
+            )
+        )
+    if compared.differs:
+        notes.append(
+            Note(
+                Rank.FAILURES,
+                f"The plain engine and SUMO disagree in {len(compared.differs):,} of "
+                f"{compared.episodes:,} episodes.",
+            )
+        )
+    if evaluation.timed_out:
+        notes.append(
+            Note(
+                Rank.TIME_OUTS,
+                f"{evaluation.timed_out:,} of {evaluation.episodes:,} episodes timed out and count "
+                "as no event.",
+            )
         )
     by_chance = list(question.space.by_chance)
     if evaluation.drew_more:
         by_chance.append(
-            f"what the strategy draws after its first {GIVEN_DRAWS} random numbers (it does in "
+            f"what the strategy draws after its first {GIVEN_DRAWS} random numbers (in "
             f"{evaluation.drew_more:,} of {evaluation.episodes:,} episodes)"
         )
     if by_chance:
-        warnings.append(
-            f"left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
-            "rare values of it are found by chance alone"
+        notes.append(
+            Note(
+                Rank.LEFT_OUT,
+                f"Left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
+                "rare values of it are found only by chance.",
+            )
         )
-    if compared.differs:
-        warnings.append(
-            f"plain engine and SUMO disagree in {len(compared.differs)} of {compared.episodes} "
-            "episodes"
-        )
-    return {
-        "scenario": settings.name,
-        "arm": settings.arm.value,
-        "strategy": settings.scenario.arms.driver(settings.arm),
-        "event": settings.event,
-        **figures(findings),
-        **({"ci_high": 1.0, "nominal_high": 1.0} if nothing_known else {}),
-        "probability_worst": min(1.0, worst) if failed or p else None,
-        "failed": failed,
-        "timed_out": evaluation.timed_out,
-        "compared_with_other_engine": compared.episodes,
-        "differing": len(compared.differs),
-        "differences": compared.differs[:_DIFFERENCES_KEPT],
-        "differing_by_a_tie": len(compared.ties),
-        "ties": compared.ties[:_DIFFERENCES_KEPT],
-        "levels": [list(exploration.levels) for exploration in findings.explorations],
-        "ways": ways,
-        "warnings": warnings,
-    }
+    return notes
 
 
-def _ways(
-    question: Question, findings: Findings, numbers: list[int], rng: np.random.Generator
-) -> list[dict[str, Any]]:
-    if not numbers:
-        return []
-    return [
-        {
-            "share": way.share,
-            "events": len(way.members),
-            "episode": numbers[way.members[0]],
-            "pedestrians": people_of(
-                question.scenario,
-                question.space,
-                numbers[way.members[0]],
-                findings.z[way.members[0]],
-            ),
-            "critical": list(way.members[:_CRITICAL_OF_EACH_WAY]),
-        }
-        for way in ways_of(findings.keys, findings.weights, rng)
+def _ways(question: Question, estimation: Estimation, clusters: list[Cluster]) -> tuple[Way, ...]:
+    ways, first = [], 0
+    for cluster in clusters:
+        likeliest = cluster.members[0]
+        number = int(estimation.numbers[likeliest])
+        last = first + len(cluster.members[:_CRITICAL_OF_EACH_WAY]) - 1
+        ways.append(
+            Way(
+                share=cluster.share,
+                events=len(cluster.members),
+                episode=number,
+                pedestrians=people_of(
+                    question.scenario, question.space, number, estimation.z[likeliest]
+                ),
+                critical_pairs=(first, last),
+            )
+        )
+        first = last + 1
+    return tuple(ways)
+
+
+def _write_failures(folder: Path, question: Question, estimation: Estimation) -> None:
+    numbers = estimation.numbers.tolist()
+    given = [question.space.given(z, key) for z, key in zip(estimation.z, numbers, strict=True)]
+    purposes = sorted({purpose for uniforms in given for purpose in uniforms})
+    columns = {"episode": pa.int64(), "weight": pa.float64()}
+    schema = pa.schema(columns | dict.fromkeys(purposes, pa.list_(pa.float64())))
+    rows: list[dict[str, Any]] = [
+        {"episode": number, "weight": weight}
+        | {purpose: uniforms.get(purpose, ()) for purpose in purposes}
+        for uniforms, number, weight in zip(
+            given, numbers, estimation.weights.tolist(), strict=True
+        )
     ]
-
-
-def _write_failures(
-    folder: Path, question: Question, findings: Findings, numbers: list[int]
-) -> None:
-    given = [question.space.given(z, number) for z, number in zip(findings.z, numbers, strict=True)]
-    columns: dict[str, Any] = {"episode": numbers, "weight": findings.weights}
-    for purpose in sorted({purpose for uniforms in given for purpose in uniforms}):
-        lists = [list(uniforms.get(purpose, ())) for uniforms in given]
-        columns[purpose] = pa.array(lists, pa.list_(pa.float64()))
-    table = pa.table(columns)
-    write_parquet(folder / "failures.parquet", table.schema, iter([table]))
+    table = pa.Table.from_pylist(rows, schema)
+    write_parquet(folder / "failures.parquet", schema, iter([table]))
 
 
 def _write_critical(
-    folder: Path,
-    question: Question,
-    findings: Findings,
-    numbers: list[int],
-    ways: list[dict[str, Any]],
+    folder: Path, question: Question, estimation: Estimation, clusters: list[Cluster]
 ) -> None:
-    """The scenario of the likeliest ways; each way's pairs are named in the result."""
-    drawn, first = [], 0
-    for way in ways:
-        members = way.pop("critical")
-        drawn += [drawn_of(question.space, numbers[k], findings.z[k]) for k in members]
-        way["critical_pairs"] = [first, first + len(members) - 1]
-        first += len(members)
-    tree = question.scenario.model_dump(exclude_none=True)
+    """The scenario of the likeliest episodes; each way names its pairs in the findings."""
+    drawn = [
+        drawn_of(question.space, int(estimation.numbers[k]), estimation.z[k])
+        for cluster in clusters
+        for k in cluster.members[:_CRITICAL_OF_EACH_WAY]
+    ]
+    tree = question.scenario.model_dump(mode="json", exclude_none=True)
     tree["pedestrians"]["drawn"] = drawn
     tree["experiment"]["pairs"] = len(drawn)
-    write_file(folder / "critical.toml", tomlkit.dumps(_plain(tree)).encode())
-
-
-def _plain(tree: Any) -> Any:
-    """A tree with lists in the place of tuples, as TOML writers want it."""
-    if isinstance(tree, Mapping):
-        return {key: _plain(value) for key, value in tree.items()}
-    return [_plain(value) for value in tree] if isinstance(tree, (list, tuple)) else tree
+    write_file(folder / "critical.toml", tomlkit.dumps(tree).encode())

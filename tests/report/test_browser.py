@@ -19,7 +19,7 @@ from harness.report.page import write_report
 from harness.report.risk_page import write_risk_page
 from harness.report.validation_page import write_validation
 from harness.risk.asking import Settings
-from harness.risk.folder import ASKED, estimate_risk, read_risk
+from harness.risk.folder import estimate_risk
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Scenario
 from harness.strategies.hard_yield import HardYield
@@ -179,7 +179,7 @@ def of_risk(_request: Any, folder: Path) -> Path:
     scenario = Scenario.model_validate({"arms": {"av": "constant_speed"}})
     asked = Settings("cctc", scenario, event="min_gap_m<1000", most_episodes=60)
     out = estimate_risk(asked, out=folder / "risk", make_executor=Inline)
-    return write_risk_page(out, read_risk(out, ASKED), read_risk(out))
+    return write_risk_page(out)
 
 
 def of_validation(_request: Any, folder: Path) -> Path:

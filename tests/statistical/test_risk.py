@@ -10,7 +10,7 @@ from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
-from harness.risk.estimation import Findings, _pilot, estimate_probability
+from harness.risk.estimation import Estimation, _pilot, estimate_probability
 from harness.risk.interval import Tally
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Evaluate
@@ -64,7 +64,7 @@ def test_the_bound_by_nominal_draws_covers_whenever_the_first_look_ends(p, cv: f
     assert exceeded <= stats.binom.ppf(0.999, repetitions, 0.052)
 
 
-def is_true(findings: Findings, truth: float) -> bool:
+def is_true(findings: Estimation, truth: float) -> bool:
     """Whether what is said holds: the interval, and the bound beside it where it is weighted."""
     estimate = findings.estimate
     left = estimate.nominal.high if findings.proposal.components else 0.0

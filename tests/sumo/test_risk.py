@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+from harness.comparison.findings import Rank
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.risk.asking import Settings, question_of
@@ -120,7 +121,7 @@ def test_its_page_says_the_estimate_and_how_to_play(finished: Path, tmp_path: Pa
     printed("report", finished, "--out", page)
     text = page.read_text()
     result = json.loads((finished / RESULT).read_text())
-    assert f"= {result['probability']:.3g} " in text
+    assert f" {result['probability']:.3g} " in text
     assert "harness run" in text
     assert "critical.toml" in text
     assert text.count('<table id="way-') == len(result["ways"])
@@ -138,7 +139,9 @@ def test_what_failed_or_differed_ends_with_exit_code_1(finished: Path, tmp_path:
 def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert json.loads(printed("resume", finished, "--json")) == read_risk(finished)
+    stored = json.loads((finished / RESULT).read_text())
+    assert json.loads(printed("resume", finished, "--json")) == stored
+    assert stored["findings"]["probability"]["value"] == stored["probability"]
     assert printed("resume", finished, "--quiet") == f"{finished}\n"
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
@@ -177,9 +180,10 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
     tree["arms"]["av"], tree["strategies"]["human_gmm"] = "human_gmm", {"speed": "sampled"}
     asked = Settings("cctc", validate(tree, "test"), event="min_gap_m<1000", most_episodes=60)
     drawing = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
-    words = "left to chance, not sampled: what the strategy draws after its first 2"
-    assert words in " ".join(read_risk(drawing)["warnings"])
-    assert "left to chance" not in " ".join(read_risk(finished)["warnings"])
+    (note,) = read_risk(drawing).notes
+    assert note.rank is Rank.LEFT_OUT
+    assert "what the strategy draws after its first 2 random numbers" in note.text
+    assert read_risk(finished).notes == ()
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import Arm, Ending
+from harness.comparison.findings import Note, Rank
+from harness.encounter import Arm, Ending, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
@@ -15,18 +16,18 @@ from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import MEASURES, EpisodeRecord, Measure
-from harness.report.risk_terminal import person_words, sentence
-from harness.risk.estimation import Findings, estimate_probability
+from harness.report.risk_terminal import person_words, risk_screen
+from harness.report.screen import screen_lines
+from harness.risk.estimation import estimate_probability
 from harness.risk.event import parse_event
+from harness.risk.findings import Person, RiskFindings, Way
 from harness.risk.fitting import first_components, spread
-from harness.risk.folder import read_risk
 from harness.risk.interval import Tally, estimate_of
 from harness.risk.layout import Layout
 from harness.risk.outcomes import Outcomes
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
 from harness.risk.space import space_of
 from harness.risk.ways import drawn_of, people_of
-from harness.risk.writing import RESULT, figures
 from harness.scenario import Scenario, load_scenario, validate
 from harness.seeding import has_drawn_more
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
@@ -71,7 +72,7 @@ def test_few_events_of_brute_force_have_an_exact_interval_and_no_warning() -> No
     assert 0 < estimate.events < 30
     exact = stats.binomtest(estimate.events, estimate.draws).proportion_ci(method="exact")
     assert (estimate.ci_low, estimate.ci_high) == pytest.approx((exact.low, exact.high))
-    assert findings.warnings == ()
+    assert findings.notes == ()
 
 
 def test_an_event_that_everybody_meets() -> None:
@@ -122,29 +123,165 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
     # One event in n draws: P(at most one | p) = 0.05 at the bound.
     few = stats.binom.cdf(1, findings.episodes, estimate.ci_high)
     assert few == pytest.approx(0.05)
-    words = sentence(result_of(findings))
+    words = " ".join(note.text for note in findings.notes)
     assert f"1 of the {findings.first_look.draws:,} episodes of the first look did" in words
-    assert f"1 event in {findings.episodes:,} nominal draws" in words
 
 
-def test_an_estimate_of_the_ways_found_is_never_said_without_the_bound_on_others() -> None:
+def test_the_bound_on_other_ways_rests_on_every_nominal_draw() -> None:
     findings = estimate_probability(half_space(1e-4)[0], LAYOUT, np.random.default_rng(5))
     nominal = findings.estimate.nominal
     # The first look, the first points of three explorations, a tenth of the last draws.
     tenth = nominal.draws - findings.first_look.draws - 3_000
     assert tenth == pytest.approx(0.1 * findings.estimate.draws, rel=0.2)
     assert stats.binom.cdf(nominal.events, nominal.draws, nominal.high) == pytest.approx(0.05)
-    words = sentence(result_of(findings))
-    assert "the ways to the event that were found add up to P(crashed) = " in words
-    assert f"did not find may add up to {nominal.high:.2g} (one-sided 95 %" in words
-    of_all = estimate_probability(half_space(1e-2)[0], LAYOUT, np.random.default_rng(3))
-    assert "by brute force, which leaves no way out" in sentence(result_of(of_all))
 
 
-def result_of(findings: Findings) -> dict[str, object]:
-    """What the sentence reads of ``result.json``."""
-    who = {"strategy": "s", "arm": "av", "scenario": "x", "event": "crashed", "failed": 0}
-    return {**who, "confidence": 0.95, "events_in_all": findings.events_in_all, **figures(findings)}
+def result(**changes: object) -> RiskFindings:
+    """Findings written by hand."""
+    person = Person(
+        arrival_s=0.0, side=Side.FAR, quantile=0.461, critical_gap_s=None, found_at_look=55
+    )
+    values = {
+        "scenario": "cctc",
+        "arm": "av",
+        "strategy": "hard_yield",
+        "event": "crashed",
+        "by_brute_force": False,
+        "probability": 9.2e-10,
+        "ci_low": 8.7e-10,
+        "ci_high": 9.8e-10,
+        "nominal_high": 0.00023,
+        "nominal_draws": 13_281,
+        "nominal_events": 0,
+        "confidence": 0.95,
+        "coefficient_of_variation": 0.03,
+        "effective_sample_size": 908.0,
+        "episodes": 58_559,
+        "brute_force_episodes": 1_410_721_058_736,
+        "draws": 3_000,
+        "events": 1_522,
+        "events_in_all": 20_000,
+        "first_look_draws": 3_000,
+        "first_look_events": 0,
+        "probability_worst": None,
+        "failed": 0,
+        "timed_out": 0,
+        "compared_with_other_engine": 2_108,
+        "differing": 0,
+        "differences": (),
+        "differing_by_a_tie": 0,
+        "ties": (),
+        "levels": (),
+        "ways": (
+            Way(share=1, events=9, episode=7, pedestrians=[person] * 3, critical_pairs=(0, 8)),
+        ),
+        "notes": (),
+    }
+    return RiskFindings.model_validate(values | changes)
+
+
+WEIGHTED = """\
+cctc: probability of crashed, hard_yield (av)                                        58,559 episodes
+                                               estimate  95 % interval
+probability per episode, ways that were found  9.2e-10   8.7e-10 … 9.8e-10
+upper bound on all ways, one-sided             0.00023   0 events in 13,281 nominal draws
+effective sample size                          908       1,522 events in 3,000 draws
+episodes that brute force would need           1.41e+12  this risk ran 58,559
+episodes run in both engines                   2,108, all equal
+way with 100 % of the probability              far at 0.0 s, speed quantile 0.461, found at look 55;
+                                               far at 0.0 s, speed quantile 0.461, found at look 55;
+                                               1 more
+All numbers: --full. Page: harness report 'my runs' Episodes: harness run 'my
+runs/critical.toml'"""
+
+BRUTE_FORCE = """\
+cctc: probability of crashed, hard_yield (av)                                         2,000 episodes
+                                      estimate  95 % interval
+probability per episode, all ways     0.223     0.198 … 0.25
+effective sample size                 223       223 events in 1,000 draws
+episodes that brute force would need  999       this risk ran 2,000
+episodes run in both engines          2,108, 37 differ but for 2 that differ by a tie of the
+                                      strategy
+! 3 of 2,000 episodes failed.
+All numbers: --full. Page: harness report 'my runs'"""
+
+NO_WAY = """\
+cctc: probability of crashed, hard_yield (av)                                         1,001 episodes
+                                               estimate  95 % interval
+probability per episode, ways that were found  –
+upper bound on all ways, one-sided             0.95      1 event in 1,000 nominal draws
+effective sample size                          –         0 events in 1 draw
+episodes that brute force would need           –         this risk ran 1,001
+! No way to the event was found in 1,001 episodes.
+All numbers: --full. Page: harness report 'my runs'"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, WEIGHTED),
+        (
+            {
+                "by_brute_force": True,
+                "probability": 0.223,
+                "ci_low": 0.198,
+                "ci_high": 0.25,
+                "effective_sample_size": 223.0,
+                "episodes": 2_000,
+                "brute_force_episodes": 999,
+                "draws": 1_000,
+                "events": 223,
+                "failed": 3,
+                "probability_worst": 0.226,
+                "differing": 37,
+                "differing_by_a_tie": 2,
+                "ways": (),
+                "notes": (Note(Rank.FAILURES, "3 of 2,000 episodes failed."),),
+            },
+            BRUTE_FORCE,
+        ),
+        (
+            {
+                "probability": None,
+                "ci_low": 0.0,
+                "ci_high": 0.95,
+                "nominal_high": 0.95,
+                "nominal_draws": 1_000,
+                "nominal_events": 1,
+                "effective_sample_size": None,
+                "brute_force_episodes": None,
+                "episodes": 1_001,
+                "draws": 1,
+                "events": 0,
+                "compared_with_other_engine": 0,
+                "ways": (),
+                "notes": (
+                    Note(Rank.NOTHING_TESTED, "No way to the event was found in 1,001 episodes."),
+                ),
+            },
+            NO_WAY,
+        ),
+    ],
+    ids=["weighted", "brute force", "no way"],
+)
+def test_the_first_screen_of_a_risk(changes: dict[str, object], expected: str) -> None:
+    lines = screen_lines(risk_screen(result(**changes), Path("my runs")))
+    assert "\n".join(lines) == expected
+
+
+def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
+    doubt = Note(Rank.FEW_PAIRS, "The interval is too narrow.")
+    finding = result(notes=(doubt,)).findings["probability"]
+    assert (finding.value, finding.low, finding.n, finding.events) == (
+        9.2e-10,
+        8.7e-10,
+        3_000,
+        1_522,
+    )
+    assert (finding.reliable, finding.reason) == (False, doubt.text)
+    assert result().findings["probability"].reliable
+    undefined = result(probability=None).findings["probability"]
+    assert undefined.reason == "No draw of the estimate ended in the event."
 
 
 def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
@@ -375,13 +512,12 @@ def test_who_may_be_missed_leaves_something_to_chance() -> None:
     assert arrival.detection_quantile == pytest.approx(stats.norm.cdf(1.0))
     # 1 − Φ(1) = 0.159 is more than 0.5³ and less than 0.5².
     (person,) = people_of(scenario, space, 3, np.array([1.0]))
-    assert (person["quantile"], person["found_at_look"]) == (None, 3)
-    assert person_words(person) == "0.0 s near, timed, found at look 3"
+    assert person_words(person) == "near at 0.0 s, timed, found at look 3"
     blind = scenario.model_copy(
         update={"perception": scenario.perception.model_copy(update={"detection_probability": 0.0})}
     )
     (person,) = people_of(blind, space, 3, np.array([1.0]))
-    assert person["found_at_look"] is None
+    assert person.found_at_look is None
 
 
 def test_who_was_missed_is_met_again_at_a_speed_that_the_model_does_not_know() -> None:
@@ -414,10 +550,10 @@ def test_a_state_is_met_in_the_streams(first_at_trigger: bool) -> None:
     people = people[np.argsort(people[:, 0])][: (~np.isnan(people[:, 0])).sum()]
     assert len(people) >= 1
     came = [arrival.arrival_s for arrival in arrivals[: len(people)]]
-    assert came == pytest.approx(space.window_s * stats.norm.cdf(people[:, 0]))
+    assert came == pytest.approx(space.layout.window_s * stats.norm.cdf(people[:, 0]))
     quantiles = [arrival.quantile for arrival in arrivals[: len(people)]]
     assert quantiles == pytest.approx(stats.norm.cdf(people[:, 2]))
-    assert arrivals[len(people)].arrival_s > space.window_s
+    assert arrivals[len(people)].arrival_s > space.layout.window_s
 
 
 def test_an_episode_met_again_is_the_same_with_all_its_streams() -> None:
@@ -431,9 +567,3 @@ def test_an_episode_met_again_is_the_same_with_all_its_streams() -> None:
     # The human driver draws from a stream of its own, and so do those who are there at the start.
     assert record(0, drawn=[{"episode": 9}]) == record(9)
     assert record(0, drawn=[{"episode": 9}]) != record(0)
-
-
-def test_a_result_of_an_earlier_version_is_refused(tmp_path: Path) -> None:
-    (tmp_path / RESULT).write_text('{"probability": 1e-6, "events": 9}', encoding="utf-8")
-    with pytest.raises(InputError, match="is of an earlier harness risk"):
-        read_risk(tmp_path)

@@ -7,7 +7,6 @@ import pytest
 
 from harness.comparison import PairColumns, Resampled, proportion, summarise
 from harness.report.result_tables import measure_rows, tiles
-from harness.report.risk_terminal import effort, sentence
 from harness.report.tables import per_cent
 from harness.report.words import crash_lines, is_the_papers, time_lines, walker_lines
 from harness.scenario import Scenario, load_scenario, parse_setting
@@ -205,53 +204,3 @@ def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
 )
 def test_walking_speeds_of_dut_are_said_to_hardly_depend_on_the_car(setting, drawn) -> None:
     assert bool(walker_lines([load_scenario("cctc", [parse_setting(setting)])])) is drawn
-
-
-RISK = {
-    "scenario": "cctc",
-    "arm": "av",
-    "strategy": "constant_speed",
-    "event": "crashed",
-    "probability": None,
-    "ci_high": 0.95,
-    "nominal_high": 0.95,
-    "nominal_draws": 1_000,
-    "nominal_events": 0,
-    "first_look_draws": 1_000,
-    "first_look_events": 0,
-    "by_brute_force": False,
-    "confidence": 0.95,
-    "probability_worst": None,
-    "episodes": 1_001,
-    "brute_force_episodes": None,
-    "draws": 1,
-    "events_in_all": 0,
-    "failed": 0,
-    "timed_out": 0,
-    "compared_with_other_engine": 500,
-    "differing": 0,
-    "differing_by_a_tie": 0,
-    "differences": [],
-}
-
-
-def test_a_risk_says_whether_a_way_to_the_event_was_found() -> None:
-    bound = "P(crashed) is at most 0.95 (one-sided 95 %; {} in 1,000 nominal draws)."
-    said = sentence(RISK)
-    assert "no way to crash was found in 1,001 episodes" in said
-    assert said.endswith(bound.format("0 events"))
-    # A first look saw crashes, the one draw of the estimate none.
-    looked = {"first_look_events": 190, "nominal_events": 190}
-    seen = sentence({**RISK, **looked, "events_in_all": 195})
-    assert "no way" not in seen
-    assert "none of its 1 draw ended in the event" in seen
-    assert "190 of the 1,000 episodes of the first look did, and 5 of the exploration" in seen
-    assert seen.endswith(bound.format("190 events"))
-
-
-def test_a_risk_counts_every_record_in_which_the_engines_differ() -> None:
-    # The result keeps the words of the first ten alone.
-    assert "500 run in both engines, 37 differ." in effort(
-        {**RISK, "differing": 37, "differences": ["episode 1: pet_s"] * 10}
-    )
-    assert "500 run in both engines, all equal." in effort(RISK)
