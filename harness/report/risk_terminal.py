@@ -25,7 +25,7 @@ def risk_screen(findings: RiskFindings, folder: Path, *, full: bool = False) -> 
     """The first screen of a risk; ``full`` lifts its limit of lines."""
     footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
     if findings.ways:
-        footer += f" Episodes: harness run {shlex.quote(str(folder / 'critical.toml'))}"
+        footer += f"; its episodes: harness run {shlex.quote(str(folder / 'critical.toml'))}"
     return Screen(
         title=heading(findings),
         scope=counted(findings.episodes, "episode"),

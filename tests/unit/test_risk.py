@@ -191,7 +191,7 @@ episodes run in both engines                   2,108, all equal
 way with 100 % of the probability              far at 0.0 s, speed quantile 0.461, found at look 55;
                                                far at 0.0 s, speed quantile 0.461, found at look 55;
                                                1 more
-All numbers: --full. Page: harness report 'my runs' Episodes: harness run 'my
+All numbers: --full. Page: harness report 'my runs'; its episodes: harness run 'my
 runs/critical.toml'"""
 
 BRUTE_FORCE = """\
