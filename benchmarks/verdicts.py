@@ -29,6 +29,7 @@ from harness.motion.walking import states_at
 from harness.replay.stored import differences_of
 from harness.results.episode_tables import episode_rows
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
+from harness.results.tables import table_of
 from harness.scenario import Cell, study_from
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,
@@ -233,7 +234,7 @@ def _again(cell: Cell, pairs: Iterable[int], episodes: pa.Table) -> Iterator[Out
         stored[row["pair"], row["arm"]] = [row]
     try:
         for outcome in runner.run(pairs):
-            rows = episode_rows(cell.number, [outcome])
+            rows = table_of("episodes", episode_rows(cell.number, [outcome])).to_pylist()
             key = outcome.pair, outcome.arm.value
             for difference in differences_of("episodes", rows, stored[key]):
                 sys.exit(f"pair {key[0]}, {key[1]}: {difference}")
@@ -259,7 +260,7 @@ def _judged(episodes: pa.Table, outcomes: Iterable[Outcome]) -> Verdicts:
     return Verdicts(episodes.num_rows, crashes, seen, reasons, left_open, unexplained)
 
 
-def table_of(run: Path, found: dict[tuple[int, str], Verdicts]) -> Table:
+def counts_of(run: Path, found: dict[tuple[int, str], Verdicts]) -> Table:
     """Counts by reason, a column for each cell and arm."""
     table = Table(title=str(run))
     table.add_column("episodes")
@@ -283,7 +284,7 @@ def main() -> None:
     failed = False
     for run in parser.parse_args().runs:
         found = verdicts_of(run)
-        console.print(table_of(run, found))
+        console.print(counts_of(run, found))
         for (cell, arm), verdicts in found.items():
             if verdicts.unexplained:
                 failed = True

@@ -88,11 +88,11 @@ def options_of(changes: dict[str, object]) -> list[str]:
 
 def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run ``harness`` to its end in this process, its tasks too, which saves starting Python."""
+    from harness.batch import showing
     from harness.calibration import jobs
     from harness.cli import app
     from harness.engine.shared import close_engine
     from harness.replay import rerun, sumo_outputs
-    from harness.report import episode_traces
     from harness.workers import pool
     from tests.conftest import close_all
 
@@ -103,7 +103,7 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
         patch.setenv("MPLBACKEND", "Agg")
         if cwd is not None:
             patch.chdir(cwd)
-        for module in (pool, jobs, rerun, sumo_outputs, episode_traces):
+        for module in (pool, jobs, rerun, sumo_outputs, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         with (
             contextlib.redirect_stdout(out),

@@ -43,13 +43,14 @@ def report(
         if open_page:
             _open(page)
         return
+    from harness.batch.showing import write_shown
     from harness.report.page import write_report
     from harness.report.tables import counted
     from harness.runs.opening import load_run
 
     run = load_run(run_folder)
     with unwinding():
-        written = write_report(run, out, figures)
+        written = write_report(run, out, figures, write_shown(run, out))
     if as_json:
         print_json(
             {

@@ -16,7 +16,7 @@ from harness.results.episode_tables import episode_rows, pedestrian_rows
 from harness.results.hour_tables import hour_rows
 from harness.results.manifest import explained
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
-from harness.results.tables import HOUR_TABLES
+from harness.results.tables import HOUR_TABLES, table_of
 from harness.scenario import Cell, EngineName, study_from
 from harness.traffic.pairing import HourOutcome
 
@@ -101,24 +101,20 @@ def record_differences(
     unknown = ("sumo_collision",) if engine == "plain" else ()
     for name, rows in stored.items():
         known = [{key: row[key] for key in row if key not in unknown} for row in rows]
-        yield from differences_of(name, columns[name], known, near)
+        yield from differences_of(name, table_of(name, columns[name]).to_pylist(), known, near)
 
 
 def differences_of(
-    name: str, columns: Mapping[str, Sequence[Any]], stored: Sequence[Row], near: float = 0.0
+    name: str, now: Sequence[Row], stored: Sequence[Row], near: float = 0.0
 ) -> Iterator[str]:
-    """How new columns of a table are not as its stored rows, in words.
+    """How new rows of a table are not as its stored ones, in words.
 
     Numbers that differ by at most ``near``, absolutely or relatively, are the same.
     """
-    now = [
-        dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
-    ]
     if len(stored) != len(now):
         yield f"{name}: {len(now)} rows instead of {len(stored)}"
         return
     for old, new in zip(stored, now, strict=True):
-        # A run of an earlier version has fewer columns.
         for column in old:
             if not _same(old[column], new[column], near):
                 yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 
 from harness.encounter import Arm
 from harness.report import style
-from harness.report.shown_hour import ShownHour
+from harness.report.player import pair_title
 from harness.report.style import Picture
 from harness.report.tables import ARM_NAMES
-from harness.report.words import pair_name
 from harness.runs.run_data import RunData
+from harness.runs.shown import ShownPair
 from harness.scenario import Scenario
 from harness.traffic.demand import scheduled_vehicles
 from harness.traffic.lanes import Direction, Lane, lanes_of
@@ -21,7 +21,7 @@ _BEYOND_M = 40.0
 _BAR_M = 4.0
 
 
-def time_space(run: RunData, hour: ShownHour) -> Picture:
+def time_space(run: RunData, hour: ShownPair) -> Picture:
     """Front bumpers of the ego's direction over time, and a bar for each pedestrian."""
     figure, panels = style.new_figure(len(Arm), height=1.7 * style.HEIGHT_INCH)
     scenario = run.scenario_of(hour.cell)
@@ -31,21 +31,22 @@ def time_space(run: RunData, hour: ShownHour) -> Picture:
         style.finish(axes, "time since the warm-up (s)", "distance to the crosswalk (m)")
         axes.set_title(style.figure_text(f"{ARM_NAMES[arm]}: {names[arm]}"), loc="left")
         style.legend_below(axes)
-    where = pair_name(run, hour.cell, hour.pair).capitalize()
+    where = pair_title(run, hour.cell, hour.pair)
     note = f" {hour.note}" if hour.note else ""
     return Picture(
         "time-space",
         "Time–space diagram of the approach",
-        f"{where}, around its longest queue: front bumpers of the ego's direction (a flat line "
-        "stands; each lane has its dash, AVs have a colour of their own), and a bar at the "
-        f"crosswalk for each pedestrian, thin while they wait, thick while they cross.{note}",
+        f"{where[0].upper()}{where[1:]}, around its longest queue: front bumpers of the ego's "
+        "direction (a flat line stands; each lane has its dash, AVs have a colour of their own), "
+        "and a bar at the crosswalk for each pedestrian, thin while they wait, thick while they "
+        f"cross.{note}",
         figure,
     )
 
 
-def _panel(axes: Axes, hour: ShownHour, arm: Arm, scenario: Scenario) -> None:
+def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
     """A line for each vehicle: its dash says the lane, its colour whether it is an AV."""
-    ways = hour.ways[hour.ways["arm"] == arm.value]
+    ways = hour.traces[hour.traces["arm"] == arm.value]
     own = ways[ways["time_s"].between(hour.begin_s, hour.end_s)]
     own = own[own["object"].str.startswith("vehicle-")]
     road = lanes_of(scenario)
@@ -82,8 +83,8 @@ def _is_automated(scenario: Scenario, pair: int, lane: Lane, count: int) -> bool
     return planned.uniform < scenario.known_traffic.av_share
 
 
-def _bars(axes: Axes, hour: ShownHour, arm: Arm) -> None:
-    walks = hour.walks[hour.walks["arm"] == arm.value]
+def _bars(axes: Axes, hour: ShownPair, arm: Arm) -> None:
+    walks = hour.people[hour.people["arm"] == arm.value]
     for row in walks.to_dict("records"):
         start = hour.end_s if pd.isna(row["start_s"]) else row["start_s"]
         end = hour.end_s if pd.isna(row["cleared_s"]) else row["cleared_s"]

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from harness.comparison import Interval
 from harness.report import style
 from harness.report.hour_figures import time_space
-from harness.report.shown_hour import ShownHour
 from harness.report.style import Picture
 from harness.report.sweep_pictures import across_key, axis_label
 from harness.report.tables import ARM_NAMES
 from harness.results.hour_summaries import HoursSummary
 from harness.runs.run_data import RunData
+from harness.runs.shown import ShownPair
 from harness.scenario import Cell, as_written
 
 _OVER = (
@@ -29,7 +29,7 @@ _WARM_UP = "traffic.warm_up_s"
 Points = list[tuple[float, Interval]]
 
 
-def hour_pictures(run: RunData, hour: ShownHour | None) -> Iterator[Picture]:
+def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
     """The figures of a run in traffic and of the hour shown; made inside ``style.styled``."""
     key = across_key(run) if run.varied_keys else None
     if key is not None:

@@ -7,24 +7,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2.utils import htmlsafe_json_dumps
-
 from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
 from harness.network import place_of
 from harness.report import style
 from harness.report.caveats import av_label, first_lines, sentence
 from harness.report.comparison_tables import comparison_lines, comparison_tables
-from harness.report.episode_traces import ShownPair, choose_pairs, nothing_to_show, shown_pairs
 from harness.report.hour_pictures import hour_pictures
-from harness.report.hour_player import hour_player
 from harness.report.hour_words import hour_lines, hour_tables
 from harness.report.pictures import pictures_of
-from harness.report.player_data import player_document
+from harness.report.player import run_player
 from harness.report.plots import save
 from harness.report.reference_words import reference_lines, references_compared
 from harness.report.result_tables import result_tables, statistics_table, tiles
-from harness.report.shown_hour import ShownHour, shown_hour
+from harness.report.style import Picture
 from harness.report.tables import Table, counted
 from harness.report.template import drawn, flat, page_in, write_page
 from harness.report.words import (
@@ -41,6 +37,7 @@ from harness.report.words import (
 from harness.runs.compare import compare
 from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
+from harness.runs.shown import ShownPair, shown_pairs
 from harness.runs.strategy_groups import strategy_groups
 from harness.scenario import as_written, remarks
 
@@ -59,13 +56,18 @@ class Written:
     differing: tuple[str, ...]
 
 
-def write_report(run: RunData, out: Path | None = None, figures: Path | None = None) -> Written:
+def write_report(
+    run: RunData, out: Path | None = None, figures: Path | None = None, missing: str = ""
+) -> Written:
     """Write a run's page, and on request its figures as PDF and PNG.
+
+    It simulates nothing: of a run without traces it shows what ``write_shown`` has written.
 
     Args:
         run: finished or not, with at least one finished pair.
         out: the file; default ``report.html`` in the run folder.
         figures: a folder for the figures, made if missing.
+        missing: why there are no episodes to show.
 
     Raises:
         InputError: nothing is finished yet, tables are damaged, or a place cannot be written.
@@ -75,7 +77,8 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Whatever is damaged is found before anything is written.
     context = _context(run)
-    shown, episodes, pictures = (_hour_shown if run.in_traffic else _pairs_shown)(run)
+    shown = shown_pairs(run, page)
+    pictures, figure_remarks = _pictures(run, shown)
     written: list[Path] = []
     drawn_pictures = []
     with style.styled():
@@ -84,50 +87,33 @@ def write_report(run: RunData, out: Path | None = None, figures: Path | None = N
             if figures is not None:
                 style.caption(picture.figure, picture.caption)
                 written += save(picture.figure, figures, picture.name)
-    write_page(page, context | episodes | {"pictures": drawn_pictures})
+    episodes = {
+        "player": run_player(run, shown) if shown else None,
+        "no_player": missing or "There are no traces of episodes to show.",
+        "pictures": drawn_pictures,
+        "figure_remarks": figure_remarks,
+    }
+    write_page(page, context | episodes)
     differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
     return Written(page, tuple(written), tuple(differing))
 
 
-_Shown = tuple[Sequence[ShownPair | ShownHour], dict[str, Any], Iterator[style.Picture]]
-"""Pairs or hours that are shown, their part of the page, and the figures."""
-
-
-def _pairs_shown(run: RunData) -> _Shown:
-    chosen, shown, no_player = choose_pairs(run), list[ShownPair](), ""
-    try:
-        shown = shown_pairs(run, chosen)
-    except HarnessError as error:
-        if run.kept_traces:
-            raise
-        # A model or a strategy may have gone since; the numbers are still there.
-        no_player = nothing_to_show(error)
-    model, remarks = None, []
+def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Picture], list[str]]:
+    """The figures, and remarks on those that are left out."""
+    if run.in_traffic:
+        return hour_pictures(run, shown[0] if shown else None), []
+    model, place = None, None
+    remarks = []
     try:
         model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
     except InputError as error:
+        # A model may have gone since; the numbers are still there.
         remarks = [f"Figures of the interaction model are left out: {error}."]
-    place = None
     try:
         place = place_of(run.scenario_of(0))
     except HarnessError as error:
         remarks.append(f"The figure of the site is left out: {error}.")
-    episodes = {
-        "player": _player(run, chosen, shown) if shown else None,
-        "no_player": no_player,
-        "figure_remarks": remarks,
-    }
-    return shown, episodes, pictures_of(run, model, place, shown)
-
-
-def _hour_shown(run: RunData) -> _Shown:
-    hour, no_hour = None, "No hour ran in both arms."
-    try:
-        hour = shown_hour(run)
-    except HarnessError as error:
-        no_hour = nothing_to_show(error)
-    episodes = {"hour": hour and hour_player(run, hour), "no_player": no_hour}
-    return [hour] if hour else [], episodes, hour_pictures(run, hour)
+    return pictures_of(run, model, place, shown), remarks
 
 
 def _context(run: RunData) -> dict[str, Any]:
@@ -307,45 +293,3 @@ def _listed(texts: Iterable[str]) -> str:
 
 def _named(versions: Mapping[str, str]) -> str:
     return ", ".join(f"{name} {version}" for name, version in versions.items())
-
-
-def _player(
-    run: RunData, chosen: dict[str, list[tuple[int, int]]], shown: Sequence[ShownPair]
-) -> dict[str, Any]:
-    document = player_document(run, chosen, shown)
-    episodes = document["episodes"]
-    groups = []
-    for group in document.pop("groups"):
-        entries = [
-            {"index": i, "title": episodes[i]["title"], "small": _small(episodes[i])}
-            for i in group["episodes"]
-        ]
-        groups.append({"title": group["title"], "entries": entries})
-    left_out = document.pop("left_out")
-    total = len(run.pairs)
-    words = f"{len(episodes):,} of {counted(total, 'pair')}, both arms of a pair side by side."
-    if not run.kept_traces:
-        words += " The run kept no traces, so these were simulated again for this page."
-        different = sum(bool(pair.differences) for pair in shown)
-        words += (
-            f" {different:,} of them differ from the stored record: see the note of each."
-            if different
-            else " All records are identical to the stored ones."
-        )
-    if left_out:
-        words += f" {left_out:,} chosen pairs are left out to keep the page small."
-    return {"groups": groups, "words": words, "json": htmlsafe_json_dumps(document)}
-
-
-def _small(episode: dict[str, Any]) -> str:
-    """A few words about an episode for the list."""
-    said = [] if "undefined" in episode["result"] else [episode["result"]]
-    for arm in episode["arms"]:
-        if arm["ending"] != "crossed":
-            said.append(f"{arm['name']} {arm['ending'].replace('_', ' ')}")
-    for name, unit in (("PET", "s"), ("TTC", "s"), ("DRAC", "m/s²")):
-        value = episode["arms"][0][name.lower()] if episode["arms"] else None
-        if value is not None:
-            said.append(f"{name} {value:.2f} {unit}")
-    # Broken between the parts alone.
-    return ", ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in said)

@@ -17,7 +17,6 @@ from harness.report import (
     style,
     tau_figures,
 )
-from harness.report.episode_traces import ShownPair
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.report.tables import counted, level
@@ -25,6 +24,7 @@ from harness.report.words import PAPER, is_the_papers, pair_name
 from harness.roads import Place, read_network, site_at
 from harness.runs.model_use import model_cells
 from harness.runs.run_data import RunData
+from harness.runs.shown import ShownPair
 from harness.scenario import Scenario
 
 ARRIVALS_S = 60.0
@@ -147,7 +147,7 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
             chosen[f"{pair_name(run, pair.cell, pair.pair)}, {reason}"] = pair
     if not chosen:
         chosen[f"pair {shown[0].pair} of cell {shown[0].cell}"] = shown[0]
-    traces = {label: pair.rows for label, pair in chosen.items()}
+    traces = {label: pair.traces for label, pair in chosen.items()}
     caption = (
         "The ego's speed over its {} in chosen pairs, one colour for each pair, solid for the AV, "
         f"dashed for the human; n = {counted(len(traces), 'pair')}."

@@ -26,7 +26,6 @@ _EMPTY: dict[str, Any] = {
     "verdicts": [],
     "failures": None,
     "player": None,
-    "hour": None,
     "no_player": "",
     "pictures": [],
     "figure_remarks": [],
@@ -71,10 +70,9 @@ def _filled(context: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    player = "hour.js" if context["hour"] else "player.js"
     shared = {
         "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "scripts": [_script(name) for name in ("page.js", player)],
+        "scripts": [_script(name) for name in ("page.js", "player.js")],
         "version": versions_of_runs()["harness"],
     }
     return environment.get_template("report.html").render(context | shared)

@@ -5,13 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2.utils import htmlsafe_json_dumps
+import pandas as pd
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Trace, Walk
+from harness.encounter import Arm, Trace, Walk
 from harness.files import write_file
 from harness.motion.walking import cleared_s, states_at
 from harness.report import style
-from harness.report.player_data import ShownArm, ShownScene, ShownWalker, rounded
+from harness.report.player import Player, scene_of, shown_arm
 from harness.report.template import drawn, write_page
 from harness.report.validation_figures import pictures_of
 from harness.report.validation_tables import validation_document, validation_tables
@@ -74,108 +74,81 @@ def _context(validation: Validation) -> dict[str, Any]:
     }
 
 
-def _player(validation: Validation) -> dict[str, Any]:
+def _player(validation: Validation) -> Player:
     """Recorded vehicle and nearest driver of each passage, side by side."""
     driver = validation.ranked[0].driver
     used = validation.passages.used[:_MOST_PASSAGES]
-    outcomes = validation.outcomes[driver]
     episodes, scenes = [], {}
-    for number, (passage, of) in enumerate(zip(used, outcomes, strict=False)):
-        scenes[str(number)] = _scene(passage)
-        real = validation.recorded[number]
+    for number, passage in enumerate(used):
+        simulated, recorded = validation.outcomes[driver][number][0], validation.recorded[number]
+        off = f"{simulated.pass_time_s - recorded.pass_time_s:+.1f} s"
+        arms = [
+            _arm(passage, simulated, Arm.AV, f"simulated: {driver}"),
+            _arm(passage, recorded, Arm.HUMAN, "recorded"),
+        ]
+        scenes[str(number)] = scene_of(passage.crossing, passage.vehicle)
         marked = sum(passage.extended)
         episodes.append(
             {
-                "cell": number,
-                "pair": number,
-                "title": passage.name,
-                "varied": "",
-                "result": f"{driver} passes {_off(validation, driver, number)} from the record",
+                "scene": str(number),
+                "name": passage.name,
+                "label": passage.name,
+                "result": f"{driver} passes {off} from the record",
+                "small": off,
                 "note": f"{marked} of {len(passage.arrivals)} walks go on beyond their record.",
-                "arms": [
-                    _arm(passage, of[0], "av", driver),
-                    _arm(passage, real, "human", "recorded"),
-                ],
+                "from": 0.0,
+                "until": max((of["vehicles"][0]["t"][-1] for of in arms), default=0.0),
+                "step": simulated.trace.step_s,
+                "speed": 1,
+                "arms": arms,
             }
         )
-    entries = [
-        {"index": number, "title": episode["title"], "small": _off(validation, driver, number)}
-        for number, episode in enumerate(episodes)
-    ]
-    document = {"scenes": scenes, "episodes": episodes}
-    return {
-        "groups": [{"title": "Passages", "entries": entries}],
-        "words": f"{len(episodes)} of {len(validation.passages.used)} passages: {driver} and the "
-        "recorded vehicle side by side; people walk as recorded in both.",
-        "json": htmlsafe_json_dumps(document),
-    }
+    words = (
+        f"{len(episodes)} of {len(validation.passages.used)} passages: {driver} and the recorded "
+        "vehicle side by side; people walk as recorded in both."
+    )
+    return Player(words, scenes, episodes, {"Passages": range(len(episodes))})
 
 
-def _off(validation: Validation, driver: str, number: int) -> str:
-    one, real = validation.outcomes[driver][number][0], validation.recorded[number]
-    return f"{one.pass_time_s - real.pass_time_s:+.1f} s"
-
-
-def _scene(passage: Passage) -> ShownScene:
-    crossing, vehicle = passage.crossing, passage.vehicle
-    return {
-        "length": crossing.length_m,
-        "width": crossing.width_m,
-        "borders": [],
-        "laneWidth": crossing.lane_width_m,
-        "lane": crossing.lane_centre_m,
-        "carLength": vehicle.length_m,
-        "carWidth": vehicle.width_m,
-        "range": vehicle.trigger_range_m,
-        "radius": PEDESTRIAN_RADIUS_M,
-        "obstacles": [],
-    }
-
-
-def _arm(passage: Passage, outcome: DriverOutcome, arm: str, name: str) -> ShownArm:
-    trace = outcome.trace
-    times = np.arange(len(trace.x_m)) * trace.step_s
+def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> dict[str, Any]:
     ended = "timed out" if outcome.timed_out else f"passed in {outcome.pass_time_s:.1f} s"
     touched = ", with a contact" if outcome.contact else ""
-    return {
-        "arm": arm,
-        "name": "simulated" if arm == "av" else "recorded",
-        "strategy": name,
-        "ending": "crossed",
-        "words": ended + touched,
-        "lane": passage.crossing.lane_centre_m,
-        "t": rounded(times),
-        "x": rounded(trace.x_m),
-        "v": rounded(trace.speed_mps),
-        "gap": [None] * len(times),
-        "contact": None,
-        "walkers": [
-            walker
-            for arrival in passage.arrivals
-            if (walker := _walker(Walk(arrival, arrival.arrival_s, 1.0, legs=arrival.path), trace))
-        ],
-        "shown": [],
+    trace = outcome.trace
+    walks = [
+        Walk(arrival, arrival.arrival_s, 1.0, legs=arrival.path) for arrival in passage.arrivals
+    ]
+    rows = pd.concat([_ego_rows(trace), *(_walk_rows(walk, trace) for walk in walks)])
+    people = pd.DataFrame(
+        {
+            "index": [walk.arrival.index for walk in walks],
+            "side": [walk.arrival.side.value for walk in walks],
+            "arrival_s": [walk.arrival.arrival_s for walk in walks],
+            "start_s": [walk.start_s for walk in walks],
+        }
+    )
+    there = people["start_s"] <= float(rows["time_s"].max())
+    return shown_arm(arm, title, rows, people[there], passage.crossing, ended + touched)
+
+
+def _ego_rows(trace: Trace) -> pd.DataFrame:
+    columns = {
+        "time_s": np.arange(len(trace.x_m)) * trace.step_s,
+        "object": "ego",
+        "x_m": trace.x_m,
+        "y_m": trace.crossing.lane_centre_m,
+        "speed_mps": trace.speed_mps,
     }
+    return pd.DataFrame(columns)
 
 
-def _walker(walk: Walk, trace: Trace) -> ShownWalker | None:
+def _walk_rows(walk: Walk, trace: Trace) -> pd.DataFrame:
     """Places of a pedestrian at the steps at which they are there."""
-    start, index = walk.arrival.arrival_s, walk.arrival.index
-    cleared = cleared_s(walk, trace.crossing)
-    first = int(np.ceil(start / trace.step_s - 1e-9))
-    last = len(trace.x_m) - 1
+    last, cleared = len(trace.x_m) - 1, cleared_s(walk, trace.crossing)
     if cleared is not None:
         last = min(last, int(cleared / trace.step_s))
-    if last < first:
-        return None
+    first = int(np.ceil(walk.arrival.arrival_s / trace.step_s - 1e-9))
     times_s = np.arange(first, last + 1, dtype=np.float64) * trace.step_s
-    x, y, _, _ = states_at(walk, trace.crossing, times_s)
-    return {
-        "index": index,
-        "side": walk.arrival.side.value,
-        "arrival": round(start, 3),
-        "start": round(start, 3),
-        "from": first,
-        "y": rounded(y),
-        "x": rounded(x),
-    }
+    x, y, speed, _ = states_at(walk, trace.crossing, times_s)
+    name = f"pedestrian-{walk.arrival.index}"
+    columns = {"time_s": times_s, "object": name, "x_m": x, "y_m": y, "speed_mps": speed}
+    return pd.DataFrame(columns)

@@ -10,10 +10,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+import harness
 from harness.batch import experiment
 from harness.batch.experiment import run_study
+from harness.batch.showing import write_shown
 from harness.engine.shared import close_engine
 from harness.errors import InterruptedRunError
+from harness.report.page import Written, write_report
 from harness.scenario import Options, Study
 from harness.workers.tasks import Argument, Result
 from tests.batches import Inline, one_cell, sweep
@@ -52,6 +55,12 @@ def simulate(
     finally:
         close_engine()
     return folder
+
+
+def report(folder: Path, out: Path | None = None) -> Written:
+    """A run's page, made as by ``harness report``."""
+    run = harness.load_run(folder)
+    return write_report(run, out, missing=write_shown(run, out))
 
 
 @pytest.fixture(scope="session")

@@ -15,7 +15,6 @@ import pytest
 
 import harness
 import harness.report.page as page_module
-from harness.report.page import write_report
 from harness.report.risk_page import write_risk_page
 from harness.report.validation_page import write_validation
 from harness.risk.asking import Settings
@@ -25,7 +24,7 @@ from harness.scenario import Options, Scenario
 from harness.strategies.hard_yield import HardYield
 from tests.batches import Inline, one_cell
 from tests.recordings import held, write_set
-from tests.report.conftest import HOSTILE, simulate
+from tests.report.conftest import HOSTILE, report, simulate
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
@@ -82,7 +81,7 @@ def written(run: Path, folder: Path, pictures: int) -> Path:
     draw = page_module.pictures_of
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(page_module, "pictures_of", lambda *given: islice(draw(*given), pictures))
-        return write_report(harness.load_run(run), folder / f"{pictures}.html").page
+        return report(run, folder / f"{pictures}.html").page
 
 
 @pytest.fixture(scope="module")

@@ -24,12 +24,12 @@ from harness.report import (
     sweep_figures,
     tau_figures,
 )
-from harness.report.episode_traces import choose_pairs, shown_pairs
 from harness.report.pictures import pictures_of
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.roads import read_network, read_site
 from harness.runs.run_data import RunData
+from harness.runs.shown import shown_pairs
 from tests.batches import sweep
 from tests.report.conftest import simulate
 
@@ -336,7 +336,7 @@ def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str)
 def pictures(run: RunData) -> list[Picture]:
     place = place_of(run.scenario_of(0))
     with style.styled():
-        return list(pictures_of(run, run.model_of(0), place, shown_pairs(run, choose_pairs(run))))
+        return list(pictures_of(run, run.model_of(0), place, shown_pairs(run)))
 
 
 @pytest.fixture(scope="module")

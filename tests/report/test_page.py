@@ -17,13 +17,15 @@ import pytest
 
 import harness
 import harness.report.page as page_module
-from harness.report.episode_traces import TIME_ADVANTAGE, choose_pairs
+from harness.batch import showing
+from harness.report import player
 from harness.report.page import write_report
-from harness.report.player_data import player_document
+from harness.report.player import run_player
 from harness.resources import shipped_directory
+from harness.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs
 from harness.scenario import Cell, Options, Study, validate
 from tests.batches import here, one_cell, printed, refusal, sweep
-from tests.report.conftest import HOSTILE, simulate
+from tests.report.conftest import HOSTILE, report, simulate
 
 VOID = {"meta", "link", "input", "img", "br", "hr"}
 
@@ -66,7 +68,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def page(single: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
     out = tmp_path_factory.mktemp("page") / "report.html"
-    return Page(write_report(harness.load_run(single), out).page)
+    return Page(report(single, out).page)
 
 
 def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
@@ -125,53 +127,71 @@ def test_every_pair_is_in_the_player(page: Page, single: Path) -> None:
         r'<script type="application/json" id="player-data">(.*?)</script>', page.source, re.DOTALL
     )
     data = json.loads(text)
-    assert sorted(episode["pair"] for episode in data["episodes"]) == list(range(12))
     run = harness.load_run(single)
+    assert sorted(episode["name"] for episode in data["episodes"]) == sorted(
+        f"pair {pair}" for pair in range(12)
+    )
     for episode in data["episodes"]:
-        rows = run.traces_of(0, episode["pair"])
+        rows = run.traces_of(0, int(episode["name"].removeprefix("pair ")))
         for arm in episode["arms"]:
             own = rows[rows["arm"] == arm["arm"]]
-            ego = own[own["object"] == "ego"]
-            assert arm["x"] == pytest.approx(ego["x_m"].tolist(), abs=5e-4)
-            assert arm["v"] == pytest.approx(ego["speed_mps"].tolist(), abs=5e-4)
-            (walker,) = arm["walkers"]
-            walked = own[own["object"] == "pedestrian-0"]
+            ego, walked = (own[own["object"] == name] for name in ("ego", "pedestrian-0"))
+            (vehicle,), (walker,) = arm["vehicles"], arm["walkers"]
+            assert vehicle["x"] == pytest.approx(ego["x_m"].tolist(), abs=5e-4)
+            assert vehicle["v"] == pytest.approx(ego["speed_mps"].tolist(), abs=5e-4)
             assert walker["y"] == pytest.approx(walked["y_m"].tolist(), abs=5e-4)
-            begins = arm["t"][walker["from"]]
-            assert begins == pytest.approx(walked["time_s"].iloc[0])
+            assert walker["t"] == pytest.approx(walked["time_s"].tolist(), abs=5e-4)
 
 
 def test_long_episodes_are_thinned_and_a_full_page_stops(
     single: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from harness.report import player_data
-    from harness.report.episode_traces import choose_pairs, shown_pairs
-
     run = harness.load_run(single)
-    chosen = choose_pairs(run)
-    shown = shown_pairs(run, chosen)
-    monkeypatch.setattr(player_data, "MOST_STATES", 20)
-    document = player_document(run, chosen, shown)
-    arm = document["episodes"][0]["arms"][0]
-    rows = shown[0].rows
+    shown = shown_pairs(run)
+    monkeypatch.setattr(player, "MOST_STATES", 20)
+    vehicle = run_player(run, shown).episodes[0]["arms"][0]["vehicles"][0]  # type: ignore[index]
+    rows = shown[0].traces
     ego = rows[(rows["object"] == "ego") & (rows["arm"] == "av")]
-    assert len(arm["x"]) == 20
-    assert [arm["x"][0], arm["x"][-1]] == pytest.approx(
-        [ego["x_m"].iloc[0], ego["x_m"].iloc[-1]], abs=5e-4
-    )
-    monkeypatch.setattr(player_data, "MOST_BYTES", 10_000)
-    document = player_document(run, chosen, shown)
-    assert 0 < len(document["episodes"]) < 12
-    assert document["left_out"] == 12 - len(document["episodes"])
-    numbers = {index for group in document["groups"] for index in group["episodes"]}
-    assert numbers == set(range(len(document["episodes"])))
+    assert 15 < len(vehicle["x"]) <= 22
+    for column, name in (("t", "time_s"), ("x", "x_m")):
+        ends = [vehicle[column][0], vehicle[column][-1]]
+        assert ends == pytest.approx([ego[name].iloc[0], ego[name].iloc[-1]], abs=5e-4)
+    monkeypatch.setattr(player, "MOST_BYTES", 10_000)
+    short = run_player(run, shown)
+    assert 0 < len(short.episodes) < 12
+    assert f"{12 - len(short.episodes)} chosen pairs are left out" in short.words
+    numbers = {index for group in short.groups.values() for index in group}
+    assert numbers == set(range(len(short.episodes)))
+
+
+@pytest.mark.usefixtures("no_pictures")
+def test_a_page_reads_what_was_simulated_for_it(
+    swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A page without it opens; it is written once, and beside the page of a read-only run."""
+    folder, page = tmp_path / "run", tmp_path / "page.html"
+    shutil.copytree(swept, folder, ignore=shutil.ignore_patterns(SHOWN))
+    before = sorted(folder.iterdir())
+    without = Page(write_report(harness.load_run(folder), page).page)
+    assert "There are no traces of episodes to show." in without.words
+    assert sorted(folder.iterdir()) == before
+    monkeypatch.setattr(showing.os, "access", lambda place, _: place != folder)
+    assert "All records are identical" in Page(report(folder, page).page).words
+    assert sorted(folder.iterdir()) == before
+    beside = tmp_path / "page-shown"
+    assert len(list(beside.iterdir())) >= 20
+    (beside / "0-0-1.arrows").write_bytes(b"cut")
+    assert showing.missing_pairs(harness.load_run(folder), page) == [(0, 0)]
+    monkeypatch.undo()
+    assert showing.write_shown(harness.load_run(folder), page) == ""
+    assert {path.name for path in (folder / SHOWN).iterdir()} == {"0-0-1.arrows"}
 
 
 @pytest.mark.usefixtures("no_pictures")
 def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     run = harness.load_run(swept)
-    found = Page(write_report(run, tmp_path / "sweep.html").page)
-    assert "simulated again for this page" in found.words
+    found = Page(report(swept, tmp_path / "sweep.html").page)
+    assert "simulated again for the page" in found.words
     assert "All records are identical to the stored ones" in found.words
     # Two flows, in each the two strategies compared: the cells, and their difference.
     assert [found.source.count(f'id="differences-{group}"') for group in (0, 1, 2)] == [1, 1, 0]
@@ -200,16 +220,17 @@ def test_a_record_that_differs_is_named(swept: Path, tmp_path: Path) -> None:
     changed = next(row for row in rows if row["arm"] == "av" and row["pass_time_s"] is not None)
     changed["pass_time_s"] += 1.0
     pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), folder / "episodes.parquet")
-    written = write_report(harness.load_run(folder))
+    written = report(folder)
     assert len(written.differing) == 1
     assert "episodes.pass_time_s" in written.differing[0]
     found = Page(written.page)
     assert "1 of them differ from the stored record" in found.words
     assert "the record differs from the stored one" in found.source
+    assert "of cell 0 (pedestrians.flow_per_hour = 300, arms.av = soft_yield)" in found.source
 
 
 def test_names_from_files_stay_text(hostile: Path) -> None:
-    found = Page(write_report(harness.load_run(hostile)).page)
+    found = Page(report(hostile).page)
     assert HOSTILE in found.words
     assert "1 episode failed in the engine or in a strategy" in found.words
     assert f"cell 0 pair 11 human: TypeError: {HOSTILE}" in found.words
@@ -228,7 +249,7 @@ def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> Non
     shape["crossing.length_m"] = 14.0
     study = one_cell("cctc", {**shape, **changes, "experiment.pairs": 3})
     run = simulate(study, tmp_path / "run", Options(traces=True))
-    found = Page(write_report(harness.load_run(run)).page)
+    found = Page(report(run).page)
     for words in ("interaction model", "Model dut", "goes for", "given the vehicle", "reading of"):
         assert words not in found.words, words
     ran = scenario_of(found)
@@ -255,7 +276,7 @@ def test_what_ran_of_a_sweep_are_its_cells(tmp_path: Path) -> None:
     base = validate(merged(study.base.model_dump(), nowhere), "test")
     study = replace(study, base=base, cells=tuple(cells))
     run = simulate(study, tmp_path / "run", Options(traces=True))
-    found = Page(write_report(harness.load_run(run)).page)
+    found = Page(report(run).page)
     ran = scenario_of(found)
     assert ran["ego.initial_speed_mps"] == "4, 4.5"
     assert ran["arms.av"] == "gap_yield, hard_yield"
@@ -280,12 +301,12 @@ def merged(tree: dict[str, Any], changes: dict[str, dict[str, Any]]) -> dict[str
 @pytest.mark.usefixtures("no_pictures")
 def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) -> None:
     folder = tmp_path / "moved"
-    shutil.copytree(swept, folder)
+    shutil.copytree(swept, folder, ignore=shutil.ignore_patterns(SHOWN))
     path = folder / "manifest.json"
     document = json.loads(path.read_text())
     document["scenario"]["model"]["path"] = str(tmp_path / "gone.json")
     path.write_text(json.dumps(document))
-    found = Page(write_report(harness.load_run(folder)).page)
+    found = Page(report(folder).page)
     assert "could not be simulated again" in found.words
     assert "Figures of the interaction model are left out" in found.words
 
@@ -298,7 +319,7 @@ def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None
     cell = Cell(0, {}, validate({**own, **few}, "test"))
     run = simulate(Study("own", cell.scenario, (cell,)), tmp_path / "run")
     net.rename(tmp_path / "elsewhere.net.xml")
-    found = Page(write_report(harness.load_run(run)).page)
+    found = Page(report(run).page)
     assert "The figure of the site is left out" in found.words
     assert "could not be simulated again" in found.words
     assert "my.net.xml: no such network" in found.words

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from harness.report.episode_figures import time_advantage
-from harness.report.episode_traces import choose_pairs, shown_pairs
-from harness.report.player_data import player_document
+from harness.report.player import run_player
 from harness.runs.opening import load_run
+from harness.runs.shown import shown_pairs
 from harness.scenario import Options
 from tests.batches import one_cell
 from tests.report.conftest import simulate
@@ -30,24 +30,19 @@ def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_squares_follow_the_people_by_the_latency(late: Path) -> None:
     run = load_run(late)
-    chosen = choose_pairs(run)
-    document = player_document(run, chosen, shown_pairs(run, chosen))
-    json.dumps(document, allow_nan=False)
-    assert document["scenes"]["0"]["obstacles"] == [[-8, -4, -2.5, -1.5]]
-    for episode in document["episodes"]:
-        av, human = episode["arms"]
-        (walker,), (square,) = av["walkers"], av["shown"]
-        true = dict(zip(range(walker["from"], len(av["t"])), walker["y"], strict=False))
-        # Told four steps late, for as long as they are at the crosswalk.
-        told = dict(zip(square["at"], square["y"], strict=True))
-        assert len(told) > 20
-        assert all(told[k] == pytest.approx(true[k - 4], abs=2e-3) for k in told)
+    player = run_player(run, shown_pairs(run))
+    json.dumps(player.episodes, allow_nan=False)
+    assert player.scenes["0"]["obstacles"] == [[-8, -4, -2.5, -1.5]]
+    for episode in json.loads(player.json)["episodes"]:
         # Nothing is late for the human, who only sees past the obstacle.
-        for shown in human["shown"]:
-            (walker,) = human["walkers"]
-            true = dict(zip(range(walker["from"], len(human["t"])), walker["y"], strict=False))
-            for k, y in zip(shown["at"], shown["y"], strict=True):
-                assert y == pytest.approx(true[k], abs=2e-3)
+        for arm, late_s in zip(episode["arms"], (0.4, 0.0), strict=True):
+            (walker,) = arm["walkers"]
+            for square in arm["shown"]:
+                times_s = np.array(square["t"]) - late_s
+                there = np.interp(times_s, walker["t"], walker["y"])
+                assert square["y"] == pytest.approx(there, abs=2e-3)
+        (square,) = episode["arms"][0]["shown"]
+        assert len(square["t"]) > 20
 
 
 def test_the_time_advantage_is_that_of_the_people_not_of_what_was_shown(late: Path) -> None:

@@ -17,15 +17,16 @@ from harness.batch.experiment import resume, run_study
 from harness.batch.plan import plan_of
 from harness.batch.scoring import score
 from harness.batch.settling import settled
+from harness.batch.showing import write_shown
 from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
 from harness.report.hour_figures import _is_automated, time_space
-from harness.report.hour_player import hour_document
 from harness.report.hour_words import hour_lines
 from harness.report.page import write_report
-from harness.report.shown_hour import shown_hour
+from harness.report.player import run_player
 from harness.results.tables import HOUR_TABLES
+from harness.runs.shown import shown_pairs
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.traffic.lanes import lanes_of
 from harness.workers.pool import LocalPool
@@ -165,10 +166,11 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert row["crashes_per_1000_ci_high"] == pytest.approx(1000 * row["kappa_ci_high"])
     assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["reached"].sum())
     assert pd.isna(row["crashes_per_1000_difference_ci_high"])
-    written = write_report(run, tmp_path / "report.html")
+    page = tmp_path / "report.html"
+    written = write_report(run, page, missing=write_shown(run, page))
     text = written.page.read_text(encoding="utf-8")
     assert "Hours of traffic" in text
-    assert "Simulated again for this page; the records are identical to the stored ones." in text
+    assert "Simulated again for the page; the record is identical to the stored one." in text
     assert 'id="figure-time-space"' in text
     assert written.differing == ()
 
@@ -176,16 +178,18 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
 def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
     """As it passes: the rear at the crosswalk's far edge, the front its length and 2 m beyond."""
     run = harness.load_run(runs[1])
-    hour = shown_hour(run)
-    assert hour is not None
+    (hour,) = shown_pairs(run)
     assert (hour.begin_s, hour.end_s) == (0.0, 70.0)
-    for arm in hour_document(run, hour)["arms"]:
-        shown = {vehicle["number"]: vehicle for vehicle in arm["vehicles"]}
+    (episode,) = json.loads(run_player(run, [hour]).json)["episodes"]
+    for arm in episode["arms"]:
+        vehicles = {
+            int(vehicle["name"].split()[1].rstrip(",")): vehicle for vehicle in arm["vehicles"]
+        }
         rows = rows_of(runs[1], "passages", arm["arm"], hour.pair)
         through = [row for row in rows if row["passed_s"] < 70.0]
         assert len(through) >= 1
         for row in through:
-            vehicle = shown[row["vehicle"]]
+            vehicle = vehicles[row["vehicle"]]
             x = float(np.interp(row["passed_s"], vehicle["t"], vehicle["x"]))
             assert vehicle["oncoming"] == (row["direction"] == "oncoming")
             assert x == pytest.approx(-7.0 if vehicle["oncoming"] else 7.0, abs=0.3)
@@ -242,8 +246,7 @@ def again(runs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
     run = harness.load_run(runs[1])
-    hour = shown_hour(run)
-    assert hour is not None
+    (hour,) = shown_pairs(run)
     av, human = time_space(run, hour).figure.axes
     labels = [set(panel.get_legend_handles_labels()[1]) for panel in (av, human)]
     # One lane each way: no lane to tell apart.

@@ -1,5 +1,5 @@
 "use strict";
-// Episodes drawn from their traces: top views of both arms, v, R and T_adv over time.
+// Encounters, hours and recorded passages drawn from their traces: top views of both arms; of an ego v, R and T_adv.
 (() => {
   const source = document.getElementById("player-data");
   if (!source) return;
@@ -8,7 +8,7 @@
   const part = (name) => document.getElementById(`player-${name}`);
   const speeds = [...part("speed").options].map((option) => option.value);
   const ns = "http://www.w3.org/2000/svg";
-  const state = { episode: 0, time: 0, end: 0, step: 0.1, playing: false, before: 0 };
+  const state = { episode: 0, time: 0, begin: 0, end: 0, step: 0.1, playing: false, before: 0 };
   let views = [];
   let charts = [];
 
@@ -27,8 +27,10 @@
     return element;
   }
 
-  // Index of the last state not after a time, and how far it is to the next one.
+  // The place of a time in a list of them: the last one not after it, the next one, the share of the way.
+  // Null before the first and after the last.
   function at(times, time) {
+    if (!times.length || time < times[0] - 1e-9 || time > times[times.length - 1] + 1e-9) return null;
     let low = 0, high = times.length - 1;
     while (low < high) {
       const middle = (low + high + 1) >> 1;
@@ -38,11 +40,24 @@
     const share = next > low ? (time - times[low]) / (times[next] - times[low]) : 0;
     return [low, next, Math.min(1, Math.max(0, share))];
   }
-  const between = (values, [low, next, share]) =>
-    values[low] === null || values[next] === null || values[next] === undefined
-      ? values[low] : values[low] + share * (values[next] - values[low]);
+  // A column is one number where it stays the same.
+  function between(values, [low, next, share]) {
+    if (!Array.isArray(values)) return values;
+    return values[low] === null || values[next] === null ? values[low] : values[low] + share * (values[next] - values[low]);
+  }
+  function place(track, time) {
+    const where = at(track.t, time);
+    return where && [between(track.x, where), between(track.y, where)];
+  }
+  function put(element, where) {
+    element.style.display = where ? "" : "none";
+    if (where) element.setAttribute("transform", `translate(${where[0]} ${where[1]})`);
+  }
   const said = (value, unit, digits = 1) =>
     value === null || value === undefined ? "undefined" : `${value.toFixed(digits)} ${unit}`;
+  // The only vehicle of an encounter; an hour has none that speeds are drawn of.
+  const egoOf = (arm) => (arm.vehicles.length && arm.vehicles[0].v ? arm.vehicles[0] : null);
+  const last = (times) => times[times.length - 1];
 
   // --- top views: drawn in metres of the road frame, y upwards ------------------------------
   function view(arm, scene) {
@@ -50,13 +65,13 @@
     box.dataset.arm = arm.arm;
     const head = html("h4", "", box);
     html("i", "", head);
-    head.append(`${arm.name}: ${arm.strategy}`);
-    html("p", "", box, arm.words);
-    const left = -Math.min(scene.range + scene.carLength, 48) - 1, right = 14;
+    head.append(arm.title);
+    if (arm.words) html("p", "", box, arm.words);
+    const { left, right } = scene;
     const low = -3.5, high = scene.length + 3.5;
     const svg = make("svg", {
       viewBox: `${left} ${-high} ${right - left} ${high - low}`, role: "img",
-      "aria-label": `Top view, ${arm.name}: the ego comes from the left, pedestrians cross its way`,
+      "aria-label": `Top view, ${arm.title}: vehicles on the road, pedestrians on the crosswalk`,
     }, box);
     const world = make("g", { transform: "scale(1,-1)" }, svg);
     const half = scene.width / 2;
@@ -68,15 +83,23 @@
     for (let y = 0.25; y + 0.5 <= scene.length; y += 1) {
       make("rect", { class: "stripe", x: -half, y, width: scene.width, height: 0.5 }, world);
     }
-    make("line", { class: "stop", x1: -half - 1, x2: -half - 1, y1: scene.lane - scene.laneWidth / 2, y2: scene.lane + scene.laneWidth / 2 }, world);
-    for (const [left, right, low, high] of scene.obstacles) {
-      const box = make("rect", { class: "obstacle", x: left, y: low, width: right - left, height: high - low }, world);
-      make("title", {}, box, "obstacle");
+    if (scene.stop) {
+      const [x, y1, y2] = scene.stop;
+      make("line", { class: "stop", x1: x, x2: x, y1, y2 }, world);
     }
-    const ego = make("g", {}, world);
+    for (const [west, east, south, north] of scene.obstacles) {
+      const obstacle = make("rect", { class: "obstacle", x: west, y: south, width: east - west, height: north - south }, world);
+      make("title", {}, obstacle, "obstacle");
+    }
     const side = scene.carWidth / 2;
-    make("rect", { class: "ego", x: -scene.carLength, y: -side, width: scene.carLength, height: scene.carWidth, rx: 0.35 }, ego);
-    make("rect", { class: "ego-front", x: -1.5, y: -side * 0.75, width: 0.6, height: side * 1.5, rx: 0.15 }, ego);
+    const vehicles = arm.vehicles.map((vehicle) => {
+      const group = make("g", { "data-vehicle": vehicle.name }, world);
+      const body = make("g", vehicle.oncoming ? { transform: "scale(-1,1)" } : {}, group);
+      make("rect", { class: vehicle.filled ? "ego" : "other", x: -scene.carLength, y: -side, width: scene.carLength, height: scene.carWidth, rx: 0.35 }, body);
+      make("rect", { class: "ego-front", x: -1.5, y: -side * 0.75, width: 0.6, height: side * 1.5, rx: 0.15 }, body);
+      make("title", {}, group, vehicle.name);
+      return group;
+    });
     const walkers = arm.walkers.map((walker) => {
       const group = make("g", { "data-pedestrian": walker.index }, world);
       make("circle", { class: "halo", r: 0.7 }, group);
@@ -88,56 +111,55 @@
     const ghosts = arm.shown.map((shown) => {
       const square = make("rect", { class: "ghost", "data-shown": shown.index, x: -0.5, y: -0.5, width: 1, height: 1 }, world);
       make("title", {}, square, `pedestrian ${shown.index} as the strategy is shown them`);
-      return [square, new Map(shown.at.map((number, k) => [number, shown.y[k]]))];
+      return square;
     });
-    const readout = html("p", "readout", box);
-    return { arm, scene, box, ego, walkers, ghosts, readout, low, high };
+    return { arm, scene, box, vehicles, walkers, ghosts, readout: html("p", "readout", box) };
   }
 
-  function drawView({ arm, scene, box, ego, walkers, ghosts, readout }) {
-    const times = arm.t;
-    if (!times.length) { readout.textContent = "no trace"; return; }
-    const last = times[times.length - 1];
-    const time = Math.min(state.time, last);
-    const where = at(times, time);
-    const x = between(arm.x, where), v = between(arm.v, where), gap = between(arm.gap, where);
-    ego.setAttribute("transform", `translate(${x} ${arm.lane})`);
-    box.dataset.x = x;
-    box.dataset.v = v;
+  function drawView({ arm, scene, box, vehicles, walkers, ghosts, readout }) {
+    const ego = egoOf(arm);
+    if (!arm.vehicles.length && !arm.walkers.length) { readout.textContent = "no trace"; return; }
+    // An arm that has ended stays as it ended.
+    const end = ego ? last(ego.t) : state.end;
+    const time = Math.min(state.time, end);
+    const places = arm.vehicles.map((vehicle) => place(vehicle, time));
+    places.forEach((where, number) => put(vehicles[number], where));
     arm.walkers.forEach((walker, number) => {
-      const place = position(walker, scene, time, where);
       const group = walkers[number];
-      group.style.display = place === null ? "none" : "";
-      if (place === null) return;
-      group.setAttribute("transform", `translate(${place[0]} ${place[1]})`);
+      put(group, position(walker, scene, time, end));
       group.classList.toggle("waiting", walker.start === null || time < walker.start);
       const hit = arm.contact && arm.contact.index === walker.index && state.time >= arm.contact.time;
       group.classList.toggle("hit", Boolean(hit));
     });
-    for (const [square, places] of ghosts) {
-      const y = places.get(where[0]);
-      square.style.display = y === undefined ? "none" : "";
-      if (y !== undefined) square.setAttribute("transform", `translate(0 ${y})`);
+    arm.shown.forEach((shown, number) => {
+      const now = ego.t[at(ego.t, time)[0]], where = at(shown.t, now);
+      const held = where && now - shown.t[where[0]] < 1e-6;
+      put(ghosts[number], held && [0, between(shown.y, [where[0], where[0], 0])]);
+    });
+    if (!ego) {
+      const there = places.filter(Boolean).length;
+      box.dataset.vehicles = there;
+      readout.textContent = `${there} vehicles on the road`;
+      return;
     }
-    const over = state.time > last + 1e-9 ? ` (ended at ${last.toFixed(1)} s)` : "";
+    const where = at(ego.t, time);
+    const x = between(ego.x, where), v = between(ego.v, where), gap = between(ego.gap, where);
+    box.dataset.x = x;
+    box.dataset.v = v;
+    const over = state.time > end + 1e-9 ? ` (ended at ${end.toFixed(1)} s)` : "";
     readout.textContent =
       `v ${said(v, "m/s")} · R ${said(-x, "m")} · T_adv ${said(gap, "s")}${over}`;
   }
 
-  // Where he stands from arrival to start, then as in the trace; null where he is not there.
-  function position(walker, scene, time, [low, next, share]) {
+  // Where they stand from arrival to start, then as in the trace; null where they are not there.
+  function position(walker, scene, time, end) {
     if (time < walker.arrival) return null;
     if (walker.start === null || time < walker.start) return waiting(walker, scene);
-    if (walker.from === null) return null;
-    const place = (k) => (k < walker.from || k - walker.from >= walker.y.length ? null
-      : [walker.x ? walker.x[k - walker.from] : 0, walker.y[k - walker.from]]);
-    const before = place(low), after = place(next);
-    if (before === null) return low < walker.from ? after : null;
-    if (after === null) return before;
-    return before.map((value, axis) => value + share * (after[axis] - value));
+    if (!walker.t.length || time > last(walker.t) + 1e-9) return null;
+    return place(walker, Math.max(time, walker.t[0]));
   }
   function waiting(walker, scene) {
-    const first = walker.y.length ? walker.y[0] : null;
+    const first = !walker.t.length ? null : place(walker, walker.t[0])[1];
     // Who steps off from the kerb is at most a step's walk into the road when first seen there.
     if (first !== null && first > 0.5 && first < scene.length - 0.5) return [0, first];
     return [0, walker.side === "near" ? -0.6 : scene.length + 0.6];
@@ -145,9 +167,9 @@
 
   // --- v, R and T_adv over time ------------------------------------------------------------------
   const measures = [
-    ["v (m/s)", (arm) => arm.v, 0],
-    ["R (m)", (arm) => arm.x.map((x) => -x), null],
-    ["T_adv (s)", (arm) => arm.gap, 0],
+    ["v (m/s)", (ego) => ego.v, 0],
+    ["R (m)", (ego) => ego.t.map((_, k) => -between(ego.x, [k, k, 0])), null],
+    ["T_adv (s)", (ego) => ego.gap, 0],
   ];
   const margin = { left: 44, right: 10, top: 19, bottom: 16 };
 
@@ -161,25 +183,25 @@
 
   function chart([label, values, floor], arms) {
     const width = Math.max(260, part("charts").clientWidth), height = 108;
-    const series = arms.map((arm) => [arm, values(arm)]);
-    const all = series.flatMap(([, column]) => column).filter((value) => value !== null);
+    const series = arms.map((arm) => [arm, egoOf(arm), values(egoOf(arm))]);
+    const all = series.flatMap(([, , column]) => column).filter((value) => value !== null);
     let low = floor ?? Math.min(0, ...all), high = Math.max(...all, low + 1);
     if (label.startsWith("T")) high = Math.min(high, 15);
     const svg = make("svg", { viewBox: `0 0 ${width} ${height}`, height, role: "img", "aria-label": `${label} of both arms over the time` }, part("charts"));
-    const px = (time) => margin.left + (time / state.end) * (width - margin.left - margin.right);
+    const px = (time) => margin.left + ((time - state.begin) / (state.end - state.begin)) * (width - margin.left - margin.right);
     const py = (value) => height - margin.bottom - ((value - low) / (high - low)) * (height - margin.top - margin.bottom);
     for (const tick of ticks(low, high, 3)) {
       make("line", { class: tick === 0 && low < 0 ? "zero" : "axis", x1: margin.left, x2: width - margin.right, y1: py(tick), y2: py(tick) }, svg);
       make("text", { x: margin.left - 6, y: py(tick) + 4, "text-anchor": "end" }, svg, String(tick));
     }
-    for (const tick of ticks(0, state.end, Math.max(3, Math.floor(width / 110)))) {
+    for (const tick of ticks(state.begin, state.end, Math.max(3, Math.floor(width / 110)))) {
       make("line", { class: "axis", x1: px(tick), x2: px(tick), y1: margin.top, y2: height - margin.bottom }, svg);
       make("text", { x: px(tick), y: height - 3, "text-anchor": "middle" }, svg, `${tick}`);
     }
     make("text", { x: 2, y: 10 }, svg, label);
-    for (const [arm, column] of series) {
+    for (const [arm, ego, column] of series) {
       let path = "", pen = false;
-      arm.t.forEach((time, number) => {
+      ego.t.forEach((time, number) => {
         const value = column[number];
         if (value === null || value > high) { pen = false; return; }
         path += `${pen ? "L" : "M"}${px(time).toFixed(1)} ${py(value).toFixed(1)}`;
@@ -188,12 +210,12 @@
       make("path", { class: arm.arm, d: path || "M0 0" }, svg);
     }
     const cursor = make("line", { class: "cursor", y1: margin.top, y2: height - margin.bottom }, svg);
-    const dots = series.map(([arm, column]) => [arm, column, make("circle", { class: `dot-${arm.arm}`, r: 3.5 }, svg)]);
+    const dots = series.map(([arm, ego, column]) => [ego, column, make("circle", { class: `dot-${arm.arm}`, r: 3.5 }, svg)]);
     const seek = (event) => {
       const box = svg.getBoundingClientRect();
       const share = ((event.clientX - box.left) * (width / box.width) - margin.left) / (width - margin.left - margin.right);
       pause();
-      go(share * state.end);
+      go(state.begin + share * (state.end - state.begin));
     };
     svg.addEventListener("pointerdown", (event) => { svg.setPointerCapture(event.pointerId); seek(event); });
     svg.addEventListener("pointermove", (event) => { if (event.buttons) seek(event); });
@@ -203,17 +225,17 @@
   function drawChart({ cursor, dots, px, py, high }) {
     cursor.setAttribute("x1", px(state.time));
     cursor.setAttribute("x2", px(state.time));
-    for (const [arm, column, dot] of dots) {
-      const ended = !arm.t.length || state.time > arm.t[arm.t.length - 1] + 1e-9;
-      const value = ended ? null : between(column, at(arm.t, state.time));
-      dot.style.display = value === null || value === undefined || value > high ? "none" : "";
+    for (const [ego, column, dot] of dots) {
+      const where = at(ego.t, state.time);
+      const value = where && between(column, where);
+      dot.style.display = value === null || value > high ? "none" : "";
       if (dot.style.display === "") { dot.setAttribute("cx", px(state.time)); dot.setAttribute("cy", py(value)); }
     }
   }
 
   // --- time and episodes -------------------------------------------------------------------------
   function go(time) {
-    state.time = Math.min(state.end, Math.max(0, time));
+    state.time = Math.min(state.end, Math.max(state.begin, time));
     root.dataset.time = state.time;
     part("time").value = state.time;
     part("time").setAttribute("aria-valuetext", `${state.time.toFixed(1)} seconds`);
@@ -224,7 +246,7 @@
   function toStep(steps) { pause(); go((Math.round(state.time / state.step) + steps) * state.step); }
   function pause() { state.playing = false; part("play").textContent = "Play"; root.dataset.playing = "false"; }
   function play() {
-    if (state.time >= state.end - 1e-9) go(0);
+    if (state.time >= state.end - 1e-9) go(state.begin);
     state.playing = true;
     state.before = performance.now();
     part("play").textContent = "Pause";
@@ -240,32 +262,35 @@
   }
   function drawCharts() {
     part("charts").replaceChildren();
-    charts = measures.map((measure) => chart(measure, data.episodes[state.episode].arms));
+    const arms = data.episodes[state.episode].arms.filter(egoOf);
+    charts = arms.length ? measures.map((measure) => chart(measure, arms)) : [];
   }
   function show(number) {
     pause();
     state.episode = (number + data.episodes.length) % data.episodes.length;
     const episode = data.episodes[state.episode];
-    const first = episode.arms.find((arm) => arm.t.length > 1);
-    state.step = first ? first.t[1] - first.t[0] : 0.1;
-    state.end = Math.max(state.step, ...episode.arms.map((arm) => arm.t[arm.t.length - 1] ?? 0));
+    [state.begin, state.end, state.step] = [episode.from, Math.max(episode.from + episode.step, episode.until), episode.step];
+    part("time").min = state.begin;
     part("time").max = state.end;
-    part("time").step = state.step;
-    part("title").textContent = `${episode.title}: ${episode.result}`;
-    part("note").textContent = [episode.varied, episode.note].filter(Boolean).join(". ");
+    part("time").step = Math.min(state.step, 0.1);
+    part("title").textContent = [episode.name, episode.result].filter(Boolean).join(": ");
+    part("note").textContent = episode.note;
+    const scene = data.scenes[episode.scene];
     part("views").replaceChildren();
-    views = episode.arms.map((arm) => view(arm, data.scenes[episode.cell]));
+    part("views").classList.toggle("wide", scene.right - scene.left > 100);
+    views = episode.arms.map((arm) => view(arm, scene));
     root.dataset.shown = state.episode;
     for (const button of root.querySelectorAll("[data-episode]")) {
       const own = Number(button.dataset.episode) === state.episode;
       if (own) button.setAttribute("aria-current", "true"); else button.removeAttribute("aria-current");
     }
     drawCharts();
-    go(0);
+    go(state.begin);
   }
 
+  part("speed").value = data.episodes[0].speed;
   root.hidden = false;
-  root.querySelector(".list").addEventListener("click", (event) => {
+  root.addEventListener("click", (event) => {
     const button = event.target.closest("[data-episode]");
     if (button) show(Number(button.dataset.episode));
   });
@@ -283,7 +308,7 @@
       " ": () => (state.playing ? pause() : play()),
       ArrowLeft: () => toStep(event.shiftKey ? -second : -1),
       ArrowRight: () => toStep(event.shiftKey ? second : 1),
-      Home: () => { pause(); go(0); },
+      Home: () => { pause(); go(state.begin); },
       End: () => { pause(); go(state.end); },
       "+": () => faster(1), "-": () => faster(-1),
       n: () => show(state.episode + 1), p: () => show(state.episode - 1),
