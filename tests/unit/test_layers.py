@@ -95,6 +95,14 @@ def test_lower_levels_never_import_higher_ones(module: str) -> None:
     assert wrong == set()
 
 
+@pytest.mark.parametrize(
+    "module", [name for name in MODULES if ".report." in name and "listings" not in name]
+)
+def test_a_page_simulates_nothing(module: str) -> None:
+    simulating = ("harness.batch", "harness.engine", "harness.replay.rerun", "harness.workers.pool")
+    assert not [name for name in imports_of(MODULES[module]) if name.startswith(simulating)]
+
+
 def room_of(module: str) -> str:
     return ".".join(module.split(".")[:2])
 
