@@ -93,7 +93,7 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
     from harness.cli import app
     from harness.engine.shared import close_engine
     from harness.replay import rerun, sumo_outputs
-    from harness.workers import pool
+    from harness.workers import executors
     from tests.conftest import close_all
 
     close_all()
@@ -103,7 +103,7 @@ def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedPr
         patch.setenv("MPLBACKEND", "Agg")
         if cwd is not None:
             patch.chdir(cwd)
-        for module in (pool, jobs, rerun, sumo_outputs, showing):
+        for module in (executors, jobs, rerun, sumo_outputs, showing):
             patch.setattr(module, "LocalPool", lambda workers, *_, **__: Inline(workers))
         with (
             contextlib.redirect_stdout(out),

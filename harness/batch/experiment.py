@@ -18,11 +18,10 @@ from harness.results.run_folder import RunFolder, claim_folder
 from harness.runs.opening import load_run
 from harness.runs.run_data import RunData
 from harness.scenario import Cell, Options, Study, hang_limit_s
-from harness.strategies.own import is_of_this_process
 from harness.workers.execution import run_tasks
-from harness.workers.pool import pool_for, workers_for
+from harness.workers.executors import executor_for
+from harness.workers.pool import workers_for
 from harness.workers.tasks import Executor, ExecutorLostError, Task
-from harness.workers.this_process import ThisProcess
 
 SHORTEST_S, LONGEST_S = 0.02, 5.0
 """How long a task takes: less at the end of a run, so that workers end together, and no longer,
@@ -64,7 +63,7 @@ def run_study(
     with _held(folder):
         folder.drop_shards()
         folder.write_manifest(plan.manifest())
-        return _carry_out(folder, plan, progress, make_executor or _usual_executor(plan))
+        return _carry_out(folder, plan, progress, make_executor)
 
 
 def resume(
@@ -97,13 +96,7 @@ def resume(
         if finished:
             return _with_outputs(load_run(path), folder, plan, progress)
         folder.note("resumed")
-        return _carry_out(folder, plan, progress, make_executor or _usual_executor(plan))
-
-
-def _usual_executor(plan: Plan) -> MakeExecutor:
-    if plan.options.workers == 0 or any(map(is_of_this_process, plan.study.driven)):
-        return lambda _workers: ThisProcess()
-    return lambda _workers: pool_for(plan.study, plan.options)
+        return _carry_out(folder, plan, progress, make_executor)
 
 
 @contextmanager
@@ -122,7 +115,7 @@ def _held(folder: RunFolder) -> Iterator[None]:
 
 
 def _carry_out(
-    folder: RunFolder, plan: Plan, progress: Progress, make_executor: MakeExecutor
+    folder: RunFolder, plan: Plan, progress: Progress, make_executor: MakeExecutor | None
 ) -> RunData:
     work = _Work(folder, plan, progress, make_executor)
     try:
@@ -155,10 +148,12 @@ class _Work:
         folder: RunFolder,
         plan: Plan,
         progress: Progress,
-        make_executor: MakeExecutor,
+        make_executor: MakeExecutor | None,
     ) -> None:
         self.folder, self.plan, self.progress = folder, plan, progress
-        self.make_executor = make_executor
+        self.make_executor = make_executor or (
+            lambda _workers: executor_for(plan.study, plan.options)
+        )
         self.executor: Executor | None = None
         self.pair_s: float | None = None
         """How long a pair took in the task that was finished last."""

@@ -66,7 +66,7 @@ def plan_of(study: Study, options: Options) -> Plan:
     if options.engine == "plain":
         _refuse_for_plain(study, options)
     if study.in_traffic and options.until:
-        raise InputError("--until", "of hours of traffic", "a scenario without [traffic]")
+        raise InputError("--until", "is not supported with [traffic]", "a scenario without it")
     for cell in study.cells if study.in_traffic else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
@@ -88,7 +88,9 @@ def plan_of(study: Study, options: Options) -> Plan:
 def _refuse_for_plain(study: Study, options: Options) -> None:
     """Refuse what the plain engine cannot do as SUMO does."""
     if options.sumo_outputs is not None:
-        raise InputError("--sumo-outputs", "stands beside --engine plain", "--engine sumo")
+        raise InputError(
+            "--sumo-outputs", "cannot be combined with --engine plain", "--engine sumo"
+        )
     for scenario in (cell.scenario for cell in study.cells):
         if (need := _need_of_sumo(scenario)) is not None:
             raise InputError("--engine plain", f"{need} needs SUMO", "--engine sumo")

@@ -59,11 +59,15 @@ def settled(
 def _check(scenario: Scenario) -> None:
     traffic = scenario.traffic
     if traffic is None:
-        raise InputError("--settle", "of encounters", "a scenario with [traffic]")
+        raise InputError("--settle", "needs hours of traffic", "a scenario with [traffic]")
     if traffic.saturated:
-        raise InputError("--settle", "of a permanent queue", "traffic.saturated = false")
+        raise InputError(
+            "--settle", "is not supported with a permanent queue", "traffic.saturated = false"
+        )
     if isinstance(traffic.flow_per_hour, tuple) or isinstance(traffic.oncoming_per_hour, tuple):
-        raise InputError("--settle", "of flows that change", "one flow for the whole time")
+        raise InputError(
+            "--settle", "is not supported with flows that change", "one flow for the whole time"
+        )
 
 
 def _pilot(scenario: Scenario) -> dict[str, Any]:

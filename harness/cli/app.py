@@ -64,27 +64,22 @@ for command in COMMANDS:
 app.add_typer(model.group, name="model")
 
 
-GONE = {"--resume": "harness resume RUN"}
-"""Options that are no more, by what replaces them."""
-
 _INTERRUPTED = 130
 """typer's exit code where a command did not catch the interruption."""
 
-
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
-"""Why a file system refuses a name, whatever is on it: the user's input."""
-
+"""Errors of a name that the user chose, not of the file system's state."""
 
 _OURS = (
-    "harness: this is a mistake of the harness, not of your files; please report the command and "
-    "the lines above"
+    "harness: this is a bug of the harness, not a fault of your files; please report the command "
+    "and the lines above"
 )
 
 
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal without μ, or a path that is no text, is no reason to break off.
+        # A terminal that cannot print μ does not end the command, nor does a path that is no text.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = app(standalone_mode=False)
@@ -92,9 +87,7 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
-        option = getattr(error, "option_name", None)
-        if option in GONE:
-            text = f"{option}: is gone; use: {GONE[option]}"
+        text = text.replace("Value error, ", "")  # pydantic's, by which typer checks choices
         # `harness` or `harness model` alone: typer's answer is the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2
@@ -105,7 +98,7 @@ def main() -> None:
         say(one_line(f"harness: {error}"))
         code = 1
     except OSError as error:
-        # Errors that no module foresaw: a name that no file can have, a disk that went away.
+        # No module handled it: a name that no file can have, or a disk that went away.
         name = "" if error.filename is None else f"{error.filename}: "
         say(one_line(f"harness: {name}{error.strerror or error}"))
         code = 2 if error.errno in _NO_NAME else 1
@@ -118,7 +111,7 @@ def main() -> None:
         say("harness: there is not enough memory for this")
         code = 1
     except Exception:
-        # Files are checked where they are read, options where they are taken: this is our own.
+        # Files and options are checked where they are read: what is left is a bug.
         traceback.print_exc()
         say(_OURS)
         code = 1

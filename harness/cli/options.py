@@ -1,14 +1,16 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
+from harness.errors import InputError
 from harness.resources import shipped_directory
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
 
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
 ScenarioArgument = Annotated[
     str,
     typer.Argument(help=f"A scenario file (TOML), or the name of a shipped one: {_SHIPPED}."),
@@ -58,18 +60,17 @@ DaskOption = Annotated[
     ),
 ]
 SumoOutputsOption = Annotated[
-    str | None,
+    Literal["all", "crashed"] | None,
     typer.Option(
-        help="Run episodes again one by one with SUMO's own outputs on, into RUN/sumo: all or "
-        "crashed. Slower: each gets a SUMO of its own.",
-        metavar="WHICH",
+        help="Run episodes again one by one with SUMO's own outputs on, into RUN/sumo. "
+        "Slower: each episode gets a SUMO of its own.",
     ),
 ]
 EngineOption = Annotated[
-    str,
+    Literal["sumo", "plain"],
     typer.Option(
-        help="sumo; or plain: the same kinematics without SUMO, faster, without SUMO's verdict and "
-        "outputs; some records are repeated in SUMO (--audit)."
+        help="plain: the same kinematics without SUMO, faster, without SUMO's verdict and outputs; "
+        "some records are repeated in SUMO (--audit)."
     ),
 ]
 AuditOption = Annotated[
@@ -97,6 +98,7 @@ FullOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
 ]
+ArmOption = Annotated[Literal["av", "human"], typer.Option(help="Whose episodes.")]
 QuietOption = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print only the path of what was written.")
 ]
@@ -114,3 +116,24 @@ def settings_of(
     if seed is not None:
         chosen.append(Setting("experiment.seed", seed, "--seed"))
     return chosen
+
+
+def not_with(option: str, other: str, allowed: str) -> InputError:
+    """The refusal of two options that exclude each other."""
+    return InputError(option, f"cannot be combined with {other}", allowed)
+
+
+def refuse_without(needed: str, is_given: bool, **options: object) -> None:
+    """Refuse options that say nothing without another one.
+
+    Args:
+        needed: the other option.
+        is_given: whether it is given.
+        options: by their names, None or False where they are not given.
+
+    Raises:
+        InputError: one of them is given without it.
+    """
+    for name, value in options.items():
+        if value not in (None, False) and not is_given:
+            raise InputError(f"--{name}", f"needs {needed}", needed)

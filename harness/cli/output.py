@@ -1,36 +1,64 @@
-"""Writes to the terminal: results on stdout, words and a progress bar on stderr."""
+"""Writes to the terminal: results on stdout, remarks and a progress bar on stderr."""
 
 import json
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 
+def emit(
+    document: Any,
+    lines: Iterable[object],
+    show: Callable[[], None] | None = None,
+    *,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Print the result of a command in the form that the user chose.
+
+    Args:
+        document: what ``--json`` prints, or a function that makes it.
+        lines: what ``--quiet`` prints, one line each: paths, or names.
+        show: prints the result for a person; None: the lines say everything.
+        quiet: whether ``--quiet`` was given.
+        as_json: whether ``--json`` was given, which counts more.
+    """
+    if as_json:
+        print_json(document() if callable(document) else document)
+    elif quiet or show is None:
+        for line in lines:
+            print_line(str(line))
+    else:
+        show()
+
+
 def print_line(text: str) -> None:
-    """A result, on stdout."""
+    """Print a line of a result on stdout."""
     sys.stdout.write(text + "\n")
 
 
 def print_json(document: Any) -> None:
-    """Results as JSON, on stdout."""
+    """Print a result as JSON on stdout."""
     print_line(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def say(text: str) -> None:
-    """Anything that is no result, on stderr."""
+    """Print a remark, which is no result, on stderr."""
     sys.stderr.write(text + "\n")
-
-
-def say_traceback(traceback: str | None) -> None:
-    """The traceback of a strategy that raised, if one did, on stderr."""
-    if traceback is not None:
-        say(traceback.rstrip())
 
 
 @contextmanager
 def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
-    """A bar on stderr that takes (done, planned) and, where it changes, of what."""
+    """A bar on stderr.
+
+    Args:
+        what: what is counted at first.
+        hidden: draw nothing.
+
+    Yields:
+        A function of the number done, the number planned and, where it changes, what is counted.
+    """
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -51,21 +79,15 @@ def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
     )
     task = bar.add_task(what, rate="")
 
-    def advance(done: int, planned: int, of: str = what) -> None:
-        # Shown once there is something to show: a refusal is one line and no bar.
+    def advance(done: int, planned: int, counted: str = what) -> None:
+        # The bar starts with the first progress: a refusal is one line without a bar.
         if not hidden:
             bar.start()
-        before = bar.tasks[0].description
-        if of.partition(",")[0] != before.partition(",")[0]:
-            bar.reset(task, description=of, rate="")
+        if counted.partition(",")[0] != bar.tasks[0].description.partition(",")[0]:
+            bar.reset(task, description=counted, rate="")
         speed = bar.tasks[0].speed
-        bar.update(
-            task,
-            description=of,
-            completed=done,
-            total=planned,
-            rate=f"{speed:.0f}/s" if speed is not None else "",
-        )
+        rate = f"{speed:.0f}/s" if speed is not None else ""
+        bar.update(task, description=counted, completed=done, total=planned, rate=rate)
 
     try:
         yield advance

@@ -7,20 +7,21 @@ import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
-from harness.cli.output import print_json, print_line, say
+from harness.cli.output import emit, print_line, say
 from harness.errors import InputError, one_line
 
 
 def report(
     run_folder: Annotated[
-        Path, typer.Argument(metavar="RUN", help="A run folder; a run still going on, too.")
+        Path, typer.Argument(metavar="RUN", help="A run folder, finished or not.")
     ],
     out: Annotated[
         Path | None,
         typer.Option(help="The page; default RUN/report.html.", metavar="FILE"),
     ] = None,
     figures: Annotated[
-        Path | None, typer.Option(help="Folder for the figures, PNG and PDF.", metavar="DIR")
+        Path | None,
+        typer.Option(help="Folder for the figures, PNG and PDF.", metavar="DIR", file_okay=False),
     ] = None,
     open_page: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     quiet: QuietOption = False,
@@ -34,15 +35,26 @@ def report(
         raise InputError(f"--out {out}", "is no page", "a file that ends in .html")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
-    if figures is not None and figures.exists() and not figures.is_dir():
-        raise InputError(f"--figures {figures}", "is a file", "a folder")
     from harness.cli.risk import is_risk, report_risk
 
     if is_risk(run_folder):
-        page = report_risk(run_folder, out, figures, quiet, as_json)
-        if open_page:
-            _open(page)
-        return
+        if figures is not None:
+            raise InputError(f"--figures {figures}", "a risk has no figures", "no --figures")
+        page = report_risk(run_folder, out)
+        text = str(page) if quiet else f"Report: {page}"
+        emit({"page": str(page)}, [text], quiet=quiet, as_json=as_json)
+    else:
+        page = _report_run(run_folder, out, figures, quiet, as_json)
+    if open_page:
+        import webbrowser
+
+        if not webbrowser.open(page.resolve().as_uri()):
+            say(f"harness: no browser found; open {page} yourself")
+
+
+def _report_run(
+    run_folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
+) -> Path:
     from harness.batch.showing import write_shown
     from harness.report.page import write_report
     from harness.report.tables import counted
@@ -51,32 +63,24 @@ def report(
     run = load_run(run_folder)
     with unwinding():
         written = write_report(run, out, figures, write_shown(run, out))
-    if as_json:
-        print_json(
-            {
-                "page": str(written.page),
-                "figures": [str(path) for path in written.figures],
-                "finished": run.finished,
-                "pairs": len(run.pairs),
-                "differing": list(written.differing),
-            }
-        )
-    else:
-        print_line(str(written.page) if quiet else f"Report: {written.page}")
-    if not quiet and not as_json:
+    pairs = len(run.hours) // 2 if run.in_traffic else len(run.pairs)
+    document = {
+        "page": str(written.page),
+        "figures": [str(path) for path in written.figures],
+        "finished": run.finished,
+        "pairs": pairs,
+        "differing": list(written.differing),
+    }
+
+    def show() -> None:
+        print_line(f"Report: {written.page}")
         if not run.finished:
             planned = counted(run.planned_pairs, "pair")
-            print_line(f"The run is not finished: {len(run.pairs)} of {planned}.")
+            print_line(f"The run is not finished: {pairs} of {planned}.")
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
+
+    emit(document, [written.page], show, quiet=quiet, as_json=as_json)
     for difference in written.differing:
-        say(one_line(f"harness: an episode run again is not as stored: {difference}"))
-    if open_page:
-        _open(written.page)
-
-
-def _open(page: Path) -> None:
-    import webbrowser
-
-    if not webbrowser.open(page.resolve().as_uri()):
-        say(f"harness: no browser found; open {page} yourself")
+        say(one_line(f"harness: an episode run again differs from its record: {difference}"))
+    return written.page

@@ -1,13 +1,22 @@
 """Commands on run folders: ``replay``, ``score``, ``compare``, ``worst``, ``export``."""
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from harness.cli.interruption import unwinding
-from harness.cli.options import JsonOption, QuietOption, settings_of
-from harness.cli.output import print_json, print_line, progress_bar, say, say_traceback
+from harness.cli.options import (
+    ArmOption,
+    JsonOption,
+    QuietOption,
+    RunArgument,
+    not_with,
+    refuse_without,
+    settings_of,
+)
+from harness.cli.output import emit, print_line, progress_bar, say
 from harness.errors import InputError, one_line
 
 
@@ -19,7 +28,7 @@ def replay(
         typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
     ] = None,
     cell: Annotated[int, typer.Option(help="Which cell of a sweep.")] = 0,
-    arm: Annotated[str, typer.Option(help="av, human or both.")] = "both",
+    arm: Annotated[Literal["av", "human", "both"], typer.Option(help="Which arm.")] = "both",
     gui: Annotated[
         bool, typer.Option("--gui", help="Show it in sumo-gui, both arms one after the other.")
     ] = False,
@@ -46,17 +55,17 @@ def replay(
     """Run one episode again: with SUMO's outputs, or in sumo-gui."""
     from harness.encounter import Arm
 
-    if arm not in ("av", "human", "both"):
-        raise InputError(f"--arm {arm}", "no such arm", "av, human or both")
     arms = list(Arm) if arm == "both" else [Arm(arm)]
+    if gui and out is not None:
+        raise not_with("--out", "--gui", "--screenshots DIR")
+    if gui and in_this_process:
+        allowed = "--gui alone, which runs in this process, too: breakpoint() stops in decide"
+        raise not_with("--debug", "--gui", allowed)
+    if in_this_process and out is not None:
+        raise not_with("--out", "--debug", "one of the two")
+    refuse_without("--gui", gui, pace=pace, screenshots=screenshots)
+    refuse_without("--screenshots DIR", screenshots is not None, every=every)
     if gui:
-        if out is not None:
-            raise InputError("--out", "stands beside --gui", "--screenshots DIR")
-        if in_this_process:
-            allowed = "--gui alone, which runs in this process, too: breakpoint() stops in decide"
-            raise InputError("--debug", "stands beside --gui", allowed)
-        if every is not None and screenshots is None:
-            raise InputError("--every", "goes with --screenshots", "--screenshots DIR")
         from harness.replay.watch import watch
 
         with unwinding():
@@ -69,54 +78,60 @@ def replay(
                 screenshots=screenshots,
                 every_s=0.5 if every is None else every,
             )
-        names = [(f"pair {pair}, arm {one.arm}", one.differences) for one in watched]
-        _compare(names, [], quiet, as_json)
-        return
-    for option, value in (("--pace", pace), ("--screenshots", screenshots), ("--every", every)):
-        if value is not None:
-            raise InputError(option, "goes with --gui", "--gui")
-    if in_this_process:
-        if out is not None:
-            raise InputError("--out", "stands beside --debug", "one of the two")
+        shown = [(f"pair {pair}, arm {item.arm}", item.differences) for item in watched]
+        _report_replays(shown, [], quiet, as_json)
+    elif in_this_process:
         from harness.replay.rerun import debug
 
         repeated = debug(run_folder, pair, arms, cell)
-        for one in repeated.values():
-            say_traceback(one.traceback)
-        names = [(f"pair {pair}, arm {arm}", one.differences) for arm, one in repeated.items()]
-        _compare(names, [], quiet, as_json)
-        return
-    if out is None:
+        _say_tracebacks(item.traceback for item in repeated.values())
+        shown = [(f"pair {pair}, arm {key}", item.differences) for key, item in repeated.items()]
+        _report_replays(shown, [], quiet, as_json)
+    elif out is None:
         allowed = "a new folder for SUMO's files, --gui or --debug"
         raise InputError("--out", "is missing", allowed)
-    from harness.replay.rerun import replay as run_again
+    else:
+        from harness.replay.rerun import replay as run_again
 
-    with unwinding():
-        replayed = run_again(run_folder, pair, arms, cell, out)
-    for again in replayed:
-        say_traceback(again.traceback)
-    problems = [f"{one.folder}: {one.problem}" for one in replayed if one.problem is not None]
-    if problems:
-        say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
-    done = [(str(one.folder), one.differences) for one in replayed if one.problem is None]
-    _compare(done, problems, quiet, as_json)
+        with unwinding():
+            replayed = run_again(run_folder, pair, arms, cell, out)
+        _say_tracebacks(item.traceback for item in replayed)
+        problems = [f"{item.folder}: {item.problem}" for item in replayed if item.problem]
+        if problems:
+            say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
+        shown = [(str(item.folder), item.differences) for item in replayed if not item.problem]
+        _report_replays(shown, problems, quiet, as_json)
 
 
-def _compare(
-    episodes: list[tuple[str, tuple[str, ...]]],
-    problems: list[str],
+def _say_tracebacks(tracebacks: Iterable[str | None]) -> None:
+    """Print the tracebacks of strategies that raised on stderr."""
+    for traceback in tracebacks:
+        if traceback is not None:
+            say(traceback.rstrip())
+
+
+def _report_replays(
+    episodes: Sequence[tuple[str, tuple[str, ...]]],
+    problems: Sequence[str],
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Say of each repeated episode whether it came out as stored."""
-    if as_json:
-        told = [{"episode": name, "differences": list(found)} for name, found in episodes]
-        print_json({"episodes": told, "problems": problems})
-    for name, differences in [] if as_json else episodes:
-        verdict = "differs from" if differences else "is identical to"
-        print_line(name if quiet else f"{name}: the record {verdict} the stored one")
-        for difference in [] if quiet else differences:
-            print_line(f"    {difference}")
+    """Print for each repeated episode whether its record is the stored one."""
+
+    def show() -> None:
+        for name, differences in episodes:
+            verdict = "differs from" if differences else "is identical to"
+            print_line(f"{name}: the record {verdict} the stored one")
+            for difference in differences:
+                print_line(f"    {difference}")
+
+    document = {
+        "episodes": [
+            {"episode": name, "differences": list(differences)} for name, differences in episodes
+        ],
+        "problems": list(problems),
+    }
+    emit(document, [name for name, _ in episodes], show, quiet=quiet, as_json=as_json)
     if problems or any(differences for _, differences in episodes):
         raise typer.Exit(1)
 
@@ -132,18 +147,15 @@ def score(
             metavar="KEY=VALUE",
         ),
     ] = None,
-    quiet: QuietOption = False,  # noqa: ARG001  # the path is all it prints anyway
+    quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Recompute measures from kept traces, or count other conflicts."""
     from harness.batch.scoring import score as recompute
 
     with unwinding():
-        folder = str(recompute(run_folder, out, settings_of(settings)))
-    if as_json:
-        print_json({"folder": folder})
-    else:
-        print_line(folder)
+        folder = recompute(run_folder, out, settings_of(settings))
+    emit({"folder": str(folder)}, [folder], quiet=quiet, as_json=as_json)
 
 
 def compare(
@@ -170,7 +182,9 @@ def compare(
 
     With limits, say which values of a parameter keep them.
     """
-    from harness.runs.compare import compare as compare_run
+    from harness.report.comparison_document import comparison_document, comparison_rows
+    from harness.report.terminal import print_comparison
+    from harness.runs.compare import compare as compare_runs
 
     if out is not None:
         if out.exists():
@@ -178,23 +192,18 @@ def compare(
         if not out.parent.is_dir():
             raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a new file")
     with progress_bar("comparisons", hidden=quiet or as_json) as advance:
-        result = compare_run(*run_folders, mu0=mu0, kappa0=kappa0, progress=advance)
+        result = compare_runs(*run_folders, mu0=mu0, kappa0=kappa0, progress=advance)
     if out is not None:
         from harness.files import write_csv
-        from harness.report.comparison_document import comparison_rows
 
         write_csv(out, comparison_rows(result))
-    if as_json:
-        from harness.report.comparison_document import comparison_document
-
-        print_json(comparison_document(result))
-    elif quiet:
-        if out is not None:
-            print_line(str(out))
-    else:
-        from harness.report.terminal import print_comparison
-
-        print_comparison(result)
+    emit(
+        lambda: comparison_document(result),
+        [] if out is None else [out],
+        lambda: print_comparison(result),
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def worst(
@@ -211,10 +220,10 @@ def worst(
             metavar="RUN_B",
         ),
     ] = None,
-    arm: Annotated[str, typer.Option(help="av or human.")] = "av",
-    cell: Annotated[int | None, typer.Option(help="Of that cell alone.")] = None,
+    arm: ArmOption = "av",
+    cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print the commands that replay them alone.")
+        bool, typer.Option("--quiet", "-q", help="Print only the commands that replay them.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -223,26 +232,26 @@ def worst(
     from harness.runs.worst import got_worse, worst as worst_of
 
     if diff is None:
-        found = worst_of(run_folder, by, most, arm, cell)
+        episodes = worst_of(run_folder, by, most, arm, cell)
     else:
-        found = got_worse(diff, run_folder, by, most, arm, cell)
-    if as_json:
-        print_json(worst_document(found, by))
-    elif quiet:
-        print_line("\n".join(episode.command for episode in found))
-    else:
+        episodes = got_worse(diff, run_folder, by, most, arm, cell)
+
+    def show() -> None:
         from harness.report.console import make_console, print_table
 
         console = make_console()
-        print_table(console, worst_tables(found, by))
-        for episode in found:
+        print_table(console, worst_tables(episodes, by))
+        for episode in episodes:
             console.print(episode.command, soft_wrap=True)
+
+    commands = [episode.command for episode in episodes]
+    emit(lambda: worst_document(episodes, by), commands, show, quiet=quiet, as_json=as_json)
 
 
 def export(
-    run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    run_folder: RunArgument,
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
-    quiet: QuietOption = False,  # noqa: ARG001  # paths are all it prints anyway
+    quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Write the tables of a run folder as CSV, beside the originals."""
@@ -252,7 +261,4 @@ def export(
         raise InputError("export", "no format given", "--csv")
     with unwinding():
         files = [str(path) for path in export_csv(run_folder)]
-    if as_json:
-        print_json({"files": files})
-    else:
-        print_line("\n".join(files))
+    emit({"files": files}, files, quiet=quiet, as_json=as_json)

@@ -1,12 +1,13 @@
 """``risk``: how rare an event is, down to one in a hundred million episodes."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
 from harness.cli.interruption import unwinding
 from harness.cli.options import (
+    ArmOption,
     FullOption,
     JsonOption,
     OutOption,
@@ -17,13 +18,13 @@ from harness.cli.options import (
     WorkersOption,
     settings_of,
 )
-from harness.cli.output import print_json, print_line, progress_bar, say
-from harness.errors import InputError, unknown_name
+from harness.cli.output import emit, progress_bar, say
+from harness.errors import InputError
 
 
 def risk(
     scenario: ScenarioArgument,
-    arm: Annotated[str, typer.Option(help="Whose episodes: av or human.")] = "av",
+    arm: ArmOption = "av",
     event: Annotated[
         str,
         typer.Option(
@@ -35,7 +36,7 @@ def risk(
         float, typer.Option(help="Wanted standard error over the probability.")
     ] = 0.1,
     engine: Annotated[
-        str,
+        Literal["sumo", "plain"],
         typer.Option(
             help="plain: fast, one episode in a hundred and every event of the estimate are "
             "checked in SUMO; sumo: all in SUMO."
@@ -54,12 +55,8 @@ def risk(
 ) -> None:
     """Estimate the probability of a rare event of an episode."""
     from harness.encounter import Arm
-    from harness.scenario import engine_named, read_scenario_file, study_of
+    from harness.scenario import read_scenario_file, study_of
 
-    arms = [member.value for member in Arm]
-    if arm not in arms:
-        raise unknown_name("--arm", "arm", arm, arms)
-    in_sumo = engine_named(engine, "--engine") == "sumo"
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
     if len(study.cells) > 1:
         allowed = (
@@ -68,11 +65,18 @@ def risk(
         raise InputError(scenario, f"has {len(study.cells)} cells", allowed)
     if study.remark is not None:
         say(f"harness: {study.remark}")
-    chosen = study.cells[0].scenario
     from harness.risk.asking import Settings
     from harness.risk.folder import estimate_risk
 
-    question = Settings(study.name, chosen, Arm(arm), event, target_cv, most_episodes, in_sumo)
+    question = Settings(
+        study.name,
+        study.cells[0].scenario,
+        Arm(arm),
+        event,
+        target_cv,
+        most_episodes,
+        engine == "sumo",
+    )
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(question, out=out, workers=workers, progress=advance)
     show(folder, quiet, as_json, full)
@@ -85,33 +89,24 @@ def is_risk(folder: Path) -> bool:
     return (folder / ASKED).is_file()
 
 
-def go_on_with_risk(
+def resume_risk(
     folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool, full: bool
 ) -> None:
-    """Go on with a risk that was interrupted; a finished one is only shown."""
-    from harness.risk.folder import resume_risk
+    """Continue a risk that was interrupted; a finished one is only shown."""
+    from harness.risk.folder import resume_risk as resume
 
     if dask is not None:
-        raise InputError("--dask", "cannot go on with a risk", "this machine's workers")
+        raise InputError("--dask", "is not supported with a risk", "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
-        resume_risk(folder, workers=workers, progress=advance)
+        resume(folder, workers=workers, progress=advance)
     show(folder, quiet, as_json, full)
 
 
-def report_risk(
-    folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
-) -> Path:
+def report_risk(folder: Path, out: Path | None) -> Path:
     """Write the page of a finished risk."""
     from harness.report.risk_page import write_risk_page
 
-    if figures is not None:
-        raise InputError(f"--figures {figures}", "a risk has no figures", "no --figures")
-    page = write_risk_page(folder, out)
-    if as_json:
-        print_json({"page": str(page)})
-    else:
-        print_line(str(page) if quiet else f"Report: {page}")
-    return page
+    return write_risk_page(folder, out)
 
 
 def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
@@ -125,11 +120,12 @@ def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
     from harness.risk.writing import risk_document
 
     findings = read_risk(folder)
-    if as_json:
-        print_json(risk_document(findings))
-    elif quiet:
-        print_line(str(folder))
-    else:
-        print_risk(findings, folder, full)
+    emit(
+        lambda: risk_document(findings),
+        [folder],
+        lambda: print_risk(findings, folder, full),
+        quiet=quiet,
+        as_json=as_json,
+    )
     if findings.failed or findings.differing:
         raise typer.Exit(1)

@@ -1,4 +1,4 @@
-"""``validate``: drivers held against recorded encounters."""
+"""``validate``: drivers compared with recorded encounters."""
 
 from pathlib import Path
 from typing import Annotated
@@ -8,7 +8,7 @@ import typer
 from harness.cli import model_options
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
-from harness.cli.output import print_json, print_line, progress_bar
+from harness.cli.output import emit, print_line, progress_bar
 
 
 def validate(
@@ -49,22 +49,22 @@ def validate(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Hold drivers against recorded encounters.
+    """Compare drivers with recorded encounters.
 
-    Each is put in the recorded driver's place.
+    Each driver is put in the recorded driver's place.
     """
     model_options.check_folder(out, "--out")
     from harness.report.validation_tables import print_validation, validation_document
     from harness.scenario import load_scenario, parse_setting
-    from harness.validation import validate as hold
+    from harness.validation import validate as run_validation
 
-    chosen = [parse_setting(text) for text in settings or []]
-    scenario = load_scenario("cctc", [one for one in chosen if "." in one.key])
-    options = {one.key: one.value for one in chosen if "." not in one.key}
-    asked = [name for name in drivers.split(",") if name]
+    changes = [parse_setting(text) for text in settings or []]
+    scenario = load_scenario("cctc", [setting for setting in changes if "." in setting.key])
+    options = {setting.key: setting.value for setting in changes if "." not in setting.key}
+    names = [name for name in drivers.split(",") if name]
     with progress_bar("reading", quiet or as_json) as advance:
-        result = hold(
-            paths, format_, asked, scenario, folds=folds, options=options, progress=advance
+        result = run_validation(
+            paths, format_, names, scenario, folds=folds, options=options, progress=advance
         )
     written: list[Path] = []
     if out is not None:
@@ -72,12 +72,16 @@ def validate(
 
         with unwinding():
             written = write_validation(result, out)
-    if as_json:
-        print_json(validation_document(result))
-    elif quiet:
-        names = [str(path) for path in written] or [place.driver for place in result.ranked]
-        print_line("\n".join(names))
-    else:
+
+    def show() -> None:
         print_validation(result)
         for path in written:
             print_line(f"Written: {path}")
+
+    emit(
+        lambda: validation_document(result),
+        written or [place.driver for place in result.ranked],
+        show,
+        quiet=quiet,
+        as_json=as_json,
+    )

@@ -85,10 +85,13 @@ class Options:
         """Checked before anything runs; NumPy's numbers become Python's own."""
         if self.until is not None and not isinstance(self.until, Precision):
             raise InputError("until", f"{self.until!r}", "a Precision, or None")
+        if self.traces not in (True, False):
+            raise InputError("traces", f"{self.traces!r} is not accepted", "True or False")
         if self.sumo_outputs not in (None, "all", "crashed"):
             what = f"{self.sumo_outputs!r} is no such choice"
             raise InputError("sumo_outputs", what, "all or crashed, or None")
         kept: dict[str, Any] = {
+            "traces": bool(self.traces),
             "engine": engine_named(self.engine),
             "task_pairs": whole_number("task_pairs", self.task_pairs, 1),
             "hang_after_s": number_in("hang_after_s", self.hang_after_s, 0.0, math.inf),

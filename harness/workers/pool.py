@@ -18,7 +18,7 @@ from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
 
 from harness.engine.starting import scratch_prefix
-from harness.scenario import Options, Study
+from harness.scenario import Options
 from harness.workers.tasks import (
     Argument,
     ExecutorLostError,
@@ -230,10 +230,3 @@ def default_workers() -> int:
 def workers_for(pairs: int, options: Options) -> int:
     """How many workers some pairs may keep busy, at most as many as asked for."""
     return max(1, min(options.workers or default_workers(), pairs))
-
-
-def pool_for(study: Study, options: Options) -> LocalPool:
-    """The workers of a study; with few pairs, which may be quick, not all of them start at once."""
-    pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
-    at_once = pairs if study.in_traffic else -(-pairs // options.task_pairs)
-    return LocalPool(workers_for(pairs, options), at_once=at_once)

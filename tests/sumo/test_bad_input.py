@@ -295,7 +295,11 @@ def test_unknown_options_and_commands(refused: Refuse) -> None:
     says(refused("run").lower(), "scenario", "missing")
     says(refused("run", "cctc", "--set", "x"), "--set x", "no key=value")
     says(refused("run", "cctc", "extra"), "extra")
-    says(refused("run", "--resume", "runs/1"), "--resume", "is gone", "harness resume RUN")
+    says(
+        refused("run", "cctc", "--engine", "plan"),
+        "'--engine': 'plan' is not one of 'sumo', 'plain'",
+    )
+    says(refused("replay", "run", "--pair", 0, "--arm", "mine"), "'mine'", "'av', 'human', 'both'")
     says(refused("network", "cctc"), "--out")
 
 
@@ -330,8 +334,11 @@ def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--gui", "--debug"), ("--debug: stands beside --gui", "breakpoint() stops in decide")),
-        (("--gui", "--every", "1"), ("--every: goes with --screenshots",)),
+        (("--gui", "--debug"), ("--debug: cannot be combined with --gui", "breakpoint()")),
+        (("--gui", "--out", "x"), ("--out: cannot be combined with --gui", "--screenshots")),
+        (("--debug", "--out", "x"), ("--out: cannot be combined with --debug",)),
+        (("--pace", "2"), ("--pace: needs --gui",)),
+        (("--gui", "--every", "1"), ("--every: needs --screenshots",)),
     ],
 )
 def test_no_option_of_a_replay_is_ignored(
@@ -341,5 +348,5 @@ def test_no_option_of_a_replay_is_ignored(
 
 
 def test_options_of_a_check_are_not_ignored_without_one(refused: Refuse) -> None:
-    says(refused("strategies", "--set", "ego.lane=0"), "--set: goes with --check")
-    says(refused("strategies", "--scenario", "cctc_flow"), "--scenario: goes with --check")
+    says(refused("strategies", "--set", "ego.lane=0"), "--set: needs --check")
+    says(refused("strategies", "--scenario", "cctc_flow"), "--scenario: needs --check")

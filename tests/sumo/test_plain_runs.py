@@ -207,7 +207,7 @@ def test_its_episodes_are_replayed_in_sumo(both: tuple[RunData, RunData]) -> Non
         ({"arms.av": "sumo_driver"}, {}, 'arms.av = "sumo_driver" needs SUMO'),
         ({"pedestrians.behaviour": "sumo"}, {}, 'pedestrians.behaviour = "sumo" needs SUMO'),
         ({"traffic.flow_per_hour": 600}, {}, r"\[traffic\] needs SUMO"),
-        ({}, {"sumo_outputs": "all"}, "--sumo-outputs: stands beside --engine plain"),
+        ({}, {"sumo_outputs": "all"}, "--sumo-outputs: cannot be combined with --engine plain"),
     ],
 )
 def test_refused(

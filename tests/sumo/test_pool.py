@@ -15,6 +15,7 @@ from harness.batch.experiment import run_study
 from harness.errors import HarnessError
 from harness.scenario import Options
 from harness.workers import pool as pools
+from harness.workers.executors import executor_for
 from harness.workers.pool import LocalPool
 from harness.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
 from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell
@@ -72,7 +73,7 @@ def processes_of(pool: LocalPool) -> int:
 def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pools, "LATER_S", 0.2)
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 40})
-    pool = pools.pool_for(study, Options(workers=2))
+    pool = executor_for(study, Options(workers=2))
     try:
         # One does for 40 quick pairs; while it is still at work after a while the other helps.
         naps = [pool.submit(time.sleep, 2.0) for _ in range(2)]
@@ -83,7 +84,7 @@ def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatc
     finally:
         pool.stop()
     monkeypatch.setattr(pools, "LATER_S", 60.0)
-    pool = pools.pool_for(study, Options(workers=2))
+    pool = executor_for(study, Options(workers=2))
     pool.submit(time.sleep, 0.0).result()
     assert processes_of(pool) == 1
     begin = time.monotonic()

@@ -178,7 +178,7 @@ def test_refused(run: Path, tmp_path: Path) -> None:
         replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
     wrong = here("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-    assert "av, human or both" in wrong.stderr
+    assert "'ego' is not one of 'av', 'human', 'both'" in wrong.stderr
     assert not (tmp_path / "out").exists()
 
 

@@ -153,7 +153,9 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
 
 
 def test_what_a_risk_cannot_do_is_refused(finished: Path, tmp_path: Path) -> None:
-    assert "cannot go on with a risk" in refusal("resume", finished, "--dask", "tcp://nowhere:1")
+    assert "--dask: is not supported with a risk" in refusal(
+        "resume", finished, "--dask", "tcp://nowhere:1"
+    )
     assert "a risk has no figures" in refusal("report", finished, "--figures", tmp_path)
 
 
@@ -191,7 +193,7 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
     [
         (["cctc", "--event", "crush"], "--event crush: is no event"),
         (["cctc", "--event", "min_tcc_s<1"], "did you mean 'min_ttc_s'?"),
-        (["cctc", "--arm", "humans"], "did you mean 'human'?"),
+        (["cctc", "--arm", "humans"], "'humans' is not one of 'av', 'human'"),
         (["cctc", "--target-cv", "0"], "--target-cv"),
         (["euro_ncap_vru"], "--set ego.initial_speed_mps=… --set pedestrians.timed_case=…"),
         (["euro_ncap_vru", "--set", "pedestrians.timed_case=CPNA-25"], "ego.initial_speed_mps=…"),

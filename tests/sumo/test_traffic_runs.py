@@ -30,7 +30,7 @@ from harness.runs.shown import shown_pairs
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.traffic.lanes import lanes_of
 from harness.workers.pool import LocalPool
-from tests.batches import HARNESS, Inline, here, shell, start
+from tests.batches import HARNESS, Inline, here, printed, shell, start
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels
 
 AV = (0, 114, 178)
@@ -203,6 +203,7 @@ def test_an_hour_without_vehicles_has_a_page(tmp_path: Path) -> None:
     study = study_of(read_scenario_file("field_sites", empty | {"experiment.pairs": 1}))
     run = run_study(study, Options(workers=0), out=tmp_path / "run")
     assert write_report(run, tmp_path / "page.html").page.is_file()
+    assert json.loads(printed("report", run.path, "--json"))["pairs"] == 1
 
 
 def test_traces_give_all_measures_again(runs: list[Path], tmp_path: Path) -> None:
@@ -412,7 +413,7 @@ def test_what_does_not_settle_is_refused(settings: dict[str, Any], said: str) ->
 
 def test_what_hours_have_not(runs: list[Path]) -> None:
     study = harness.load_run(runs[0]).study
-    with pytest.raises(InputError, match="--until: of hours of traffic"):
+    with pytest.raises(InputError, match="--until: is not supported with"):
         plan_of(study, Options(until=Precision("mu", 0.1)))
 
 

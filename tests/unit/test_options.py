@@ -16,6 +16,7 @@ from harness.scenario import Options, Precision, load_scenario, read_scenario_fi
         ({"engine": "plan"}, "unknown engine 'plan'"),
         ({"until": "mu=0.01"}, "until: 'mu=0.01'; allowed: a Precision, or None"),
         ({"sumo_outputs": "some"}, "sumo_outputs: 'some' is no such choice"),
+        ({"traces": "x"}, "traces: 'x' is not accepted; allowed: True or False"),
         ({"workers": -1}, "workers: -1 is not accepted; allowed: a whole number, 0 or more"),
         ({"workers": 1.5}, "workers: 1.5"),
         ({"hang_after_s": -0.1}, "hang_after_s: -0.1 is not accepted; allowed: 0 or more"),
