@@ -10,13 +10,12 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import fields
 
 import numpy as np
 import pyarrow as pa
 
 from benchmarks import known_truth, pairing_worth
-from benchmarks.coverage import LEVEL, Named, holds
+from benchmarks.coverage import LEVEL, Named, holds, names_with_intervals
 from benchmarks.known_truth import CELLS, COMPARED, SWEPT
 from benchmarks.tally import BAND, Tally
 from harness.batch.plan import Plan
@@ -29,9 +28,8 @@ from harness.comparison import (
     swept_value,
     zero_bound,
 )
-from harness.encounter import Arm, FloatArray
+from harness.encounter import FloatArray
 from harness.report.tau_figures import running_mean
-from harness.results.measure_tables import conflict_rates
 from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
 from harness.scenario import Cell, Options, Precision, Study
 from harness.seeding import resampling
@@ -59,13 +57,7 @@ def of_a_cell(name: str, episodes: pa.Table, seed: int) -> Iterator[Named]:
     """Everything printed of a cell with an interval: summary, conflicts, running mean."""
     scenario = known_truth.scenario_of(CELLS[name], seed)
     summary = summarise_cell(episodes, Cell(0, {}, scenario), CONFIDENCE)
-    for field in fields(summary):
-        value = getattr(summary, field.name)
-        if isinstance(value, Interval):
-            yield f"{name}: {field.name}", value
-    for found in conflict_rates(episodes, scenario.conflicts, CONFIDENCE):
-        end = "_human" if found.arm is Arm.HUMAN else ""
-        yield f"{name}: {found.conflict}{end}", found.rate
+    yield from ((f"{name}: {key}", getattr(summary, key)) for key in names_with_intervals())
     tau = known_truth.tau_of(episodes)
     tau = tau[~np.isnan(tau)]
     mean, half = running_mean(tau)

@@ -9,13 +9,14 @@ the truth is counted.  Standard error of a coverage of 95 % in 1,000 experiments
 import argparse
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import fields
 from multiprocessing import get_context
 
 import numpy as np
 import pyarrow as pa
 
 from harness.comparison import (
+    ENCOUNTERS,
+    EncounterColumns,
     Interval,
     PairColumns,
     bootstrap_ratio,
@@ -78,11 +79,15 @@ def of_a_cell(
     av: PairColumns, _other: PairColumns, times: Times, rng: np.random.Generator
 ) -> Iterator[Named]:
     """Everything that a summary gives an interval."""
-    summary = summarise(av, *times, rng)
-    for field in fields(summary):
-        value = getattr(summary, field.name)
-        if isinstance(value, Interval):
-            yield field.name, value
+    summary = summarise(EncounterColumns(av, *times, rng))
+    yield from ((name, getattr(summary, name)) for name in names_with_intervals())
+
+
+def names_with_intervals() -> Iterator[str]:
+    """The reported numbers of a cell that have an interval."""
+    for entry in ENCOUNTERS:
+        if entry.interval is not None:
+            yield from filter(None, entry.names)
 
 
 def of_differences(

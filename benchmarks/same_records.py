@@ -64,8 +64,8 @@ def run(name: str, out: Path) -> None:
 def differences(kept: Path, new: Path) -> Iterator[str]:
     """What is not the same in the tables of two run folders."""
     names = sorted(file.name for file in kept.glob("*.parquet"))
-    if names != sorted(file.name for file in new.glob("*.parquet")):
-        yield "other tables"
+    if missing := {*names} - {file.name for file in new.glob("*.parquet")}:
+        yield f"no {', '.join(sorted(missing))}"
         return
     for name in names:
         old, now = (pd.read_parquet(folder / name) for folder in (kept, new))

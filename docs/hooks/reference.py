@@ -13,9 +13,9 @@ from pydantic import BaseModel
 
 import harness
 from harness.cli.app import app
+from harness.comparison import ENCOUNTERS, Entry
 from harness.measures import MEASURES
 from harness.results import tables
-from harness.results.summaries import summary_columns
 from harness.scenario import Scenario, sections
 
 UNITS = {
@@ -188,7 +188,8 @@ def columns_page() -> str:
         "What each file of a run folder holds: [Files](../files.md#run-folder). A missing value is",
         "null in Parquet and empty in CSV. A column with an interval has its ends beside it, named",
         "`_ci_low` and `_ci_high`, two-sided with the `confidence` of the row; a bootstrap has",
-        "the informative pairs that it rests on, `_ci_informative`. Definitions:",
+        "the informative pairs that it rests on, `_ci_informative`; a share has `_events` of `_n`.",
+        "Definitions:",
         "[Method](../method.md), [Measures](../measures.md).",
     ]
     for name, schema in tables.TABLES.items():
@@ -197,17 +198,28 @@ def columns_page() -> str:
             ("column", "type", "unit", "meaning"),
             ([f"`{c}`", kind_of(schema.field(c).type), u, m] for c, u, m in told(name, meanings)),
         )
-    lines += ["", "## summary.csv", "", "One row per cell: the varied keys, then these.", ""]
-    kinds = {name: kind for name, kind in summary_columns().items() if "_ci_" not in name}
+    lines += ["", "## summary.parquet, summary.csv", ""]
+    lines += ["One row per cell: `cell` (Parquet) or the varied keys (CSV), then these.", ""]
     lines += table(
-        ("column", "interval", "unit", "meaning"),
-        (
-            [f"`{n}`", "yes" if f"{n}_ci_low" in summary_columns() else "", unit_of(n), text]
-            for n in kinds
-            for text in [meanings["summary"][n]]
-        ),
+        ("column", "interval", "reliable from", "unit", "meaning"),
+        (reported(entry, name) for entry in ENCOUNTERS for name in filter(None, entry.names)),
     )
     return "\n".join(lines) + "\n"
+
+
+def reported(entry: Entry[Any], name: str) -> list[str]:
+    """The row of a reported number: of one arm, or of both together."""
+    av, human, paired = entry.names
+    meaning = entry.meaning
+    if av and name == human:
+        meaning = f"`{av}` of the reference's arm."
+    elif av and name == paired:
+        meaning = entry.paired_meaning
+    elif human:
+        meaning = f"{meaning} The AV's arm."
+    pairs = entry.least(name)
+    interval = "" if entry.interval is None else "yes"
+    return [f"`{name}`", interval, f"{pairs:,} pairs" if pairs else "", unit_of(name), meaning]
 
 
 def told(name: str, meanings: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:

@@ -7,12 +7,14 @@ from typing import Any
 import pyarrow as pa
 
 from harness.batch.plan import Plan
+from harness.comparison import ENCOUNTERS, Findings
 from harness.encounter import Ending
 from harness.files import write_csv
 from harness.results.hour_summaries import hours_row, summarise_hours
 from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results.run_folder import RunFolder
-from harness.results.summaries import confidence_of, summarise_cell, summary_row
+from harness.results.summaries import confidence_of, summarise_cell
+from harness.results.summary_table import write_summary
 from harness.results.tables import write_parquet
 from harness.runs.opening import load_run
 from harness.runs.run_data import RunData
@@ -53,13 +55,14 @@ def _encounters(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int
     folder.finish_tables(plan.shard_tables)
     folder.finish_pairs()
     confidence = confidence_of(plan.study, plan.options)
-    tables: CsvTables = {"summary": [], "measures": [], "conflicts": []}
+    tables: CsvTables = {"measures": [], "conflicts": []}
+    findings: list[Findings] = []
     counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
     for cell, (_, episodes) in zip(plan.study.cells, folder.rows_by_cell("episodes"), strict=True):
         summary = summarise_cell(episodes, cell, confidence)
-        rates = conflict_rates(episodes, cell.scenario.conflicts, confidence)
+        rates = conflict_rates(summary, cell.scenario.conflicts, confidence)
         which = {"cell": cell.number, **cell.varied}
-        tables["summary"].append({**cell.varied, **summary_row(summary)})
+        findings.append(summary.findings)
         tables["measures"] += [which | row for row in measure_rows(episodes)]
         tables["conflicts"] += [which | conflict_row(rate) for rate in rates]
         counts["pairs"] += summary.pairs
@@ -67,6 +70,7 @@ def _encounters(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int
         endings = episodes["ending"].to_pylist()
         for ending in Ending:
             counts[ending.value] += endings.count(ending.value)
+    write_summary(folder.path, ENCOUNTERS, plan.study.cells, findings)
     return tables, counts
 
 

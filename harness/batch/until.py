@@ -9,7 +9,6 @@ from collections.abc import Callable
 import pyarrow as pa
 
 from harness.batch.plan import Plan
-from harness.comparison import Interval, unreliable
 from harness.results.summaries import confidence_of, looks, summarise_cell
 from harness.scenario import Cell, Precision
 
@@ -47,8 +46,7 @@ def reach_precision(
 
 
 def _narrow(episodes: pa.Table, cell: Cell, until: Precision, confidence: float) -> bool:
-    summary = summarise_cell(episodes, cell, confidence)
-    interval: Interval = getattr(summary, until.measure)
-    if unreliable(until.measure, interval, summary.met_someone):
+    finding = summarise_cell(episodes, cell, confidence).findings[until.measure]
+    if not finding.reliable or finding.half_width is None:
         return False
-    return interval.half_width is not None and interval.half_width <= until.half_width
+    return finding.half_width <= until.half_width

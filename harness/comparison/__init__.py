@@ -16,6 +16,25 @@ from harness.comparison.bootstrap import (
     bootstrap_mean_and_cv,
     bootstrap_ratio,
 )
+from harness.comparison.catalogue import CONFLICTS, ENCOUNTERS, Conflict, anything_left_out
+from harness.comparison.differences import DIFFERENCES, MU_BOUND_FROM, ComparedColumns
+from harness.comparison.encounter_columns import EncounterColumns
+from harness.comparison.findings import (
+    Catalogue,
+    CellFindings,
+    Entry,
+    Finding,
+    Findings,
+    Form,
+    Note,
+    Plain,
+    Rank,
+    RunFindings,
+    columns_of,
+    findings_from,
+    findings_of,
+    row_of,
+)
 from harness.comparison.intervals import (
     CONFIDENCE,
     Interval,
@@ -26,7 +45,7 @@ from harness.comparison.intervals import (
     student_ratio,
     zero_bound,
 )
-from harness.comparison.pair_columns import PairColumns
+from harness.comparison.pair_columns import BothArms, PairColumns
 from harness.comparison.paired import (
     CrashTest,
     Difference,
@@ -44,33 +63,53 @@ from harness.comparison.pareto import (
     relation_of_crashes,
     relation_of_times,
 )
-from harness.comparison.reliability import RELIABLE_FROM, unreliable
 from harness.comparison.summary import Summary, summarise
 
 __all__ = [
     "CONFIDENCE",
-    "RELIABLE_FROM",
+    "CONFLICTS",
+    "DIFFERENCES",
+    "ENCOUNTERS",
+    "MU_BOUND_FROM",
     "AllowedInterval",
+    "BothArms",
+    "Catalogue",
+    "CellFindings",
+    "ComparedColumns",
+    "Conflict",
     "CrashTest",
     "Difference",
+    "EncounterColumns",
+    "Entry",
+    "Finding",
+    "Findings",
+    "Form",
     "Interval",
     "Judgement",
     "Limits",
+    "Note",
     "PairColumns",
     "Place",
+    "Plain",
     "Proportion",
+    "Rank",
     "Relation",
     "Resampled",
+    "RunFindings",
     "Standing",
     "Summary",
     "SweepVerdict",
     "SweptValue",
     "Verdict",
     "allowed_interval",
+    "anything_left_out",
     "bootstrap_mean",
     "bootstrap_mean_and_cv",
     "bootstrap_ratio",
     "clustered_proportion",
+    "columns_of",
+    "findings_from",
+    "findings_of",
     "holm",
     "mcnemar",
     "paired_difference",
@@ -79,11 +118,11 @@ __all__ = [
     "ratio_difference",
     "relation_of_crashes",
     "relation_of_times",
+    "row_of",
     "sign_flip_p",
     "student_mean",
     "student_ratio",
     "summarise",
     "swept_value",
-    "unreliable",
     "zero_bound",
 ]

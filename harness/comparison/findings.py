@@ -4,7 +4,7 @@ An entry defines a reported number once.  Tables of a run, terminal, page, JSON,
 reference in the documentation are views of findings, and compute nothing.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from typing import Any, Generic, TypeVar
@@ -228,6 +228,40 @@ class Entry(Generic[Source]):
         return replace(finding, reliable=False, reason=reason) if few else finding
 
 
+Catalogue = Sequence[Entry[Any]]
+"""The entries of a kind of run, in the order in which they are shown."""
+
+
+def findings_of(catalogue: Catalogue, source: object, met_someone: int) -> dict[str, Finding]:
+    """The findings of a cell; see ``Entry.findings``."""
+    return {
+        name: finding
+        for entry in catalogue
+        for name, finding in entry.findings(source, met_someone).items()
+    }
+
+
+def columns_of(catalogue: Catalogue) -> dict[str, type]:
+    """The columns of ``summary.csv`` after the varied keys, each with its type."""
+    return {name: kind for entry in catalogue for name, kind in entry.columns().items()}
+
+
+def row_of(catalogue: Catalogue, findings: Findings) -> dict[str, Plain]:
+    """The findings of a cell as columns of ``summary.csv``."""
+    return {name: value for entry in catalogue for name, value in entry.row(findings).items()}
+
+
+def findings_from(
+    catalogue: Catalogue, row: Mapping[str, Any], met_someone: int
+) -> dict[str, Finding]:
+    """The findings of a cell from columns of ``summary.csv``; the inverse of ``row_of``."""
+    return {
+        name: finding
+        for entry in catalogue
+        for name, finding in entry.from_row(row, met_someone).items()
+    }
+
+
 class Rank(IntEnum):
     """What a note is about; notes stand in this order."""
 
@@ -280,7 +314,7 @@ class RunFindings:
     experiment.
     """
 
-    catalogue: tuple[Entry[Any], ...]
+    catalogue: Catalogue
     name: str
     folder: str
     scope: str

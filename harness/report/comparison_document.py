@@ -2,9 +2,8 @@
 
 from typing import Any
 
-from harness.comparison import Standing, Summary
+from harness.comparison import ENCOUNTERS, Standing, Summary, row_of
 from harness.report.caveats import av_label, caveats
-from harness.results.summaries import summary_row
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
 from harness.runs.strategy_groups import StrategyCell
 
@@ -100,7 +99,7 @@ def _cell_document(
         "strategy": cell.strategy,
         "parameters": cell.parameters,
         "caveats": caveats(cell.cell.scenario, summary),
-        **summary_row(summary),
+        **row_of(ENCOUNTERS, summary.findings),
         "place": standing.place.value,
         "dominated_by": numbers(standing.dominated_by),
         "undecided_against": numbers(standing.open_against),

@@ -4,6 +4,7 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
+from harness.comparison import ENCOUNTERS, row_of
 from harness.report.caveats import av_label, caveats, first_lines
 from harness.report.comparison_tables import (
     comparison_caveats,
@@ -25,7 +26,6 @@ from harness.report.words import (
 )
 from harness.results.hour_summaries import hours_row
 from harness.results.measure_tables import conflict_row
-from harness.results.summaries import summary_row
 from harness.runs.comparisons import RunComparison
 from harness.runs.run_data import RunData
 from harness.runs.targets import missed_targets
@@ -94,7 +94,7 @@ def run_document(run: RunData) -> dict[str, Any]:
                 "varied": dict(result.cell.varied),
                 "av": av_label(result.cell.scenario.arms.av, result.summary),
                 "caveats": caveats(result.cell.scenario, result.summary),
-                "summary": summary_row(result.summary),
+                "summary": row_of(ENCOUNTERS, result.findings),
                 "conflicts": [conflict_row(rate) for rate in result.conflicts],
                 "indicative": unreliable_keys(result.summary),
             }

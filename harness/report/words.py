@@ -4,15 +4,12 @@ The lines that come before any number are in ``caveats``.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import fields
 
 from harness.comparison import (
     CONFIDENCE,
-    RELIABLE_FROM,
+    CONFLICTS,
     Interval,
-    Resampled,
     Summary,
-    unreliable,
     zero_bound,
 )
 from harness.encounter import Arm
@@ -28,7 +25,7 @@ from harness.report.tables import (
     percentage,
     share_limits,
 )
-from harness.results.measure_tables import CONFLICTS, ConflictRate
+from harness.results.measure_tables import ConflictRate
 from harness.runs.model_use import given_the_model
 from harness.runs.run_data import CellResult, RunData
 from harness.scenario import Scenario
@@ -232,16 +229,13 @@ def count_lines(result: CellResult) -> list[str]:
 
 def unreliable_words(summary: Summary, key: str) -> str:
     """The words of an interval that covers less than it says; empty where it does not."""
-    interval: Interval = getattr(summary, key)
-    if not isinstance(interval, Resampled) or not unreliable(key, interval, summary.met_someone):
-        return ""
-    least, rests_on = RELIABLE_FROM[key], interval.informative
-    return f"unreliable below {least:,} informative pairs (has {rests_on:,})"
+    finding = summary.findings[key]
+    return "" if finding.reliable else finding.reason or ""
 
 
 def unreliable_keys(summary: Summary) -> list[str]:
     """The intervals of a summary that cover less than they say."""
-    return [of.name for of in fields(Summary) if unreliable_words(summary, of.name)]
+    return [name for name, finding in summary.findings.items() if not finding.reliable]
 
 
 def both_arms(rates: Sequence[ConflictRate]) -> list[tuple[ConflictRate, ConflictRate]]:

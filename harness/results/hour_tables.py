@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from harness.comparison import CONFLICTS
 from harness.encounter import Arm, Ending, Walk
 from harness.measures import EpisodeRecord
 from harness.motion.walking import cleared_s
-from harness.results.measure_tables import CONFLICTS
 from harness.results.tables import HOUR_TABLES, PASSAGES, TABLES, Columns, columns_of
 from harness.results.walk_rows import pedestrian_row
 from harness.scenario import ConflictsSection

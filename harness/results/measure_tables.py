@@ -10,33 +10,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.comparison import Proportion, proportion
+from harness.comparison import CONFLICTS, Proportion, Summary
 from harness.encounter import Arm, Ending, FloatArray
 from harness.measures import MEASURES
 from harness.scenario import ConflictsSection
 
 QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
-
-
-@dataclass(frozen=True, slots=True)
-class Conflict:
-    """A kind of conflict: a measure beyond a threshold.
-
-    ``threshold`` is the key of ``[conflicts]``; ``above`` says on which side of it the conflict is.
-    """
-
-    name: str
-    column: str
-    threshold: str
-    above: bool
-
-
-CONFLICTS = (
-    Conflict("ttc", "min_ttc_s", "ttc_s", above=False),
-    Conflict("time_advantage", "min_time_advantage_s", "time_advantage_s", above=False),
-    Conflict("pet", "pet_s", "pet_s", above=False),
-    Conflict("drac", "max_drac_mps2", "drac_mps2", above=True),
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,37 +71,27 @@ def _statistics(values: FloatArray) -> dict[str, Any]:
 
 
 def conflict_rates(
-    episodes: pa.Table, thresholds: ConflictsSection, confidence: float
+    summary: Summary, thresholds: ConflictsSection, confidence: float
 ) -> tuple[ConflictRate, ...]:
-    """How often each conflict arose in each arm, Clopper–Pearson.
-
-    An episode has a conflict if its measure lies beyond the threshold, or if it crashed; where
-    the measure is undefined without a crash there was none.  Of all that did not fail.  A conflict
-    whose measure the episodes have no column for is left out (a run of an earlier version).
+    """How often each conflict arose in each arm, of all episodes that did not fail.
 
     Args:
-        episodes: of one cell.
+        summary: of a cell.
         thresholds: of its scenario.
         confidence: of the intervals, two-sided.
     """
-    rates = []
-    for arm in Arm:
-        own = _that_ran(episodes, arm)
-        crashed = pc.equal(own["ending"], Ending.CRASHED.value).to_numpy()
-        for conflict in CONFLICTS:
-            if conflict.column not in episodes.column_names:
-                continue
-            values = _numbers(own, conflict.column)
-            threshold: float = getattr(thresholds, conflict.threshold)
-            # An undefined measure is NaN, which is on neither side.
-            beyond = values > threshold if conflict.above else values < threshold
-            every = beyond | crashed
-            rate, rate_met = (
-                proportion(int(counted.sum()), len(counted), confidence)
-                for counted in (every, every[_met_someone(own, episodes)])
-            )
-            rates.append(ConflictRate(arm, conflict.name, threshold, rate, rate_met, confidence))
-    return tuple(rates)
+    return tuple(
+        ConflictRate(
+            arm,
+            conflict.name,
+            getattr(thresholds, conflict.threshold),
+            getattr(summary, f"conflict_{conflict.name}{end}"),
+            getattr(summary, f"conflict_{conflict.name}_met_someone{end}"),
+            confidence,
+        )
+        for arm, end in ((Arm.AV, ""), (Arm.HUMAN, "_human"))
+        for conflict in CONFLICTS
+    )
 
 
 def conflict_row(rate: ConflictRate) -> dict[str, Any]:

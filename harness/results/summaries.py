@@ -1,24 +1,23 @@
 """From the episodes of a cell to its summary."""
 
-from collections.abc import Mapping
-from dataclasses import fields
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from harness.comparison import (
     CONFIDENCE,
+    CONFLICTS,
+    BothArms,
+    EncounterColumns,
     Interval,
     PairColumns,
-    Proportion,
-    Resampled,
     Summary,
     summarise,
 )
 from harness.encounter import Arm, Contact, Ending
 from harness.errors import InputError
-from harness.scenario import Cell, Options, Study
+from harness.scenario import Cell, ConflictsSection, Options, Study
 from harness.seeding import resampling
 
 FIRST_LOOK = 1_000
@@ -47,15 +46,48 @@ def confidence_of(study: Study, options: Options) -> float:
     return 1 - (1 - CONFIDENCE) / len(looks(most))
 
 
-def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
-    """The summary of a cell, from its episodes by pair.
+def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> EncounterColumns:
+    """What the numbers of a cell are computed from: its episodes by pair.
 
     The resampling's stream is the scenario's alone: the same episodes give the same intervals.
     """
-    experiment = cell.scenario.experiment
-    rng = resampling(experiment.seed, "summary")
-    free_pass_s = cell.scenario.vehicle().free_pass_time_s(cell.scenario.crosswalk())
-    return summarise(pair_columns(episodes), experiment.timeout_s, free_pass_s, rng, confidence)
+    scenario = cell.scenario
+    return EncounterColumns(
+        pairs=pair_columns(episodes),
+        timeout_s=scenario.experiment.timeout_s,
+        free_pass_s=scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
+        rng=resampling(scenario.experiment.seed, "summary"),
+        confidence=confidence,
+        conflicts=conflict_marks(episodes, scenario.conflicts),
+    )
+
+
+def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    """The summary of a cell, from its episodes by pair."""
+    return summarise(columns_of_cell(episodes, cell, confidence))
+
+
+def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str, BothArms]:
+    """Which episodes had a conflict of each kind, by the kind's name.
+
+    An episode has a conflict if its measure lies beyond the threshold, or if it crashed; where
+    the measure is undefined without a crash there was none.  A conflict whose measure the episodes
+    have no column for is left out.
+
+    Args:
+        episodes: of one cell by pair, AV first.
+        thresholds: of its scenario.
+    """
+    crashed = np.array(episodes["ending"].to_pylist()) == Ending.CRASHED
+    marks = {}
+    for conflict in CONFLICTS:
+        if conflict.column in episodes.column_names:
+            values = episodes[conflict.column].cast(pa.float64()).to_numpy()
+            threshold: float = getattr(thresholds, conflict.threshold)
+            # An undefined measure is NaN, which is on neither side.
+            beyond = values > threshold if conflict.above else values < threshold
+            marks[conflict.name] = ((beyond | crashed)[::2], (beyond | crashed)[1::2])
+    return marks
 
 
 def pair_columns(episodes: pa.Table) -> PairColumns:
@@ -127,62 +159,6 @@ def check_pairs(rows: pa.Table, what: str) -> None:
     whole = count > 0 and arms == [Arm.AV.value, Arm.HUMAN.value] * count
     if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != count:
         raise InputError(what, "are not two arms of each pair of a cell", f"one run's {what}")
-
-
-def summary_row(summary: Summary) -> dict[str, float | int | None]:
-    """A summary as the columns of ``summary.csv``; an interval becomes three, or four."""
-    row: dict[str, float | int | None] = {}
-    for field in fields(Summary):
-        value = getattr(summary, field.name)
-        named = isinstance(value, Interval)
-        row |= value.columns(field.name) if named else {field.name: value}
-    return row
-
-
-def summary_columns() -> dict[str, type]:
-    """The type of each column of a summary; only an ``int`` has a number in every row."""
-    columns: dict[str, type] = {}
-    for name, kind in get_type_hints(Summary).items():
-        ends = ("", "_ci_low", "_ci_high") if kind in (Resampled, Proportion) else ("",)
-        columns |= {f"{name}{end}": int if kind is int else float for end in ends}
-        if kind is Resampled:
-            columns[f"{name}_ci_informative"] = int
-    return columns
-
-
-def summary_from(row: Mapping[str, Any], pairs: PairColumns) -> Summary:
-    """A summary from the columns of ``summary.csv``; the inverse of ``summary_row``.
-
-    Args:
-        row: the columns; NaN or None where undefined.
-        pairs: the cell's columns, which give the numbers of episodes behind the shares.
-    """
-    values: dict[str, Any] = {}
-    kinds = get_type_hints(Summary)
-    for field in fields(Summary):
-        name, kind = field.name, kinds[field.name]
-        if kind not in (Resampled, Proportion):
-            values[name] = int(row[name]) if kind is int else known(row[name])
-            continue
-        found = interval_from(row, name)
-        if kind is Resampled:
-            rests_on = int(row[f"{name}_ci_informative"])
-            values[name] = Resampled(found.value, found.low, found.high, rests_on)
-        else:
-            of = int(np.count_nonzero(_episodes_behind(name, pairs)))
-            count = round((found.value or 0.0) * of)
-            values[name] = Proportion(found.value, found.low, found.high, count, of)
-    return Summary(**values)
-
-
-def _episodes_behind(name: str, pairs: PairColumns) -> np.ndarray:
-    """Which pairs a share of the summary is out of."""
-    ran = ~pairs.failed["_human" in name]
-    if name == "kappa_worst":
-        return np.ones_like(ran)
-    if name == "kappa_all":
-        return pairs.av_tried
-    return ran & pairs.met_someone if "_met" in name else ran
 
 
 def interval_from(row: Any, name: str) -> Interval:

@@ -14,13 +14,12 @@ import numpy as np
 
 from harness.comparison import (
     AllowedInterval,
+    ComparedColumns,
     Limits,
     PairColumns,
     allowed_interval,
     holm,
     mcnemar,
-    paired_difference,
-    ratio_difference,
     swept_value,
 )
 from harness.encounter import FloatArray
@@ -188,37 +187,38 @@ def _compare(
 ) -> Comparison:
     # With --until cells end at different numbers of pairs: pair i is entry i in all of them.
     common = min(len(columns[a].tau), len(columns[b].tau))
-    first, second = (columns[of].where(slice(common)) for of in (a, b))
+    first, second = (columns[cell].where(slice(common)) for cell in (a, b))
     scenario = group.cells[a].cell.scenario
-    free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     timeout_s = scenario.experiment.timeout_s
-    worst = [of.tau_worst(timeout_s, free_pass_s) for of in (first, second)]
-    # The same resampling for every two cells: none depends on what else was compared.
-    rng = resampling(seed, "comparison")
-    mu_difference = paired_difference(first.tau, second.tau, rng, confidence)
-    delay_difference = paired_difference(first.delay_s[0], second.delay_s[0], rng, confidence)
-    mu_worst_difference = paired_difference(worst[0], worst[1], rng, confidence)
-    (times_a, human), (times_b, _) = (of.times_counted(timeout_s) for of in (first, second))
-    saved = ratio_difference(times_a, times_b, human, rng, confidence)
-    slowest = [of.times_worst(timeout_s, free_pass_s)[0] for of in (first, second)]
+    compared = ComparedColumns(
+        first,
+        second,
+        timeout_s,
+        scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
+        # The same resampling for every two cells: none depends on what else was compared.
+        resampling(seed, "comparison"),
+        confidence,
+    )
+    times_a, times_b = (cell.times_counted(timeout_s)[0] for cell in (first, second))
+    saved = compared.time_ratio()
     misses = mcnemar(first.av_missed, second.av_missed, first.av_tried, second.av_tried)
     crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
     return Comparison(
         a=a,
         b=b,
         defined_in_both=_count(first.tau - second.tau),
-        mu_difference=mu_difference,
-        mu_worst_difference=mu_worst_difference,
+        mu_difference=compared.mu(),
+        mu_worst_difference=compared.mu_worst(),
         pairs_in_both=common,
         crossed_in_both=_count(first.delay_s[0] - second.delay_s[0]),
-        delay_difference_s=delay_difference,
+        delay_difference_s=compared.delay(),
         crashes=crashes,
         p_holm=crashes.p,
         time_ratio_difference=saved,
         time_ratio_p_holm=saved.p,
         counted_in_both=_count(times_a - times_b),
         counted_in_one=int((np.isnan(times_a) ^ np.isnan(times_b)).sum()),
-        delay_worst_difference_s=paired_difference(slowest[0], slowest[1], rng, confidence),
+        delay_worst_difference_s=compared.delay_worst(),
         misses=misses,
         misses_p_holm=misses.p,
     )

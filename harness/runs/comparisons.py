@@ -1,10 +1,11 @@
 """The findings of a comparison of strategies, as records."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 
 from harness.comparison import (
-    RELIABLE_FROM,
+    DIFFERENCES,
+    MU_BOUND_FROM,
     AllowedInterval,
     CrashTest,
     Difference,
@@ -61,9 +62,8 @@ class Comparison:
 
         None where no pair differs: those cells are alike.
         """
-        names = [of.name for of in fields(self) if of.name in RELIABLE_FROM]
-        rest_on = {name: getattr(self, name).informative for name in names}
-        return [name for name, count in rest_on.items() if 0 < count < RELIABLE_FROM[name]]
+        found = {entry: getattr(self, entry.key).informative for entry in DIFFERENCES}
+        return [entry.key for entry, n in found.items() if 0 < n < (entry.reliable_from or 0)]
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,7 @@ class SweepResult:
     @property
     def indicative(self) -> tuple[bool, ...]:
         """For each value, whether μ's bound rests on too few informative pairs."""
-        rest_on = [judgement.swept.mu.informative for judgement in self.found.judgements]
-        return tuple(count < RELIABLE_FROM["mu_bound"] for count in rest_on)
+        return tuple(of.swept.mu.informative < MU_BOUND_FROM for of in self.found.judgements)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from harness.files import write_file
 from harness.results.reading import read_table
+from harness.results.summary_table import SUMMARY
 from harness.runs.opening import finished_run
 
 
@@ -16,7 +17,8 @@ def export_csv(folder: Path) -> list[Path]:
     finished_run(folder)
     written = []
     try:
-        for source in sorted(folder.glob("*.parquet")):
+        # A run writes summary.csv itself.
+        for source in sorted({*folder.glob("*.parquet")} - {folder / SUMMARY}):
             table = read_table(folder, source.stem)
             target = source.with_suffix(".csv")
             write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())

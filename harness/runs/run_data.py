@@ -15,7 +15,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.comparison import PairColumns, Summary
+from harness.comparison import ENCOUNTERS, Findings, PairColumns, Summary, columns_of, row_of
 from harness.encounter import Ending
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
@@ -28,24 +28,32 @@ from harness.results.summaries import (
     confidence_of,
     pair_columns,
     summarise_cell,
-    summary_columns,
-    summary_from,
-    summary_row,
 )
+from harness.results.summary_table import read_summary
 from harness.results.tables import TABLES, table_of
 from harness.runs.notebook import run_html
-from harness.runs.run_tables import RunTables, read_summary
+from harness.runs.run_tables import RunTables
 from harness.scenario import Cell, EngineName, Scenario, Study
 from harness.workers.tasks import Failure
 
 
 @dataclass(frozen=True)
 class CellResult:
-    """The results of one cell."""
+    """The findings of one cell of encounters; ``confidence`` is that of each interval."""
 
     cell: Cell
-    summary: Summary
-    conflicts: tuple[ConflictRate, ...]
+    findings: Findings
+    confidence: float
+
+    @property
+    def summary(self) -> Summary:
+        """The findings as attributes."""
+        return Summary(self.findings)
+
+    @property
+    def conflicts(self) -> tuple[ConflictRate, ...]:
+        """How often each kind of conflict arose in each arm."""
+        return conflict_rates(self.summary, self.cell.scenario.conflicts, self.confidence)
 
 
 @dataclass(frozen=True)
@@ -173,7 +181,7 @@ class RunData:
         """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
 
         ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
-        worked out from the episodes where ``summary.csv`` is not there yet, or is older than a
+        worked out from the episodes where ``summary.parquet`` is not there yet, or is older than a
         column.  Cells of an unfinished run without a finished pair are left out.
         """
         if self.in_traffic:
@@ -183,32 +191,31 @@ class RunData:
                     for cell, summary in self.hour_results
                 ]
             )
-        stored = read_summary(self.path, self.study) if self.finished else None
-        if stored is not None:
-            return stored
         rows = [
             {
-                "cell": cell.number,
-                **cell.varied,
-                **summary_row(summarise_cell(own, cell, self.confidence)),
+                "cell": result.cell.number,
+                **result.cell.varied,
+                **row_of(ENCOUNTERS, result.findings),
             }
-            for cell, own in self._episodes_by_cell()
+            for result in self.results
         ]
         frame = pd.DataFrame(rows)
         # A column that is undefined in every cell is one of numbers all the same.
-        types = summary_columns()
+        types = columns_of(ENCOUNTERS)
         return frame.astype({name: types[name] for name in frame.columns if name in types})
 
     @cached_property
     def results(self) -> tuple[CellResult, ...]:
-        """Summary and conflict rates of every cell with a finished pair, as typed records."""
-        found = []
-        rows = {row["cell"]: row for _, row in self.summary.iterrows()}
-        for cell, own in self._episodes_by_cell():
-            rates = conflict_rates(own, cell.scenario.conflicts, self.confidence)
-            row = {str(name): value for name, value in rows[cell.number].items()}
-            found.append(CellResult(cell, summary_from(row, pair_columns(own)), rates))
-        return tuple(found)
+        """The findings of every cell with a finished pair."""
+        stored = read_summary(self.path, ENCOUNTERS, self.study.cells) if self.finished else None
+        if stored is not None:
+            return tuple(
+                CellResult(cell, stored[cell.number], self.confidence) for cell in self.study.cells
+            )
+        return tuple(
+            CellResult(cell, summarise_cell(own, cell, self.confidence).findings, self.confidence)
+            for cell, own in self._episodes_by_cell()
+        )
 
     @cached_property
     def measures(self) -> pd.DataFrame:
@@ -234,9 +241,9 @@ class RunData:
         """
         return pd.DataFrame(
             [
-                {"cell": cell.number, **cell.varied, **conflict_row(rate)}
-                for cell, own in self._episodes_by_cell()
-                for rate in conflict_rates(own, cell.scenario.conflicts, self.confidence)
+                {"cell": result.cell.number, **result.cell.varied, **conflict_row(rate)}
+                for result in self.results
+                for rate in result.conflicts
             ]
         )
 

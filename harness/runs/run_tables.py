@@ -1,18 +1,14 @@
 """The tables of a run: of its files where it is finished, of its shards where it is not."""
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
-import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.errors import InputError, reading, resume_command
-from harness.files import read_file
+from harness.errors import InputError, resume_command
 from harness.results.reading import read_table
 from harness.results.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
-from harness.results.summaries import summary_columns
 from harness.results.tables import TABLES
 from harness.scenario import Study
 
@@ -97,28 +93,3 @@ def readable_shards(folder: Path, study: Study) -> tuple[Shard, ...]:
     planned = {cell.number: cell.scenario.experiment.pairs for cell in study.cells}
     check_planned(folder, readable, planned)
     return tuple(readable)
-
-
-def read_summary(folder: Path, study: Study) -> pd.DataFrame | None:
-    """The columns of ``summary.csv``, led by the cell's number; NaN where undefined.
-
-    Returns:
-        None where the run is older than a column of today.
-
-    Raises:
-        InputError: the file is missing, damaged, or not that of this study.
-    """
-    path = folder / "summary.csv"
-    if not path.exists():
-        raise InputError(str(path), "is missing", "a finished run's table")
-    columns = summary_columns()
-    with reading(path):
-        text = io.BytesIO(read_file(path))
-        stored = pd.read_csv(text, dtype=columns)
-    if len(stored) != len(study.cells) or not {"pairs", "mu", *study.varied_keys} <= {*stored}:
-        raise InputError(str(path), "is damaged", f"a row for each of {len(study.cells)} cells")
-    for key in study.varied_keys:
-        # CSV knows no types: a strategy may be called "nan".
-        stored[key] = [cell.varied[key] for cell in study.cells]
-    numbered = pd.concat([pd.Series(range(len(stored)), name="cell"), stored], axis=1)
-    return numbered if {*columns} <= {*stored} else None

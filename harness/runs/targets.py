@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-from harness.comparison import Interval
 from harness.results.manifest import options_of
 from harness.runs.run_data import RunData
 
@@ -28,8 +27,7 @@ def missed_targets(run: RunData) -> list[MissedTarget]:
         return []
     missed = []
     for result in run.results:
-        interval: Interval = getattr(result.summary, until.measure)
-        half_width = interval.half_width
+        half_width = result.summary.findings[until.measure].half_width
         if half_width is None or half_width > until.half_width:
             number, pairs = result.cell.number, result.summary.pairs
             missed.append(MissedTarget(number, until.measure, until.half_width, half_width, pairs))

@@ -7,7 +7,6 @@ import pytest
 
 from docs.hooks import reference
 from harness.measures import MEASURES
-from harness.results.summaries import summary_columns
 from harness.results.tables import TABLES
 from harness.scenario import Scenario
 
@@ -45,11 +44,6 @@ def test_every_column_has_a_meaning_and_no_other(name: str) -> None:
     own = {*meanings[name]} | {*meanings.get(reference.LIKE.get(name, ""), ())}
     assert own - {*TABLES[name].names} - {*meanings["episodes"]} == set()
     assert {*TABLES[name].names} <= own | {*meanings["keys"]} | measures
-
-
-def test_every_column_of_the_summary_has_a_meaning_and_no_other() -> None:
-    columns = {name for name in summary_columns() if "_ci_" not in name}
-    assert {*reference.meanings_of_columns()["summary"]} == columns
 
 
 @pytest.mark.parametrize(

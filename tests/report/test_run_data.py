@@ -4,6 +4,7 @@ import csv
 import json
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
@@ -14,7 +15,7 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.errors import InputError
-from harness.results.measure_tables import conflict_row
+from harness.results.summaries import summarise_cell
 from harness.results.tables import SCHEMA
 from harness.runs.run_data import RunData
 from harness.scenario import Options
@@ -71,9 +72,6 @@ def test_text_of_a_varied_key_stays_text(swept: Path, tmp_path: Path) -> None:
     for cell in document["cells"]:
         cell["model.name"] = "nan"
     (folder / "manifest.json").write_text(json.dumps(document))
-    text = (folder / "summary.csv").read_text().splitlines()
-    lines = ["model.name," + text[0], *("nan," + line for line in text[1:])]
-    (folder / "summary.csv").write_text("\n".join(lines) + "\n")
     assert list(harness.load_run(folder).summary["model.name"]) == ["nan"] * 4
 
 
@@ -231,38 +229,52 @@ def test_our_own_mistake_is_not_blamed_on_the_run(
     assert (done.returncode, done.stderr) == (1, "harness: there is not enough memory for this\n")
 
 
-@pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        (None, "is missing"),
-        (b"", "is damaged"),
-        (b"a,b\n1,2\n", "is damaged"),
-        (b"mu\n1\xff\n", "is damaged"),
-    ],
-)
-def test_summary_missing_or_damaged(
-    single: Path, tmp_path: Path, content: bytes | None, words: str
+def lacking(table: pa.Table) -> pa.Table:
+    return table.drop_columns(["kappa_front"])
+
+
+def changed(name: str, value: object) -> Callable[[pa.Table], pa.Table]:
+    def change(table: pa.Table) -> pa.Table:
+        column = pa.array([value] * table.num_rows, table[name].type)
+        return table.set_column(table.column_names.index(name), name, column)
+
+    return change
+
+
+@pytest.mark.parametrize("spoil", [None, lacking])
+def test_a_summary_that_lacks_anything_is_worked_out_anew(
+    single: Path, tmp_path: Path, spoil: Callable[[pa.Table], pa.Table] | None
 ) -> None:
     folder = copy(single, tmp_path)
-    (folder / "summary.csv").unlink()
-    if content is not None:
-        (folder / "summary.csv").write_bytes(content)
+    path = folder / "summary.parquet"
+    table = pq.read_table(path)
+    path.unlink()
+    if spoil is not None:
+        pq.write_table(spoil(table), path)
+    expected = harness.load_run(single)
+    assert harness.load_run(folder).results[0].findings == expected.results[0].findings
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (changed("mu", float("nan")), "mu: is damaged; allowed: a finite number"),
+        (changed("kappa_ci_high", float("inf")), "kappa_ci_high: is damaged"),
+        (changed("pairs", None), "pairs: is damaged"),
+        (changed("cell", 3), "is damaged; allowed: a row for each of 1 cells"),
+    ],
+)
+def test_a_damaged_summary_is_refused(
+    single: Path, tmp_path: Path, spoil: Callable[[pa.Table], pa.Table], words: str
+) -> None:
+    folder = copy(single, tmp_path)
+    path = folder / "summary.parquet"
+    pq.write_table(spoil(pq.read_table(path)), path)
     with pytest.raises(InputError, match=words):
         _ = harness.load_run(folder).summary
-
-
-def test_a_run_from_before_a_column_was_added_is_read(single: Path, tmp_path: Path) -> None:
-    """What rests on the column is left out, not put at zero; the summary is worked out anew."""
-    folder = copy(single, tmp_path)
-    path = folder / "episodes.parquet"
-    pq.write_table(pq.read_table(path).drop_columns(["max_drac_mps2"]), path)
-    stored = pd.read_csv(folder / "summary.csv")
-    stored.drop(columns=["kappa_front"]).to_csv(folder / "summary.csv", index=False)
-    run, whole = harness.load_run(folder), harness.load_run(single)
-    assert_frame_equal(run.episodes, whole.episodes.drop(columns=["max_drac_mps2"]))
-    assert_frame_equal(run.summary, whole.summary, check_dtype=False)
-    assert {*whole.conflicts["conflict"]} - {*run.conflicts["conflict"]} == {"drac"}
-    assert {*whole.measures["measure"]} - {*run.measures["measure"]} == {"max_drac_mps2"}
+    cut(path)
+    with pytest.raises(InputError, match="is damaged"):
+        _ = harness.load_run(folder).summary
 
 
 def test_a_table_without_a_column_that_every_reader_needs_is_refused(
@@ -291,16 +303,11 @@ def test_a_flipped_bit_of_a_table_gives_no_other_numbers(single: Path, tmp_path:
 
 
 def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> None:
-    """Read back from ``summary.csv``, as the statistics had it when the run ended."""
-    from harness.results.summaries import summarise_cell
-
+    """Read back from ``summary.parquet``, as the statistics had it when the run ended."""
     run = harness.load_run(swept)
     assert len(run.results) == 4
     for result in run.results:
         own = pq.read_table(swept / "episodes.parquet", filters=[("cell", "=", result.cell.number)])
-        assert result.summary == summarise_cell(own, result.cell, 0.95)
-    assert any(result.summary.kappa.successes for result in run.results)
-    rows = [row for result in run.results for row in map(conflict_row, result.conflicts)]
-    found = run.conflicts[list(rows[0])]
-    assert_frame_equal(found, pd.DataFrame(rows), check_dtype=False)
-    assert harness.load_run(unfinished).results[0].summary.pairs == 8
+        assert result.findings == summarise_cell(own, result.cell, 0.95).findings
+    assert any(result.findings["kappa"].events for result in run.results)
+    assert harness.load_run(unfinished).results[0].findings["pairs"].value == 8

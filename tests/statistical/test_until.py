@@ -4,6 +4,7 @@ Whole experiments are simulated on a population of which the truth is known; the
 decides when to stop is the program's own, its episodes come from the population.
 """
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -15,7 +16,7 @@ from scipy import stats
 from benchmarks.coverage import population
 from harness.batch.plan import Plan
 from harness.batch.until import reach_precision
-from harness.comparison import RELIABLE_FROM, Interval, bootstrap, summary
+from harness.comparison import ENCOUNTERS, Interval, bootstrap, summary
 from harness.results import summaries as looking
 from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
 from harness.results.tables import EPISODES
@@ -102,7 +103,8 @@ def test_each_look_spends_its_share_of_the_error() -> None:
 def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(looking, "FIRST_LOOK", 100)
     monkeypatch.setattr(bootstrap, "RESAMPLES", 999)
-    monkeypatch.setitem(RELIABLE_FROM, "mu", 100)
+    entries = [replace(of, reliable_from=100) if of.key == "mu" else of for of in ENCOUNTERS]
+    monkeypatch.setattr(summary, "ENCOUNTERS", entries)
     rng = np.random.default_rng(1)
     trials, holds, ends = 120, 0, set()
     for seed in range(trials):

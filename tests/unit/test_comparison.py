@@ -1,29 +1,29 @@
 """μ, c_v and κ with their intervals, against scipy, closed forms and hand counts."""
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from harness.comparison import (
-    RELIABLE_FROM,
+    ENCOUNTERS,
+    EncounterColumns,
     PairColumns,
     Resampled,
-    Summary,
     bootstrap,
     bootstrap_mean,
     bootstrap_mean_and_cv,
     bootstrap_ratio,
     clustered_proportion,
+    columns_of,
+    findings_from,
     proportion,
+    row_of,
     summarise,
-    unreliable,
     zero_bound,
 )
-from harness.report.result_tables import measure_rows
-from harness.report.words import unreliable_words
 
 
 def rng() -> np.random.Generator:
@@ -202,7 +202,7 @@ def columns() -> PairColumns:
 
 
 def test_summary_of_hand_counted_pairs() -> None:
-    summary = summarise(columns(), 60.0, 7.4, rng())
+    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
     assert (summary.pairs, summary.defined_pairs) == (9, 3)
     assert (summary.timed_out, summary.failed) == (2, 1)
     assert (summary.timed_out_av, summary.timed_out_human) == (1, 1)
@@ -228,7 +228,7 @@ def test_summary_of_hand_counted_pairs() -> None:
 
 
 def test_what_is_left_out_by_hand() -> None:
-    summary = summarise(columns(), 60.0, 7.4, rng())
+    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
     # The pair in which the human alone crashed comes back: 20 s against 8 s.
     assert summary.pairs_all == 4
     assert summary.mu_all.value == pytest.approx((0.6 + 0.9 + 1.5 + 2.5) / 4)
@@ -248,13 +248,14 @@ def test_what_is_left_out_by_hand() -> None:
 
 
 def test_ratio_of_times_by_hand() -> None:
-    summary = summarise(columns(), 60.0, 7.4, rng())
+    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
     # Time-outs of either arm count with 60 s, the human's crash with 8 s; the AV's two crashes and
     # its failure are left out.
     av_s, human_s = [6, 9, 12, 60, 15, 20], [10, 10, 8, 30, 60, 8]
     assert summary.time_ratio_pairs == 6
     assert summary.time_ratio.value == pytest.approx(sum(av_s) / sum(human_s))
     assert summary.time_ratio.low < 122 / 126 < summary.time_ratio.high
+    assert (summary.time_s.value, summary.time_human_s.value) == pytest.approx((122 / 6, 126 / 6))
     # Over all: the AV's three with 60 s, a human who never passed free, 7.4 s.
     worst = (sum(av_s) + 3 * 60) / (10 + 10 + 8 + 9 + 9 + 30 + 7.4 + 7.4 + 8)
     assert summary.time_ratio_worst.value == pytest.approx(worst)
@@ -264,7 +265,7 @@ def test_a_human_who_never_passes_counts_with_the_time_out() -> None:
     pairs = columns()
     stuck = np.where(pairs.crashed[1], np.nan, pairs.untouched_time_s[1])
     pairs = replace(pairs, untouched_time_s=(pairs.untouched_time_s[0], stuck))
-    summary = summarise(pairs, 60.0, 7.4, rng())
+    summary = summarise(EncounterColumns(pairs, 60.0, 7.4, rng()))
     assert summary.time_ratio_pairs == 6
     assert summary.time_ratio.value == pytest.approx(122 / (126 - 8 + 60))
 
@@ -272,13 +273,15 @@ def test_a_human_who_never_passes_counts_with_the_time_out() -> None:
 def test_a_run_without_untouched_times_leaves_the_humans_crashes_out() -> None:
     pairs = columns()
     none = np.full(len(PAIRS), np.nan)
-    summary = summarise(replace(pairs, untouched_time_s=(none, none)), 60.0, 7.4, rng())
+    summary = summarise(
+        EncounterColumns(replace(pairs, untouched_time_s=(none, none)), 60.0, 7.4, rng())
+    )
     assert summary.time_ratio_pairs == 5
     assert summary.time_ratio.value == pytest.approx((122 - 20) / (126 - 8))
 
 
 def test_pairs_that_met_someone_by_hand() -> None:
-    summary = summarise(columns(), 60.0, 7.4, rng())
+    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
     assert summary.defined_pairs_met_someone == 2
     assert summary.mu_met_someone.value == pytest.approx((0.6 + 0.9) / 2)
     # Seven such pairs, in one of which the AV failed.
@@ -296,7 +299,7 @@ def test_an_av_that_hurries_through_people_gains_nothing() -> None:
     pairs = columns()
     untouched = np.where(pairs.crashed[0], 4.5, pairs.untouched_time_s[0])
     hurried = replace(pairs, untouched_time_s=(untouched, pairs.untouched_time_s[1]))
-    one, other = (summarise(of, 60.0, 7.4, rng()) for of in (pairs, hurried))
+    one, other = (summarise(EncounterColumns(of, 60.0, 7.4, rng())) for of in (pairs, hurried))
     assert one == other
 
 
@@ -397,30 +400,59 @@ def test_same_pairs_have_the_same_interval() -> None:
         delay_s=tuple(times - 7.4),
         met=(np.ones(50), np.ones(50)),
     )
-    found = summarise(met, 60.0, 7.4, rng())
+    found = summarise(EncounterColumns(met, 60.0, 7.4, rng()))
     assert found.met_someone == 50
     assert found.mu_met_someone == found.mu
     assert found.delay_met_someone_s == found.delay_s
     assert found.delay_human_met_someone_s == found.delay_human_s
 
 
-def test_few_pairs_are_said_to_be_few() -> None:
-    # Every bootstrap interval of a cell, printed with nine pairs; exact ones never.
-    nine = summarise(columns(), 60.0, 7.4, rng())
-    rows = measure_rows(nine)
-    marked = {row[0]: row[4] for row in rows if row[4].startswith("unreliable below ")}
-    assert not any(name.startswith("κ") for name in marked)
-    resampled = [of.name for of in fields(Summary) if isinstance(getattr(nine, of.name), Resampled)]
-    assert {*resampled} <= {*RELIABLE_FROM}
-    for name in resampled:
-        least = RELIABLE_FROM[name]
-        few, enough = (Resampled(1.0, 0.9, 1.1, count) for count in (least - 1, least))
-        words = unreliable_words(replace(nine, **{name: few}), name)
-        assert words == f"unreliable below {least:,} informative pairs (has {least - 1:,})"
-        assert unreliable_words(replace(nine, **{name: enough}), name) == ""
-        # Where there is no interval, there is nothing to be called narrow.
-        none = Resampled(1.0, None, None, 1)
-        assert unreliable_words(replace(nine, **{name: none}), name) == ""
+RESAMPLED = {
+    name: entry
+    for entry in ENCOUNTERS
+    if entry.interval is Resampled
+    for name in filter(None, entry.names)
+}
+
+
+@pytest.mark.parametrize("name", RESAMPLED)
+def test_few_pairs_are_said_to_be_few(name: str) -> None:
+    entry = RESAMPLED[name]
+    least = entry.least(name)
+    assert least in (200, 1_000, 4_000)
+    few = entry.finding(name, Resampled(1.0, 0.9, 1.1, least - 1), 50)
+    words = f"unreliable below {least:,} informative pairs (has {least - 1:,})"
+    assert (few.reliable, few.reason, few.n) == (False, words, least - 1)
+    assert entry.finding(name, Resampled(1.0, 0.9, 1.1, least), 50).reliable
+    # Where there is no interval, there is nothing to be called narrow.
+    assert entry.finding(name, Resampled(1.0, None, None, 1), 50).reliable
+
+
+def test_exact_intervals_are_never_unreliable() -> None:
+    """docs/audits.md: a bootstrap of few pairs covers too little, Clopper-Pearson never."""
+    nine = summarise(EncounterColumns(columns(), 60.0, 7.4, rng())).findings
+    unreliable = {name for name, finding in nine.items() if not finding.reliable}
+    assert unreliable == {name for name in RESAMPLED if nine[name].low is not None}
+
+
+def test_a_summary_is_read_back_as_it_was_written() -> None:
+    """Counts, reasons and reliability too; what is undefined stays so."""
+    findings = summarise(EncounterColumns(columns(), 60.0, 7.4, rng())).findings
+    row = row_of(ENCOUNTERS, findings)
+    assert [*row] == [*columns_of(ENCOUNTERS)]
+    assert (row["kappa"], row["kappa_events"], row["kappa_n"]) == (0.25, 2, 8)
+    assert row["mu_ci_informative"] == 3
+    assert findings["pedestrian_delay_human_s"].reason == "nobody arrived"
+    assert findings_from(ENCOUNTERS, row, 7) == findings
+
+
+def test_every_undefined_number_has_a_reason() -> None:
+    """A pair in which both arms failed leaves nothing defined but what is over all pairs."""
+    failed = replace(columns().where(np.array([7])), failed=(np.array([True]), np.array([True])))
+    findings = summarise(EncounterColumns(failed, 60.0, 7.4, rng())).findings
+    undefined = {name for name, finding in findings.items() if finding.value is None}
+    assert {"mu", "cv", "time_ratio", "kappa_human", "stops"} <= undefined
+    assert [name for name in undefined if not findings[name].reason] == []
 
 
 def test_pairs_that_met_nobody_tell_nothing() -> None:
@@ -439,7 +471,7 @@ def test_what_is_always_the_same_is_not_unreliable() -> None:
     zero = bootstrap_mean(np.zeros(50), rng())
     assert (zero.low, zero.high, zero.informative) == (0.0, 0.0, 0)
     # Nobody ever waits in cctc, where all 50 pairs met someone.
-    assert not unreliable("pedestrian_delay_s", zero, 50)
+    entry = RESAMPLED["pedestrian_delay_s"]
+    assert entry.finding("pedestrian_delay_s", zero, 50).reliable
     # Two of 50 that met someone are too few to say that nobody ever does.
-    assert unreliable("pedestrian_delay_s", zero, 2)
-    assert not unreliable("kappa", proportion(0, 3), 3)
+    assert not entry.finding("pedestrian_delay_s", zero, 2).reliable

@@ -6,12 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.comparison import Interval, clustered_proportion, student_mean, student_ratio
+from harness.comparison import (
+    CONFLICTS,
+    Interval,
+    clustered_proportion,
+    student_mean,
+    student_ratio,
+)
 from harness.encounter import Arm
 from harness.results.hour_measures import HOUR_MEASURES, of_both_arms
 from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
 from harness.results.hour_tables import _delays, _late, passage_counts
-from harness.results.measure_tables import CONFLICTS
 from harness.results.tables import HOURS, columns_of, table_of
 from harness.scenario import ConflictsSection, Scenario, validate
 

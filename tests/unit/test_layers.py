@@ -194,6 +194,7 @@ def test_the_comparison_needs_numpy_and_scipy_alone() -> None:
         "collections",
         "copy",
         "enum",
+        "functools",
         "math",
         "typing",
     }

@@ -4,10 +4,12 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
+from harness.comparison import CONFLICTS
 from harness.measures import MEASURES
-from harness.results.measure_tables import CONFLICTS, conflict_rates, conflict_row, measure_rows
+from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
+from harness.results.summaries import summarise_cell
 from harness.results.tables import EPISODES
-from harness.scenario import ConflictsSection, Scenario
+from harness.scenario import Cell, ConflictsSection, Scenario
 
 # ending, min_ttc_s, pet_s, max_drac_mps2, avoidable
 AV = [
@@ -66,8 +68,17 @@ def test_a_measure_defined_nowhere() -> None:
     assert [row[name] for name in ("mean", "p05", "p50", "p95")] == [None] * 4
 
 
+def rates_of(
+    episodes: pa.Table, thresholds: ConflictsSection, confidence: float = 0.95
+) -> tuple[ConflictRate, ...]:
+    """The rates of a cell with these thresholds."""
+    scenario = Scenario(conflicts=thresholds)
+    summary = summarise_cell(episodes, Cell(0, {}, scenario), confidence)
+    return conflict_rates(summary, thresholds, confidence)
+
+
 def counted(thresholds: ConflictsSection) -> dict[tuple[str, str], tuple[int, int]]:
-    rates = conflict_rates(table(AV, HUMAN), thresholds, 0.95)
+    rates = rates_of(table(AV, HUMAN), thresholds)
     return {
         (rate.arm.value, rate.conflict): (rate.rate.successes, rate.rate.trials) for rate in rates
     }
@@ -101,7 +112,7 @@ def test_those_who_met_somebody_are_told_apart() -> None:
     # 1.49, 1.5 and 0.05 of five.
     assert (ttc["defined"], ttc["defined_met_someone"], ttc["p50_met_someone"]) == (5, 3, 1.49)
     assert ttc["mean_met_someone"] == pytest.approx((1.49 + 1.5 + 0.05) / 3)
-    rows = map(conflict_row, conflict_rates(episodes, ConflictsSection(), 0.95))
+    rows = map(conflict_row, rates_of(episodes, ConflictsSection()))
     (row,) = [row for row in rows if (row["arm"], row["conflict"]) == ("av", "ttc")]
     assert (row["conflicts_met_someone"], row["episodes_met_someone"]) == (2, 3)
     assert row["rate_met_someone_ci_low"] == pytest.approx(stats.beta.ppf(0.025, 2, 2))
@@ -116,7 +127,7 @@ def test_thresholds_are_the_scenarios() -> None:
 
 
 def test_interval_of_a_rate() -> None:
-    rates = conflict_rates(table(AV, HUMAN), ConflictsSection(), 0.9)
+    rates = rates_of(table(AV, HUMAN), ConflictsSection(), 0.9)
     row = conflict_row(rates[0])
     assert (row["arm"], row["conflict"], row["threshold"]) == ("av", "ttc", 1.5)
     assert (row["episodes"], row["conflicts"], row["rate"]) == (7, 3, 3 / 7)
@@ -126,7 +137,7 @@ def test_interval_of_a_rate() -> None:
 
 def test_nothing_ran() -> None:
     failed = [("engine_failed", None, None, None, None)]
-    rates = conflict_rates(table(failed, failed), ConflictsSection(), 0.95)
+    rates = rates_of(table(failed, failed), ConflictsSection())
     assert {(rate.rate.value, rate.rate.low, rate.rate.trials) for rate in rates} == {
         (None, None, 0)
     }

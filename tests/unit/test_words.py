@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.comparison import PairColumns, Resampled, proportion, summarise
+from harness.comparison import ENCOUNTERS, EncounterColumns, Interval, Summary, PairColumns, Resampled, proportion, summarise
 from harness.report.result_tables import measure_rows, tiles
 from harness.report.tables import per_cent
 from harness.report.words import crash_lines, is_the_papers, time_lines, walker_lines
@@ -59,13 +59,21 @@ def columns(pairs: int) -> PairColumns:
     )
 
 
+def having(summary: Summary, **intervals: Interval) -> Summary:
+    """The summary with other findings under these names."""
+    entries = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
+    met = summary.met_someone
+    found = {name: entries[name].finding(name, of, met) for name, of in intervals.items()}
+    return Summary({**summary.findings, **found})
+
+
 @pytest.mark.parametrize(
     ("pairs", "one_sided", "two_sided"),
     # 1 − 0.05^(1/N) and 1 − 0.025^(1/N), in per cent.
     [(50, "5.8 %", "7.1 %"), (10_000, "0.030 %", "0.037 %")],
 )
 def test_no_crash_never_reads_as_no_risk(pairs: int, one_sided: str, two_sided: str) -> None:
-    summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
+    summary = summarise(EncounterColumns(columns(pairs), 60.0, 7.4, np.random.default_rng(1)))
     line, _ = crash_lines(summary)
     assert (
         f"κ below {one_sided} with 95 % confidence, one-sided ({two_sided} two-sided, 95 %)" in line
@@ -76,8 +84,8 @@ def test_no_crash_never_reads_as_no_risk(pairs: int, one_sided: str, two_sided: 
 
 
 def test_crashes_are_counted_with_their_interval() -> None:
-    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    summary = replace(summary, kappa=proportion(3, 50))
+    summary = summarise(EncounterColumns(columns(50), 60.0, 7.4, np.random.default_rng(1)))
+    summary = having(summary, kappa=proportion(3, 50))
     # Clopper–Pearson for 3 of 50: 1.25 % to 16.55 % (binom.test in R).
     assert crash_lines(summary)[0] == (
         "The AV crashed in 3 of 50 episodes: κ = 6.00 % (1.25 … 16.55 %, 95 % interval)."
@@ -89,7 +97,7 @@ def driven_by(av: str, human: str) -> Scenario:
 
 
 def test_what_the_times_tell() -> None:
-    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
+    summary = summarise(EncounterColumns(columns(50), 60.0, 7.4, np.random.default_rng(1)))
     own = driven_by("own:Av", "human_gmm")
     first, second = time_lines(summary, own)
     # 25 pairs of 8 s and 25 of 9 s against 50 of 10 s.
@@ -97,17 +105,17 @@ def test_what_the_times_tell() -> None:
     assert "no pair left out" in first
     assert "unreliable below 1,000 informative pairs (has 50)" in first
     assert "not told" not in first
-    same = replace(summary, time_ratio=Resampled(1.0, 1.0, 1.0, 0))
+    same = having(summary, time_ratio=Resampled(1.0, 1.0, 1.0, 0))
     alike = time_lines(same, own)[0]
     assert "the AV took as much time as human_gmm" in alike
     assert "not told" not in alike
     assert "μ = 0.8500" in second
-    first, _ = time_lines(replace(summary, time_ratio=Resampled(1.02, 0.97, 1.08, 1_000)), own)
+    first, _ = time_lines(having(summary, time_ratio=Resampled(1.02, 0.97, 1.08, 1_000)), own)
     assert "2.0 % more" in first
     assert "the interval holds 1: who takes less time is not told" in first
-    _, second = time_lines(replace(summary, mu=Resampled(None, None, None, 0)), own)
+    _, second = time_lines(having(summary, mu=Resampled(None, None, None, 0)), own)
     assert second == "τ is defined in no pair: neither μ nor c_v can be told."
-    (line,) = time_lines(replace(summary, time_ratio=Resampled(None, None, None, 0)), own)
+    (line,) = time_lines(having(summary, time_ratio=Resampled(None, None, None, 0)), own)
     assert "nothing is known of its time" in line
 
 
@@ -116,7 +124,7 @@ def test_less_time_is_said_of_sums_and_not_of_a_mean_of_quotients() -> None:
     pairs, human = columns(2), np.array([5.0, 20.0])
     av = np.array([10.0, 10.0])
     pairs = replace(pairs, time_s=(av, human), untouched_time_s=(av, human))
-    summary = summarise(pairs, 60.0, 5.0, np.random.default_rng(1))
+    summary = summarise(EncounterColumns(pairs, 60.0, 5.0, np.random.default_rng(1)))
     first, second = time_lines(summary, driven_by("own:Av", "human_gmm"))
     assert "took 20.0 % less time" in first
     assert "μ = 1.2500" in second
@@ -127,7 +135,7 @@ def test_what_the_ratio_of_times_leaves_out_stands_beside_it() -> None:
     crashed = np.array([True, False, False, False])
     times = (np.where(crashed, np.nan, pairs.time_s[0]), pairs.time_s[1])
     pairs = replace(pairs, time_s=times, crashed=(crashed, np.zeros(4, dtype=bool)))
-    summary = summarise(pairs, 60.0, 7.4, np.random.default_rng(1))
+    summary = summarise(EncounterColumns(pairs, 60.0, 7.4, np.random.default_rng(1)))
     # 8 + 9 + 8 s against 30 s; at its worst the crash counts with the time-out, 85 s against 40.
     first, _ = time_lines(summary, driven_by("own:Av", "human_gmm"))
     assert "ratio of times 0.8333" in first
@@ -147,8 +155,8 @@ def test_what_the_ratio_of_times_leaves_out_stands_beside_it() -> None:
     ],
 )
 def test_known_disagreement_of_the_references_is_said(human, ratio, opposite) -> None:
-    summary = summarise(columns(50), 60.0, 7.4, np.random.default_rng(1))
-    summary = replace(summary, time_ratio=Resampled(ratio, ratio, ratio, 0))
+    summary = summarise(EncounterColumns(columns(50), 60.0, 7.4, np.random.default_rng(1)))
+    summary = having(summary, time_ratio=Resampled(ratio, ratio, ratio, 0))
     line, _ = time_lines(summary, driven_by("gap_yield", human))
     assert f"time than {human}, the reference" in line
     assert ("the references disagree" in line) == (opposite is not None)
@@ -160,7 +168,7 @@ def test_known_disagreement_of_the_references_is_said(human, ratio, opposite) ->
     ("pairs", "of_mu", "of_cv"), [(999, True, True), (1_000, False, True), (4_000, False, False)]
 )
 def test_each_interval_is_indicative_below_its_own_n(pairs: int, of_mu: bool, of_cv: bool) -> None:
-    summary = summarise(columns(pairs), 60.0, 7.4, np.random.default_rng(1))
+    summary = summarise(EncounterColumns(columns(pairs), 60.0, 7.4, np.random.default_rng(1)))
     said = {
         tile["name"].split(",")[0]: any("unreliable below" in line for line in tile["lines"])
         for tile in tiles(summary, "human_gmm")
