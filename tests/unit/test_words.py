@@ -5,7 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.comparison import ENCOUNTERS, EncounterColumns, Interval, Summary, PairColumns, Resampled, proportion, summarise
+from harness.comparison import (
+    ENCOUNTERS,
+    EncounterColumns,
+    Interval,
+    PairColumns,
+    Resampled,
+    Summary,
+    proportion,
+    summarise,
+)
 from harness.report.result_tables import measure_rows, tiles
 from harness.report.tables import per_cent
 from harness.report.words import crash_lines, is_the_papers, time_lines, walker_lines
