@@ -260,10 +260,10 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
     assert float(rows[1]["mu_difference"]) == pytest.approx(0.1)
     assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
     assert rows[1]["indicative"].split() == [
-        "mu_difference",
-        "mu_worst_difference",
-        "delay_difference_s",
         "time_ratio_difference",
+        "mu_difference",
+        "delay_difference_s",
+        "mu_worst_difference",
         "delay_worst_difference_s",
     ]
     # 30 pairs differ in time, all of one sign, and the ten crashes besides in the worst case.
