@@ -439,11 +439,21 @@ def test_the_toggle_overrides_the_system(page: Any) -> None:
     assert page.evaluate(ground) == light
 
 
-def test_on_paper_it_is_dark_on_white(page: Any) -> None:
+def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
+    opened: Opened, opened_sweep: Opened, page: Any
+) -> None:
     page.emulate_media(color_scheme="dark", media="print")
     words = page.evaluate("getComputedStyle(document.querySelector('h1')).color")
     assert words == "rgb(27, 31, 36)"
     assert not page.locator(".controls").is_visible()
+    right = """Math.max(...[...document.querySelectorAll("td, th, figure, p, .view")].map(
+        (element) => element.getBoundingClientRect().right))"""
+    for one in (opened, opened_sweep):
+        # A4 less two margins of 12 mm, at 96 pixels an inch.
+        one.page.set_viewport_size({"width": 703, "height": 1030})
+        one.page.emulate_media(media="print")
+        assert one.page.evaluate(right) <= 703.5
+        one.page.emulate_media(media="screen")
 
 
 def test_focus_is_seen_and_motion_is_reduced_on_request(page: Any) -> None:

@@ -202,7 +202,7 @@ def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     assert len(rows) == 1 + 4
     first = run.results[0].summary
     assert f'data-value="{first.mu.value!r}"' in rows[1]
-    assert found.source.count('class="sortable"') == 2 + 4
+    assert found.source.count('class="sortable') == 2 + 4
 
 
 @pytest.fixture
