@@ -7,7 +7,7 @@ import typer
 
 from harness.cli import model_options
 from harness.cli.interruption import unwinding
-from harness.cli.options import JsonOption, QuietOption
+from harness.cli.options import FullOption, JsonOption, QuietOption
 from harness.cli.output import emit, print_line, progress_bar
 
 
@@ -48,13 +48,14 @@ def validate(
     ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
+    full: FullOption = False,
 ) -> None:
     """Compare drivers with recorded encounters.
 
     Each driver is put in the recorded driver's place.
     """
     model_options.check_folder(out, "--out")
-    from harness.report.validation_tables import print_validation, validation_document
+    from harness.report.validation_tables import print_validation
     from harness.scenario import load_scenario, parse_setting
     from harness.validation import validate as run_validation
 
@@ -63,24 +64,24 @@ def validate(
     options = {setting.key: setting.value for setting in changes if "." not in setting.key}
     names = [name for name in drivers.split(",") if name]
     with progress_bar("reading", quiet or as_json) as advance:
-        result = run_validation(
+        validation = run_validation(
             paths, format_, names, scenario, folds=folds, options=options, progress=advance
         )
-    written: list[Path] = []
+    findings, written = validation.findings, list[Path]()
     if out is not None:
         from harness.report.validation_page import write_validation
 
         with unwinding():
-            written = write_validation(result, out)
+            written = write_validation(validation, out)
 
     def show() -> None:
-        print_validation(result)
+        print_validation(findings, full)
         for path in written:
             print_line(f"Written: {path}")
 
     emit(
-        lambda: validation_document(result),
-        written or [place.driver for place in result.ranked],
+        findings.document,
+        written or [driver.driver for driver in findings.drivers],
         show,
         quiet=quiet,
         as_json=as_json,

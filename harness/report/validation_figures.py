@@ -15,7 +15,7 @@ from harness.validation import DriverOutcome, Validation
 def draw_errors(axes: Axes, validation: Validation) -> None:
     """Share of drives whose pass time is off by at most x: a line for every near driver."""
     real = [one.pass_time_s for one in validation.recorded]
-    for place, look in zip(validation.ranked, style.SERIES, strict=False):
+    for place, look in zip(validation.findings.drivers, style.SERIES, strict=False):
         off = np.sort(
             [
                 abs(one.pass_time_s - recorded)
@@ -65,7 +65,7 @@ def pictures_of(validation: Validation) -> list[style.Picture]:
         "one by one.",
         figure,
     )
-    shown = validation.ranked[:3]
+    shown = validation.findings.drivers[:3]
     figure, axes_of = style.new_figure(2, 2, height=5.6)
     series = [("recorded drivers", validation.recorded)] + [
         (place.driver, [of[0] for of in validation.outcomes[place.driver]]) for place in shown

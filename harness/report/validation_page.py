@@ -1,6 +1,7 @@
 """A validation as one page: tables, figures, passages to watch."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,15 @@ from harness.files import write_file
 from harness.motion.walking import cleared_s, states_at
 from harness.report import style
 from harness.report.player import Player, scene_of, shown_arm
+from harness.report.screen import screen_lines
 from harness.report.template import drawn, write_page
 from harness.report.validation_figures import pictures_of
-from harness.report.validation_tables import validation_document, validation_tables
+from harness.report.validation_tables import (
+    READING,
+    scope,
+    validation_screen,
+    validation_tables,
+)
 from harness.validation import DriverOutcome, Passage, Validation
 
 PAGE, DOCUMENT = "validation.html", "validation.json"
@@ -29,7 +36,7 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
         folder: made if missing.
     """
     page, document = folder / PAGE, folder / DOCUMENT
-    text = json.dumps(validation_document(validation), indent=1, ensure_ascii=False)
+    text = json.dumps(validation.findings.document(), indent=1, ensure_ascii=False)
     with style.styled():
         pictures = [drawn(picture) for picture in pictures_of(validation)]
     context = _context(validation) | {"pictures": pictures}
@@ -40,35 +47,24 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
 
 
 def _context(validation: Validation) -> dict[str, Any]:
-    passages, nearest = validation.passages, validation.ranked[0]
-    alike = ", ".join(nearest.not_told_apart)
-    sources = ", ".join(validation.sources)
+    findings = validation.findings
+    sources = ", ".join(findings.sources)
+    heading = f"Drivers held against {sources}"
     return {
         "kind": "validation",
-        "title": f"Drivers held against {sources}, validation",
-        "heading": f"Drivers held against {sources}",
+        "title": f"{heading}, validation",
+        "heading": heading,
         "where": "Data",
         "folder": sources,
-        "opening": [
-            f"{len(passages.used)} recorded passages of {passages.vehicles} vehicles through "
-            f"groups of crossing pedestrians, {passages.encounters} encounters. Nearest to the "
-            f"recorded drivers is {nearest.driver}"
-            + (f", not told apart from {alike}." if alike else "."),
-            *(
-                f"{name} was fitted on these very data: its figures flatter it."
-                for name in validation.in_sample
-            ),
-        ],
-        "tables": validation_tables(validation),
-        "remarks": [
-            "Ranked by the mean score of the pass time, without randomness its mean absolute "
-            "error; 95 % intervals of a bootstrap over vehicles. Recorded pedestrians do not "
-            "react: contacts count against every driver; in brackets those that only this "
-            "explains.",
-            *validation.remarks,
-        ],
+        "screen": screen_lines(validation_screen(findings)),
+        "tables": [replace(table, folded=True) for table in validation_tables(findings)],
+        "remarks": [READING, *findings.remarks],
         "player": _player(validation),
-        "facts": [("data", sources), ("drivers", ", ".join(validation.figures))],
+        "facts": [
+            ("data", sources),
+            ("recorded", f"{scope(findings)}, {findings.encounters:,} encounters"),
+            ("drivers", ", ".join(driver.driver for driver in findings.drivers)),
+        ],
         "maker": "harness validate",
         "made_from": "the recordings",
     }
@@ -76,7 +72,7 @@ def _context(validation: Validation) -> dict[str, Any]:
 
 def _player(validation: Validation) -> Player:
     """Recorded vehicle and nearest driver of each passage, side by side."""
-    driver = validation.ranked[0].driver
+    driver = validation.findings.drivers[0].driver
     used = validation.passages.used[:_MOST_PASSAGES]
     episodes, scenes = [], {}
     for number, passage in enumerate(used):

@@ -1,103 +1,78 @@
-"""How near a driver model comes to the recorded drivers: figures with intervals."""
+"""How near a driver model comes to the recorded drivers: the catalogue of a validation."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from harness.comparison.findings import Entry, Finding, Form
 from harness.encounter import FloatArray
-from harness.validation.bootstrap import middle, resamples
+from harness.validation.bootstrap import middle
 from harness.validation.outcomes import HORIZONS_S, DriverOutcome
-from harness.validation.passages import Passage
 
 Outcomes = Sequence[Sequence[DriverOutcome]]
 """Outcomes of one driver: for each passage one, or one for each draw of a random model."""
 
 
 @dataclass(frozen=True, eq=False)
-class DriverFigures:
-    """One driver held against the recorded ones.
+class Drives:
+    """A driver's outcomes as arrays, passages first.
 
-    Attributes:
-        driver: its name.
-        draws: how many drives there are of a passage: 1 where draws do not differ.
-        values: figure → value over all passages, None where undefined (``FIGURES`` has the words).
-        intervals: figure → 95 % interval of a bootstrap over vehicles, None where undefined.
-        score_s: (passages,) what drivers are ranked by, see ``pass_time_score``.
-        left_out: figure → passages without it.
+    A random model's draws of a passage share its weight.  In the last three arrays the last column
+    is the recorded vehicle's; NaN is undefined.
     """
 
-    driver: str
-    draws: int
-    values: Mapping[str, float | None]
-    intervals: Mapping[str, tuple[float, float] | None]
-    score_s: FloatArray
-    left_out: Mapping[str, int]
+    error_s: FloatArray  # (passages, draws), of the pass time
+    score_s: FloatArray  # (passages,), what drivers are ranked by, see ``pass_time_score``
+    squared_m2: FloatArray  # (passages, horizons), NaN where either has passed
+    right: FloatArray  # (passages,) sums over pedestrians of the share of draws that are right
+    brier: FloatArray  # (passages,) sums over pedestrians
+    people: FloatArray  # (passages,)
+    contact: FloatArray  # (passages,) share of draws
+    explained: FloatArray
+    timed_out: FloatArray
+    least_speed_mps: FloatArray  # (passages, draws + 1)
+    pet_s: FloatArray
+    time_advantage_s: FloatArray
 
-    @property
-    def random(self) -> bool:
-        """Whether the model draws random numbers that matter."""
-        return self.draws > 1
-
-
-FIGURES: Mapping[str, str] = {
-    "pass_time_error_mean_s": "simulated less recorded pass time, mean",
-    "pass_time_error_median_s": "its absolute value, median",
-    "pass_time_error_p90_s": "its absolute value, 90 % quantile",
-    "pass_time_score_s": "its continuous ranked probability score, mean; without randomness the "
-    "mean absolute error",
-    **{
-        f"position_rmse_{horizon:g}s_m": f"root mean square error of position after {horizon:g} s"
-        for horizon in HORIZONS_S
-    },
-    "order_right": "share of pedestrians whom the vehicle passes before or after as recorded",
-    "order_brier": "Brier score of that order; without randomness 1 less the share right",
-    "contacts": "passages with a contact",
-    "contacts_explained": "those that only a pedestrian who cannot react explains",
-    "timed_out": "passages that did not end within 30 s after the recorded one",
-    "least_speed_distance_mps": "Wasserstein distance of the least speeds",
-    "pet_distance_s": "Wasserstein distance of the post-encroachment times",
-    "time_advantage_distance_s": "Wasserstein distance of the least time advantages",
-}
-"""Every figure with its meaning; the order in which they are shown."""
+    def sample(self, passages: "np.ndarray") -> "Drives":
+        """The drives of some passages, shape (n,); one may come several times."""
+        return Drives(*(values[passages] for values in vars(self).values()))
 
 
-def figures_of(
-    driver: str,
-    passages: Sequence[Passage],
-    outcomes: Outcomes,
-    recorded: Sequence[DriverOutcome],
-    seed: int,
-) -> DriverFigures:
-    """The figures of one driver.
+def drives_of(outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> Drives:
+    """The outcomes of one driver, and those of the recorded vehicles, as arrays."""
 
-    A random model's draws of a passage share its weight.  Intervals are percentiles over
-    resamples of whole vehicles, the same ones for every driver.
+    def column(value: Callable[[DriverOutcome], Any], *, real: bool = False) -> FloatArray:
+        rows = [
+            [value(drive) for drive in (*drives, *[truth] * real)]
+            for drives, truth in zip(outcomes, recorded, strict=True)
+        ]
+        return np.array(rows, dtype=np.float64)
 
-    Args:
-        driver: its name.
-        passages: all that were driven.
-        outcomes: of the driver.
-        recorded: of the recorded vehicles.
-        seed: of the resamples.
-    """
-    table = _Table.of(outcomes, recorded)
-    everything = np.arange(len(passages))
-    values = {name: figure(table, everything) for name, figure in _COMPUTE.items()}
-    samples = resamples(passages, seed)
-    intervals = {
-        name: middle([figure(table, sample) for sample in samples])
-        for name, figure in _COMPUTE.items()
-        if name not in _COUNTED
-    }
-    return DriverFigures(
-        driver=driver,
-        draws=table.draws,
-        values={name: values[name] for name in FIGURES},
-        intervals={name: intervals.get(name) for name in FIGURES},
-        score_s=table.score_s,
-        left_out=table.left_out(),
+    pass_times_s = column(lambda drive: drive.pass_time_s)
+    real_s = np.array([drive.pass_time_s for drive in recorded])
+    squared, right, brier = [], [], []
+    for drives, truth in zip(outcomes, recorded, strict=True):
+        squared.append(np.mean([(drive.x_m - truth.x_m) ** 2 for drive in drives], axis=0))
+        before = np.mean([drive.first for drive in drives], axis=0)
+        right.append(float(np.where(truth.first, before, 1 - before).sum()))
+        brier.append(float(((before - truth.first) ** 2).sum()))
+    return Drives(
+        error_s=pass_times_s - real_s[:, None],
+        score_s=np.array(list(map(pass_time_score, pass_times_s, real_s))),
+        squared_m2=np.array(squared),
+        right=np.array(right),
+        brier=np.array(brier),
+        people=np.array([float(len(drive.first)) for drive in recorded]),
+        contact=column(lambda drive: drive.contact).mean(axis=1),
+        explained=column(lambda drive: drive.contact_explained).mean(axis=1),
+        timed_out=column(lambda drive: drive.timed_out).mean(axis=1),
+        least_speed_mps=column(lambda drive: drive.least_speed_mps, real=True),
+        pet_s=column(lambda drive: drive.pet_s, real=True),
+        time_advantage_s=column(lambda drive: drive.time_advantage_s, real=True),
     )
 
 
@@ -127,112 +102,177 @@ def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
     return error - spread / 2
 
 
-@dataclass(frozen=True, eq=False)
-class _Table:
-    """A driver's outcomes as arrays, passages first."""
-
-    draws: int
-    error_s: FloatArray  # (passages, draws)
-    score_s: FloatArray  # (passages,)
-    squared_m2: FloatArray  # (passages, horizons), NaN where either has passed
-    right: FloatArray  # (passages,) sums over pedestrians of the share of draws that are right
-    brier: FloatArray  # (passages,) sums over pedestrians
-    people: FloatArray  # (passages,)
-    contact: FloatArray  # (passages,) share of draws
-    explained: FloatArray
-    timed_out: FloatArray
-    distributions: Mapping[str, tuple[FloatArray, FloatArray]]  # (passages, draws), (passages,)
-
-    @classmethod
-    def of(cls, outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> "_Table":
-        draws = max(len(of) for of in outcomes)
-        times = [np.array([one.pass_time_s for one in of]) for of in outcomes]
-        error = np.array([t - r.pass_time_s for t, r in zip(times, recorded, strict=True)])
-        score = [pass_time_score(t, r.pass_time_s) for t, r in zip(times, recorded, strict=True)]
-        squared, right, brier = [], [], []
-        for of, real in zip(outcomes, recorded, strict=True):
-            squared.append(np.mean([(one.x_m - real.x_m) ** 2 for one in of], axis=0))
-            before = np.mean([one.first for one in of], axis=0)
-            right.append(float(np.where(real.first, before, 1 - before).sum()))
-            brier.append(float(((before - real.first) ** 2).sum()))
-        return cls(
-            draws=draws,
-            error_s=error,
-            score_s=np.array(score),
-            squared_m2=np.array(squared),
-            right=np.array(right),
-            brier=np.array(brier),
-            people=np.array([float(len(real.first)) for real in recorded]),
-            contact=_shares(outcomes, lambda one: one.contact),
-            explained=_shares(outcomes, lambda one: one.contact_explained),
-            timed_out=_shares(outcomes, lambda one: one.timed_out),
-            distributions={
-                name: (
-                    np.array([[_number(get(one)) for one in of] for of in outcomes]),
-                    np.array([_number(get(real)) for real in recorded]),
-                )
-                for name, get in _DISTRIBUTIONS.items()
-            },
-        )
-
-    def left_out(self) -> dict[str, int]:
-        counts = {
-            f"position_rmse_{horizon:g}s_m": int(np.isnan(self.squared_m2[:, at]).sum())
-            for at, horizon in enumerate(HORIZONS_S)
-        }
-        for name, (ours, theirs) in self.distributions.items():
-            counts[name] = int((np.isnan(ours).any(axis=1) | np.isnan(theirs)).sum())
-        return counts
+def _distance(values: FloatArray) -> float | None:
+    """The Wasserstein distance of the simulated values from the recorded ones."""
+    simulated, recorded = values[:, :-1].ravel(), values[:, -1]
+    simulated, recorded = simulated[~np.isnan(simulated)], recorded[~np.isnan(recorded)]
+    if not len(simulated) or not len(recorded):
+        return None
+    return float(stats.wasserstein_distance(simulated, recorded))
 
 
-_DISTRIBUTIONS: Mapping[str, Callable[[DriverOutcome], float | None]] = {
-    "least_speed_distance_mps": lambda one: one.least_speed_mps,
-    "pet_distance_s": lambda one: one.pet_s,
-    "time_advantage_distance_s": lambda one: one.time_advantage_s,
-}
+def _rmse(squared_m2: FloatArray) -> float | None:
+    known = squared_m2[~np.isnan(squared_m2)]
+    return float(np.sqrt(known.mean())) if len(known) else None
 
 
-def _distance(name: str) -> Callable[[_Table, np.ndarray], float | None]:
-    def distance(table: _Table, sample: np.ndarray) -> float | None:
-        ours, theirs = (values[sample].ravel() for values in table.distributions[name])
-        ours, theirs = ours[~np.isnan(ours)], theirs[~np.isnan(theirs)]
-        if not len(ours) or not len(theirs):
-            return None
-        return float(stats.wasserstein_distance(ours, theirs))
-
-    return distance
-
-
-def _rmse(at: int) -> Callable[[_Table, np.ndarray], float | None]:
-    def rmse(table: _Table, sample: np.ndarray) -> float | None:
-        squared = table.squared_m2[sample, at]
-        known = squared[~np.isnan(squared)]
-        return float(np.sqrt(known.mean())) if len(known) else None
-
-    return rmse
+def _position(place: int, horizon_s: float) -> Entry[Drives]:
+    return Entry(
+        f"position_rmse_{horizon_s:g}s_m",
+        f"position after {horizon_s:g} s",
+        f"Root mean square error of the position after {horizon_s:g} s.",
+        unit="m",
+        paired=lambda drives: _rmse(drives.squared_m2[:, place]),
+        undefined="Every vehicle had passed by then.",
+    )
 
 
-_COUNTED = ("contacts", "contacts_explained", "timed_out")
-"""Sums over passages, whose interval over vehicles would say nothing."""
+_NEVER = "No passage has a value."
 
-_COMPUTE: Mapping[str, Callable[[_Table, np.ndarray], float | None]] = {
-    "pass_time_error_mean_s": lambda t, s: float(t.error_s[s].mean()),
-    "pass_time_error_median_s": lambda t, s: float(np.median(np.abs(t.error_s[s]))),
-    "pass_time_error_p90_s": lambda t, s: float(np.quantile(np.abs(t.error_s[s]), 0.9)),
-    "pass_time_score_s": lambda t, s: float(t.score_s[s].mean()),
-    **{f"position_rmse_{horizon:g}s_m": _rmse(at) for at, horizon in enumerate(HORIZONS_S)},
-    "order_right": lambda t, s: float(t.right[s].sum() / t.people[s].sum()),
-    "order_brier": lambda t, s: float(t.brier[s].sum() / t.people[s].sum()),
-    "contacts": lambda t, s: float(t.contact[s].sum()),
-    "contacts_explained": lambda t, s: float(t.explained[s].sum()),
-    "timed_out": lambda t, s: float(t.timed_out[s].sum()),
-    **{name: _distance(name) for name in _DISTRIBUTIONS},
-}
+ENTRIES: tuple[Entry[Drives], ...] = (
+    Entry(
+        "pass_time_score_s",
+        "score",
+        "Continuous ranked probability score of the pass time, mean; without randomness the mean "
+        "absolute error.",
+        unit="s",
+        paired=lambda drives: float(drives.score_s.mean()),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_mean_s",
+        "mean error",
+        "Simulated less recorded pass time, mean.",
+        unit="s",
+        paired=lambda drives: float(drives.error_s.mean()),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_median_s",
+        "median |error|",
+        "Absolute error of the pass time, median.",
+        unit="s",
+        paired=lambda drives: float(np.median(np.abs(drives.error_s))),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_p90_s",
+        "90 % |error|",
+        "Absolute error of the pass time, 90 % quantile.",
+        unit="s",
+        paired=lambda drives: float(np.quantile(np.abs(drives.error_s), 0.9)),
+    ),
+    *(_position(place, horizon_s) for place, horizon_s in enumerate(HORIZONS_S)),
+    Entry(
+        "order_right",
+        "order right",
+        "Share of pedestrians whom the vehicle passes before or after as recorded.",
+        Form.SHARE,
+        digits=1,
+        paired=lambda drives: float(drives.right.sum() / drives.people.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "order_brier",
+        "Brier score",
+        "Brier score of that order; without randomness 1 less the share that is right.",
+        digits=3,
+        paired=lambda drives: float(drives.brier.sum() / drives.people.sum()),
+    ),
+    Entry(
+        "contacts",
+        "contacts",
+        "Passages with a contact.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.contact.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "contacts_explained",
+        "explained",
+        "Passages with a contact that only a pedestrian who cannot react explains.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.explained.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "timed_out",
+        "timed out",
+        "Passages that did not end within 30 s after the recorded one; they count with that time.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.timed_out.sum()),
+    ),
+    Entry(
+        "least_speed_distance_mps",
+        "least speed",
+        "Wasserstein distance of the least speeds.",
+        unit="m/s",
+        paired=lambda drives: _distance(drives.least_speed_mps),
+        undefined=_NEVER,
+    ),
+    Entry(
+        "pet_distance_s",
+        "PET",
+        "Wasserstein distance of the post-encroachment times.",
+        unit="s",
+        paired=lambda drives: _distance(drives.pet_s),
+        undefined=_NEVER,
+    ),
+    Entry(
+        "time_advantage_distance_s",
+        "time advantage",
+        "Wasserstein distance of the least time advantages.",
+        unit="s",
+        paired=lambda drives: _distance(drives.time_advantage_s),
+        undefined=_NEVER,
+    ),
+)
+"""The numbers that a validation reports of each driver.
+
+All have a 95 % interval of the bootstrap over vehicles but the counts, which are sums over
+passages."""
 
 
-def _shares(outcomes: Outcomes, of: Callable[[DriverOutcome], bool]) -> FloatArray:
-    return np.array([np.mean([of(one) for one in draws]) for draws in outcomes])
+def findings_of(
+    drives: Drives, samples: Sequence["np.ndarray"], doubt: str | None
+) -> dict[str, Finding]:
+    """The findings of one driver by key.
+
+    Args:
+        drives: of every passage.
+        samples: passages of resampled vehicles, the same ones for every driver.
+        doubt: why intervals over so few vehicles are unreliable; None where they are not.
+    """
+    known = _known(drives)
+    resampled = [drives.sample(sample) for sample in samples]
+    findings = {}
+    for entry in ENTRIES:
+        assert entry.paired is not None
+        finding = entry.finding(entry.key, entry.paired(drives), 0)
+        finding = replace(finding, n=known.get(entry.key))
+        if entry.form is not Form.COUNT:
+            values = [
+                entry.finding(entry.key, entry.paired(sample), 0).number for sample in resampled
+            ]
+            low, high = middle(values) or (None, None)
+            reliable, reason = doubt is None, finding.reason or doubt
+            finding = replace(finding, low=low, high=high, reliable=reliable, reason=reason)
+        findings[entry.key] = finding
+    return findings
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
+def _known(drives: Drives) -> dict[str, int]:
+    """In how many passages a number that may be undefined is defined, by key of its entry."""
+    squared = {
+        f"position_rmse_{horizon_s:g}s_m": drives.squared_m2[:, place, None]
+        for place, horizon_s in enumerate(HORIZONS_S)
+    }
+    distances = {
+        "least_speed_distance_mps": drives.least_speed_mps,
+        "pet_distance_s": drives.pet_s,
+        "time_advantage_distance_s": drives.time_advantage_s,
+    }
+    return {
+        key: int((~np.isnan(values)).all(axis=1).sum())
+        for key, values in (squared | distances).items()
+    }

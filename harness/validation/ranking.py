@@ -1,51 +1,40 @@
 """Drivers in the order of their nearness to the recorded ones."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
-from harness.validation.bootstrap import middle, resamples
-from harness.validation.figures import DriverFigures
-from harness.validation.passages import Passage
+import numpy as np
 
+from harness.encounter import FloatArray
+from harness.validation.bootstrap import middle
 
-@dataclass(frozen=True, slots=True)
-class Ranked:
-    """A driver's place: 1 is nearest to the recorded drivers.
-
-    ``not_told_apart`` names the drivers from which the paired difference of the scores does not
-    tell it apart: the 95 % interval of the bootstrap over vehicles includes 0.
-    """
-
-    driver: str
-    rank: int
-    difference_s: float
-    difference_interval_s: tuple[float, float] | None
-    not_told_apart: tuple[str, ...]
+Span = tuple[float, float] | None
+"""An interval; None where there is none."""
 
 
 def ranking(
-    figures: Sequence[DriverFigures], passages: Sequence[Passage], seed: int
-) -> list[Ranked]:
+    scores_s: Mapping[str, FloatArray], samples: Sequence["np.ndarray"]
+) -> list[tuple[str, float, Span, tuple[str, ...]]]:
     """Drivers by their mean score, the lowest first.
 
-    ``difference_s`` is a driver's mean score less the first one's, passage by passage.
-    """
-    order = sorted(figures, key=lambda one: float(one.score_s.mean()))
-    samples = resamples(passages, seed)
+    Args:
+        scores_s: driver → (passages,).
+        samples: passages of resampled vehicles.
 
-    def between(one: DriverFigures, other: DriverFigures) -> tuple[float, float] | None:
-        difference = one.score_s - other.score_s
+    Returns:
+        For each driver its name, its mean score less that of the first one, the interval of that
+        difference, and the drivers that it is not told apart from.
+    """
+    means = {driver: float(score_s.mean()) for driver, score_s in scores_s.items()}
+    order = sorted(scores_s, key=means.__getitem__)
+
+    def between(driver: str, other: str) -> Span:
+        difference = scores_s[driver] - scores_s[other]
         return middle([float(difference[sample].mean()) for sample in samples])
 
     ranked = []
-    for place, one in enumerate(order, start=1):
-        alike = [
-            other.driver
-            for other in order
-            if other is not one
-            and ((span := between(one, other)) is None or span[0] <= 0 <= span[1])
-        ]
-        best = float(one.score_s.mean() - order[0].score_s.mean())
-        span = None if one is order[0] else between(one, order[0])
-        ranked.append(Ranked(one.driver, place, best, span, tuple(alike)))
+    for driver in order:
+        spans = {other: between(driver, other) for other in order if other != driver}
+        alike = [other for other, span in spans.items() if span is None or span[0] <= 0 <= span[1]]
+        difference_s = means[driver] - means[order[0]]
+        ranked.append((driver, difference_s, spans.get(order[0]), tuple(alike)))
     return ranked

@@ -1,10 +1,11 @@
 """A whole validation: recorded passages found, driven by every driver, compared."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness.comparison.findings import Note, Rank
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.scenario import Scenario
@@ -15,7 +16,7 @@ from harness.trajectories.counting import Tally
 from harness.trajectories.extraction_rules import split_options
 from harness.trajectories.fingerprints import fingerprints_of
 from harness.trajectories.formats import FORMATS
-from harness.validation.bootstrap import few_vehicles
+from harness.validation.bootstrap import few_vehicles, resamples
 from harness.validation.closed_loop import recorded_trace
 from harness.validation.drivers import (
     STRATEGIES_FITTED_ON,
@@ -24,11 +25,12 @@ from harness.validation.drivers import (
     outcomes_of,
     refit_without_folds,
 )
-from harness.validation.figures import DriverFigures, figures_of
+from harness.validation.figures import drives_of, findings_of
 from harness.validation.finding import find_passages
+from harness.validation.findings import DriverFindings, ValidationFindings
 from harness.validation.outcomes import DriverOutcome, outcome_of
 from harness.validation.passages import Passages
-from harness.validation.ranking import Ranked, ranking
+from harness.validation.ranking import ranking
 
 _NO_TRACKS = (
     "The card of model {} has no fingerprints of tracks: whether it was fitted on these data is "
@@ -43,27 +45,16 @@ class Validation:
     """Drivers held against recorded passages.
 
     Attributes:
-        sources: names of the data sets.
         passages: those that were driven, and what was left out.
         recorded: of the recorded vehicles, for each passage.
         outcomes: driver → passages → draws.
-        figures: driver → figures.
-        ranked: the nearest first.
-        folds: driver → folds of vehicles, without each of which its model was fitted again.
-        in_sample: drivers that were fitted on these data and not fitted again.
-        remarks: what was left out of the records and assumed of them, and how far intervals over
-            so few vehicles can be trusted.
+        findings: what it reports.
     """
 
-    sources: tuple[str, ...]
     passages: Passages
     recorded: Sequence[DriverOutcome]
     outcomes: Mapping[str, Sequence[Sequence[DriverOutcome]]]
-    figures: Mapping[str, DriverFigures]
-    ranked: Sequence[Ranked]
-    folds: Mapping[str, int]
-    in_sample: tuple[str, ...]
-    remarks: tuple[str, ...]
+    findings: ValidationFindings
 
 
 def validate(
@@ -85,24 +76,25 @@ def validate(
             accelerations, step and seed.
         folds: of vehicles; a model fitted on the same data is fitted again without each.
         options: of the extraction, and of the format's reader.
-        progress: told (steps done, steps planned, what they are).
+        progress: is called with (steps done, steps planned, what they are).
 
     Raises:
         InputError: unknown format, option or driver, data that cannot be read, no passage.
     """
     _check_drivers(drivers, scenario)
-    given = dict(options or {})
+    given, seed = dict(options or {}), scenario.experiment.seed
+    # ``read_clips`` refuses an unknown format.
+    rules = None
     if format_ in FORMATS:
         rules, _ = split_options(given, FORMATS[format_].options, f"format {format_}")
-    else:
-        rules = None  # read_clips refuses the format
     progress(0, 1, "reading")
     tally = Tally()
     clips = read_clips(list(paths), format_, tally, **given)
-    found = find_passages(clips, scenario.vehicle(), scenario.experiment.step_s, rules)
-    if not found.used:
-        told = ", ".join(f"{reason}: {count}" for reason, count in found.left_out.items() if count)
-        raise InputError(str(paths[0]), f"no passage can be used ({told or 'no vehicle'})")
+    passages = find_passages(clips, scenario.vehicle(), scenario.experiment.step_s, rules)
+    if not passages.used:
+        reasons = [f"{reason}: {count}" for reason, count in passages.left_out.items() if count]
+        why = ", ".join(reasons) or "no vehicle"
+        raise InputError(str(paths[0]), f"no passage can be used ({why})")
     with_model = [name for name in drivers if "model" in needs(find_strategy(name, "--drivers"))]
     model = load_model(scenario.model.name, scenario.model.path)
     seen = fingerprints_of(clips)
@@ -111,48 +103,92 @@ def validate(
     refitted = 0
     if known and folds > 1:
         of_folds = refit_without_folds(
-            model,
-            paths,
-            format_,
-            given,
-            folds,
-            scenario.experiment.seed,
-            lambda done: progress(done, folds, "folds"),
+            model, paths, format_, given, folds, seed, lambda done: progress(done, folds, "folds")
         )
         model_of, refitted = of_folds, len(of_folds.of_fold)
-    recorded = [outcome_of(passage, recorded_trace(passage)) for passage in found.used]
-    outcomes, figures = {}, {}
+    in_sample = {
+        *(with_model if known and not refitted else ()),
+        *(
+            name
+            for name, source in STRATEGIES_FITTED_ON.items()
+            if name in drivers and fitted_on(load_model(source).provenance, seen)
+        ),
+    }
+    recorded = [outcome_of(passage, recorded_trace(passage)) for passage in passages.used]
+    outcomes = {}
     for number, name in enumerate(drivers):
         progress(number, len(drivers), "drivers")
-        outcomes[name] = outcomes_of(name, found.used, scenario, model_of)
-        figures[name] = figures_of(
-            name, found.used, outcomes[name], recorded, scenario.experiment.seed
+        outcomes[name] = outcomes_of(name, passages.used, scenario, model_of)
+    drives = {name: drives_of(driven, recorded) for name, driven in outcomes.items()}
+    samples, doubts = resamples(passages.used, seed), few_vehicles(passages.vehicles)
+    doubt = doubts[0] if doubts else None
+    ranked = ranking({name: drives[name].score_s for name in drivers}, samples)
+    found = tuple(
+        DriverFindings(
+            driver=name,
+            rank=rank,
+            not_told_apart=alike,
+            score_difference_s=difference_s,
+            score_difference_interval_s=interval_s,
+            draws=drives[name].error_s.shape[1],
+            fitted_on_these_data=name in in_sample,
+            folds=refitted if name in with_model else 0,
+            findings=findings_of(drives[name], samples, doubt),
         )
-    progress(len(drivers), len(drivers), "drivers")
-    sources = tuple(sorted({passage.source for passage in found.used}))
-    return Validation(
-        sources=sources,
-        passages=found,
-        recorded=recorded,
-        outcomes=outcomes,
-        figures=figures,
-        ranked=ranking(list(figures.values()), found.used, scenario.experiment.seed),
-        folds=dict.fromkeys(with_model, refitted),
-        in_sample=(
-            *(with_model if known and not refitted else ()),
-            *(
-                name
-                for name in drivers
-                if name in STRATEGIES_FITTED_ON
-                and fitted_on(load_model(STRATEGIES_FITTED_ON[name]).provenance, seen)
-            ),
-        ),
-        remarks=(
-            *tally.remarks(),
-            *([] if known is not None else [_NO_TRACKS.format(model.name)]),
-            *few_vehicles(found.vehicles),
-        ),
+        for rank, (name, difference_s, interval_s, alike) in enumerate(ranked, start=1)
     )
+    progress(len(drivers), len(drivers), "drivers")
+    unknown = [_NO_TRACKS.format(model.name)] if known is None else []
+    remarks = (*tally.remarks(), *unknown, *doubts)
+    findings = ValidationFindings(
+        sources=tuple(sorted({passage.source for passage in passages.used})),
+        passages=len(passages.used),
+        vehicles=passages.vehicles,
+        encounters=passages.encounters,
+        contacts_recorded=sum(drive.contact for drive in recorded),
+        left_out=passages.left_out,
+        remarks=remarks,
+        notes=tuple(_notes(passages, found, tally.remarks(), unknown, doubts)),
+        drivers=found,
+    )
+    return Validation(passages, recorded, outcomes, findings)
+
+
+def _notes(
+    passages: Passages,
+    drivers: Sequence[DriverFindings],
+    remarks: Sequence[str],
+    unknown: Iterable[str],
+    doubts: Iterable[str],
+) -> Iterator[Note]:
+    """What has to be read with the numbers, in the order of the ranks."""
+    for driver in drivers:
+        if driver.findings["timed_out"].value:
+            yield Note(
+                Rank.TIME_OUTS,
+                f"{driver.driver} timed out in {driver.findings['timed_out'].value:g} of "
+                f"{len(passages.used):,} passages, which count with that time.",
+            )
+    left_out = {reason: count for reason, count in passages.left_out.items() if count}
+    if left_out:
+        reasons = ", ".join(f"{reason} {count:,}" for reason, count in left_out.items())
+        yield Note(Rank.LEFT_OUT, f"{sum(left_out.values()):,} ways left out: {reasons}.")
+    if remarks:
+        yield Note(Rank.LEFT_OUT, "; ".join(remarks) + ".")
+    for driver in drivers:
+        if driver.fitted_on_these_data:
+            words = "was fitted on these passages, which flatters it."
+            yield Note(Rank.REFERENCE, f"{driver.driver} {words}")
+    yield from (Note(Rank.REFERENCE, text) for text in unknown)
+    pairs = [
+        f"{driver.driver} and {other}"
+        for place, driver in enumerate(drivers)
+        for other in driver.not_told_apart
+        if other in {later.driver for later in drivers[place:]}
+    ]
+    if pairs:
+        yield Note(Rank.FEW_PAIRS, f"The scores do not tell these apart: {', '.join(pairs)}.")
+    yield from (Note(Rank.FEW_PAIRS, doubt) for doubt in doubts)
 
 
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:

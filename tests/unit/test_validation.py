@@ -8,13 +8,25 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from harness.comparison.findings import Finding, Note, Rank
 from harness.errors import InputError
 from harness.interaction import load_model
+from harness.report.screen import screen_lines
+from harness.report.validation_tables import validation_screen, validation_tables
 from harness.scenario import load_scenario
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.trajectories import Clip, Track, VehicleTrack
-from harness.validation import LEFT_OUT, bootstrap, find_passages, validate
+from harness.validation import (
+    ENTRIES,
+    LEFT_OUT,
+    DriverFindings,
+    Validation,
+    ValidationFindings,
+    bootstrap,
+    find_passages,
+    validate,
+)
 from harness.validation.bootstrap import few_vehicles
 from harness.validation.drivers import DRAWS, FoldModels, outcomes_of
 from harness.validation.figures import pass_time_score
@@ -38,17 +50,16 @@ def _few_resamples(monkeypatch) -> None:
 def test_the_strategy_that_drove_is_ranked_first(tmp_path, driver) -> None:
     found = held(write_set(tmp_path, DRIVERS[driver]))
     assert len(found.passages.used) == len(SCENES)
-    assert found.ranked[0].driver == driver
-    measured = found.figures[driver]
+    nearest, *others = found.findings.drivers
+    assert nearest.driver == driver
     errors = [
         one.pass_time_s - real.pass_time_s
         for (one,), real in zip(found.outcomes[driver], found.recorded, strict=True)
     ]
     assert np.abs(errors).max() < 0.05
-    assert measured.values["order_right"] == 1.0
-    assert measured.values["position_rmse_4s_m"] < 0.05
-    others = [found.figures[name].values["pass_time_score_s"] for name in DRIVERS if name != driver]
-    assert min(others) > 0.05
+    assert nearest.findings["order_right"].value == 1.0
+    assert nearest.findings["position_rmse_4s_m"].value < 0.05
+    assert min(other.findings["pass_time_score_s"].value for other in others) > 0.05
 
 
 def test_a_recording_mirrored_turned_or_shifted_in_time_gives_the_same_figures(tmp_path) -> None:
@@ -59,13 +70,10 @@ def test_a_recording_mirrored_turned_or_shifted_in_time_gives_the_same_figures(t
         "turned": {"turn": 2.0},
     }.items():
         other = held(write_set(tmp_path / name, HardYield, **change))
-        for driver in DRIVERS:
-            for figure, value in plain.figures[driver].values.items():
-                assert other.figures[driver].values[figure] == pytest.approx(value, abs=1e-6), (
-                    name,
-                    driver,
-                    figure,
-                )
+        for driver, same in zip(plain.findings.drivers, other.findings.drivers, strict=True):
+            for key, finding in driver.findings.items():
+                value = pytest.approx(finding.value, abs=1e-6)
+                assert same.findings[key].value == value, (name, driver.driver, key)
 
 
 def clip_of(vehicles, pedestrians):
@@ -166,8 +174,8 @@ def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path
     assert first["pass_time_error_median_s"] < 0.05
     assert {"pass_time_error_mean_s", "pass_time_error_p90_s", "order_right"} <= first.keys()
     page = (tmp_path / "out" / "validation.html").read_text(encoding="utf-8")
-    assert "Nearest to the recorded drivers is hard_yield" in page
-    assert "was fitted on these very data" not in page
+    assert "Drivers held against dut, nearest first" in page
+    assert "was fitted on these passages" not in page
     assert page.count("<svg") == 2
     assert json.loads((tmp_path / "out" / "validation.json").read_text()) == told
 
@@ -180,12 +188,15 @@ def test_one_vehicle_has_no_intervals_and_tells_nobody_apart(tmp_path) -> None:
     found = held(tmp_path)
     assert found.passages.vehicles == 1
     # The differences are there, but one vehicle does not say how others differ from it.
-    assert found.ranked[-1].difference_s > 0.05
-    for place in found.ranked:
-        assert set(place.not_told_apart) == set(DRIVERS) - {place.driver}
-        assert place.difference_interval_s is None
-        assert set(found.figures[place.driver].intervals.values()) == {None}
-    assert "One vehicle: no intervals, and no two drivers can be told apart." in found.remarks
+    assert found.findings.drivers[-1].score_difference_s > 0.05
+    for driver in found.findings.drivers:
+        assert set(driver.not_told_apart) == set(DRIVERS) - {driver.driver}
+        assert driver.score_difference_interval_s is None
+        assert {finding.low for finding in driver.findings.values()} == {None}
+    doubt = "One vehicle: no intervals, and no two drivers can be told apart."
+    assert doubt in found.findings.remarks
+    score = found.findings.drivers[0].findings["pass_time_score_s"]
+    assert (score.reliable, score.reason) == (False, doubt)
 
 
 def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path) -> None:
@@ -194,7 +205,7 @@ def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path) 
         file.write("7,1,ped,here,0.0\n")
     (target / "clip_00_traj_ped_filtered.csv").write_text("id,frame,label,x_est,y_est\n")
     arguments = ["validate", str(tmp_path), "--format", "vci", "--drivers", "hard_yield"]
-    shown = printed(*arguments, "--set", "vehicle_length_m=4.5")
+    shown = " ".join(printed(*arguments, "--set", "vehicle_length_m=4.5").split())
     assert "1 records left out: a needed cell holds text instead of a number" in shown
     assert "Clip clip_00 not used: clip_00_traj_ped_filtered.csv" in shown
     assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
@@ -211,6 +222,69 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
         "Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %."
     ]
     assert held_0 == pytest.approx(0.83, abs=0.03)
+
+
+def driver_findings(driver: str, rank: int, score: Finding, **others: object) -> DriverFindings:
+    """The findings of a driver, all alike but the score."""
+    values = dict.fromkeys((entry.key for entry in ENTRIES), Finding(0.5, 0.25, 0.75))
+    values |= {"pass_time_score_s": score, "contacts": Finding(11.6)}
+    defaults = {
+        "not_told_apart": (),
+        "score_difference_s": 0.0,
+        "score_difference_interval_s": None,
+        "draws": 1,
+        "fitted_on_these_data": False,
+        "folds": 0,
+    }
+    return DriverFindings(driver, rank, findings=values, **(defaults | others))
+
+
+SCREEN = """\
+Drivers held against dut, nearest first                       34 passages of 26 vehicles, 2 contacts
+             score, s            mean error, s  median |error|, s  order right  contacts
+human_gmm    2.51 (1.68 … 3.41)  0.50           0.50               50.0 %       11.6 (0.5)
+human_yield  –                   0.50           0.50               50.0 %       11.6 (0.5)
+! human_gmm was fitted on these passages, which flatters it.
+All numbers: --full. Page: --out DIR"""
+
+
+def test_the_screen_and_the_tables_of_a_validation() -> None:
+    findings = ValidationFindings(
+        sources=("dut",),
+        passages=34,
+        vehicles=26,
+        encounters=497,
+        contacts_recorded=2,
+        left_out=dict.fromkeys(LEFT_OUT, 3),
+        remarks=(),
+        notes=(Note(Rank.REFERENCE, "human_gmm was fitted on these passages, which flatters it."),),
+        drivers=(
+            driver_findings("human_gmm", 1, Finding(2.51, 1.68, 3.41), fitted_on_these_data=True),
+            driver_findings("human_yield", 2, Finding(None), folds=5, not_told_apart=("a", "b")),
+        ),
+    )
+    assert "\n".join(screen_lines(validation_screen(findings))) == SCREEN
+    ranking, further, left_out = validation_tables(findings)
+    names = [[(cell.text, cell.small) for cell in row] for row in ranking.rows]
+    fitted = ("human_yield", "fitted again without each of 5 folds")
+    assert names[0][:3] == [
+        ("1", ""),
+        ("human_gmm", "fitted on these data"),
+        ("2.51", "1.68 … 3.41"),
+    ]
+    assert names[1][:3] == [("2", ""), fitted, ("–", "")]
+    assert names[1][-2:] == [("11.6 (0.5)", ""), ("a, b", "")]
+    assert names[2][1:3] + names[2][-3:] == [
+        ("recorded drivers", ""),
+        ("0", ""),
+        ("100.0 %", ""),
+        ("2", ""),
+        ("", ""),
+    ]
+    # Every number that is reported stands in one table or the other.
+    shown = len(ranking.headings) - 3 + len(further.headings) - 1
+    assert shown + 1 == len(ENTRIES), "contacts and those explained share a column"
+    assert {row[1].text for row in left_out.rows} == {"3"}
 
 
 def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None:
@@ -263,6 +337,11 @@ def test_a_passage_is_driven_by_the_model_that_has_not_seen_its_vehicle(tmp_path
     assert [models(passage) for passage in passages[:3]] == [*folds, whole]
 
 
+def in_sample(validation: Validation) -> set[str]:
+    drivers = validation.findings.drivers
+    return {driver.driver for driver in drivers if driver.fitted_on_these_data}
+
+
 def renamed(folder: Path, copy: Path, noise_m: float = 0.0) -> Path:
     """The recordings under other names, their records in another order, each a little off."""
     rng = np.random.default_rng(8)
@@ -302,10 +381,12 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
         (other, {"frame_rate_hz": 12.0}),
     ):
         found = held(folder, drivers, settings=own, **options)
-        assert found.in_sample == ("human_gmm", "human_recorded"), folder
-    assert held(other, drivers, folds=2, settings=own).folds["human_gmm"] == 2
+        assert in_sample(found) == {"human_gmm", "human_recorded"}, folder
+    refitted = held(other, drivers, folds=2, settings=own)
+    folds = {driver.driver: driver.folds for driver in refitted.findings.drivers}
+    assert folds == {"human_gmm": 2, "human_recorded": 0, "hard_yield": 0}
     strangers = write_set(tmp_path / "strangers" / "made", GapYield)
-    assert held(strangers, drivers, settings=own).in_sample == ()
+    assert in_sample(held(strangers, drivers, settings=own)) == set()
 
 
 def test_a_card_without_tracks_leaves_it_open_and_says_so(tmp_path) -> None:
@@ -316,5 +397,5 @@ def test_a_card_without_tracks_leaves_it_open_and_says_so(tmp_path) -> None:
     del document["provenance"]["tracks"]
     path.write_text(json.dumps(document))
     found = held(recordings, ("human_gmm",), settings=own)
-    assert found.in_sample == ()
-    assert any("whether it was fitted on these data is not known" in of for of in found.remarks)
+    assert in_sample(found) == set()
+    assert "whether it was fitted on these data is not known" in " ".join(found.findings.remarks)
