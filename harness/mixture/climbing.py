@@ -2,7 +2,7 @@
 
 EM is quick at first and slow at the end; the moments that it needs give the exact gradient, and
 with that BFGS is quick to the end. Sources: Jamshidian and Jennrich (1997); Nocedal and Wright
-(2006), chapters 3 and 6; Arthur and Vassilvitskii (2007).
+(2006), chapters 3 and 6.
 """
 
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.mixture.clusters import k_means
 from harness.mixture.coordinates import Coordinates
 from harness.mixture.em import Evaluation, Parameters, Problem
 
@@ -39,13 +40,9 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
     if rows.shape[0] > _CLUSTER_ROWS:
         chosen = rng.choice(rows.shape[0], _CLUSTER_ROWS, replace=False)
         rows, weights = rows[chosen], weights[chosen]
-    centres = k_means_seeds(rows, weights, count, rng)
-    for _ in range(_CLUSTER_ROUNDS):
-        member = np.zeros((rows.shape[0], count))
-        member[np.arange(rows.shape[0]), _distances(rows, centres).argmin(axis=1)] = 1.0
-        sizes = weights @ member
-        moved = ((member * weights[:, None]).T @ rows) / np.maximum(sizes, 1e-300)[:, None]
-        centres = np.where(sizes[:, None] > 0.0, moved, centres)
+    centres, cluster = k_means(rows, weights, count, _CLUSTER_ROUNDS, rng)
+    member = np.eye(count)[cluster]
+    sizes = weights @ member
     scales = np.empty((count, rows.shape[1], rows.shape[1]))
     for k in range(count):
         share = weights * member[:, k]
@@ -57,29 +54,6 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
     scales += _FIRST_EIGENVALUE * np.eye(rows.shape[1])
     sizes = sizes + weights.sum() / (10.0 * count)
     return Parameters(sizes / sizes.sum(), centres, scales)
-
-
-def k_means_seeds(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """k-means++: rows drawn one by one with chances by squared distance to those drawn before."""
-    chance = weights
-    centres = []
-    nearest = np.full(rows.shape[0], np.inf)
-    for _ in range(count):
-        reached = np.cumsum(chance)
-        if not reached[-1] > 0.0:
-            # Fewer distinct rows than components.
-            reached = np.cumsum(weights)
-        drawn = np.searchsorted(reached, rng.random() * reached[-1], side="right")
-        centres.append(rows[min(int(drawn), rows.shape[0] - 1)])
-        nearest = np.minimum(nearest, ((rows - centres[-1]) ** 2).sum(axis=1))
-        chance = weights * nearest
-    return np.array(centres)
-
-
-def _distances(rows: Array, centres: Array) -> Array:
-    """Squared distances (n, K), less the same number in each row."""
-    squares: Array = (centres**2).sum(axis=1) - 2.0 * rows @ centres.T
-    return squares
 
 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.encounter import FloatArray
-from harness.mixture.climbing import k_means_seeds
+from harness.mixture.clusters import k_means
 from harness.risk.layout import Layout
 from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal
 
@@ -59,7 +59,7 @@ def first_components(
         if y.size == 0:
             continue
         count = min(COMPONENTS, 1 + len(y) // _POINTS)
-        cluster_of = clusters_of(y, np.full(len(y), 1 / len(y)), count, rng)
+        _, cluster_of = k_means(y, np.ones(len(y)), count, 1, rng)
         for k in np.unique(cluster_of):
             cluster = y[cluster_of == k]
             moments = cluster.mean(axis=0), np.atleast_2d(np.cov(cluster.T, bias=True))
@@ -128,29 +128,6 @@ def spread(layout: Layout, components: tuple[Component, ...]) -> Proposal:
             replace(part, share=share / 2, factor=wide.astype(np.float64, copy=False)),
         ]
     return Proposal(layout, tuple(parts))
-
-
-def clusters_of(
-    points: FloatArray, weights: FloatArray, count: int, rng: np.random.Generator, rounds: int = 0
-) -> NDArray[np.intp]:
-    """The cluster of each point by weighted k-means from k-means++ seeds, shape (n,)."""
-    centres = k_means_seeds(points, weights, count, rng)
-    cluster_of = _nearest(points, centres)
-    for _ in range(rounds):
-        for k in np.unique(cluster_of):
-            members = cluster_of == k
-            centres[k] = weights[members] @ points[members] / weights[members].sum()
-        before, cluster_of = cluster_of, _nearest(points, centres)
-        if np.array_equal(before, cluster_of):
-            break
-    return cluster_of
-
-
-def _nearest(points: FloatArray, centres: FloatArray) -> NDArray[np.intp]:
-    nearest: NDArray[np.intp] = np.argmin(
-        ((points[:, None] - centres[None]) ** 2).sum(axis=2), axis=1
-    ).astype(np.intp)
-    return nearest
 
 
 def _component(

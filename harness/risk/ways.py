@@ -6,9 +6,9 @@ import numpy as np
 
 from harness.encounter import FloatArray
 from harness.episode.arrivals import planned_arrivals
+from harness.mixture.clusters import k_means
 from harness.perception.track import updates_until_found
 from harness.risk.findings import Person
-from harness.risk.fitting import clusters_of
 from harness.risk.space import Space
 from harness.scenario import Scenario
 
@@ -38,7 +38,7 @@ def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> 
         rng: for the seeds.
     """
     weights = weights / weights.sum()
-    cluster_of = clusters_of(keys, weights, min(WAYS, len(keys)), rng, _ROUNDS)
+    _, cluster_of = k_means(keys, weights, min(WAYS, len(keys)), _ROUNDS, rng)
     distance = np.sum(keys**2, axis=1)
     ways = []
     for k in np.unique(cluster_of):
