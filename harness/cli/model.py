@@ -4,9 +4,8 @@ What a command needs is imported when it is called.
 """
 
 import shlex
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +14,9 @@ from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import print_json, print_line, progress_bar
 from harness.errors import InputError, unknown_name
+
+if TYPE_CHECKING:
+    from harness.trajectories import Extraction
 
 _STATE = "30,5"
 
@@ -50,28 +52,26 @@ def extract(
     as_json: JsonOption = False,
 ) -> None:
     """Extract rows of the model's variables from raw trajectories."""
-    options = _options(settings)
     model_options.check_target(out, "--out", ".parquet")
     model_options.check_folder(plots)
     from harness import trajectories
     from harness.report.model_terminal import print_extraction
+    from harness.scenario import parse_setting
 
-    if plots is not None and format_ in trajectories.FORMATS:
-        _refuse_rows_without_tracks(trajectories.FORMATS, format_)
+    options = {setting.key: setting.value for setting in map(parse_setting, settings or [])}
+    clips = trajectories.read_clips(paths, format_, **options) if plots else []
     extraction = trajectories.extract(paths, format_, **options)
     if extraction.rows.empty:
         raise InputError(str(paths[0]), f"no row passes the rules{_most_frequent(extraction)}")
-    command = ["extract", *map(str, paths), "--format", format_]
+    words = ["harness", "extract", *map(str, paths), "--format", format_]
     for text in settings or []:
-        command += ["--set", text]
-    with unwinding():
-        trajectories.write_rows(out, extraction, _command([*command, "--out", str(out)]))
+        words += ["--set", text]
     figures = []
-    if plots is not None:
-        from harness.report.plots import plot_trajectories
+    with unwinding():
+        trajectories.write_rows(out, extraction, shlex.join([*words, "--out", str(out)]))
+        if plots is not None:
+            from harness.report.plots import plot_trajectories
 
-        clips = trajectories.read_clips(paths, format_, **options)
-        with unwinding():
             figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
     if as_json:
@@ -148,7 +148,8 @@ def fit(
         file.rows, weigh=weighing, lower=box[0], upper=box[1], strict=strict
     )
     settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
-    command = ["fit", str(rows), "--components", components, "--choose", choose, "--weigh", weigh]
+    command = ["harness", "fit", str(rows), "--components", components]
+    command += ["--choose", choose, "--weigh", weigh]
     command += [*model_options.as_options(box), *(["--strict"] if strict else [])]
     command += ["--starts", str(starts), "--folds", str(folds), "--seed", str(seed)]
     command += ["--near", near, "--name", name or out.stem, "--out", str(out)]
@@ -157,7 +158,7 @@ def fit(
         fitted = calibration.calibrate(
             sample, settings, workers or default_workers(), lambda done: advance(done, jobs)
         )
-    card = calibration.card(sample, settings, fitted, file, _command(command), state)
+    card = calibration.card(sample, settings, fitted, file, shlex.join(command), state)
     with unwinding():
         model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
     if as_json:
@@ -185,8 +186,7 @@ def show(
     if rows is not None and plots is None:
         raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
     from harness.interaction import load_model
-    from harness.report.card_form import check_card
-    from harness.report.model_terminal import model_document, print_model
+    from harness.report.model_terminal import check_card, model_document, print_model
 
     is_file = Path(model).suffix == ".json" or Path(model).exists()
     loaded = load_model(model, model if is_file else None)
@@ -214,34 +214,14 @@ def show(
         print_model(loaded, figures)
 
 
-def _options(settings: list[str] | None) -> dict[str, Any]:
-    from harness.scenario import parse_setting
-
-    return {setting.key: setting.value for setting in map(parse_setting, settings or [])}
-
-
-def _refuse_rows_without_tracks(formats: Mapping[str, Any], name: str) -> None:
-    if formats[name].clips is None:
-        tracks = " or ".join(other for other in formats if formats[other].clips is not None)
-        raise InputError("--plots", f"format {name} holds rows, not tracks", tracks)
-
-
-def _most_frequent(extraction: Any) -> str:
+def _most_frequent(extraction: "Extraction") -> str:
     """The rule that left most out, in words."""
-    dropped = {
-        reason: count
-        for level in extraction.counts.dropped.values()
-        for reason, count in level.items()
-        if count
-    }
+    levels = extraction.counts.dropped.values()
+    dropped = {reason: count for level in levels for reason, count in level.items() if count}
     if not dropped:
         return ""
     reason = max(dropped, key=lambda key: dropped[key])
     return f" (most left out by {reason}: {dropped[reason]})"
-
-
-def _command(words: Sequence[str]) -> str:
-    return shlex.join(["harness", *words])
 
 
 group = typer.Typer(

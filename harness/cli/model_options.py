@@ -98,23 +98,16 @@ def weighing(text: str) -> Any:
 def check_target(path: Path, option: str, suffix: str) -> None:
     """Refuse, before any work, a file that could not be written."""
     where = f"{option} {path}"
-    if path.suffix != suffix:
-        raise InputError(where, f"file name without {suffix}", f"a name ending in {suffix}")
-    if path.is_dir():
-        raise InputError(where, "is a folder", f"a file name ending in {suffix}")
-    if not path.parent.is_dir():
-        raise InputError(where, "its folder does not exist", "an existing folder")
+    if path.suffix != suffix or path.is_dir():
+        raise InputError(where, f"no name of a {suffix} file", f"a file name ending in {suffix}")
     if not os.access(path.parent, os.W_OK):
-        raise InputError(where, "its folder cannot be written", "a writable folder")
+        raise InputError(where, "its folder is missing or not writable", "a writable folder")
 
 
 def check_folder(folder: Path | None, option: str = "--plots") -> None:
     """Refuse, before any work, a folder for figures that could not be made or written."""
     if folder is None:
         return
-    where = f"{option} {folder}"
-    if folder.exists() and not folder.is_dir():
-        raise InputError(where, "is a file", "a folder")
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        raise InputError(where, "cannot be made or written", "a writable folder")
+        raise InputError(f"{option} {folder}", "cannot be made or written", "a writable folder")

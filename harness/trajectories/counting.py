@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Literal
 
 Level = Literal["records", "tracks", "pairs", "candidates"]
@@ -76,10 +76,6 @@ class Tally:
         skipped = (f"Clip {clip} not used: {why}" for clip, why in self.skipped.items())
         return [*dropped, *skipped, *self.notes]
 
-    def why_skipped(self) -> str:
-        """The clips or files that could not be used, with the reason of each."""
-        return "; ".join(f"{name}: {why}" for name, why in self.skipped.items())
-
     def note(self, text: str) -> None:
         """Keep a remark once."""
         if text not in self.notes:
@@ -121,11 +117,7 @@ class Counts:
 
     def as_dict(self) -> dict[str, object]:
         """The counts as plain data (JSON-ready), reasons in their fixed order."""
-        plain: dict[str, object] = dict(vars(self))
-        plain["skipped"] = dict(self.skipped)
-        plain["dropped"] = {level: dict(of) for level, of in self.dropped.items()}
-        plain["notes"] = list(self.notes)
-        return plain
+        return {**asdict(self), "notes": list(self.notes)}
 
 
 def freeze(tally: Tally, rows: int, vehicles: int | None, pairs: int | None) -> Counts:

@@ -1,8 +1,9 @@
 """Reading tables of numbers that other people wrote."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -15,8 +16,11 @@ from harness.trajectories.counting import Tally
 LARGEST_NUMBER = 1e12
 
 
+Content = TypeVar("Content")
+
+
 class EmptyTableError(InputError):
-    """A file without any record; a folder's reader skips its clip and says so."""
+    """A file that is missing or has no record; its clip is skipped, and the counts say so."""
 
 
 def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
@@ -27,13 +31,60 @@ def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     found = [Path(path) for path in given]
     for path in found:
         try:
-            there = path.exists()
+            exists = path.exists()
         except (OSError, ValueError):
             # A name that no file can have: too long, or with a NUL in it.
-            there = False
-        if not there:
+            exists = False
+        if not exists:
             raise InputError(str(path), "no such file or folder")
     return found
+
+
+def files_in(path: Path, *patterns: str) -> list[Path]:
+    """The file itself, or the files of a folder whose names match, sorted.
+
+    Raises:
+        InputError: the folder has none.
+    """
+    if not path.is_dir():
+        return [path]
+    files = sorted(file for pattern in patterns for file in path.glob(pattern))
+    if not files:
+        raise InputError(str(path), "folder without such files", " or ".join(patterns))
+    return files
+
+
+def contents_of(
+    files: Iterable[tuple[str, Path]],
+    read: Callable[[str, Path], list[Content]],
+    tally: Tally,
+    what: str,
+) -> Iterator[Content]:
+    """What is in named files, one after the other; empty files are skipped and counted.
+
+    Args:
+        files: name for the counts, and path.
+        read: gives the clips or tables of a file.
+        tally: counts the files that are skipped.
+        what: a clip, a trip or a row, for the message.
+
+    Raises:
+        InputError: nothing in any of the files can be used.
+    """
+    where, used = "", False
+    for name, file in files:
+        where = where or str(file)
+        try:
+            contents = read(name, file)
+        except EmptyTableError as problem:
+            culprit = Path(problem.where).name
+            tally.skipped[name] = f"{culprit}: " * (culprit != name) + problem.problem
+            continue
+        used = used or bool(contents)
+        yield from contents
+    if not used:
+        why = "; ".join(f"{name}: {reason}" for name, reason in tally.skipped.items())
+        raise InputError(where, f"no {what} can be used ({why or 'no record is left'})")
 
 
 def read_table(path: Path) -> pd.DataFrame:
@@ -92,10 +143,7 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     Raises:
         InputError: a column holds not a single number.
     """
-    converted = {name: _as_numbers(table[name]) for name in names}
-    for name, column in converted.items():
-        refuse_no_number(path, table[name], column)
-    values = pd.DataFrame(converted).astype(np.float64)
+    values = pd.DataFrame({name: as_numbers(path, table[name]) for name in names})
     text = (values.isna() & table[list(names)].notna()).any(axis=1)
     finite = pd.Series(np.isfinite(values.to_numpy()).all(axis=1), index=values.index)
     usable = finite & (values.abs() <= LARGEST_NUMBER).all(axis=1)
@@ -106,17 +154,21 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     return table[usable]
 
 
-def refuse_no_number(path: Path, column: pd.Series, values: pd.Series) -> None:
-    """Refuse a column of which not a single cell is a number.
+def as_numbers(path: Path, column: pd.Series) -> pd.Series:
+    """A column as floats, NaN where a cell is no number.
 
-    Args:
-        path: the file, for messages.
-        column: as read.
-        values: the same as numbers, NaN where a cell is none.
+    Raises:
+        InputError: not a single cell is a number.
     """
+    try:
+        values = pd.to_numeric(column, errors="coerce")
+    except OverflowError:
+        # A whole number beyond a float's range; as text it becomes infinite.
+        values = pd.to_numeric(column.astype(str), errors="coerce")
     if values.isna().all() and column.notna().any():
         sample = column.dropna().iloc[0]
         raise InputError(str(path), f"column {column.name!r} holds {sample!r}", "numbers")
+    return values.astype(np.float64)
 
 
 def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
@@ -126,15 +178,6 @@ def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
     repeated = records[clock].duplicated()
     tally.drop("records", "duplicated", int(repeated.sum()))
     return records.loc[~repeated]
-
-
-def _as_numbers(column: pd.Series) -> pd.Series:
-    """FloatArray, NaN where a cell is no number."""
-    try:
-        return pd.to_numeric(column, errors="coerce")
-    except OverflowError:
-        # A whole number beyond a float's range; as text it becomes infinite.
-        return pd.to_numeric(column.astype(str), errors="coerce")
 
 
 def identifiers(column: pd.Series) -> pd.Series:

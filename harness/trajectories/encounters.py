@@ -18,7 +18,7 @@ from harness.trajectories.paths import (
     first_crossing,
     travel_m,
 )
-from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
+from harness.trajectories.tracks import Clip, Track, VehicleTrack
 
 # Corner spacing and the chord that gives a direction: a few times the recording jitter (about
 # 2 cm in drone video), well under the curvature of a turning car or a walker's detour.
@@ -53,9 +53,9 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
         Frames with ``CANDIDATE_COLUMNS``. A speed is NaN *when
         undefined* (gap in the track, or a track shorter than half the speed window).
     """
-    pairs = _from_paths(clip, rules, tally) if clip.sightings is None else _seen(clip, rules, tally)
+    find = _from_paths if clip.sightings is None else _from_sightings
     tracks = {name: fingerprint(track) for name, track in clip.vehicles.items()}
-    for columns in pairs:
+    for columns in find(clip, rules, tally):
         track = tracks[str(columns["vehicle"])]
         yield pd.DataFrame({"source": clip.source, "clip": clip.name, "track": track, **columns})
 
@@ -141,18 +141,13 @@ def _pair_rows(
     if across @ walking < 0:
         across = -across
     lateral_m = (car.path.at(on_car) - walker.track.position_m) @ across
-    passed_first, pet_s = order_of_passing(
-        vehicle.time_s, range_m, vehicle.length_m, walker.track.time_s, lateral_m
-    )
     return {
-        "time_s": times,
-        "range_m": np.interp(times, vehicle.time_s, range_m),
-        "lateral_m": np.interp(times, walker.track.time_s, lateral_m),
+        **_common_rows(
+            times, vehicle.length_m, vehicle.time_s, range_m, walker.track.time_s, lateral_m
+        ),
         "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
         "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
         "crossing_angle_deg": angle,
-        "passed_first": passed_first,
-        "pet_s": math.nan if pet_s is None else pet_s,
     }
 
 
@@ -170,38 +165,45 @@ def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
     return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
 
 
-def _seen(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
-    """Candidate rows of the pairs a sensor measured itself."""
+def _from_sightings(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
+    """Candidate rows of the pairs that a sensor measured itself."""
     for sighting in clip.sightings or ():
         times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
         if len(times) == 0:
             tally.drop("pairs", "no_common_time")
-            continue
-        if not rules.min_angle_deg <= sighting.crossing_angle_deg <= rules.max_angle_deg:
+        elif not rules.min_angle_deg <= sighting.crossing_angle_deg <= rules.max_angle_deg:
             tally.drop("pairs", "crossing_angle")
-            continue
-        yield _sighting_rows(clip, sighting, times, rules)
+        else:
+            speed = np.interp(times, sighting.time_s, sighting.vehicle_speed_mps)
+            speed[spans_gap(sighting.time_s, times, times, rules.max_gap_s)] = np.nan
+            length_m = clip.vehicles[sighting.vehicle].length_m
+            distances = sighting.range_m, sighting.time_s, sighting.lateral_m
+            yield {
+                "vehicle": sighting.vehicle,
+                "pedestrian": sighting.pedestrian,
+                **_common_rows(times, length_m, sighting.time_s, *distances),
+                "vehicle_speed_mps": speed,
+                "pedestrian_speed_mps": sighting.pedestrian_speed_mps,
+                "crossing_angle_deg": sighting.crossing_angle_deg,
+            }
 
 
-def _sighting_rows(
-    clip: Clip, seen: Sighting, times: FloatArray, rules: ExtractionRules
+def _common_rows(
+    times: FloatArray,
+    length_m: float,
+    vehicle_time_s: FloatArray,
+    range_m: FloatArray,
+    pedestrian_time_s: FloatArray,
+    lateral_m: FloatArray,
 ) -> Columns:
-    """The sensor's R, L and speeds at the sampling instants."""
-    length = clip.vehicles[seen.vehicle].length_m
+    """R and L at the sampling instants, and who passed first."""
     passed_first, pet_s = order_of_passing(
-        seen.time_s, seen.range_m, length, seen.time_s, seen.lateral_m
+        vehicle_time_s, range_m, length_m, pedestrian_time_s, lateral_m
     )
-    speed = np.interp(times, seen.time_s, seen.vehicle_speed_mps)
-    speed[spans_gap(seen.time_s, times, times, rules.max_gap_s)] = np.nan
     return {
-        "vehicle": seen.vehicle,
-        "pedestrian": seen.pedestrian,
         "time_s": times,
-        "range_m": np.interp(times, seen.time_s, seen.range_m),
-        "lateral_m": np.interp(times, seen.time_s, seen.lateral_m),
-        "vehicle_speed_mps": speed,
-        "pedestrian_speed_mps": seen.pedestrian_speed_mps,
-        "crossing_angle_deg": seen.crossing_angle_deg,
+        "range_m": np.interp(times, vehicle_time_s, range_m),
+        "lateral_m": np.interp(times, pedestrian_time_s, lateral_m),
         "passed_first": passed_first,
         "pet_s": math.nan if pet_s is None else pet_s,
     }

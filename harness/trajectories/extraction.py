@@ -80,12 +80,12 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
         InputError: unknown format or option, no data there, or data of another format.
     """
     known = _known_format(format)
-    rules, own = split_options(options, known.options, f"format {format}")
-    tally, found = Tally(), as_paths(paths)
+    rules, reader = split_options(options, known.options, f"format {format}")
+    tally, files = Tally(), as_paths(paths)
     if known.rows is not None:
-        candidates = _typed(known.rows(found, own, tally))
+        candidates = _typed(known.rows(files, reader, tally))
     else:
-        clips = known.clips(found, own, tally) if known.clips else iter(())
+        clips = known.clips(files, reader, tally) if known.clips else iter(())
         frames = [rows for clip in clips for rows in candidate_rows(clip, rules, tally)]
         candidates = _typed(with_times(_joined(frames)))
     rows = kept_rows(candidates, rules, tally)
@@ -136,8 +136,8 @@ def read_clips(
     known = _known_format(format)
     if known.clips is None:
         raise InputError(f"format {format}", "holds rows, not tracks")
-    _, own = split_options(options, known.options, f"format {format}")
-    return list(known.clips(as_paths(paths), own, Tally() if tally is None else tally))
+    _, reader = split_options(options, known.options, f"format {format}")
+    return list(known.clips(as_paths(paths), reader, Tally() if tally is None else tally))
 
 
 def summary(extraction: Extraction) -> dict[str, Any]:
@@ -151,25 +151,28 @@ def summary(extraction: Extraction) -> dict[str, Any]:
         needs identifiers is null where the rows have none.
     """
     rows, counts = extraction.rows, extraction.counts
-    known = counts.vehicles is not None and counts.pairs is not None and len(rows) > 0
     encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))
-    per_vehicle = rows.groupby(list(VEHICLE_KEY)).size()
-    encounters_of = encounters.groupby(list(VEHICLE_KEY)).size()
-    five = {
-        "rows": _share_of_largest(per_vehicle, 5),
-        "encounters": _share_of_largest(encounters_of, 5),
+    rows_each = rows.groupby(list(VEHICLE_KEY)).size()
+    encounters_each = encounters.groupby(list(VEHICLE_KEY)).size()
+    first = encounters["passed_first"].fillna("unknown").value_counts()
+    by_vehicle: dict[str, Any] = {
+        "rows_per_vehicle": rows_each.agg(["min", "median", "max"]).astype(float).to_dict(),
+        "five_busiest_vehicles": {
+            "rows": float(rows_each.nlargest(5).sum() / max(len(rows), 1)),
+            "encounters": float(encounters_each.nlargest(5).sum() / max(len(encounters), 1)),
+        },
+        "passed_first": {
+            name: int(first.get(name, 0)) for name in ("vehicle", "pedestrian", "unknown")
+        },
     }
-    passed = encounters["passed_first"]
-    first = {name: int((passed == name).sum()) for name in ("vehicle", "pedestrian")}
-    spread = {"min": per_vehicle.min(), "median": per_vehicle.median(), "max": per_vehicle.max()}
+    if counts.vehicles is None or counts.pairs is None or rows.empty:
+        by_vehicle = dict.fromkeys(by_vehicle)
     return {
         "rows": counts.rows,
         "vehicles": counts.vehicles,
         "encounters": counts.pairs,
         "quartiles": {name: _quartiles(rows[name]) for name in SUMMARISED},
-        "rows_per_vehicle": {key: float(of) for key, of in spread.items()} if known else None,
-        "five_busiest_vehicles": five if known else None,
-        "passed_first": {**first, "unknown": int(passed.isna().sum())} if known else None,
+        **by_vehicle,
         "counts": counts.as_dict(),
     }
 
@@ -204,15 +207,8 @@ def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
 def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
     """Number of values, smallest, quartiles and largest of a column; null where it is empty."""
     values = column.dropna()
-    names = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
-    spread = {
-        name: float(values.quantile(share)) if len(values) else None
-        for name, share in names.items()
+    shares = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
+    return {
+        "n": len(values),
+        **{name: float(values.quantile(q)) if len(values) else None for name, q in shares.items()},
     }
-    return {"n": len(values), **spread}
-
-
-def _share_of_largest(sizes: pd.Series[int], number: int) -> float | None:
-    """The share that the largest groups hold; null where there is none."""
-    total = sizes.sum()
-    return float(sizes.nlargest(number).sum() / total) if total else None

@@ -1,13 +1,13 @@
 """The thresholds of an extraction, and the rules that turn candidate rows into rows."""
 
-import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from typing import Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 import numpy as np
 import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from harness.documents import check_form
 from harness.errors import InputError, unknown_name
 from harness.trajectories.counting import Tally
 
@@ -30,11 +30,20 @@ ROW_COLUMNS = (
 )
 TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first", "track")
 
-Options = TypeVar("Options")
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
 
 
-@dataclass(frozen=True)
-class ExtractionRules:
+class Options(BaseModel):
+    """Numbers and names that an extraction can be given by keyword."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+ReaderOptions = TypeVar("ReaderOptions", bound=Options)
+
+
+class ExtractionRules(Options):
     """Which pairs and instants become rows; SI units, defaults from the project's data page.
 
     Attributes:
@@ -50,25 +59,25 @@ class ExtractionRules:
         min_pedestrian_travel_m: the same for a standing pedestrian.
     """
 
-    sample_s: float = 0.2
-    speed_window_s: float = 0.5
-    max_gap_s: float = 0.5
-    vehicle_extension_m: float = 12.0
-    pedestrian_extension_m: float = 3.0
-    min_angle_deg: float = 50.0
-    max_angle_deg: float = 130.0
-    min_range_m: float = 0.5
-    max_range_m: float = 60.0
-    min_lateral_m: float = 0.3
-    max_lateral_m: float = 15.0
-    min_vehicle_speed_mps: float = 0.3
-    min_pedestrian_speed_mps: float = 0.3
-    min_time_advantage_s: float = 0.02
-    min_vehicle_travel_m: float = 3.0
-    min_pedestrian_travel_m: float = 1.0
+    sample_s: Positive = 0.2
+    speed_window_s: Positive = 0.5
+    max_gap_s: Positive = 0.5
+    vehicle_extension_m: NotNegative = 12.0
+    pedestrian_extension_m: NotNegative = 3.0
+    min_angle_deg: NotNegative = 50.0
+    max_angle_deg: NotNegative = 130.0
+    min_range_m: NotNegative = 0.5
+    max_range_m: NotNegative = 60.0
+    min_lateral_m: NotNegative = 0.3
+    max_lateral_m: NotNegative = 15.0
+    min_vehicle_speed_mps: NotNegative = 0.3
+    min_pedestrian_speed_mps: NotNegative = 0.3
+    min_time_advantage_s: NotNegative = 0.02
+    min_vehicle_travel_m: NotNegative = 3.0
+    min_pedestrian_travel_m: NotNegative = 1.0
 
-    def __post_init__(self) -> None:
-        check_numbers(self, above_zero=("sample_s", "speed_window_s", "max_gap_s"))
+    @model_validator(mode="after")
+    def _bounds_are_in_order(self) -> Self:
         for low, high in (
             ("min_angle_deg", "max_angle_deg"),
             ("min_range_m", "max_range_m"),
@@ -76,36 +85,25 @@ class ExtractionRules:
         ):
             if getattr(self, low) > getattr(self, high):
                 raise InputError(low, f"{getattr(self, low)} is above {high}", f"at most {high}")
-
-
-def check_numbers(options: Any, above_zero: tuple[str, ...] = ()) -> None:
-    """Refuse a float option that is no finite number, is negative, or is 0 where it must not be."""
-    for item in fields(options):
-        if item.type is not float:
-            continue
-        value = getattr(options, item.name)
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            raise InputError(item.name, f"{value!r} is not a number", "a number")
-        least = "a finite number above 0" if item.name in above_zero else "a finite number ≥ 0"
-        signed = item.name in getattr(options, "SIGNED", ())
-        low = not signed and (value < 0 or (item.name in above_zero and value == 0))
-        if not math.isfinite(value) or low:
-            raise InputError(item.name, f"got {value}", "a finite number" if signed else least)
+        return self
 
 
 def split_options(
-    options: Mapping[str, Any], reader_options: type[Options], where: str
-) -> tuple[ExtractionRules, Options]:
-    """Sort keyword options into the rules and the reader's own; a misspelt one is refused."""
-    of_rules = {item.name for item in fields(ExtractionRules)}
-    of_reader = {item.name for item in fields(reader_options)}  # type: ignore[arg-type]
+    options: Mapping[str, Any], reader_options: type[ReaderOptions], where: str
+) -> tuple[ExtractionRules, ReaderOptions]:
+    """Sort keyword options into the rules and the reader's own.
+
+    Raises:
+        InputError: an unknown option, or a value that is not allowed.
+    """
+    names = set(ExtractionRules.model_fields)
+    known = names | set(reader_options.model_fields)
     for name in options:
-        if name not in of_rules | of_reader:
-            raise unknown_name(where, "option", name, of_rules | of_reader)
-    rules = ExtractionRules(**{name: value for name, value in options.items() if name in of_rules})
-    return rules, reader_options(
-        **{name: value for name, value in options.items() if name in of_reader}
-    )
+        if name not in known:
+            raise unknown_name(where, "option", name, known)
+    rules = {name: value for name, value in options.items() if name in names}
+    reader = {name: value for name, value in options.items() if name not in names}
+    return check_form(ExtractionRules, rules, where), check_form(reader_options, reader, where)
 
 
 Mask = Callable[[pd.DataFrame, ExtractionRules], "pd.Series[bool]"]

@@ -17,18 +17,18 @@ events published by the authors' lab); a model's card should say so.
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
+from pydantic import Field
 
 from harness.encounter import FloatArray
-from harness.errors import InputError
 from harness.trajectories.counting import Tally
 from harness.trajectories.csv_input import (
-    EmptyTableError,
+    contents_of,
+    files_in,
     identifiers,
     in_order,
     numbers,
@@ -36,7 +36,7 @@ from harness.trajectories.csv_input import (
     read_table,
     require_columns,
 )
-from harness.trajectories.extraction_rules import check_numbers
+from harness.trajectories.extraction_rules import NotNegative, Options, Positive
 from harness.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
 
 COLUMNS = (
@@ -54,8 +54,7 @@ COLUMNS = (
 EARTH_RADIUS_M = 6_371_000.0
 
 
-@dataclass(frozen=True)
-class MobileyeOptions:
+class MobileyeOptions(Options):
     """Site and screening; the defaults are the paper's crossing and the authors' scripts.
 
     Attributes:
@@ -71,24 +70,15 @@ class MobileyeOptions:
         source: name of the data set; by default the name of the file.
     """
 
-    SIGNED: ClassVar[tuple[str, ...]] = ("latitude_deg", "longitude_deg", "axes_turn_deg")
-
-    latitude_deg: float = 42.278414
-    longitude_deg: float = -83.735580
+    latitude_deg: Annotated[float, Field(gt=-90, lt=90)] = 42.278414
+    longitude_deg: Annotated[float, Field(ge=-180, le=180)] = -83.735580
     axes_turn_deg: float = -46.5
-    heading_above_deg: float = 180.0
-    heading_below_deg: float = 360.0
-    sequence_gap_s: float = 2.0
-    min_sequence_s: float = 0.5
-    vehicle_length_m: float = 12.2
+    heading_above_deg: NotNegative = 180.0
+    heading_below_deg: NotNegative = 360.0
+    sequence_gap_s: Positive = 2.0
+    min_sequence_s: NotNegative = 0.5
+    vehicle_length_m: Positive = 12.2
     source: str | None = None
-
-    def __post_init__(self) -> None:
-        check_numbers(self, above_zero=("sequence_gap_s", "vehicle_length_m"))
-        if abs(self.latitude_deg) >= 90:
-            raise InputError("latitude_deg", f"got {self.latitude_deg}", "above -90, below 90")
-        if abs(self.longitude_deg) > 180:
-            raise InputError("longitude_deg", f"got {self.longitude_deg}", "-180 to 180")
 
 
 def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) -> Iterator[Clip]:
@@ -99,31 +89,21 @@ def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) ->
         options: site and screening.
         tally: counts what is left out.
 
-    Yields:
+    Returns:
         Clips with the bus, the pedestrians (``<ObstacleId>-<sequence>``) and their sightings; time
         is Time / 100.
 
     Raises:
         InputError: no file, an unreadable one, or one without a needed column.
     """
-    used = 0
-    for path in paths:
-        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
-        if not files:
-            raise InputError(str(path), "folder without clips", "*.csv files")
-        for file in files:
-            try:
-                records = _records(file, options, tally)
-            except EmptyTableError as problem:
-                tally.skipped[file.name] = problem.problem
-                continue
-            for name, trip in _trips(records):
-                used += 1
-                tally.clips += 1
-                yield _read_trip(options.source or file.stem, name, trip, options, tally)
-    if not used:
-        why = tally.why_skipped() or "no record is left"
-        raise InputError(str(paths[0]), f"no trip can be used ({why})")
+
+    def read(_: str, file: Path) -> list[Clip]:
+        source = options.source or file.stem
+        trips = _records(file, options, tally).groupby(["Device", "Trip"])
+        return [_read_trip(source, trip, options, tally) for _, trip in trips]
+
+    files = [(file.name, file) for path in paths for file in files_in(path, "*.csv")]
+    return contents_of(files, read, tally, "trip")
 
 
 def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame:
@@ -164,19 +144,10 @@ def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, Flo
     return position, forward
 
 
-def _trips(records: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The records of each Device and Trip, in a fixed order."""
-    for _, trip in records.groupby(["Device", "Trip"], sort=True):
-        device, number = (identifiers(trip[name]).iloc[0] for name in ("Device", "Trip"))
-        yield f"{device}-{number}", trip
-
-
-def _read_trip(
-    source: str, name: str, trip: pd.DataFrame, options: MobileyeOptions, tally: Tally
-) -> Clip:
+def _read_trip(source: str, trip: pd.DataFrame, options: MobileyeOptions, tally: Tally) -> Clip:
     """One trip: the bus's track, and a pedestrian and a sighting for every sequence."""
     moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
-    vehicle = str(identifiers(trip["Device"]).iloc[0])
+    vehicle, number = (str(identifiers(trip[name]).iloc[0]) for name in ("Device", "Trip"))
     bus = VehicleTrack(
         moments["time_s"].to_numpy(),
         moments[["bus_x", "bus_y"]].to_numpy(),
@@ -187,8 +158,8 @@ def _read_trip(
     sightings = []
     groups = {str(key): group for key, group in trip.groupby(identifiers(trip["ObstacleId"]))}
     for obstacle in in_order(groups):
-        for number, records in enumerate(_sequences(groups[obstacle], options, tally), start=1):
-            sighting = _sighting(vehicle, f"{obstacle}-{number}", records)
+        for place, records in enumerate(_sequences(groups[obstacle], options, tally), start=1):
+            sighting = _sighting(vehicle, f"{obstacle}-{place}", records)
             if sighting is None:
                 tally.drop("tracks", "standing_pedestrian")
                 continue
@@ -196,9 +167,10 @@ def _read_trip(
                 sighting.time_s, records[["walker_x", "walker_y"]].to_numpy()
             )
             sightings.append(sighting)
+    tally.clips += 1
     tally.vehicle_tracks += 1
     tally.pedestrian_tracks += len(walkers)
-    return Clip(source, name, {vehicle: bus}, walkers, tuple(sightings))
+    return Clip(source, f"{vehicle}-{number}", {vehicle: bus}, walkers, tuple(sightings))
 
 
 def _sequences(

@@ -9,7 +9,6 @@ counts. Rows are taken as they are, not resampled; the bounds on R, L, v, v_p an
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,21 +18,21 @@ from harness.errors import InputError
 from harness.trajectories.counting import Tally
 from harness.trajectories.csv_input import (
     LARGEST_NUMBER,
-    EmptyTableError,
+    as_numbers,
+    contents_of,
+    files_in,
     identifiers,
     read_table,
-    refuse_no_number,
     require_columns,
 )
-from harness.trajectories.extraction_rules import ROW_COLUMNS, TEXT_COLUMNS, with_times
+from harness.trajectories.extraction_rules import ROW_COLUMNS, TEXT_COLUMNS, Options, with_times
 
 NEEDED = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps")
 # A given T_adv may have been rounded, or computed from speeds of another window.
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE_S = 0.05, 0.05
 
 
-@dataclass(frozen=True)
-class TableOptions:
+class TableOptions(Options):
     """Nothing but a name.
 
     Attributes:
@@ -57,20 +56,12 @@ def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.
     Raises:
         InputError: no file, an unreadable one, a needed column missing or without any number.
     """
-    frames = []
-    for path in paths:
-        files = [path]
-        if path.is_dir():
-            files = sorted([*path.glob("*.csv"), *path.glob("*.parquet")])
-        if not files:
-            raise InputError(str(path), "folder without tables", "*.csv or *.parquet files")
-        for file in files:
-            try:
-                frames.append(_read_file(file, options.source or file.stem, tally))
-            except EmptyTableError as problem:
-                tally.skipped[file.name] = problem.problem
-    if not frames:
-        raise InputError(str(paths[0]), f"no row can be used ({tally.why_skipped()})")
+
+    def read(_: str, file: Path) -> list[pd.DataFrame]:
+        return [_read_file(file, options.source or file.stem, tally)]
+
+    files = [(file.name, file) for path in paths for file in files_in(path, "*.csv", "*.parquet")]
+    frames: list[pd.DataFrame] = list(contents_of(files, read, tally, "row"))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -89,31 +80,17 @@ def _read_file(path: Path, source: str, tally: Tally) -> pd.DataFrame:
         if name in TEXT_COLUMNS:
             text = table[name] if name in table else pd.Series(pd.NA, table.index, dtype="str")
             rows[name] = identifiers(text)
+        elif name in table:
+            values = as_numbers(path, table[name])
+            rows[name] = values.where(values.abs() <= LARGEST_NUMBER)
         else:
-            rows[name] = _number(path, table, name)
+            rows[name] = np.nan
     rows["source"] = rows["source"].fillna(source)
-    _check_passed_first(path, rows["passed_first"])
+    passed = rows["passed_first"].dropna()
+    for word in passed[~passed.isin(["vehicle", "pedestrian"])]:
+        problem = f"column 'passed_first' holds {word!r}"
+        raise InputError(str(path), problem, "vehicle, pedestrian, empty")
     return _complete(rows, tally)
-
-
-def _number(path: Path, table: pd.DataFrame, name: str) -> pd.Series:
-    """A numeric column, null where a cell is unusable; refused when it holds no number at all."""
-    if name not in table:
-        return pd.Series(np.nan, table.index)
-    values = pd.to_numeric(table[name], errors="coerce").astype(np.float64)
-    refuse_no_number(path, table[name], values)
-    return values.where(values.abs() <= LARGEST_NUMBER)
-
-
-def _check_passed_first(path: Path, passed: pd.Series) -> None:
-    """Refuse a value that is neither of the two words nor empty."""
-    wrong = passed.dropna()[~passed.dropna().isin(["vehicle", "pedestrian"])]
-    if len(wrong):
-        raise InputError(
-            str(path),
-            f"column 'passed_first' holds {wrong.iloc[0]!r}",
-            "vehicle, pedestrian, empty",
-        )
 
 
 def _complete(rows: pd.DataFrame, tally: Tally) -> pd.DataFrame:

@@ -16,7 +16,6 @@ same ratio, and the counts say so.
 import math
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +25,8 @@ from harness.errors import InputError
 from harness.trajectories.counting import Tally
 from harness.trajectories.csv_input import (
     EmptyTableError,
+    contents_of,
+    files_in,
     identifiers,
     in_order,
     numbers,
@@ -33,7 +34,7 @@ from harness.trajectories.csv_input import (
     read_table,
     require_columns,
 )
-from harness.trajectories.extraction_rules import check_numbers
+from harness.trajectories.extraction_rules import Options, Positive
 from harness.trajectories.tracks import Clip, Track, VehicleTrack
 
 VEHICLE_END = "_traj_veh_filtered.csv"
@@ -42,8 +43,7 @@ SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1e5
 CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
 
 
-@dataclass(frozen=True)
-class VciOptions:
+class VciOptions(Options):
     """Facts that the files do not say.
 
     Attributes:
@@ -52,12 +52,9 @@ class VciOptions:
         source: name of the data set; by default the name of the folder given.
     """
 
-    frame_rate_hz: float = 24000 / 1001
-    vehicle_length_m: float = 4.5
+    frame_rate_hz: Positive = 24000 / 1001
+    vehicle_length_m: Positive = 4.5
     source: str | None = None
-
-    def __post_init__(self) -> None:
-        check_numbers(self, above_zero=("frame_rate_hz", "vehicle_length_m"))
 
 
 def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iterator[Clip]:
@@ -68,75 +65,71 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
         options: frame rate and vehicle length.
         tally: counts what is left out.
 
-    Yields:
+    Returns:
         Clips with vehicles and pedestrians, time = frame / frame rate.
 
     Raises:
         InputError: no clip there, none usable, or a file that is not of this format.
     """
-    rate, length_m = options.frame_rate_hz, options.vehicle_length_m
-    assumed = " (assumed: the files do not say it)" if rate == VciOptions.frame_rate_hz else ""
+    rate, assumed = options.frame_rate_hz, ""
+    if rate == VciOptions().frame_rate_hz:
+        assumed = " (assumed: the files do not say it)"
     tally.note(f"frame_rate_hz = {rate:.6g} frames per second{assumed}; every speed scales with it")
-    used = 0
+    sources: dict[Path, str] = {}
+    files: list[tuple[str, Path]] = []
     for path in paths:
-        source = options.source or (path if path.is_dir() else path.parent).resolve().name
-        for name, vehicle_file in _clip_files(path).items():
-            try:
-                clip = _read_clip(source, name, vehicle_file, options, tally)
-            except EmptyTableError as problem:
-                tally.skipped[name] = f"{Path(problem.where).name}: {problem.problem}"
-                continue
-            if clip is not None:
-                if tally.default_lengths:
-                    tally.note(f"vehicle_length_m = {length_m:g} m where a vehicle has no corners")
-                used += 1
-                tally.clips += 1
-                yield clip
-    if not used:
-        raise InputError(str(paths[0]), f"no clip can be used ({tally.why_skipped()})")
+        clips = _clip_files(path)
+        folder = path if path.is_dir() else path.parent
+        sources |= dict.fromkeys(dict(clips).values(), options.source or folder.resolve().name)
+        files += clips
+
+    def read(name: str, file: Path) -> list[Clip]:
+        return [_read_clip(sources[file], name, file, options, tally)]
+
+    return contents_of(files, read, tally, "clip")
 
 
-def _clip_files(path: Path) -> dict[str, Path]:
-    """Vehicle file by clip name; a name used in several subfolders is told apart by its folder."""
-    files = [path] if path.is_file() else sorted(path.rglob(f"*{VEHICLE_END}"))
+def _clip_files(path: Path) -> list[tuple[str, Path]]:
+    """Clip names and vehicle files; equal names in several subfolders get their folder's."""
     if path.is_file() and not path.name.endswith(VEHICLE_END):
         raise InputError(str(path), "not a vehicle file of this format", f"*{VEHICLE_END}")
-    if not files:
-        raise InputError(str(path), "folder without clips", f"files named *{VEHICLE_END}")
+    files = files_in(path, f"**/*{VEHICLE_END}")
     names = [file.name.removesuffix(VEHICLE_END) for file in files]
     if len(set(names)) < len(names):
         names = [
             f"{file.parent.relative_to(path).as_posix()}/{name}"
             for file, name in zip(files, names, strict=True)
         ]
-    return dict(sorted(zip(names, files, strict=True)))
+    return sorted(zip(names, files, strict=True))
 
 
 def _read_clip(
     source: str, name: str, vehicle_file: Path, options: VciOptions, tally: Tally
-) -> Clip | None:
-    """One clip; None (and a reason in the tally) when it has no usable pedestrians."""
+) -> Clip:
+    """One clip with its vehicles' lengths."""
     stem = vehicle_file.name.removesuffix(VEHICLE_END)
     ratio = _pixels_per_metre(vehicle_file, stem)
     pedestrian_file = vehicle_file.with_name(stem + PEDESTRIAN_END)
+    pixel_file = _beside(vehicle_file, "trajectories", f"{stem}_traj_ped.csv")
     if pedestrian_file.exists():
         walkers = _records(pedestrian_file, ("x_est", "y_est"), 1.0, options, tally)
+    elif pixel_file is None or ratio is None:
+        raise EmptyTableError(str(pedestrian_file), "is missing")
     else:
-        pixel_file = _beside(vehicle_file, "trajectories", f"{stem}_traj_ped.csv")
-        if pixel_file is None or ratio is None:
-            tally.skipped[name] = f"{pedestrian_file.name} is missing"
-            return None
         walkers = _records(pixel_file, ("x", "y"), ratio, options, tally)
         tally.note(f"{name}: unfiltered pedestrians (pixels) used, filtered ones are missing")
     cars = _records(vehicle_file, ("x_est", "y_est"), 1.0, options, tally)
     lengths = _lengths_m(vehicle_file, stem, ratio)
     vehicles = {}
     for key, track in cars.items():
-        length = lengths.get(key)
-        if length is None:
-            length = options.vehicle_length_m
-            tally.default_lengths += 1
+        length = lengths.get(key, options.vehicle_length_m)
         vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
+    if without := len(cars.keys() - lengths.keys()):
+        tally.default_lengths += without
+        tally.note(
+            f"vehicle_length_m = {options.vehicle_length_m:g} m where a vehicle has no corners"
+        )
+    tally.clips += 1
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)
     # Clips of one site are named alike but for their number: intersection_01, intersection_02.

@@ -132,7 +132,10 @@ def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
         ("extract mine.csv --format tabel --out r.parquet", ["tabel", "did you mean 'table'"]),
         ("extract mine.csv --format table --out r.csv", ["--out", ".parquet"]),
         ("extract mine.csv --format table --out no/r.parquet", ["--out", "folder"]),
-        ("extract mine.csv --format table --out r.parquet --plots f", ["--plots", "not tracks"]),
+        (
+            "extract mine.csv --format table --out r.parquet --plots f",
+            ["format table", "not tracks"],
+        ),
         (
             "extract mine.csv --format table --out r.parquet --set min_rnage_m=3",
             ["min_rnage_m", "did you mean 'min_range_m'"],

@@ -190,7 +190,7 @@ def test_vci_bad_ratio_is_refused(clip, text):
 
 
 def test_vci_folder_without_clips_and_other_paths_are_refused(tmp_path):
-    with pytest.raises(InputError, match="folder without clips"):
+    with pytest.raises(InputError, match="folder without such files"):
         extract(tmp_path, "vci")
     with pytest.raises(InputError, match="no such file or folder"):
         extract(tmp_path / "nowhere", "vci")
@@ -367,7 +367,7 @@ def test_mobileye_refusals(tmp_path):
     with pytest.raises(InputError, match="no trip can be used"):
         extract(path, "mobileye")
     path.unlink()
-    with pytest.raises(InputError, match="folder without clips"):
+    with pytest.raises(InputError, match="folder without such files"):
         extract(tmp_path, "mobileye")
     with pytest.raises(InputError, match="latitude_deg"):
         extract(SENSOR, "mobileye", latitude_deg=95)
@@ -427,7 +427,7 @@ def test_table_contradictory_time_advantage_is_counted(tmp_path):
 
 def test_table_refusals(tmp_path):
     path = tmp_path / "rows.csv"
-    with pytest.raises(InputError, match="folder without tables"):
+    with pytest.raises(InputError, match="folder without such files"):
         extract(tmp_path, "table")
     path.write_text("range_m,vehicle_speed,pedestrian_speed_mps,lateral_m\n1,1,1,1\n")
     with pytest.raises(InputError, match=r"'vehicle_speed_mps' is missing .*'vehicle_speed'"):
