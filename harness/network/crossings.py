@@ -5,7 +5,7 @@ from pathlib import Path
 
 from harness.encounter import PEDESTRIAN_RADIUS_M
 from harness.errors import InputError
-from harness.roads import Geography, RoadNetwork, Site, site_at
+from harness.roads import RoadNetwork, Site, site_at
 from harness.roads.road_network import junction_of
 from harness.scenario.own_network import CLEAR_M
 from harness.scenario.sections import CrossingSection, EgoSection
@@ -50,40 +50,40 @@ def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list
         network: as read.
         ignore_signal: whether one that a traffic light rules is usable: green for everybody.
     """
-    try:
-        geography = Geography(network)
-    except ValueError:
-        geography = None
     rows = []
-    for edge in network.crossings():
-        crossed = [network.edges[each] for each in edge.crossed if each in network.edges]
-        streets = tuple(dict.fromkeys(each.name or each.id for each in crossed))
+    for edge in network.crossings.values():
+        roads = edge.getCrossingEdges()
+        streets = tuple(dict.fromkeys(road.getName() or road.getID() for road in roads))
+        names = (edge.getID(), junction_of(edge), streets)
         try:
-            site = site_at(network, edge.id, all_ways=False)
+            site = site_at(network, edge.getID(), all_ways=False)
         except InputError as error:
             problem = error.problem + (f", not {error.allowed}" if error.allowed else "")
-            rows.append(CrossingRow(edge.id, junction_of(edge.id), streets, problem))
+            rows.append(CrossingRow(*names, problem))
             continue
-        rows.append(_row(site, streets, geography, ignore_signal=ignore_signal))
+        rows.append(_row(network, site, names, ignore_signal=ignore_signal))
     return sorted(rows, key=lambda row: (not row.usable, row.edge))
 
 
 def _row(
-    site: Site, streets: tuple[str, ...], geography: Geography | None, *, ignore_signal: bool
+    network: RoadNetwork,
+    site: Site,
+    names: tuple[str, str, tuple[str, ...]],
+    *,
+    ignore_signal: bool,
 ) -> CrossingRow:
     centre = site.frame.to_network(0.0, site.length_m / 2)
-    longitude, latitude = (None, None) if geography is None else geography.place(*centre)
+    longitude, latitude = network.on_the_ground(*centre) or (None, None)
     # The paper's trigger is six seconds away at v0.
     range_m = site.ego.longest_range_m(max(RANGE_M, 6.0 * site.ego.speed_limit_mps))
     last_m = EgoSection().length_m + site.width_m / 2
     before = [stretch for stretch in site.ego.stretches if stretch.start_m < 0][-1]
     return CrossingRow(
-        edge=site.crossing_edge,
-        junction=junction_of(site.crossing_edge),
+        *names,
+        problem=_problem(site, ignore_signal=ignore_signal),
         approach=f"{before.edge}_{before.lane}",
         longitude_deg=longitude,
         latitude_deg=latitude,
-        streets=streets,
         lanes=site.lanes,
         oncoming_lanes=site.oncoming_lanes,
         length_m=site.length_m,
@@ -94,8 +94,7 @@ def _row(
         signal=None if site.signal is None else site.signal.id,
         straight_m=site.ego.straight_before_m,
         trigger_range_m=range_m,
-        passed=tuple(str(of) for of in site.passed if -range_m <= of.x_m <= last_m),
-        problem=_problem(site, ignore_signal=ignore_signal),
+        passed=tuple(str(each) for each in site.passed if -range_m <= each.x_m <= last_m),
     )
 
 

@@ -8,12 +8,16 @@ import zlib
 from collections import defaultdict
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import quoteattr
 
 from harness.errors import InputError
 from harness.network.build import run_netconvert
 from harness.roads import RoadNetwork, read_network
-from harness.roads.road_network import Edge, junction_of
+from harness.roads.road_network import allows, junction_of
+
+if TYPE_CHECKING:
+    from sumolib.net.edge import Edge
 
 SUFFIXES = (".osm", ".osm.xml", ".osm.gz", ".osm.xml.gz")
 
@@ -101,15 +105,15 @@ def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
     return found
 
 
-def _for_cars(edge: Edge) -> bool:
-    return any(lane.allows("passenger") for lane in edge.lanes)
+def _for_cars(edge: "Edge") -> bool:
+    return not edge.isSpecial() and any(allows(lane, "passenger") for lane in edge.getLanes())
 
 
 def _patch(network: RoadNetwork, tagged: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
     """The connections that mend a network's crossings, and what cannot be mended."""
     built: dict[str, list[Edge]] = defaultdict(list)
-    for crossing in network.crossings():
-        built[junction_of(crossing.id)].append(crossing)
+    for crossing in network.crossings.values():
+        built[junction_of(crossing)].append(crossing)
     lines, remarks = [], []
     for node, tags in tagged.items():
         if tags.get("crossing") == "island" or tags.get("crossing:island") == "yes":
@@ -123,15 +127,16 @@ def _patch(network: RoadNetwork, tagged: dict[str, dict[str, str]]) -> tuple[str
             remarks.append(f"node {node}: signalled, see its signal in the list")
             continue
         # At a junction of several roads each crossing is another one; a footway is no road.
-        roads = [edge for edge in network.into.get(node, []) if _for_cars(edge)]
+        roads = [edge for edge in network.net.getNode(node).getIncoming() if _for_cars(edge)]
         doubled = len(built[node]) == 2 and len(roads) <= 2
         kept = [] if kind == "no" else built[node][:1] if doubled else built[node]
         for each in built[node]:
-            named = f"node={quoteattr(node)} edges={quoteattr(' '.join(each.crossed))}"
+            crossed = " ".join(edge.getID() for edge in each.getCrossingEdges())
+            named = f"node={quoteattr(node)} edges={quoteattr(crossed)}"
             if each not in kept:
                 lines.append(f'    <crossing {named} discard="true"/>')
             elif _PRIORITY.get(kind, marked):
                 # netconvert refuses one that it would not change: it builds none with priority.
-                width = f'width="{each.lanes[0].width_m:g}"'
+                width = f'width="{each.getLane(0).getWidth():g}"'
                 lines.append(f'    <crossing {named} priority="true" {width}/>')
     return "\n".join(["<connections>", *lines, "</connections>", ""]), remarks

@@ -6,6 +6,7 @@ North is up.  The function draws into an axes that it is given and neither saves
 import math
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
@@ -13,7 +14,10 @@ from matplotlib.patches import Polygon
 from harness.encounter import Crossing, Vehicle
 from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend_below
 from harness.roads import RoadNetwork, Site
-from harness.roads.road_network import Edge
+from harness.roads.road_network import allows
+
+if TYPE_CHECKING:
+    from sumolib.net.edge import Edge
 
 _MARGIN_M = 3.0
 _STRIPE_M = 0.5
@@ -33,7 +37,7 @@ def draw_site(
         crossing: its size.
     """
     _view(axes, site, vehicle, crossing)
-    for edge in network.edges.values():
+    for edge in network.net.getEdges():
         _draw_edge(axes, edge)
     for label, colour in (("road", ROAD), ("footpath and waiting area", PATH)):
         axes.add_patch(Polygon([(0, 0)], fc=colour, ec=MUTED, lw=0.4, label=label))
@@ -53,18 +57,18 @@ def draw_site(
     legend_below(axes)
 
 
-def _draw_edge(axes: Axes, edge: Edge) -> None:
+def _draw_edge(axes: Axes, edge: "Edge") -> None:
     (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
-    for lane in edge.lanes:
-        shape = [(point.real, point.imag) for point in lane.line.points]
+    for lane in edge.getLanes():
+        shape = lane.getShape()
         xs, ys = zip(*shape, strict=True)
         if max(xs) < west or min(xs) > east or max(ys) < south or min(ys) > north:
             continue
-        if edge.function == "walkingarea":
+        if edge.getFunction() == "walkingarea":
             axes.add_patch(Polygon(shape, closed=True, fc=PATH, ec=MUTED, lw=0.6, zorder=1))
-        elif edge.function != "crossing":
-            walked = lane.allows("pedestrian") and not lane.allows("passenger")
-            outline = _ribbon(shape, lane.width_m)
+        elif edge.getFunction() != "crossing":
+            walked = allows(lane, "pedestrian") and not allows(lane, "passenger")
+            outline = _ribbon(shape, lane.getWidth())
             axes.add_patch(
                 Polygon(outline, closed=True, fc=PATH if walked else ROAD, ec=MUTED, lw=0.4)
             )

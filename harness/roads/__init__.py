@@ -1,6 +1,5 @@
 """Roads of any SUMO network: what its file says, and a crosswalk's site in it."""
 
-from harness.roads.geography import Geography
 from harness.roads.locate import site_at
 from harness.roads.reading import GENERATED_CROSSING, Place, Survey, read_site, survey
 from harness.roads.road_network import RoadNetwork, read_network
@@ -9,7 +8,6 @@ from harness.roads.streams import Stream, streams_of
 
 __all__ = [
     "GENERATED_CROSSING",
-    "Geography",
     "Place",
     "RoadFrame",
     "RoadNetwork",

@@ -4,15 +4,18 @@ import hashlib
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from harness.errors import InputError
-from harness.roads.geography import Geography, Whereabouts
 from harness.roads.locate import site_at
 from harness.roads.road_network import RoadNetwork, read_network
 from harness.roads.site import Site
 
 GENERATED_CROSSING = ":crosswalk_c0"
 """The crossing of a network that is built from a scenario's own geometry."""
+
+_AHEAD_M = 50.0
+"""The ego's bearing is that of its road so far before and after the crosswalk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +30,14 @@ class Place:
     edge: str = GENERATED_CROSSING
     approach: str | None = None
     lane: int = 0
+
+
+class Whereabouts(NamedTuple):
+    """A crosswalk's centre (WGS84) and the ego's direction clockwise from true north."""
+
+    longitude_deg: float
+    latitude_deg: float
+    bearing_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +84,24 @@ def _state(net: Path) -> tuple[int, int]:
 def _survey(place: Place, state: tuple[int, int]) -> Survey:
     network = read_network(place.net)
     site = _site_of(network, place)
-    try:
-        where = Geography(network).whereabouts(site)
-    except ValueError:
-        where = None
-    return Survey(site, _sha256(place.net, state), where)
+    return Survey(site, _sha256(place.net, state), _whereabouts(network, site))
+
+
+def _whereabouts(network: RoadNetwork, site: Site) -> Whereabouts | None:
+    from pyproj import Geod
+
+    centre, before, after = (
+        network.on_the_ground(*site.frame.to_network(x_m, y_m))
+        for x_m, y_m in (
+            (0.0, site.length_m / 2),
+            (-_AHEAD_M, site.ego.centre_m),
+            (_AHEAD_M, site.ego.centre_m),
+        )
+    )
+    if centre is None or before is None or after is None:
+        return None
+    bearing_deg, _, _ = Geod(ellps="WGS84").inv(*before, *after)
+    return Whereabouts(*centre, float(bearing_deg) % 360.0)
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""Where a lane leads over a crosswalk, and how far it is straight before and after it."""
+"""Where a lane leads over a crosswalk, how far it is straight there, and what it leads past."""
 
 import cmath
 import math
@@ -6,8 +6,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import itemgetter
+from typing import TYPE_CHECKING
 
-from harness.roads.road_network import Lane, Link, RoadNetwork
+from harness.roads.road_network import RoadNetwork, allows, drawn_m, line_of
+from harness.roads.site import Passed
+
+if TYPE_CHECKING:
+    from sumolib.net.connection import Connection
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
 
 STRAIGHT_DEG = 1.0
 """How much a straight road may bend."""
@@ -32,22 +39,25 @@ class Path:
     ``start_m`` of a lane is its place on the path by SUMO's lengths, 0 at that point.
     """
 
-    lanes: tuple[Lane, ...]
+    lanes: tuple["Lane", ...]
     start_m: tuple[float, ...]
     meeting: complex
     direction: complex
 
-    def pieces(self) -> Iterator[tuple[Lane, float]]:
+    def pieces(self) -> Iterator[tuple["Lane", float]]:
         """Each lane and where it starts."""
         return zip(self.lanes, self.start_m, strict=True)
 
 
-def path_over(network: RoadNetwork, lane: Lane, crosswalk: tuple[complex, complex]) -> Path | None:
+def path_over(
+    network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
+) -> Path | None:
     """The straightest way on from a lane through its junction that meets a crosswalk."""
     ways = []
-    for link in network.onward.get(lane.id, []):
+    for link in lane.getOutgoing():
         via = _via(network, link)
-        ways.append((round(_turn_deg(_entering(via[-1]), _leaving(lane)), 3), link.end, via))
+        turn_deg = round(_turn_deg(_entering(via[-1]), _leaving(lane)), 3)
+        ways.append((turn_deg, via[-1].getID(), via))
     for _, _, via in sorted(ways, key=itemgetter(0, 1)):
         path = _met([lane, *via], crosswalk)
         if path is not None:
@@ -64,15 +74,15 @@ def extended(network: RoadNetwork, path: Path) -> Path:
             break
         for each in reversed(before):
             lanes.insert(0, each)
-            starts.insert(0, starts[0] - each.length_m)
-    while (end := starts[-1] + lanes[-1].length_m) < REACH_AFTER_M:
+            starts.insert(0, starts[0] - each.getLength())
+    while (end := starts[-1] + lanes[-1].getLength()) < REACH_AFTER_M:
         after = _straightest(network, lanes[-1], backward=False)
         if after is None or any(each in lanes for each in after):
             break
         for each in after:
             lanes.append(each)
             starts.append(end)
-            end += each.length_m
+            end += each.getLength()
     return Path(tuple(lanes), tuple(starts), path.meeting, path.direction)
 
 
@@ -111,10 +121,10 @@ def straight(path: Path) -> Straight:
             break
         after = kept[i + 1][0]
     for lane, start_m in path.pieces():
-        length, drawn = lane.length_m, lane.line.drawn_m
+        length, drawn = lane.getLength(), drawn_m(lane)
         if abs(length - drawn) <= max(_LENGTH_M, _LENGTH_SHARE * drawn):
             continue
-        what = f"has a lane {lane.id} of {length:.6g} m that is drawn {drawn:.6g} m long"
+        what = f"has a lane {lane.getID()} of {length:.6g} m that is drawn {drawn:.6g} m long"
         if start_m < 0 and -start_m - length < before:
             before, why_before = max(0.0, -start_m - length), what
         if start_m + length > 0 and start_m < after:
@@ -126,8 +136,8 @@ def _points(path: Path) -> list[tuple[float, complex]]:
     """The points of a path, each with its place on it; the crosswalk is one of them."""
     points: list[tuple[float, complex]] = [(0.0, path.meeting)]
     for lane, start_m in path.pieces():
-        line, drawn_m = lane.line
-        scale, done_m = (lane.length_m / drawn_m if drawn_m else 1.0), 0.0
+        line, drawn = line_of(lane), drawn_m(lane)
+        scale, done_m = (lane.getLength() / drawn if drawn else 1.0), 0.0
         points.append((start_m, line[0]))
         for a, b in pairwise(line):
             done_m += abs(b - a)
@@ -136,29 +146,30 @@ def _points(path: Path) -> list[tuple[float, complex]]:
     return points
 
 
-def _via(network: RoadNetwork, link: Link) -> list[Lane]:
+def _via(network: RoadNetwork, link: "Connection") -> list["Lane"]:
     """The internal lanes of a connection and the lane that it leads to."""
     lanes: list[Lane] = []
-    via = link.via
+    via = link.getViaLaneID()
     while via and len(lanes) < 10:
-        lanes.append(network.lanes[via])
-        via = next((each.via for each in network.onward.get(via, []) if each.via), "")
-    return [*lanes, network.lanes[link.end]]
+        lanes.append(network.net.getLane(via))
+        ahead = (each.getViaLaneID() for each in lanes[-1].getOutgoing())
+        via = next(filter(None, ahead), "")
+    return [*lanes, link.getToLane()]
 
 
-def _met(lanes: list[Lane], crosswalk: tuple[complex, complex]) -> Path | None:
+def _met(lanes: list["Lane"], crosswalk: tuple[complex, complex]) -> Path | None:
     """The path that lanes make, if they meet the crosswalk's centre line."""
     start, end = crosswalk
     starts = [0.0]
     for lane in lanes[:-1]:
-        starts.append(starts[-1] + lane.length_m)
+        starts.append(starts[-1] + lane.getLength())
     for number, lane in enumerate(lanes):
-        line, drawn = lane.line
+        line, drawn = line_of(lane), drawn_m(lane)
         done = 0.0
         for a, b in pairwise(line):
             share = _crossed_at(a, b, start, end)
             if share is not None:
-                at_m = starts[number] + lane.length_m * (done + share * abs(b - a)) / drawn
+                at_m = starts[number] + lane.getLength() * (done + share * abs(b - a)) / drawn
                 meeting = a + share * (b - a)
                 direction = (b - a) / abs(b - a)
                 return Path(tuple(lanes), tuple(s - at_m for s in starts), meeting, direction)
@@ -176,34 +187,64 @@ def _crossed_at(a: complex, b: complex, c: complex, d: complex) -> float | None:
     return share if 0 <= share <= 1 and 0 <= other <= 1 else None
 
 
-def _straightest(network: RoadNetwork, lane: Lane, *, backward: bool) -> list[Lane] | None:
+def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list["Lane"] | None:
     """The lanes that lead straight to a lane, or on from it; None where none does."""
     best: tuple[float, str, list[Lane]] | None = None
-    links = network.backward if backward else network.onward
-    for link in links.get(lane.id, []):
-        if link.start not in network.lanes or link.start.startswith(":"):
+    for link in lane.getIncomingConnections() if backward else lane.getOutgoing():
+        start = link.getFromLane()
+        if start.getEdge().isSpecial():
             continue
-        lanes = [network.lanes[link.start], *_via(network, link)]
+        lanes = [start, *_via(network, link)]
         if backward:
-            turn = _turn_deg(_entering(lane), _leaving(lanes[0]))
+            turn = _turn_deg(_entering(lane), _leaving(start))
             ways = lanes[:-1]
         else:
             turn = _turn_deg(_entering(lanes[-1]), _leaving(lane))
             ways = lanes[1:]
-        if turn > _TURNAROUND_DEG or not all(each.allows("passenger") for each in ways):
+        if turn > _TURNAROUND_DEG or not all(allows(each, "passenger") for each in ways):
             continue
-        if best is None or (turn, link.start + link.end) < best[:2]:
-            best = (turn, link.start + link.end, ways)
+        name = start.getID() + link.getToLane().getID()
+        if best is None or (turn, name) < best[:2]:
+            best = (turn, name, ways)
     return None if best is None else best[2]
 
 
-def _leaving(lane: Lane) -> complex:
-    *_, a, b = lane.line.points
+def passed_on(path: Path, road: Straight, crossing: "Edge") -> tuple[Passed, ...]:
+    """The traffic lights and other crosswalks on the straight part of a way, in its order.
+
+    Args:
+        path: the way.
+        road: its straight part.
+        crossing: the crosswalk that is simulated; its own light is ``Site.signal``.
+    """
+    passed = []
+    for (lane, start_m), (after, _) in pairwise(path.pieces()):
+        if lane.getEdge().getToNode() is crossing.getToNode():
+            continue
+        for link in lane.getOutgoing():
+            if link.getTLSID() and after.getID() in (link.getViaLaneID(), link.getToLane().getID()):
+                passed.append(Passed("traffic light", link.getTLSID(), start_m + lane.getLength()))
+    for lane, start_m in path.pieces():
+        road_edge = lane.getEdge()
+        ends = ((road_edge.getFromNode(), 0.0), (road_edge.getToNode(), lane.getLength()))
+        passed += [
+            Passed("crosswalk", other.getID(), start_m + at_m)
+            for node, at_m in ends
+            for other in node.getIncoming()
+            if other is not crossing and road_edge in other.getCrossingEdges()
+        ]
+    inside = [each for each in passed if -road.before_m <= each.x_m <= road.after_m]
+    # A crosswalk may lead over the road on both sides of its junction.
+    return tuple(sorted({each.id: each for each in inside}.values(), key=lambda each: each.x_m))
+
+
+def _leaving(lane: "Lane") -> complex:
+    *_, a, b = line_of(lane)
     return b - a
 
 
-def _entering(lane: Lane) -> complex:
-    a, b, *_ = lane.line.points
+def _entering(lane: "Lane") -> complex:
+    a, b, *_ = line_of(lane)
     return b - a
 
 

@@ -6,6 +6,7 @@ curvature, written out below; SUMO is only asked to turn its coordinates into de
 
 import math
 import shutil
+import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -13,7 +14,6 @@ from pathlib import Path
 
 import libsumo
 import pytest
-import sumolib
 
 from harness.encounter import Ending
 from harness.errors import EngineError, InputError
@@ -113,26 +113,19 @@ def angle_between(a_deg: float, b_deg: float) -> float:
     return abs((a_deg - b_deg + 180) % 360 - 180)
 
 
-def lane_line(net: Path, lane: str) -> list[tuple[float, float]]:
-    road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
-    return list(road.getLane(lane).getShape())
-
-
 # --- where it is ---------------------------------------------------------------------------------
 
 
 @pytest.mark.usefixtures("no_simulation")
 def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingSection, Path]) -> None:
     geometry, net = case
-    site = read_site(Place(net))
-    line = lane_line(net, f"{site.crossing_edge}_0")
-    centre = ((line[0][0] + line[-1][0]) / 2, (line[0][1] + line[-1][1]) / 2)
+    # The nodes are metres east and north of the centre.
+    centre = read_site(Place(net)).frame.to_network(0.0, geometry.length_m / 2)
+    assert centre == pytest.approx((0.0, 0.0), abs=1e-6)
     with simulation(net):
-        place = libsumo.simulation.convertGeo(*centre)
+        place = libsumo.simulation.convertGeo(0.0, 0.0)
     asked = (geometry.longitude_deg, geometry.latitude_deg)
     assert math.hypot(*ground_m(asked, place)) < 0.001
-    # The road frame's centre is that centre, not merely near it.
-    assert site.frame.to_network(0.0, geometry.length_m / 2) == pytest.approx(centre, abs=1e-8)
 
 
 @pytest.mark.usefixtures("no_simulation")
@@ -155,31 +148,29 @@ def test_metres_and_north_are_true(case: tuple[CrossingSection, Path]) -> None:
 
 
 def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None:
+    """The near kerb is half a length to the right of the ego's direction, lanes lie between."""
     geometry, net = case
-    site = read_site(Place(net))
-    road = sumolib.net.readNet(str(net), withInternal=True, withPedestrianConnections=True)
-    crossing = road.getLane(f"{site.crossing_edge}_0")
-    assert crossing.getLength() == pytest.approx(geometry.length_m, abs=2e-9)
-    assert crossing.getWidth() == geometry.width_m
-    ends = sorted(site.frame.to_road(*point) for point in crossing.getShape())
-    assert [x for x, _ in ends] == pytest.approx([0, 0], abs=1e-7)
-    assert sorted(y for _, y in ends) == pytest.approx([0, geometry.length_m], abs=1e-8)
-    # Kerbs from the lanes' own widths: the ego's lane begins at y = 0, the other ends at length_m.
-    for edge, low in (("approach", 0.0), ("oncoming_exit", geometry.length_m / 2)):
-        lane = road.getLane(f"{edge}_0")
-        middle = [site.frame.to_road(*point)[1] for point in lane.getShape()]
-        assert middle == pytest.approx([low + lane.getWidth() / 2] * 2, abs=1e-6)
-        assert lane.getWidth() == geometry.length_m / 2
-    assert (site.length_m, site.width_m) == pytest.approx((geometry.length_m, geometry.width_m))
+    site, length = read_site(Place(net)), geometry.length_m
+    bearing = math.radians(geometry.bearing_deg)
+    near = (math.cos(bearing) * length / 2, -math.sin(bearing) * length / 2)
+    assert site.frame.to_network(0.0, 0.0) == pytest.approx(near, abs=2e-6)
+    far = (-near[0], -near[1])
+    assert site.frame.to_network(0.0, length) == pytest.approx(far, abs=2e-6)
+    assert (site.length_m, site.width_m) == pytest.approx((length, geometry.width_m), abs=2e-6)
+    assert [way.centre_m for way in site.ways] == pytest.approx(
+        [length / 4, length * 3 / 4], abs=2e-6
+    )
+    assert [way.width_m for way in site.ways] == pytest.approx([length / 2] * 2)
 
 
 def test_crosswalk_is_unsignalized_and_vehicles_yield(nets: dict[str, Path]) -> None:
-    road = sumolib.net.readNet(str(nets["cctc"]), withInternal=True)
-    assert road.getNode("crosswalk").getType() == "priority"
-    assert road.getTrafficLights() == []
-    link = road.getEdge("approach").getConnections(road.getEdge("exit"))
-    assert [connection.getState() for connection in link] == ["m"]
-    assert road.getEdge("approach").getConnections(road.getEdge("oncoming_exit")) == []
+    net = ET.parse(nets["cctc"])
+    assert net.find("junction[@id='crosswalk']").get("type") == "priority"
+    assert net.findall("tlLogic") == []
+    links = [link for link in net.findall("connection") if link.get("from") == "approach"]
+    assert [(link.get("to"), link.get("state")) for link in links] == [("exit", "m")]
+    site = read_site(Place(nets["cctc"]))
+    assert (site.signal, site.pedestrian_priority) == (None, True)
 
 
 def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
@@ -281,7 +272,7 @@ def test_ranges_off_the_approach_are_refused(range_m: float) -> None:
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="network name"):
         build_network(CCTC, tmp_path, "../site")
-    (tmp_path / "file").write_text("<net/>")
+    (tmp_path / "file").write_text('<net version="1.20"/>')
     with pytest.raises(InputError, match="cannot be written"):
         build_network(CCTC, tmp_path / "file", "site")
     with pytest.raises(InputError, match="one of its 0 crossings"):
