@@ -13,7 +13,7 @@ from harness.errors import InputError
 from harness.runs.run_data import RunData
 from harness.scenario import Cell, Options, Scenario, Study
 from harness.seeding import stream
-from harness.traffic.warm_up import longest_queue_s
+from harness.traffic.saturation import longest_queue_s
 
 WARM_UP = "traffic.warm_up_s"
 

@@ -3,11 +3,13 @@
 The choices below are explained, with the measurements behind them, in docs/sumo.md.
 """
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 from harness.encounter import Arrival, Crossing, Side, Vehicle
-from harness.engine.people import KEEP_ROUTE, MATCH_THRESHOLD_M, NO_ANGLE, WALKER
+from harness.engine.people import HeldPeople
 from harness.engine.shown import Shown
 from harness.errors import EngineError
 from harness.roads import Site
@@ -90,7 +92,7 @@ class SumoEngine:
         self.closed = self.automated = False
         self._lost: tuple[type[Exception], ...] = (api.TraCIException, api.FatalTraCIError)
         calls = calls or calls_of(api)
-        self._advance, self._move = calls.advance, calls.move
+        self._advance = calls.advance
         self._set_speed, self._get_distance = calls.set_speed, calls.get_distance
         self._get_speed = api.vehicle.getSpeed
         self._vehicle, self._step_s = vehicle, step_s
@@ -103,16 +105,10 @@ class SumoEngine:
         self._ego = ""
         self._told_mps: float | None = None
         """None: SUMO drives as it likes."""
-        self._ids: dict[int, str] = {}
-        self._kerbs = {
-            Side.NEAR: site.frame.to_network(0.0, 0.0),
-            Side.FAR: site.frame.to_network(0.0, crossing.length_m),
-        }
-        self._to_network, self._to_road = site.frame.to_network, site.frame.to_road
+        self.people = HeldPeople(api, site, crossing, move=calls.move)
+        self._to_road = site.frame.to_road
         self._shown = Shown(crossing.lane_centre_m, crossing.length_m, site.crossing_from)
-        # Network coordinates of (0, y) are origin + y · across.
-        self._line = (*self._kerbs[Side.NEAR], site.frame.across_x, site.frame.across_y)
-        self._footpaths = {side: site.footpath(side) for side in Side}
+        self._way_in_m = {side: site.footpath(side).end_m for side in Side}
         api.route.add("drive", departure.edges)
         if crossing.speed_limit_mps is not None:
             limit_speed(api, departure.edges, crossing.speed_limit_mps)
@@ -121,56 +117,44 @@ class SumoEngine:
 
     def begin(self, arrivals: Sequence[Arrival]) -> tuple[float, float]:
         """See ``Engine.begin``."""
-        self._arrivals = arrivals
-        self._announced = 0
         self._steps = 0
-        self._waiting: dict[int, tuple[float, float]] = {}
         self._collided = False
         self._own_driver, self._told_mps = False, None
         self._ego = f"ego-{self._episode}"
-        try:
-            # A person exists only after the step that follows its insertion, and moving one that
-            # does not exist crashes the process: one step ahead of the ego.
-            coming = self._announce_until(2 * self._step_s)
+        people = self.people
+        people.shown = None
+        people.begin(arrivals, self._episode)
+        with self._watched("could not set up the episode"):
+            # Persons need a step to exist in: they are one ahead of the ego.
+            people.before_step((), 2 * self._step_s)
             self._advance()
-            self._waiting.update(coming)
+            people.after_step()
             self._insert_ego()
-            self._hold_waiting(())
+            people.before_step((), -math.inf)
             self._advance()
             self._commanded = self._get_speed(self._ego)
             return self._start_x_m + self._get_distance(self._ego), self._commanded
-        except self._lost as error:
-            raise EngineError(f"SUMO could not set up the episode: {error}") from None
 
     def step(
         self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
     ) -> tuple[float, float]:
         """See ``Engine.step``."""
+        people = self.people
         try:
             if speed_mps is None:
                 self._hand_over()
-                pedestrians = self._as_shown(pedestrians)
             elif speed_mps != self._told_mps:  # SUMO keeps to what it was told last
                 if self._own_driver:
                     self._take_back()
                 self._set_speed(self._ego, speed_mps)
                 self._told_mps = speed_mps
-            origin_x, origin_y, across_x, across_y = self._line
-            move, ids = self._move, self._ids
-            for index, y in pedestrians:
-                x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
-                move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
-            if self._waiting:
-                self._hold_waiting(pedestrians)
-            coming = None
-            if self._announced < len(self._arrivals):
-                coming = self._announce_until((self._steps + 3) * self._step_s)
+            announced = people.before_step(pedestrians, (self._steps + 3) * self._step_s)
             self._advance()
             self._steps += 1
-            if coming:
-                self._waiting.update(coming)
+            if announced:
+                people.after_step()
             x = self._start_x_m + self._get_distance(self._ego)
-            if x > self._collisions_from_m and ids:
+            if x > self._collisions_from_m and people.ids:
                 self._note_collisions()
             if speed_mps is None:
                 speed_mps = self._get_speed(self._ego)
@@ -182,46 +166,44 @@ class SumoEngine:
 
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
         """See ``Engine.let_walk``; they enter at the footpath's end, 1.5 m before the kerb."""
-        try:
-            name = self._add_person(index, side, self._footpaths[side].end_m)
+        with self._watched(f"could not add pedestrian {index}"):
+            name = self.people.add(index, side, self._way_in_m[side])
             self._api.person.setSpeed(name, speed_mps)
-        except self._lost as error:
-            raise EngineError(f"SUMO could not add pedestrian {index}: {error}") from None
 
     def place_of(self, index: int) -> tuple[float, float]:
         """See ``Engine.place_of``."""
-        try:
-            return self._to_road(*self._api.person.getPosition(self._ids[index]))
-        except self._lost as error:
-            raise EngineError(f"SUMO lost pedestrian {index}: {error}") from None
+        with self._watched(f"lost pedestrian {index}"):
+            return self._to_road(*self._api.person.getPosition(self.people.ids[index]))
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
-        try:
-            self._api.person.remove(self._ids.pop(index))
-        except self._lost as error:
-            raise EngineError(f"SUMO lost pedestrian {index}: {error}") from None
+        with self._watched(f"lost pedestrian {index}"):
+            self.people.remove(index)
 
     def end(self) -> bool | None:
         """See ``Engine.end``."""
         self._episode += 1
-        try:
-            for person in self._ids.values():
-                self._api.person.remove(person)
-            self._ids.clear()
+        with self._watched("could not clear the road"):
+            self.people.clear()
             if self._ego in self._api.vehicle.getIDList():
                 kept = self._get_speed(self._ego) == self._commanded
                 self._api.vehicle.remove(self._ego)
                 if not kept:
                     raise EngineError("SUMO did not drive at the speed it was told")
-        except self._lost as error:
-            raise EngineError(f"SUMO could not clear the road: {error}") from None
         return self._collided
 
     def close(self) -> None:
         """End the simulation; its output files are complete only then."""
         self.closed = True
         self._close()
+
+    @contextmanager
+    def _watched(self, what: str) -> Iterator[None]:
+        """Within it, whatever SUMO complains of is an ``EngineError``."""
+        try:
+            yield
+        except self._lost as error:
+            raise EngineError(f"SUMO {what}: {error}") from None
 
     def _insert_ego(self) -> None:
         self._api.vehicle.add(
@@ -244,53 +226,14 @@ class SumoEngine:
         vehicle.setType(self._ego, "av_driven" if self.automated else "driven")
         vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
         vehicle.setSpeed(self._ego, -1)
-        self._told_mps = None
-        self._sides = {arrival.index: arrival.side for arrival in self._arrivals}
-        self._own_driver = True
+        self._told_mps, self._own_driver = None, True
+        self.people.shown = self._shown
 
     def _take_back(self) -> None:
         """Let the strategy alone drive again."""
         self._api.vehicle.setType(self._ego, "av" if self.automated else "ego")
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
-        self._own_driver = False
-
-    def _as_shown(self, pedestrians: Sequence[tuple[int, float]]) -> list[tuple[int, float]]:
-        """The places at which SUMO's driver is shown people who are held."""
-        return [(index, self._shown.y_of(self._sides[index], y)) for index, y in pedestrians]
-
-    def _announce_until(self, time_s: float) -> dict[int, tuple[float, float]]:
-        """Add everyone who arrives by then; returns where they will have to be held."""
-        coming: dict[int, tuple[float, float]] = {}
-        while self._announced < len(self._arrivals):
-            arrival = self._arrivals[self._announced]
-            if arrival.arrival_s > time_s:
-                break
-            self._add_person(arrival.index, arrival.side, self._footpaths[arrival.side].inside_m)
-            place = self._kerbs[arrival.side]
-            if self._own_driver:
-                place = self._to_network(0.0, self._shown.coming_y(arrival.side))
-            if arrival.path is not None:
-                place = self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
-            coming[arrival.index] = place
-            self._announced += 1
-        return coming
-
-    def _add_person(self, index: int, side: Side, start_m: float) -> str:
-        """Put someone on the footpath of their side, on their way to the other one."""
-        name = f"pedestrian-{self._episode}-{index}"
-        origin = self._footpaths[side]
-        goal = self._footpaths[side.other]
-        self._api.person.add(name, origin.edge, start_m, typeID=WALKER)
-        self._api.person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
-        self._ids[index] = name
-        return name
-
-    def _hold_waiting(self, placed: Sequence[tuple[int, float]]) -> None:
-        """Hold those who were announced where they will come, until they are placed."""
-        for index, _ in placed:
-            self._waiting.pop(index, None)
-        for index, (x, y) in self._waiting.items():
-            self._move(self._ids[index], "", x, y, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
+        self._own_driver, self.people.shown = False, None
 
     def _note_collisions(self) -> None:
         # Two persons who pass each other are listed too; only the ego's hits count.

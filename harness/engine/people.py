@@ -29,11 +29,13 @@ class HeldPeople:
     are placed for the first time.
 
     Args:
-        api: the module ``libsumo``, connected to a simulation.
+        api: the module ``libsumo`` or ``traci``, connected to a simulation.
         site: its crosswalk.
         crossing: the crosswalk's constants.
         copy: ends their type and their names, where everybody is there more than once.
-        shown: where they are put for the eyes of SUMO's own driver; None: where they are.
+        shown: where SUMO's own driver is to see them; None: where they are.  It may be set at any
+            time.
+        move: the function called for each of them at every step; None: the module's own.
     """
 
     def __init__(
@@ -43,34 +45,27 @@ class HeldPeople:
         crossing: Crossing,
         copy: str = "",
         shown: Shown | None = None,
+        move: Any = None,
     ) -> None:
-        self._person, self._move = api.person, api.person.moveToXY
-        self._copy, self._shown = copy, shown
-        self._footpaths = {
-            side: (site.footpath(side).edge, site.footpath(side).inside_m) for side in Side
-        }
+        self._person, self._move = api.person, move or api.person.moveToXY
+        self._copy, self.shown = copy, shown
+        self._footpaths = {side: site.footpath(side) for side in Side}
+        self._to_network = site.frame.to_network
         # Network coordinates of (0, y) are origin + y · across.
-        self._line = (
-            *site.frame.to_network(0.0, 0.0),
-            site.frame.across_x,
-            site.frame.across_y,
-        )
+        self._line = (*self._to_network(0.0, 0.0), site.frame.across_x, site.frame.across_y)
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
-        if shown is not None:
-            self._kerb_m = {side: shown.coming_y(side) for side in Side}
-        self._ids: dict[int, str] = {}
-        self._waiting: dict[int, float] = {}
-        self._coming: list[Arrival] = []
+        self.ids: dict[int, str] = {}
+        """SUMO's names of those who are there, by index."""
+        self._waiting: dict[int, tuple[float, float]] = {}
+        self._coming: dict[int, tuple[float, float]] = {}
 
-    def begin(self, arrivals: Sequence[Arrival], hour: int) -> None:
-        """Take the people of an hour, by arrival time; its number is in their names."""
-        self._arrivals, self._hour, self._announced = arrivals, hour, 0
+    def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
+        """Take the people of an episode or hour, by arrival; its number is in their names."""
+        self._arrivals, self._run, self._announced = arrivals, run, 0
+        self._sides = {arrival.index: arrival.side for arrival in arrivals}
         self._next_s = arrivals[0].arrival_s if arrivals else math.inf
-
-    @property
-    def present(self) -> bool:
-        """Whether anybody is there."""
-        return bool(self._ids)
+        self._waiting.clear()
+        self._coming.clear()
 
     def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> bool:
         """Put everyone where they are at the step's end, and add everyone who comes by then.
@@ -87,45 +82,52 @@ class HeldPeople:
             self._announced += 1
             coming = self._announced < len(self._arrivals)
             self._next_s = self._arrivals[self._announced].arrival_s if coming else math.inf
-            name = f"pedestrian{self._copy}-{self._hour}-{arrival.index}"
-            origin, start_m = self._footpaths[arrival.side]
-            goal, goal_m = self._footpaths[arrival.side.other]
-            self._person.add(name, origin, start_m, typeID=WALKER + self._copy)
-            self._person.appendWalkingStage(name, [origin, goal], goal_m)
-            self._ids[arrival.index] = name
-            self._coming.append(arrival)
+            self.add(arrival.index, arrival.side, self._footpaths[arrival.side].inside_m)
+            self._coming[arrival.index] = self._first_place(arrival)
         return True
 
     def after_step(self) -> None:
         """Whoever was announced exists from now on."""
-        for arrival in self._coming:
-            self._waiting[arrival.index] = self._kerb_m[arrival.side]
+        self._waiting.update(self._coming)
         self._coming.clear()
+
+    def add(self, index: int, side: Side, start_m: float) -> str:
+        """Put someone on the footpath of their side, on their way to the other one."""
+        name = f"pedestrian{self._copy}-{self._run}-{index}"
+        origin, goal = self._footpaths[side], self._footpaths[side.other]
+        self._person.add(name, origin.edge, start_m, typeID=WALKER + self._copy)
+        self._person.appendWalkingStage(name, [origin.edge, goal.edge], goal.inside_m)
+        self.ids[index] = name
+        return name
+
+    def remove(self, index: int) -> None:
+        """Take away somebody who has reached the other kerb."""
+        self._person.remove(self.ids.pop(index))
+
+    def clear(self) -> None:
+        """Take everybody away."""
+        for name in self.ids.values():
+            self._person.remove(name)
+        self.ids.clear()
+
+    def _first_place(self, arrival: Arrival) -> tuple[float, float]:
+        """Network coordinates at which somebody is held until they are placed."""
+        if arrival.path is not None:
+            return self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
+        shown, side = self.shown, arrival.side
+        return self._to_network(0.0, self._kerb_m[side] if shown is None else shown.coming_y(side))
 
     def _place(self, places: Sequence[tuple[int, float]]) -> None:
         """Move those with a place to it; the others who are announced wait at their kerbs."""
         origin_x, origin_y, across_x, across_y = self._line
-        move, ids, waiting = self._move, self._ids, self._waiting
-        if self._shown is not None:
-            arrivals, y_of = self._arrivals, self._shown.y_of
-            places = [(index, y_of(arrivals[index].side, y)) for index, y in places]
+        move, ids, waiting = self._move, self.ids, self._waiting
+        if self.shown is not None:
+            sides, y_of = self._sides, self.shown.y_of
+            places = [(index, y_of(sides[index], y)) for index, y in places]
         for index, y in places:
             x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
             move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
             if waiting:
                 waiting.pop(index, None)
-        for index, y in waiting.items():
-            x_net, y_net = origin_x + across_x * y, origin_y + across_y * y
+        for index, (x_net, y_net) in waiting.items():
             move(ids[index], "", x_net, y_net, NO_ANGLE, KEEP_ROUTE, MATCH_THRESHOLD_M)
-
-    def remove(self, index: int) -> None:
-        """Take away somebody who has reached the other kerb."""
-        self._person.remove(self._ids.pop(index))
-
-    def clear(self) -> None:
-        """Take everybody away."""
-        for name in self._ids.values():
-            self._person.remove(name)
-        self._ids.clear()
-        self._waiting.clear()
-        self._coming.clear()

@@ -159,7 +159,7 @@ class SumoRoad:
 
     def collided(self) -> set[str]:
         """The vehicles that SUMO itself saw hit a pedestrian in the last step."""
-        if not self._people[0].present:
+        if not self._people[0].ids:
             return set()
         return {collision.collider for collision in self._api.simulation.getCollisions()}
 

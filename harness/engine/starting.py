@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from harness.encounter import Vehicle
+from harness.encounter import Crossing, Vehicle
+from harness.roads import Place, Site, read_site
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
@@ -59,60 +60,62 @@ def start_command(
     return ["sumo", *(str(part) for option in options.items() for part in option)]
 
 
-def types_file(vehicle: Vehicle, speed_limit_mps: float | None) -> str:
-    """The types of ego and pedestrians as a SUMO additional file; nothing in them is random.
+def site_and_types(
+    place: Place, vehicle: Vehicle, crossing: Crossing, following: Following | None = None
+) -> tuple[Site, float, str]:
+    """A crosswalk's site, the road's speed limit in m/s, and the types of who moves there."""
+    site = read_site(place)
+    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
+    return site, limit_mps, vehicle_types(vehicle, limit_mps, following)
 
-    An AV differs in name and colour alone.  The ego is ``driven`` while SUMO's own driver drives
-    it.  SUMO refuses an ego that is to be faster than the road's limit, unless its speed factor
-    says so.
+
+def vehicle_types(
+    vehicle: Vehicle, speed_limit_mps: float | None, following: Following | None = None
+) -> str:
+    """SUMO's types of vehicles and pedestrians; nothing in them is random.
+
+    An AV differs in name and colour alone.  The ego of an encounter is ``driven`` while SUMO's own
+    driver drives it.
+
+    Args:
+        vehicle: the ego, or each vehicle of an hour.
+        speed_limit_mps: the road's.
+        following: how vehicles keep their distance in hours of traffic; None: an encounter.
     """
-    ego = {
+    base = {
         "vClass": "passenger",
         "length": vehicle.length_m,
         "width": vehicle.width_m,
-        "accel": vehicle.max_acceleration_mps2,
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,
         # No random number may decide anything: no speed factor, no dawdling.
         "speedFactor": _speed_factor(vehicle, speed_limit_mps),
         "speedDev": 0,
         "sigma": 0,
-        "minGap": 0,
-        "maxSpeed": 100,
     }
-    driven = ego | {
+    driven = base | {
         "accel": vehicle.resume_acceleration_mps2,
         "maxSpeed": vehicle.initial_speed_mps,
     }
-    types = {"ego": ego, "driven": driven, "walker": _WALKER}
-    types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
-    return additional_file(_written(types))
-
-
-def traffic_types(vehicle: Vehicle, speed_limit_mps: float | None, following: Following) -> str:
-    """The types of an hour of traffic: vehicles that follow each other, and pedestrians.
-
-    An AV differs in name and colour alone.
-    """
-    car = {
-        "vClass": "passenger",
-        "length": vehicle.length_m,
-        "width": vehicle.width_m,
-        "carFollowModel": following.model,
-        "tau": following.tau_s,
-        "minGap": following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0),
-        "accel": vehicle.resume_acceleration_mps2,
-        "decel": vehicle.max_deceleration_mps2,
-        "emergencyDecel": vehicle.max_deceleration_mps2,
-        "speedFactor": _speed_factor(vehicle, speed_limit_mps),
-        "speedDev": 0,
-        "sigma": 0,
-        "maxSpeed": vehicle.initial_speed_mps,
-    }
-    return _written({"vehicle": car, "av": car | AV_COLOUR, "walker": _WALKER})
+    types: dict[str, Mapping[str, Any]] = {"walker": _WALKER}
+    if following is None:
+        ego = base | {"accel": vehicle.max_acceleration_mps2, "minGap": 0, "maxSpeed": 100}
+        driven |= {"minGap": 0}
+        types |= {"ego": ego, "driven": driven}
+        types |= {"av": ego | AV_COLOUR, "av_driven": driven | AV_COLOUR}
+    else:
+        min_gap_m = following.min_gap_m + _STANDS_NEARER_M.get(following.model, 0.0)
+        car = driven | {"carFollowModel": following.model, "tau": following.tau_s}
+        car |= {"minGap": min_gap_m}
+        types |= {"vehicle": car, "av": car | AV_COLOUR}
+    return "".join(
+        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
+        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
+    )
 
 
 def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
+    """SUMO refuses a vehicle that is to be faster than the road's limit without it."""
     if speed_limit_mps is None or vehicle.initial_speed_mps <= speed_limit_mps:
         return 1.0
     return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
@@ -130,13 +133,8 @@ def e2_detectors(lanes: Iterable[str], file: Path) -> str:
     )
 
 
-def additional_file(elements: str) -> str:
-    """A SUMO additional file."""
-    return f"<additional>{elements}</additional>\n"
-
-
-def _written(types: Mapping[str, Mapping[str, Any]]) -> str:
-    return "".join(
-        f"<vType {' '.join(f'{name}={quoteattr(str(value))}' for name, value in type_.items())}/>"
-        for type_ in ({"id": name, **attributes} for name, attributes in types.items())
-    )
+def write_additional(folder: str, elements: str) -> Path:
+    """Write a SUMO additional file into a folder."""
+    path = Path(folder) / "types.add.xml"
+    path.write_text(f"<additional>{elements}</additional>\n", encoding="utf-8")
+    return path

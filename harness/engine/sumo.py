@@ -17,15 +17,14 @@ from harness.engine.control import Calls, SumoEngine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
     Following,
-    additional_file,
     e2_detectors,
     scratch_prefix,
+    site_and_types,
     start_command,
-    traffic_types,
-    types_file,
+    write_additional,
 )
 from harness.errors import EngineError
-from harness.roads import Place, read_site, streams_of
+from harness.roads import Place, streams_of
 
 _COMPILED = Calls(
     _libsumo.simulation_step,
@@ -71,9 +70,8 @@ def libsumo_engine(
         EngineError: SUMO does not start, or one is already running in this process (libsumo
             itself gives no error then).
     """
-    site = read_site(place)
-    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    _start(place.net, types_file(vehicle, limit_mps), step_s, sumo_seed, outputs)
+    site, _, types = site_and_types(place, vehicle, crossing)
+    _start(place.net, types, step_s, sumo_seed, outputs)
     engine = SumoEngine(libsumo, _close, site, vehicle, crossing, step_s, _COMPILED)
     _running.append(engine)
     return engine
@@ -94,15 +92,13 @@ def libsumo_road(
         following: how its vehicles keep their distance.
         detectors: SUMO writes what E2 detectors on the approaching lanes saw there.
     """
-    site = read_site(place)
-    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    added = traffic_types(vehicle, limit_mps, following)
+    site, limit_mps, added = site_and_types(place, vehicle, crossing, following)
     if detectors is not None:
         last = (lane.approach for lane in streams_of(site))
         lanes = (f"{each.edge}_{each.lane}" for each in last)
         # SUMO takes a relative name from the folder of the additional file.
         added += e2_detectors(lanes, detectors.absolute())
-    _start(place.net, additional_file(added), step_s, 1, outputs)
+    _start(place.net, added, step_s, 1, outputs)
     road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
     _running.append(road)
     return road
@@ -114,8 +110,7 @@ def _start(
     if _running:
         raise EngineError("only one SUMO simulation can run in a process; close the first")
     with TemporaryDirectory(prefix=scratch_prefix(os.getpid())) as folder:
-        path = Path(folder) / "types.add.xml"
-        path.write_text(added, encoding="utf-8")
+        path = write_additional(folder, added)
         try:
             libsumo.start(start_command(net, path, step_s, sumo_seed, outputs))
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:

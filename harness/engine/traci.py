@@ -19,14 +19,13 @@ from harness.engine.control import SumoEngine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
     Following,
-    additional_file,
+    site_and_types,
     start_command,
-    traffic_types,
-    types_file,
+    write_additional,
 )
 from harness.engine.view import view_settings
 from harness.errors import EngineError
-from harness.roads import Place, Site, read_site
+from harness.roads import Place, Site
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)
@@ -57,7 +56,7 @@ def traci_engine(place: Place, vehicle: Vehicle, crossing: Crossing, step_s: flo
     Raises:
         EngineError: SUMO does not start or does not answer.
     """
-    site, types = _prepared(place, vehicle, crossing)
+    site, _, types = site_and_types(place, vehicle, crossing)
     close = _connected("sumo", place, types, step_s, "")
     return SumoEngine(traci, close, site, vehicle, crossing, step_s)
 
@@ -70,34 +69,13 @@ def gui_engine(
     Raises:
         EngineError: it does not start (it needs a display) or does not answer.
     """
+    site, _, types = site_and_types(place, vehicle, crossing)
     settings = view_settings(gui.delay_ms, vehicle.initial_speed_mps)
-    site, types = _prepared(place, vehicle, crossing)
     close = _connected("sumo-gui", place, types, step_s, settings)
-    return _ShownEngine(close, site, vehicle, crossing, step_s, gui)
-
-
-class _ShownEngine(SumoEngine):
-    """A SUMO engine whose window is looked after: the view at the start, pictures on the way."""
-
-    def __init__(
-        self,
-        close: Callable[[], None],
-        site: Site,
-        vehicle: Vehicle,
-        crossing: Crossing,
-        step_s: float,
-        gui: Gui,
-    ) -> None:
-        super().__init__(traci, close, site, vehicle, crossing, step_s)
-        self._gui = gui
-        _look_at(site, crossing, 0.7 * vehicle.trigger_range_m + _AROUND_M)
-
-    def step(
-        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
-    ) -> tuple[float, float]:
-        """See ``Engine.step``."""
-        _take(self._gui, self._steps, self._step_s, "07.3f")
-        return super().step(speed_mps, pedestrians)
+    engine = _ShownEngine(traci, close, site, vehicle, crossing, step_s)
+    engine.gui = gui
+    _look_at(site, crossing, 0.7 * vehicle.trigger_range_m + _AROUND_M)
+    return engine
 
 
 def gui_road(
@@ -109,33 +87,35 @@ def gui_road(
     gui: Gui,
 ) -> SumoRoad:
     """The same for hours of traffic."""
-    site = read_site(place)
-    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    types = additional_file(traffic_types(vehicle, limit_mps, following))
-    settings = view_settings(gui.delay_ms)
-    close = _connected("sumo-gui", place, types, step_s, settings)
-    return _ShownRoad(close, site, crossing, limit_mps, step_s, gui)
+    site, limit_mps, types = site_and_types(place, vehicle, crossing, following)
+    close = _connected("sumo-gui", place, types, step_s, view_settings(gui.delay_ms))
+    road = _ShownRoad(traci, close, site, crossing, limit_mps, step_s)
+    road.gui = gui
+    _look_at(site, crossing, _ROAD_SHOWN_M)
+    return road
+
+
+class _ShownEngine(SumoEngine):
+    """A SUMO engine that takes pictures of its window on the way."""
+
+    gui: Gui
+
+    def step(
+        self, speed_mps: float | None, pedestrians: Sequence[tuple[int, float]]
+    ) -> tuple[float, float]:
+        """See ``Engine.step``."""
+        _take(self.gui, self._steps, self._step_s, "07.3f")
+        return super().step(speed_mps, pedestrians)
 
 
 class _ShownRoad(SumoRoad):
-    """A road whose window is looked after, as ``_ShownEngine``'s."""
+    """A road that takes pictures of its window on the way."""
 
-    def __init__(
-        self,
-        close: Callable[[], None],
-        site: Site,
-        crossing: Crossing,
-        limit_mps: float,
-        step_s: float,
-        gui: Gui,
-    ) -> None:
-        super().__init__(traci, close, site, crossing, limit_mps, step_s)
-        self._gui = gui
-        _look_at(site, crossing, _ROAD_SHOWN_M)
+    gui: Gui
 
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
         """See ``SumoRoad.step``."""
-        _take(self._gui, self._steps, self._step_s, "09.3f")
+        _take(self.gui, self._steps, self._step_s, "09.3f")
         return super().step(places)
 
 
@@ -152,20 +132,12 @@ def _take(gui: Gui, steps: int, step_s: float, form: str) -> None:
     traci.gui.screenshot(_VIEW, str(file.absolute()), *_PIXELS)
 
 
-def _prepared(place: Place, vehicle: Vehicle, crossing: Crossing) -> tuple[Site, str]:
-    """The site of a place, and the types of its ego and pedestrians."""
-    site = read_site(place)
-    limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
-    return site, types_file(vehicle, limit_mps)
-
-
 def _connected(
     program: str, place: Place, added: str, step_s: float, settings: str
 ) -> Callable[[], None]:
     """Start SUMO and connect to it; returns what ends both."""
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
-    types = Path(folder.name) / "types.add.xml"
-    types.write_text(added, encoding="utf-8")
+    types = write_additional(folder.name, added)
     _, *options = start_command(place.net, types, step_s, sumo_seed=1)
     if settings:
         view = Path(folder.name) / "view.xml"

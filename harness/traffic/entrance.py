@@ -52,18 +52,16 @@ class Entrance:
             lane.plan_next()
         if not lane.due or (saturated and step > until_step):
             return None
-        moving = lane.due[0]
-        speed = self._entry_speed(lane, moving.insert_x_m)
+        car = lane.due[0]
+        speed = self._entry_speed(lane, car.insert_x_m)
         if speed is None:
             return None
         lane.due.popleft()
-        moving.inserted_step = step
-        moving.x_m, moving.speed_mps = moving.insert_x_m, speed
-        self._road.add(
-            moving.name, lane.number, moving.insert_x_m, speed, automated=moving.automated
-        )
-        lane.coming.append(moving)
-        return moving
+        car.inserted_step = step
+        car.x_m, car.speed_mps = car.insert_x_m, speed
+        self._road.add(car.name, lane.number, car.insert_x_m, speed, automated=car.automated)
+        lane.coming.append(car)
+        return car
 
     def _entry_speed(self, lane: LaneOnRoad, x_m: float) -> float | None:
         """v0, or what is safe behind a slow leader; None while there is no room.

@@ -16,11 +16,16 @@ from harness.episode.crowd import Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.episode.walkers import ChooseSpeed
 from harness.errors import StrategyError
+from harness.measures.efficiency import STANDING_MPS
 from harness.scenario import TrafficSection
 from harness.traffic.entrance import Entrance, MakeStrategy
-from harness.traffic.log import HourLog, clearing_s
-from harness.traffic.sampling import SAMPLE_S, note_paths, queued_in
-from harness.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
+from harness.traffic.vehicles import HourLog, HourVehicle, LaneOnRoad, clearing_s, state_of
+
+QUEUED_MPS = 5 / 3.6
+"""Slower than this counts as queued (SUMO's queue output: 5 km/h)."""
+
+SAMPLE_S = 1.0
+"""How often the queues are looked at."""
 
 
 class Hour:
@@ -115,7 +120,7 @@ class Hour:
                 self._move(lane, after)
         self.log.last_step = after
         if (after - self.begin_step) % self.sample_steps == 0:
-            self._look_around(after)
+            self._sample(after)
 
     def _drive(self, now: float, n: int) -> None:
         """Every strategy decides on what it sees at the beginning of the step."""
@@ -127,65 +132,59 @@ class Hour:
             if everyone is None:
                 everyone = self.crowd.views()
             seen, crossing = lane.seen_from(everyone), lane.lane.crossing
-            for moving in lane.driven:
-                x, speed = moving.x_m, moving.speed_mps
-                time_s = (n - moving.first_step) * step  # type: ignore[operator]  # it is driven
-                view = EgoView(-x, speed, moving.acceleration_mps2)
+            for car in lane.driven:
+                x, speed = car.x_m, car.speed_mps
+                time_s = (n - car.first_step) * step  # type: ignore[operator]  # it is driven
+                view = EgoView(-x, speed, car.acceleration_mps2)
                 visible = seen if -detection <= x <= detection else ()
                 observation = Observation(time_s, step, view, vehicle, crossing, visible)
                 try:
-                    answer = moving.strategy.decide(observation)
+                    answer = car.strategy.decide(observation)
                 except (Exception, SystemExit) as error:
-                    raise _of_vehicle(moving, now, strategy_raised(error, time_s)) from error
+                    raise _of_vehicle(car, now, strategy_raised(error, time_s)) from error
                 if answer is None and self.sumo_drives:
-                    if not moving.by_engine:
-                        self.road.hand_over(moving.name)
-                        moving.by_engine = True
+                    if not car.by_engine:
+                        self.road.hand_over(car.name)
+                        car.by_engine = True
                     continue
                 try:
                     target = speed + limited(answer, vehicle, time_s) * step
                 except StrategyError as error:
-                    raise _of_vehicle(moving, now, error) from None
-                if moving.by_engine:
-                    self.road.release(moving.name)
-                    moving.by_engine = False
-                drive(moving.name, target if target > 0 else 0.0)
+                    raise _of_vehicle(car, now, error) from None
+                if car.by_engine:
+                    self.road.release(car.name)
+                    car.by_engine = False
+                drive(car.name, target if target > 0 else 0.0)
 
     def _let_in(self, lane: LaneOnRoad, step: int) -> None:
-        moving = self.entrance.let_in(lane, step, self.end_step)
-        if moving is not None:
-            self.on_road[moving.name] = moving
-            self.log.vehicles.append(moving)
+        car = self.entrance.let_in(lane, step, self.end_step)
+        if car is not None:
+            self.on_road[car.name] = car
+            self.log.vehicles.append(car)
 
     def _read(self) -> None:
         """Read the states at the step's end of all vehicles that somebody may look at."""
         step, distance_of, speed_of = self.step_s, self.road.distance_of, self.road.speed_of
         for lane in self.lanes:
-            for moving in lane.driven:
-                name = moving.name
-                moving.next_x_m = moving.insert_x_m + distance_of(name)
-                speed = moving.next_speed_mps = speed_of(name)
-                moving.acceleration_mps2 = (speed - moving.speed_mps) / step
-            if lane.coming:
-                head = lane.coming[0]
-                name = head.name
-                head.next_x_m = head.insert_x_m + distance_of(name)
-                speed = head.next_speed_mps = speed_of(name)
-                head.acceleration_mps2 = (speed - head.speed_mps) / step
+            for car in (*lane.driven, lane.coming[0]) if lane.coming else lane.driven:
+                name = car.name
+                car.next_x_m = car.insert_x_m + distance_of(name)
+                speed = car.next_speed_mps = speed_of(name)
+                car.acceleration_mps2 = (speed - car.speed_mps) / step
 
     def _move(self, lane: LaneOnRoad, step: int) -> None:
         """After a step: vehicles that have passed leave, those at R0 are taken over."""
         driven, coming = lane.driven, lane.coming
-        for moving in driven:
-            x = moving.x_m = moving.next_x_m
-            speed = moving.speed_mps = moving.next_speed_mps
-            moving.xs.append(x)
-            moving.speeds.append(speed)
+        for car in driven:
+            x = car.x_m = car.next_x_m
+            speed = car.speed_mps = car.next_speed_mps
+            car.xs.append(x)
+            car.speeds.append(speed)
         while driven and driven[0].x_m >= lane.passed_at_m:
-            moving = driven.pop(0)
-            moving.passed = True
-            moving.came_until = len(self.crowd.came)
-            self.road.release(moving.name)
+            car = driven.pop(0)
+            car.passed = True
+            car.came_until = len(self.crowd.came)
+            self.road.release(car.name)
         if not coming:
             return
         head = coming[0]
@@ -197,19 +196,19 @@ class Hour:
             head = coming[0]
             head.x_m, head.speed_mps = state_of(self.road, head)
 
-    def _take_over(self, moving: HourVehicle, lane: LaneOnRoad, step: int) -> None:
-        moving.first_step = step
-        over = max(0.0, moving.x_m + self.rules.vehicle.trigger_range_m)
-        speed, gain = moving.speed_mps, moving.acceleration_mps2
+    def _take_over(self, car: HourVehicle, lane: LaneOnRoad, step: int) -> None:
+        car.first_step = step
+        over = max(0.0, car.x_m + self.rules.vehicle.trigger_range_m)
+        speed, gain = car.speed_mps, car.acceleration_mps2
         if over > ROUNDING_M:
             # Back in time to R0: over = v t − a t²/2.
             root = math.sqrt(max(0.0, speed**2 - 2 * gain * over))
-            moving.trace_offset_s = min(2 * over / (speed + root), self.step_s)
-        moving.xs.append(moving.x_m)
-        moving.speeds.append(speed)
-        moving.met = list(self.crowd.walkers)
-        moving.came_from = len(self.crowd.came)
-        lane.driven.append(moving)
+            car.trace_offset_s = min(2 * over / (speed + root), self.step_s)
+        car.xs.append(car.x_m)
+        car.speeds.append(speed)
+        car.met = list(self.crowd.walkers)
+        car.came_from = len(self.crowd.came)
+        lane.driven.append(car)
 
     def _note_collisions(self) -> None:
         """SUMO reports hits only of vehicles whose front is on the junction, or beyond."""
@@ -222,18 +221,32 @@ class Hour:
             if name in self.on_road:
                 self.on_road[name].collided = True
 
-    def _look_around(self, step: int) -> None:
-        """Sample the road, every second."""
-        queues = queued_in(self.road, self.lanes)
+    def _sample(self, step: int) -> None:
+        """Every second: queues, stops before R0, and where the vehicles are."""
+        queues = [self._queued_in(lane) for lane in self.lanes]
         if self.begin_step < step <= self.end_step:
             self.log.queues.append(queues)
         if self.paths:
-            note_paths(self.road, self.on_road.values(), step)
+            for car in self.on_road.values():
+                # Those that a strategy drives are noted at every step anyway.
+                if car.first_step is None or car.passed:
+                    car.path.append((step, *state_of(self.road, car)))
+
+    def _queued_in(self, lane: LaneOnRoad) -> int:
+        """The number of queued vehicles of a lane, with those upstream of the road."""
+        queued = len(lane.due) + sum(car.speed_mps < QUEUED_MPS for car in lane.driven)
+        for car in lane.coming:
+            speed = self.road.speed_of(car.name)
+            queued += speed < QUEUED_MPS
+            standing = speed < STANDING_MPS
+            car.stops += standing and not car.standing
+            car.standing = standing
+        return queued
 
 
-def _of_vehicle(moving: HourVehicle, now: float, error: StrategyError) -> StrategyError:
+def _of_vehicle(car: HourVehicle, now: float, error: StrategyError) -> StrategyError:
     """The same error, with the vehicle and the hour's time."""
-    what = f"vehicle {moving.plan.number}, {now:.3f} s into the hour: {error}"
+    what = f"vehicle {car.plan.number}, {now:.3f} s into the hour: {error}"
     named = StrategyError(what)
     named.traceback = error.traceback
     return named

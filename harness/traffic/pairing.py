@@ -15,9 +15,8 @@ from harness.scenario import Scenario
 from harness.traffic.demand import Scheduled, scheduled_vehicles
 from harness.traffic.hour import Hour
 from harness.traffic.lanes import lanes_of
-from harness.traffic.log import HourLog, clearing_s
 from harness.traffic.passages import Passage, passages_of
-from harness.traffic.vehicles import LaneOnRoad
+from harness.traffic.vehicles import HourLog, LaneOnRoad, clearing_s
 
 SUMO_DRIVER = "sumo_driver"
 """The strategy that leaves the driving to SUMO."""

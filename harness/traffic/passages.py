@@ -12,8 +12,7 @@ from harness.measures import EpisodeRecord, measure
 from harness.measures.efficiency import beyond
 from harness.measures.ego import crossing_time
 from harness.traffic.lanes import Lane
-from harness.traffic.log import HourLog
-from harness.traffic.vehicles import HourVehicle
+from harness.traffic.vehicles import HourLog, HourVehicle
 
 CHUNK = 200
 """Passages measured together; results do not depend on it."""
@@ -53,63 +52,63 @@ def passages_of(
         saturated: there is no schedule: delays are undefined.
     """
     by_lane: dict[Lane, list[HourVehicle]] = defaultdict(list)
-    for moving in sorted(log.vehicles, key=lambda moving: moving.plan.number):
-        by_lane[moving.plan.lane].append(moving)
+    for car in sorted(log.vehicles, key=lambda car: car.plan.number):
+        by_lane[car.plan.lane].append(car)
     found = []
     for lane, vehicles in by_lane.items():
         for begin in range(0, len(vehicles), CHUNK):
             part = vehicles[begin : begin + CHUNK]
-            traces = [_trace(moving, lane, log, rules) for moving in part]
-            for moving, trace, record in zip(part, traces, measure(traces), strict=True):
-                end_x = end_x_m[moving.plan.number % len(end_x_m)]
-                found.append(_passage(moving, trace, record, end_x, saturated))
+            traces = [_trace(car, lane, log, rules) for car in part]
+            for car, trace, record in zip(part, traces, measure(traces), strict=True):
+                end_x = end_x_m[car.plan.number % len(end_x_m)]
+                found.append(_passage(car, trace, record, end_x, saturated))
     return sorted(found, key=lambda passage: passage.vehicle.plan.number)
 
 
 def _passage(
-    moving: HourVehicle, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
+    car: HourVehicle, trace: Trace, record: EpisodeRecord, end_x_m: float, saturated: bool
 ) -> Passage:
     step_s, vehicle, half_m = trace.step_s, trace.vehicle, trace.crossing.width_m / 2
     v0, rear_m = vehicle.initial_speed_mps, vehicle.length_m + half_m
-    begin_s = (moving.first_step or 0) * step_s
-    scheduled_s = None if saturated else moving.plan.step * step_s
-    due_s = None if scheduled_s is None else scheduled_s + (rear_m - moving.insert_x_m) / v0
+    begin_s = (car.first_step or 0) * step_s
+    scheduled_s = None if saturated else car.plan.step * step_s
+    due_s = None if scheduled_s is None else scheduled_s + (rear_m - car.insert_x_m) / v0
     within_s = crossing_time(trace, -half_m)
     edge_s = None if within_s is None else begin_s + within_s
     passed_s = delay_s = control_s = None
-    if moving.passed:
+    if car.passed:
         within_s = crossing_time(trace, min(rear_m, float(trace.x_m[-1])))
         assert within_s is not None
         passed_s = begin_s + within_s
         delay_s = None if due_s is None else float(beyond(passed_s, due_s))
-    if moving.gone_step is not None and scheduled_s is not None:
+    if car.gone_step is not None and scheduled_s is not None:
         # Leaving is known to a step: so is the free way, and nobody is faster.
-        free_steps = math.ceil((end_x_m - moving.insert_x_m) / (v0 * step_s) - 1e-6)
-        control_s = max(0, moving.gone_step - moving.plan.step - free_steps) * step_s
-    inserted_s = None if moving.inserted_step is None else moving.inserted_step * step_s
+        free_steps = math.ceil((end_x_m - car.insert_x_m) / (v0 * step_s) - 1e-6)
+        control_s = max(0, car.gone_step - car.plan.step - free_steps) * step_s
+    inserted_s = None if car.inserted_step is None else car.inserted_step * step_s
     times = (scheduled_s, due_s, inserted_s, edge_s, passed_s)
-    return Passage(moving, *times, delay_s, control_s, record, trace)
+    return Passage(car, *times, delay_s, control_s, record, trace)
 
 
-def _trace(moving: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:
-    begin_s = (moving.first_step or 0) * rules.step_s
+def _trace(car: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> Trace:
+    begin_s = (car.first_step or 0) * rules.step_s
     walks = []
-    if moving.first_step is not None:
-        until = moving.came_until
-        met = [walker.walk for walker in moving.met]
-        walks = [*met, *log.walks[moving.came_from : until]]
+    if car.first_step is not None:
+        until = car.came_until
+        met = [walker.walk for walker in car.met]
+        walks = [*met, *log.walks[car.came_from : until]]
     return Trace(
         vehicle=rules.vehicle,
         crossing=lane.crossing,
         step_s=rules.step_s,
-        x_m=np.array(moving.xs),
-        speed_mps=np.array(moving.speeds),
+        x_m=np.array(car.xs),
+        speed_mps=np.array(car.speeds),
         walks=tuple(as_seen(walk, lane, begin_s, rules.crossing) for walk in walks),
-        ending=Ending.CROSSED if moving.passed else Ending.TIMED_OUT,
+        ending=Ending.CROSSED if car.passed else Ending.TIMED_OUT,
         reason=None,
-        sumo_collision=moving.collided,
-        fallback=bool(getattr(moving.strategy, "fallback", False)),
-        trace_offset_s=moving.trace_offset_s,
+        sumo_collision=car.collided,
+        fallback=bool(getattr(car.strategy, "fallback", False)),
+        trace_offset_s=car.trace_offset_s,
     )
 
 

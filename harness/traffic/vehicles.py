@@ -1,17 +1,20 @@
-"""A vehicle on its way, and a lane with its vehicles in order."""
+"""A vehicle on its way, a lane with its vehicles in order, and the record of an hour."""
 
 import math
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from harness.encounter import PedestrianView, Side, Strategy
+from harness.encounter import PedestrianView, Side, Strategy, Walk
 from harness.engine.road import SumoRoad
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import ROUNDING_M
 from harness.episode.walkers import Walker
+from harness.scenario import TrafficSection
 from harness.traffic.demand import Scheduled
 from harness.traffic.lanes import Lane
+
+LEAST_CLEARING_S = 900.0
 
 
 @dataclass(slots=True, eq=False)
@@ -92,11 +95,11 @@ class LaneOnRoad:
 
     def first(self, elapsed_s: float) -> tuple[float, float, HourVehicle] | None:
         """x, speed and vehicle of the first that has not passed, so far into the step."""
-        for moving in self.driven:
-            gain = moving.acceleration_mps2
-            x = moving.x_m + moving.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
+        for car in self.driven:
+            gain = car.acceleration_mps2
+            x = car.x_m + car.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
             if x < self.passed_at_m:
-                return x, moving.speed_mps + gain * elapsed_s, moving
+                return x, car.speed_mps + gain * elapsed_s, car
         if not self.coming:
             return None
         head = self.coming[0]
@@ -117,7 +120,28 @@ class LaneOnRoad:
         return tuple(seen)
 
 
-def state_of(road: SumoRoad, moving: HourVehicle) -> tuple[float, float]:
+@dataclass(slots=True)
+class HourLog:
+    """The events of an hour; times are steps from the beginning of the warm-up.
+
+    ``queues`` has, for each second of the counted time, the queued vehicles of each lane.
+    ``let_go``: of each who had to wait, whether the first vehicle that kept them waiting let them
+    go.
+    """
+
+    vehicles: list[HourVehicle] = field(default_factory=list)
+    walks: list[Walk] = field(default_factory=list)
+    queues: list[list[int]] = field(default_factory=list)
+    let_go: dict[int, bool] = field(default_factory=dict)
+    last_step: int = 0
+
+
+def state_of(road: SumoRoad, car: HourVehicle) -> tuple[float, float]:
     """x and speed of a vehicle on the road."""
-    x = moving.insert_x_m + road.distance_of(moving.name)
-    return x, road.speed_of(moving.name)
+    x = car.insert_x_m + road.distance_of(car.name)
+    return x, road.speed_of(car.name)
+
+
+def clearing_s(traffic: TrafficSection) -> float:
+    """How long after the counted time the road may take to empty; a permanent queue never does."""
+    return 0.0 if traffic.saturated else max(traffic.duration_s, LEAST_CLEARING_S)

@@ -39,7 +39,7 @@ class Watched:
 
     def _note(self) -> None:
         positions = {}
-        for index, name in self._engine._ids.items():
+        for index, name in self._engine.people.ids.items():
             if name in libsumo.person.getIDList():
                 positions[index] = SITE.frame.to_road(*libsumo.person.getPosition(name))
         self.seen.append(positions)

@@ -24,10 +24,9 @@ from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.traffic.demand import Scheduled, scheduled_vehicles
 from harness.traffic.hour import Hour
 from harness.traffic.lanes import lanes_of
-from harness.traffic.log import HourLog
 from harness.traffic.pairing import SUMO_DRIVER, HourOutcome, HourRunner
 from harness.traffic.passages import Passage, passages_of
-from harness.traffic.vehicles import LaneOnRoad
+from harness.traffic.vehicles import HourLog, LaneOnRoad
 
 MODEL = load_model("dut", None)
 pytestmark = pytest.mark.usefixtures("no_simulation")

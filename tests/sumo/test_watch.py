@@ -12,7 +12,7 @@ from PIL import Image
 from harness.batch.experiment import run_study
 from harness.encounter import Arm
 from harness.engine.shared import close_engine
-from harness.engine.starting import Following, additional_file, traffic_types
+from harness.engine.starting import Following, vehicle_types
 from harness.engine.view import view_settings
 from harness.errors import InputError
 from harness.replay.watch import watch
@@ -99,9 +99,8 @@ def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
 
 
 def test_in_hours_a_colour_tells_avs_from_others() -> None:
-    types = ET.fromstring(
-        additional_file(traffic_types(Scenario().vehicle(), None, Following("Krauss", 1.0, 2.0)))
-    )
+    written = vehicle_types(Scenario().vehicle(), None, Following("Krauss", 1.0, 2.0))
+    types = ET.fromstring(f"<types>{written}</types>")
     attributes = {one.attrib.pop("id"): one.attrib for one in types}
     # Nothing but the colour differs: results cannot.
     assert attributes["av"].pop("color") == "0,114,178"
