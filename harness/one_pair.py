@@ -6,6 +6,7 @@ There is no watchdog and no time limit, so ``breakpoint()`` in a strategy stops 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,8 +22,8 @@ from harness.measures import EpisodeRecord, Outcome
 from harness.measures.catalogue import MEASURES
 from harness.results.episode_tables import trace_rows
 from harness.results.tables import table_of
+from harness.runs.notebook import figure_html, table_html
 from harness.scenario import EngineName, Scenario, engine_named, load_scenario
-from harness.sketch import html_table, lines_sketch
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ class EpisodeOutcome:
     def _repr_html_(self) -> str:
         """What a notebook shows."""
         title = f"pair {self.outcome.pair}, {self.arm.value}"
-        return _table(title, [self]) + _picture(title, [self]) + _problems([self])
+        return _html(title, [self])
 
 
 @dataclass(frozen=True)
@@ -114,8 +115,7 @@ class PairOutcome:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        both, title = [self.av, self.human], self._title
-        return _table(title, both) + _picture(title, both) + _problems(both)
+        return _html(self._title, [self.av, self.human])
 
 
 def run_pair(
@@ -164,30 +164,24 @@ def run_pair(
     return PairOutcome(scenario, pair, av, human)
 
 
-def _table(title: str, episodes: list[EpisodeOutcome]) -> str:
+def _html(title: str, episodes: list[EpisodeOutcome]) -> str:
+    """Measures of episodes, their speeds over the distance, tracebacks of those that raised."""
+    from harness.report.episode_figures import draw_speed_over_distance
+    from harness.report.style import new_figure
+
     units = {measure.column: measure.unit for measure in MEASURES}
-    rows = [
-        ["strategy", *(episode.outcome.strategy for episode in episodes)],
-        ["ending", *(str(episode.record.ending) for episode in episodes)],
-    ]
-    for name in _SHOWN:
-        values = [getattr(episode.record, name) for episode in episodes]
-        written = ["none" if value is None else f"{value:.3g}" for value in values]
-        rows.append([f"{name.removesuffix('_s')} ({units[name]})", *written])
-    return html_table(title, ["", *(episode.arm.value for episode in episodes)], rows)
-
-
-def _picture(title: str, episodes: list[EpisodeOutcome]) -> str:
-    lines = []
+    measures = (f"{name.removesuffix('_s')} ({units[name]})" for name in _SHOWN)
+    table = pd.DataFrame({"": ["strategy", "ending", *measures]})
     for episode in episodes:
-        ego = episode.rows[episode.rows["object"] == "ego"]
-        points = zip(ego["x_m"].tolist(), ego["speed_mps"].tolist(), strict=True)
-        lines.append((episode.arm.value, list(points)))
-    return lines_sketch(lines, f"{title}: speed over the distance to the crosswalk")
-
-
-def _problems(episodes: list[EpisodeOutcome]) -> str:
-    """The tracebacks of strategies that raised."""
-    failed = [of for of in episodes if of.record.ending is Ending.ENGINE_FAILED]
-    words = [[of.arm.value, of.trace.traceback or of.record.reason or ""] for of in failed]
-    return html_table("failed", ["arm", "why"], words) if words else ""
+        values = [getattr(episode.record, name) for name in _SHOWN]
+        written = ("none" if value is None else f"{value:.3g}" for value in values)
+        table[episode.arm.value] = [episode.outcome.strategy, episode.record.ending, *written]
+    figure, (axes,) = new_figure()
+    rows = pd.concat([episode.rows for episode in episodes])
+    draw_speed_over_distance(axes, {title: rows}, episodes[0].trace.crossing.width_m)
+    html = table_html(title, table) + figure_html(figure)
+    for episode in episodes:
+        if episode.record.ending is Ending.ENGINE_FAILED:
+            why = episode.trace.traceback or episode.record.reason or ""
+            html += f"<pre>{escape(f'{episode.arm.value} failed: {why}')}</pre>"
+    return html

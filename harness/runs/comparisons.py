@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import pandas as pd
+
 from harness.comparison import (
     DIFFERENCES,
     MU_BOUND_FROM,
@@ -18,11 +20,8 @@ from harness.comparison import (
     relation_of_crashes,
     relation_of_times,
 )
+from harness.runs.notebook import intervals_html, table_html
 from harness.runs.strategy_groups import ParameterSweep, StrategyGroup
-from harness.sketch import html_table, intervals_sketch
-
-_DRAWN = 12
-"""Differences in a notebook's picture."""
 
 
 @dataclass(frozen=True)
@@ -156,31 +155,24 @@ class RunComparison:
 
     def _repr_html_(self) -> str:
         """Every difference with its interval, for a notebook."""
-        named = [(group.group.cells, item) for group in self.groups for item in group.comparisons]
-        pairs = [(f"{cells[of.a].label} − {cells[of.b].label}", of) for cells, of in named]
-        rows = [
-            [
-                words,
-                str(item.counted_in_both),
-                item.time_ratio_difference.words(".4f"),
-                item.mu_difference.words(".4f"),
-                item.delay_difference_s.words(".4f"),
-                f"{item.crashes.only_a} / {item.crashes.only_b}",
-                f"{item.p_holm:.2g}",
-            ]
-            for words, item in pairs
+        differences = [
+            (f"{group.group.cells[item.a].label} − {group.group.cells[item.b].label}", item)
+            for group in self.groups
+            for item in group.comparisons
         ]
-        headings = (
-            "A − B",
-            "pairs",
-            "ratio of times",
-            "μ",
-            "delay s",
-            "crashed in A / B alone",
-            "p (Holm)",
-        )
+        rows = [
+            {
+                "A − B": name,
+                "pairs": item.counted_in_both,
+                "ratio of times": item.time_ratio_difference.words(".4f"),
+                "μ": item.mu_difference.words(".4f"),
+                "delay s": item.delay_difference_s.words(".4f"),
+                "crashed in A / B alone": f"{item.crashes.only_a} / {item.crashes.only_b}",
+                "p (Holm)": f"{item.p_holm:.2g}",
+            }
+            for name, item in differences
+        ]
         caption = f"{self.name}: intervals of {100 * self.confidence:.3g} %"
-        first = [(words, item.time_ratio_difference) for words, item in pairs[:_DRAWN]]
-        drawn = [(words, of.value, of.low, of.high) for words, of in first]
-        title = "differences of the ratio of times with their intervals; the line is 0"
-        return html_table(caption, headings, rows) + intervals_sketch(drawn, title, 0.0)
+        drawn = [(name, item.time_ratio_difference) for name, item in differences]
+        label = "difference of the ratio of times with its interval"
+        return table_html(caption, pd.DataFrame(rows)) + intervals_html(drawn, label, 0.0)

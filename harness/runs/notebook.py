@@ -1,14 +1,56 @@
-"""A run as a notebook shows it: what its cells came to, in a table and a small picture."""
+"""Results as a notebook shows them: a table, and a picture of values with their intervals."""
 
-from typing import Any
+import io
+from collections.abc import Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
+from harness.comparison import Difference, Interval
 from harness.results.summaries import interval_from
-from harness.sketch import html_table, intervals_sketch
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MOST = 12
-"""Cells shown."""
+"""Cells, or differences, that are drawn."""
+
+
+def table_html(caption: str, table: pd.DataFrame) -> str:
+    """A table as HTML; whatever a file says in it is text, not markup."""
+    # A long name in full.
+    with pd.option_context("display.max_colwidth", None):
+        html: str = table.to_html(index=False, border=0)
+    return html.replace(">", f"><caption>{escape(caption)}</caption>", 1)
+
+
+def figure_html(figure: "Figure") -> str:
+    """A figure as an ``<svg>`` element."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg")
+    return buffer.getvalue()[buffer.getvalue().index("<svg") :]
+
+
+def intervals_html(
+    intervals: Sequence[tuple[str, Interval | Difference]], label: str, mark: float
+) -> str:
+    """Values with their intervals beneath each other, and a line at ``mark``; few of many."""
+    from matplotlib.figure import Figure
+
+    drawn = [(name, each) for name, each in intervals if each.value is not None][:_MOST]
+    figure = Figure(figsize=(5.8, 1.0 + 0.3 * len(drawn)), layout="constrained")
+    axes = figure.subplots()
+    for place, (_, each) in enumerate(drawn):
+        limits = np.array([each.low, each.high], dtype=float)
+        (line,) = axes.plot(limits, [place, place], marker="|")
+        axes.plot(np.array([each.value]), [place], "o", color=line.get_color())
+    axes.set_yticks(range(len(drawn)), [name.replace("$", r"\$") for name, _ in drawn])
+    axes.axvline(mark, color="#57606a", lw=1)
+    axes.invert_yaxis()
+    axes.set_xlabel(label)
+    return figure_html(figure)
 
 
 def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool) -> str:
@@ -21,27 +63,14 @@ def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool
         finished: False while the run goes on.
     """
     shown = summary.head(_MOST)
-    rows, intervals = [], []
-    for _, row in shown.iterrows():
-        label = ", ".join(f"{key.rpartition('.')[2]}={row[key]}" for key in varied) or name
-        rows.append(
-            [
-                str(row["cell"]),
-                *(str(row[key]) for key in varied),
-                str(row["pairs"]),
-                _with_limits(row, "mu"),
-                _with_limits(row, "kappa"),
-                _with_limits(row, "delay_s"),
-            ]
-        )
-        mu = interval_from(row, "mu")
-        intervals.append((label, mu.value, mu.low, mu.high))
+    table = shown[["cell", *varied, "pairs"]].copy()
+    for heading, column in (("μ", "mu"), ("κ", "kappa"), ("delay AV s", "delay_s")):
+        table[heading] = [interval_from(row, column).words(".4g") for _, row in shown.iterrows()]
+    mu = [(_label(name, varied, row), interval_from(row, "mu")) for _, row in shown.iterrows()]
     more = f", {len(summary) - _MOST} more cells" if len(summary) > _MOST else ""
     caption = f"{name}{'' if finished else ' (unfinished)'}{more}"
-    headings = ["cell", *varied, "pairs", "μ", "κ", "delay AV s"]
-    picture = intervals_sketch(intervals, f"{name}: μ with its interval; the line is μ = 1", 1.0)
-    return html_table(caption, headings, rows) + picture
+    return table_html(caption, table) + intervals_html(mu, "μ with its interval", 1.0)
 
 
-def _with_limits(row: "pd.Series[Any]", name: str) -> str:
-    return interval_from(row, name).words(".4g")
+def _label(name: str, varied: list[str], row: "pd.Series[Any]") -> str:
+    return ", ".join(f"{key.rpartition('.')[2]}={row[key]}" for key in varied) or name

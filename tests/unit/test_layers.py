@@ -26,7 +26,6 @@ LEVELS = {
                 "files",
                 "documents",
                 "versions",
-                "sketch",
             ),
             ("mixture", "comparison", "motion", "roads", "scenario", "network"),
             ("interaction", "trajectories", "strategies", "measures", "perception"),
