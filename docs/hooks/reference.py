@@ -16,6 +16,7 @@ from harness.cli.app import app
 from harness.comparison import ENCOUNTERS, Entry
 from harness.measures import MEASURES
 from harness.results import tables
+from harness.results.hour_catalogue import HOURS
 from harness.scenario import Scenario, sections
 
 UNITS = {
@@ -198,12 +199,13 @@ def columns_page() -> str:
             ("column", "type", "unit", "meaning"),
             ([f"`{c}`", kind_of(schema.field(c).type), u, m] for c, u, m in told(name, meanings)),
         )
-    lines += ["", "## summary.parquet, summary.csv", ""]
-    lines += ["One row per cell: `cell` (Parquet) or the varied keys (CSV), then these.", ""]
-    lines += table(
-        ("column", "interval", "reliable from", "unit", "meaning"),
-        (reported(entry, name) for entry in ENCOUNTERS for name in filter(None, entry.names)),
-    )
+    for kind, catalogue in (("encounters", ENCOUNTERS), ("hours of traffic", HOURS)):
+        lines += ["", f"## summary.parquet, summary.csv of {kind}", ""]
+        lines += ["One row per cell: `cell` (Parquet) or the varied keys (CSV), then these.", ""]
+        lines += table(
+            ("column", "interval", "reliable from", "unit", "meaning"),
+            (reported(entry, name) for entry in catalogue for name in filter(None, entry.names)),
+        )
     return "\n".join(lines) + "\n"
 
 

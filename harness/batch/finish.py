@@ -1,19 +1,17 @@
 """From shards to a finished run: tables, summary, and last of all the manifest with counts."""
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections import Counter
+from collections.abc import Iterator, Mapping
 
 import pyarrow as pa
 
 from harness.batch.plan import Plan
-from harness.comparison import ENCOUNTERS, Findings
-from harness.encounter import Ending
+from harness.comparison import Findings, Plain
 from harness.files import write_csv
-from harness.results.hour_summaries import hours_row, summarise_hours
-from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
+from harness.results.kinds import kind_of_study
 from harness.results.run_folder import RunFolder
-from harness.results.summaries import confidence_of, summarise_cell
+from harness.results.summaries import confidence_of
 from harness.results.summary_table import write_summary
 from harness.results.tables import write_parquet
 from harness.runs.opening import load_run
@@ -23,55 +21,28 @@ from harness.scenario import Study
 
 def finish(folder: RunFolder, plan: Plan) -> RunData:
     """Turn a folder's shards into tables, summary and, last of all, the manifest with counts."""
+    kind, cells = kind_of_study(plan.study), plan.study.cells
     write_parquet(folder.path / "cells.parquet", *_cells_table(plan.study))
-    tables, counts = (_hours if plan.study.in_traffic else _encounters)(folder, plan)
-    for name, rows in tables.items():
-        write_csv(folder.path / f"{name}.csv", rows)
-    folder.write_manifest(plan.manifest(counts))
+    folder.finish_tables(plan.shard_tables)
+    for name, derive in kind.derived.items():
+        folder.finish_derived(name, kind.rows, derive)
+    confidence = confidence_of(plan.study, plan.options)
+    findings: list[Findings] = []
+    statistics: dict[str, list[Mapping[str, Plain]]] = {}
+    counts: Counter[str] = Counter()
+    for cell, (_, rows) in zip(cells, folder.rows_by_cell(kind.rows), strict=True):
+        findings.append(kind.findings(rows, cell, confidence))
+        keys = {"cell": cell.number, **cell.varied}
+        for name, part in kind.statistics(rows, cell, findings[-1]).items():
+            statistics.setdefault(name, []).extend(keys | row for row in part)
+        counts.update(kind.counts(rows))
+    write_summary(folder.path, kind.catalogue, cells, findings)
+    for name, table in statistics.items():
+        write_csv(folder.path / f"{name}.csv", table)
+    folder.write_manifest(plan.manifest(dict(counts)))
     folder.drop_shards()
     folder.note("finished")
     return load_run(folder.path)
-
-
-CsvTables = dict[str, list[dict[str, Any]]]
-
-
-def _hours(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
-    """The tables of hours of traffic; returns their CSVs and counts."""
-    folder.finish_tables(plan.shard_tables)
-    confidence = confidence_of(plan.study, plan.options)
-    summaries, counts = [], dict.fromkeys(("pairs", "hours", "engine_failed"), 0)
-    for cell, (_, hours) in zip(plan.study.cells, folder.rows_by_cell("hours"), strict=True):
-        summary = summarise_hours(hours, cell.scenario, confidence)
-        summaries.append({**cell.varied, **hours_row(summary)})
-        counts["pairs"] += summary.pairs
-        counts["hours"] += hours.num_rows
-        counts["engine_failed"] += hours.num_rows - hours["reason"].null_count
-    return {"summary": summaries}, counts
-
-
-def _encounters(folder: RunFolder, plan: Plan) -> tuple[CsvTables, dict[str, int]]:
-    """The tables of encounters; returns their CSVs and counts."""
-    folder.finish_tables(plan.shard_tables)
-    folder.finish_pairs()
-    confidence = confidence_of(plan.study, plan.options)
-    tables: CsvTables = {"measures": [], "conflicts": []}
-    findings: list[Findings] = []
-    counts = {"pairs": 0, "episodes": 0, **{ending.value: 0 for ending in Ending}}
-    for cell, (_, episodes) in zip(plan.study.cells, folder.rows_by_cell("episodes"), strict=True):
-        summary = summarise_cell(episodes, cell, confidence)
-        rates = conflict_rates(summary, cell.scenario.conflicts, confidence)
-        which = {"cell": cell.number, **cell.varied}
-        findings.append(summary.findings)
-        tables["measures"] += [which | row for row in measure_rows(episodes)]
-        tables["conflicts"] += [which | conflict_row(rate) for rate in rates]
-        counts["pairs"] += summary.pairs
-        counts["episodes"] += episodes.num_rows
-        endings = episodes["ending"].to_pylist()
-        for ending in Ending:
-            counts[ending.value] += endings.count(ending.value)
-    write_summary(folder.path, ENCOUNTERS, plan.study.cells, findings)
-    return tables, counts
 
 
 def _cells_table(study: Study) -> tuple[pa.Schema, Iterator[pa.Table]]:

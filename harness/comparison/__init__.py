@@ -18,7 +18,7 @@ from harness.comparison.bootstrap import (
 )
 from harness.comparison.catalogue import CONFLICTS, ENCOUNTERS, Conflict, anything_left_out
 from harness.comparison.differences import DIFFERENCES, MU_BOUND_FROM, ComparedColumns
-from harness.comparison.encounter_columns import EncounterColumns
+from harness.comparison.encounter_columns import EncounterColumns, count
 from harness.comparison.findings import (
     Catalogue,
     CellFindings,
@@ -108,6 +108,7 @@ __all__ = [
     "bootstrap_ratio",
     "clustered_proportion",
     "columns_of",
+    "count",
     "findings_from",
     "findings_of",
     "holm",

@@ -161,13 +161,18 @@ class Entry(Generic[Source]):
         paired = name == self.names[2] and self.paired_from is not None
         return self.paired_from if paired else self.reliable_from
 
+    def interval_of(self, name: str) -> type[Interval] | None:
+        """Which interval the number of that name has: a difference of shares is no share."""
+        difference = self.of_arm is not None and name == self.names[2]
+        return Interval if difference and self.interval is Proportion else self.interval
+
     def columns(self) -> dict[str, type]:
         """The columns of this entry in ``summary.csv``, each with its type."""
         kind = {Form.COUNT: int, Form.FLAG: bool, Form.WORD: str}.get(self.form, float)
         columns: dict[str, type] = {}
         for name in filter(None, self.names):
             columns |= {name: kind}
-            columns |= {f"{name}{end}": of for end, _, of in _STORED[self.interval]}
+            columns |= {f"{name}{end}": of for end, _, of in _STORED[self.interval_of(name)]}
         return columns
 
     def findings(self, source: Source, met_someone: int) -> dict[str, Finding]:
@@ -202,16 +207,18 @@ class Entry(Generic[Source]):
         row: dict[str, Plain] = {}
         for name in filter(None, self.names):
             finding = findings[name]
+            stored = _STORED[self.interval_of(name)]
             row |= {name: finding.value}
-            row |= {f"{name}{e}": getattr(finding, of) for e, of, _ in _STORED[self.interval]}
+            row |= {f"{name}{end}": getattr(finding, field) for end, field, _ in stored}
         return row
 
     def from_row(self, row: Mapping[str, Any], met_someone: int) -> dict[str, Finding]:
         """The entry's findings from columns of ``summary.csv``; the inverse of ``row``."""
         findings = {}
         for name in filter(None, self.names):
-            stored = {field: row[f"{name}{end}"] for end, field, _ in _STORED[self.interval]}
-            findings[name] = self._judged(name, Finding(row[name], **stored), met_someone)
+            stored = _STORED[self.interval_of(name)]
+            ends = {field: row[f"{name}{end}"] for end, field, _ in stored}
+            findings[name] = self._judged(name, Finding(row[name], **ends), met_someone)
         return findings
 
     def _judged(self, name: str, finding: Finding, met_someone: int) -> Finding:

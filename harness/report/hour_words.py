@@ -15,7 +15,6 @@ from harness.report.tables import (
     number,
     share_cell,
 )
-from harness.results.hour_measures import HOUR_MEASURES
 from harness.results.hour_summaries import HoursSummary
 from harness.runs.run_data import RunData
 from harness.scenario import Cell, Scenario, as_written
@@ -35,7 +34,7 @@ _NAMES = {
     "queue_p95": "queue, 95 %",
     "queue_longest": "queue, longest",
     "stops_per_vehicle": "stops per vehicle",
-    "first_let_go": "pedestrians the first vehicle let go, share",
+    "first_driver_yield_share": "pedestrians the first vehicle let go, share",
     "crashes_per_1000": "crashes per 1,000 that reached it",
     "conflicts_ttc_per_1000": "conflicts per 1,000: TTC",
     "conflicts_time_advantage_per_1000": "conflicts per 1,000: time advantage",
@@ -189,11 +188,11 @@ def _of_one_cell(cell: Cell, summary: HoursSummary) -> Table:
     mixed = 0 < cell.scenario.known_traffic.av_share < 1
     rows += [
         (
-            TableCell(_NAMES[measure.name]),
-            *(interval_cell(found, _DIGITS) for found in summary.measures[measure.name]),
+            TableCell(heading),
+            *(interval_cell(found, _DIGITS) for found in summary.measures[name]),
         )
-        for measure in HOUR_MEASURES
-        if mixed or measure.name not in _OF_MIXED
+        for name, heading in _NAMES.items()
+        if mixed or name not in _OF_MIXED
     ]
     for name, key in (("by the HCM, s", "hcm_s"), ("by NCHRP 17-87, s", "nchrp_s")):
         values = [

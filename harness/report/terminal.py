@@ -24,7 +24,6 @@ from harness.report.words import (
     sweep_lines,
     unreliable_keys,
 )
-from harness.results.hour_summaries import hours_row
 from harness.results.measure_tables import conflict_row
 from harness.runs.comparisons import RunComparison
 from harness.runs.run_data import RunData
@@ -85,8 +84,11 @@ def run_document(run: RunData) -> dict[str, Any]:
         "engine": run.engine,
         "audit": audit_document(run),
         "cells": [
-            {"varied": dict(cell.varied), "summary": hours_row(summary)}
-            for cell, summary in run.hour_results
+            {
+                "varied": dict(result.cell.varied),
+                "summary": row_of(run.kind.catalogue, result.findings),
+            }
+            for result in run.results
         ]
         if run.in_traffic
         else [

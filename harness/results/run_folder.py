@@ -8,7 +8,7 @@ fixed order and row groups: equal results are equal bytes whatever the tasks wer
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +19,6 @@ import pyarrow as pa
 
 from harness.errors import InputError, resume_command
 from harness.files import cannot_write, write_file
-from harness.results.episode_tables import pair_rows
 from harness.results.reading import MANIFEST
 from harness.results.shards import (
     SHARDS,
@@ -31,7 +30,7 @@ from harness.results.shards import (
     shard_name,
     shards_of,
 )
-from harness.results.tables import TABLES, table_of, write_parquet
+from harness.results.tables import TABLES, Columns, table_of, write_parquet
 
 SUMO_OUTPUTS = "sumo"
 """The folder of SUMO's own outputs inside a run folder."""
@@ -135,11 +134,12 @@ class RunFolder:
             parts = (read_shard(shard)[name] for shard in shards)
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
 
-    def finish_pairs(self) -> None:
-        """Write ``pairs.parquet`` from the episodes."""
-        by_cell = self.rows_by_cell("episodes")
-        pairs = (table_of("pairs", pair_rows(cell, episodes)) for cell, episodes in by_cell)
-        write_parquet(self.path / "pairs.parquet", TABLES["pairs"], pairs)
+    def finish_derived(
+        self, name: str, rows: str, derive: Callable[[int, pa.Table], Columns]
+    ) -> None:
+        """Write a table that follows from the rows of another one, cell by cell."""
+        parts = (table_of(name, derive(cell, table)) for cell, table in self.rows_by_cell(rows))
+        write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
 
     def drop_shards(self) -> None:
         """Remove the shards, which are in the tables, and what a killed process left half-written.

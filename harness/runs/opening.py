@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from harness.errors import InputError
+from harness.results.kinds import kind_of_study
 from harness.results.reading import MANIFEST, count_rows, read_manifest, unfinished
-from harness.results.tables import encounter_tables, hour_tables
 from harness.runs.run_data import RunData
 from harness.runs.run_tables import readable_shards
 from harness.scenario import study_from
@@ -36,9 +36,8 @@ def load_run(path: str | Path) -> RunData:
         return RunData(folder, document, study, finished=False, shards=shards)
     expected = {"cells": len(study.cells), **counts}
     traces, audit = document["traces"], document["engine"] == "plain"
-    names = ["pairs", *encounter_tables(traces=traces, audit=audit)]
-    if study.in_traffic:
-        names = hour_tables(traces=traces)
+    kind = kind_of_study(study)
+    names = [*kind.derived, *kind.tables(traces=traces, audit=audit)]
     for name in ("cells", *names):
         found = count_rows(folder, name)
         rows = expected.get(name, found)

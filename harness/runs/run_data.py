@@ -10,24 +10,22 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.comparison import ENCOUNTERS, Findings, PairColumns, Summary, columns_of, row_of
-from harness.encounter import Ending
+from harness.comparison import Findings, PairColumns, Summary, columns_of, row_of
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.results.episode_tables import pair_rows
-from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
+from harness.results.hour_summaries import HoursSummary, hours_summary
+from harness.results.kinds import Kind, kind_of_study
 from harness.results.manifest import options_of
 from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
 from harness.results.shards import Shard
 from harness.results.summaries import (
     confidence_of,
     pair_columns,
-    summarise_cell,
 )
 from harness.results.summary_table import read_summary
 from harness.results.tables import TABLES, table_of
@@ -133,6 +131,11 @@ class RunData:
         return _frame(self._tables.read("pedestrians"))
 
     @property
+    def kind(self) -> Kind:
+        """The kind of the run: which tables it has, and what it reports."""
+        return kind_of_study(self.study)
+
+    @property
     def in_traffic(self) -> bool:
         """Whether it simulates hours of traffic, and has ``hours`` in place of ``episodes``."""
         return self.study.in_traffic
@@ -152,27 +155,18 @@ class RunData:
         """One row per minute, lane and arm of a run in traffic."""
         return _frame(self._tables.read("queues"))
 
-    @cached_property
+    @property
     def hour_results(self) -> tuple[tuple[Cell, HoursSummary], ...]:
         """The summary of every cell of a run in traffic that has a finished pair."""
-        hours = self._tables.read("hours")
-        found = []
-        for cell in self.study.cells:
-            own = hours.filter(pc.equal(hours["cell"], cell.number))
-            if own.num_rows:
-                found.append((cell, summarise_hours(own, cell.scenario, self.confidence)))
-        return tuple(found)
+        return tuple((result.cell, hours_summary(result.findings)) for result in self.results)
 
     @cached_property
     def pairs(self) -> pd.DataFrame:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
             return _frame(self._tables.read("pairs"))
-        episodes = self._tables.read("episodes")
-        numbers = episodes["cell"].to_numpy()
         parts = [
-            table_of("pairs", pair_rows(int(cell), episodes.filter(pa.array(numbers == cell))))
-            for cell in np.unique(numbers)
+            table_of("pairs", pair_rows(cell.number, rows)) for cell, rows in self._rows_by_cell()
         ]
         return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
 
@@ -184,37 +178,29 @@ class RunData:
         worked out from the episodes where ``summary.parquet`` is not there yet, or is older than a
         column.  Cells of an unfinished run without a finished pair are left out.
         """
-        if self.in_traffic:
-            return pd.DataFrame(
-                [
-                    {"cell": cell.number, **cell.varied, **hours_row(summary)}
-                    for cell, summary in self.hour_results
-                ]
-            )
         rows = [
             {
                 "cell": result.cell.number,
                 **result.cell.varied,
-                **row_of(ENCOUNTERS, result.findings),
+                **row_of(self.kind.catalogue, result.findings),
             }
             for result in self.results
         ]
         frame = pd.DataFrame(rows)
         # A column that is undefined in every cell is one of numbers all the same.
-        types = columns_of(ENCOUNTERS)
+        types = {name: of for name, of in columns_of(self.kind.catalogue).items() if of is not str}
         return frame.astype({name: types[name] for name in frame.columns if name in types})
 
     @cached_property
     def results(self) -> tuple[CellResult, ...]:
         """The findings of every cell with a finished pair."""
-        stored = read_summary(self.path, ENCOUNTERS, self.study.cells) if self.finished else None
+        kind, cells = self.kind, self.study.cells
+        stored = read_summary(self.path, kind.catalogue, cells) if self.finished else None
         if stored is not None:
-            return tuple(
-                CellResult(cell, stored[cell.number], self.confidence) for cell in self.study.cells
-            )
+            return tuple(CellResult(cell, stored[cell.number], self.confidence) for cell in cells)
         return tuple(
-            CellResult(cell, summarise_cell(own, cell, self.confidence).findings, self.confidence)
-            for cell, own in self._episodes_by_cell()
+            CellResult(cell, kind.findings(rows, cell, self.confidence), self.confidence)
+            for cell, rows in self._rows_by_cell()
         )
 
     @cached_property
@@ -227,7 +213,7 @@ class RunData:
         return pd.DataFrame(
             [
                 {"cell": cell.number, **cell.varied, **row}
-                for cell, own in self._episodes_by_cell()
+                for cell, own in self._rows_by_cell()
                 for row in measure_rows(own)
             ]
         )
@@ -327,11 +313,7 @@ class RunData:
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
         """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
-        rows = self._tables.read("hours" if self.in_traffic else "episodes")
-        if self.in_traffic:
-            failed = rows.filter(pc.is_valid(rows["reason"]))
-        else:
-            failed = rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
+        failed = self.kind.failed(self._tables.read(self.kind.rows))
         columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
         return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
 
@@ -372,9 +354,9 @@ class RunData:
             return table
         return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
-    def _episodes_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
-        """The episodes of every cell that has any."""
-        episodes = self._tables.read("episodes")
+    def _rows_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
+        """The rows of every cell that has any, of the table that findings are made of."""
+        episodes = self._tables.read(self.kind.rows)
         numbers = episodes["cell"].to_numpy()
         for cell in self.study.cells:
             mine = numbers == cell.number

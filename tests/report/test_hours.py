@@ -13,7 +13,7 @@ from harness.encounter import Arm
 from harness.report import style
 from harness.report.hour_pictures import hour_pictures
 from harness.report.hour_words import hour_lines, hour_tables
-from harness.results.hour_measures import HOUR_MEASURES
+from harness.results.hour_catalogue import HOURS
 from harness.results.hour_summaries import ArmOfHours, HoursSummary
 from harness.scenario import parse_variation, read_scenario_file, study_of
 from harness.traffic.handbook import Handbook
@@ -34,18 +34,20 @@ CALM = ArmOfHours(
     los_pedestrians="A",
 )
 
+MEASURES = [entry.key for entry in HOURS if entry.of_arm and entry.paired]
+
 FLOW, AV = "pedestrians.flow_per_hour", "arms.av"
 
 
 def summary(level: float, av: ArmOfHours = CALM, human: ArmOfHours = CALM) -> HoursSummary:
     """Every measure is ``level`` of the AV, half of it of the human; no limits with one hour."""
     measures = {
-        of.name: (
+        name: (
             Interval(level, level - 1, level + 1),
             Interval(level / 2, None, None),
             Interval(level / 2, None, None),
         )
-        for of in HOUR_MEASURES
+        for name in MEASURES
     }
     arms = {Arm.AV: av, Arm.HUMAN: human}
     return HoursSummary(1, 0, 0.95, Interval(1.0, None, None), measures, arms)
@@ -171,7 +173,7 @@ def test_a_line_goes_through_the_cells_of_a_strategy(flows: Any) -> None:
 
 
 def test_strategies_have_lines_of_their_own_and_what_is_undefined_has_none() -> None:
-    nothing = {of.name: (Interval(None, None, None),) * 3 for of in HOUR_MEASURES}
+    nothing = {name: (Interval(None, None, None),) * 3 for name in MEASURES}
     run = run_of(
         f"{AV}=gap_yield,hard_yield",
         f"{FLOW}=400,100",

@@ -16,7 +16,7 @@ from harness.episode.loop import run_episode
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.interaction import load_model
 from harness.measures import measure
-from harness.results.hour_summaries import ArmOfHours, summarise_hours
+from harness.results.hour_columns import HourColumns, hour_columns
 from harness.results.hour_tables import hour_rows
 from harness.results.tables import table_of
 from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
@@ -284,11 +284,11 @@ def test_the_road_is_empty_after_an_hour() -> None:
 def test_a_minute_without_warm_up_is_not_saturated() -> None:
     """The road of field_sites fills in it: by vehicles on their way, of whom nobody is late."""
     minute = [Setting("traffic.duration_s", 60.0), Setting("traffic.warm_up_s", 0.0)]
-    arms = arms_of(load_scenario("field_sites", minute), 3)
-    for arm in arms.values():
-        assert not arm.saturated
-        assert arm.growth.share == 0.0
-        assert arm.los_vehicles == "A"
+    columns = columns_of(load_scenario("field_sites", minute), 3)
+    for arm in (0, 1):
+        assert not columns.saturated(arm)
+        assert columns.growth(arm).share == 0.0
+        assert columns.los_vehicles(arm) == "A"
 
 
 @pytest.mark.parametrize(
@@ -305,14 +305,14 @@ def test_ten_minutes_below_and_beyond_capacity(flow: float, saturated: bool) -> 
         arms={"av": "hard_yield", "human": "hard_yield"},
         ego={"initial_speed_mps": 8.0},
     )
-    assert {arm.saturated for arm in arms_of(scenario, 1).values()} == {saturated}
+    columns = columns_of(scenario, 1)
+    assert [columns.saturated(arm) for arm in (0, 1)] == [saturated] * 2
 
 
-def arms_of(scenario: Scenario, hours: int) -> dict[Arm, ArmOfHours]:
-    """The summary of both arms of so many hours."""
+def columns_of(scenario: Scenario, hours: int) -> HourColumns:
+    """The columns of both arms of so many hours."""
     outcomes = HourRunner(scenario, MODEL, lambda: road_for(scenario)).run(range(hours))
-    rows = hour_rows(0, outcomes)["hours"]
-    return summarise_hours(table_of("hours", rows), scenario, 0.95).arms
+    return hour_columns(table_of("hours", hour_rows(0, outcomes)["hours"]), scenario, 0.95)
 
 
 @pytest.mark.slow

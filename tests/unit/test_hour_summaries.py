@@ -1,5 +1,6 @@
 """Summaries of hours of traffic from rows made by hand: trials, shares, ratios, yield rates."""
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,17 +9,23 @@ import pytest
 
 from harness.comparison import (
     CONFLICTS,
+    Finding,
     Interval,
     clustered_proportion,
+    columns_of,
+    findings_from,
+    row_of,
     student_mean,
     student_ratio,
 )
 from harness.encounter import Arm
-from harness.results.hour_measures import HOUR_MEASURES, of_both_arms
-from harness.results.hour_summaries import HoursSummary, hours_row, summarise_hours
+from harness.results import tables
+from harness.results.hour_catalogue import HOURS as CATALOGUE
+from harness.results.hour_columns import HourColumns
 from harness.results.hour_tables import _delays, _late, passage_counts
-from harness.results.tables import HOURS, columns_of, table_of
-from harness.scenario import ConflictsSection, Scenario, validate
+from harness.results.kinds import HourKind
+from harness.results.tables import HOURS, table_of
+from harness.scenario import Cell, ConflictsSection, Scenario, validate
 
 AUTOMATED = {"av": "hard_yield", "human": "human_yield"}
 
@@ -30,7 +37,7 @@ def scenario(share: float = 1.0, **arms: str) -> Scenario:
 
 def summary_of(
     av: dict[str, Any], human: dict[str, Any], of: Scenario, hours: int = 3
-) -> HoursSummary:
+) -> dict[str, Finding]:
     """So many hours that are alike but for a column that is given as a list."""
     common = {"vehicles": 100, "pedestrians": 50, "reached": 100, "walking_mps": 1.3}
     rows = []
@@ -39,7 +46,8 @@ def summary_of(
             row = dict.fromkeys(HOURS.names[4:], 0) | common | own
             values = {key: v[pair] if isinstance(v, list) else v for key, v in row.items()}
             rows.append({"cell": 0, "pair": pair, "arm": arm.value} | values)
-    return summarise_hours(table_of("hours", columns_of(HOURS, rows)), of, 0.95)
+    hours = table_of("hours", tables.columns_of(HOURS, rows))
+    return HourKind().findings(hours, Cell(0, {}, of), 0.95)
 
 
 def passage(edge_s: float | None, ending: str = "crossed", **values: float) -> dict[str, Any]:
@@ -61,47 +69,73 @@ def test_trials_are_vehicles_that_reached_the_crosswalk_or_crashed() -> None:
 def test_kappa_is_over_those_that_reached_it() -> None:
     """1 of 20: not 1 of 100."""
     own = {"crashes": [1, 0, 0], "reached": [20, 0, 0], "conflicts_unreached": 2}
-    summary = summary_of(own, {}, scenario())
-    assert summary.arms[Arm.AV].kappa.value == 0.05
-    assert summary.measures["crashes_per_1000"][0].value == 50
-    row = hours_row(summary)
-    assert (row["unreached"], row["conflicts_unreached"]) == (280, 6)
-    assert row["unreached_human"] == 0
+    findings = summary_of(own, {}, scenario())
+    kappa = findings["kappa"]
+    assert (kappa.value, kappa.events, kappa.n) == (0.05, 1, 20)
+    assert findings["crashes_per_1000"].value == 50
+    assert (findings["unreached"].value, findings["conflicts_unreached"].value) == (280, 6)
+    assert findings["unreached_human"].value == 0
+
+
+def test_findings_are_read_back_as_they_were_written() -> None:
+    """Undefined numbers have a reason; a difference of shares has no trials."""
+    findings = summary_of({"let_go": 9, "had_to_wait": 10}, {}, scenario())
+    row = row_of(CATALOGUE, findings)
+    assert [*row] == [*columns_of(CATALOGUE)]
+    assert (row["first_driver_yield_share_events"], row["first_driver_yield_share_n"]) == (27, 30)
+    assert "first_driver_yield_share_difference_n" not in row
+    assert findings["first_driver_yield_share_human"].reason == "nobody had to wait"
+    assert all(finding.reason for finding in findings.values() if finding.value is None)
+    assert findings_from(CATALOGUE, row, 0) == findings
+
+
+def test_a_queue_in_metres_is_that_of_vehicles_with_their_gaps() -> None:
+    """Three vehicles of 5 m, each with the gap of 2 m before it."""
+    own = {"queue_p95": [2.0, 3.0, 4.0]}
+    findings = summary_of(own, {"queue_p95": 1.0}, scenario())
+    assert findings["queue_p95_m"].value == pytest.approx(21.0)
+    assert findings["queue_p95_m"].low == pytest.approx(7 * (findings["queue_p95"].low or 0.0))
+    assert findings["queue_p95_m_difference"].value == pytest.approx(14.0)
 
 
 def test_a_share_of_people_keeps_within_0_and_1() -> None:
     """Three hours of 9, 10 and 10 of 10: Student's t would say 0.82 … 1.11."""
     av = {"let_go": [9, 10, 10], "had_to_wait": 10}
     human = {"let_go": 10, "had_to_wait": 10}
-    found = summary_of(av, human, scenario()).measures["first_let_go"]
+    findings = summary_of(av, human, scenario())
+    share, of_human, difference = (
+        findings[f"first_driver_yield_share{end}"] for end in ("", "_human", "_difference")
+    )
     expected = clustered_proportion(np.array([9.0, 10, 10]), np.full(3, 10.0))
-    assert found[0] == Interval(expected.value, expected.low, expected.high)
-    assert found[0].high is not None
-    assert found[0].high <= 1.0
-    assert found[1].high == 1.0
+    assert (share.value, share.low, share.high) == (expected.value, expected.low, expected.high)
+    assert share.high is not None
+    assert share.high <= 1.0
+    assert of_human.high == 1.0
     # Trials are alike, so the difference is the plain paired one.
     paired = student_mean(np.array([-0.1, 0, 0]))
-    assert found[2].value == pytest.approx(paired.value)
-    assert found[2].low == pytest.approx(paired.low)
+    assert difference.value == pytest.approx(paired.value)
+    assert difference.low == pytest.approx(paired.low)
 
 
 def test_no_interval_holds_what_cannot_be() -> None:
     """A queue of 0, 0 and 0.6 has no mean below 0; a difference of queues may."""
     av = {"queue_mean": [0.0, 0.0, 0.6], "vehicle_delay_s": [0.0, 0.1, 2.0]}
-    summary = summary_of(av, {"queue_mean": [0.0, 0.3, 0.0]}, scenario())
-    for measure in HOUR_MEASURES:
-        for arm in summary.measures[measure.name][:2]:
-            assert arm.low is None or arm.low >= 0
-            assert not measure.trials or arm.high is None or arm.high <= measure.per
-    assert summary.measures["queue_mean"][0].low == 0.0
-    low = summary.measures["queue_mean"][2].low
+    findings = summary_of(av, {"queue_mean": [0.0, 0.3, 0.0]}, scenario())
+    signed = {"growth", "rising_s"}
+    for entry in CATALOGUE:
+        for name in filter(None, entry.names[:2]):
+            finding = findings[name]
+            most = 1000.0 if "per_1000" in name else 1.0 if finding.n else math.inf
+            assert entry.key in signed or finding.low is None or finding.low >= 0
+            assert finding.high is None or finding.high <= most
+    assert findings["queue_mean"].low == 0.0
+    low = findings["queue_mean_difference"].low
     assert low is not None
     assert low < 0
 
 
 def test_differences_of_shares_cover() -> None:
     """In 1,000 draws of ten hours of both arms: 95 % (2.5 % more or less is 3 sd and some)."""
-    (measure,) = (of for of in HOUR_MEASURES if of.name == "first_let_go")
     rng, held = np.random.default_rng(1), 0
     for _ in range(1_000):
         arms = []
@@ -110,7 +144,8 @@ def test_differences_of_shares_cover() -> None:
             own = rng.beta(share * 20, (1 - share) * 20, 10)
             events = rng.binomial(trials.astype(int), own).astype(float)
             arms.append({"let_go": events, "had_to_wait": trials})
-        difference = of_both_arms(measure, arms[0], arms[1], 0.95)[2]
+        columns = HourColumns((arms[0], arms[1]), 10, 0, scenario(), 0.95)
+        difference = columns.share_difference("let_go", "had_to_wait")
         assert difference.low is not None
         assert difference.high is not None
         held += difference.low <= 0.2 <= difference.high
@@ -119,8 +154,8 @@ def test_differences_of_shares_cover() -> None:
 
 def test_the_time_ratio_is_that_of_sums_and_covers() -> None:
     """Delays of five skewed hours: 92 % (4,000 draws; of normal ones 95 %, of twenty 94 %)."""
-    summary = summary_of({"travel_time_s": [300.0, 100, 50]}, {"travel_time_s": 100.0}, scenario())
-    assert summary.time_ratio.value == 1.5
+    findings = summary_of({"travel_time_s": [300.0, 100, 50]}, {"travel_time_s": 100.0}, scenario())
+    assert findings["time_ratio"].value == 1.5
     rng, intervals = np.random.default_rng(2), list[Interval]()
     truth = (40 + 30 * np.exp(0.125)) / (40 + 60 * np.exp(0.125))
     for _ in range(2_000):
@@ -164,7 +199,7 @@ def test_yield_rates_are_declared_not_observed(
 ) -> None:
     """M_y = share × the AV's + (1 − share) × the reference's, whatever was seen: nobody let go."""
     own = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
-    row = hours_row(summary_of(own, own, scenario(share, **arms)))
+    row = row_of(CATALOGUE, summary_of(own, own, scenario(share, **arms)))
     assert row["yield_rate"] == (rate if rate is None else pytest.approx(rate, abs=0.005))
     assert (row["hcm_pedestrian_delay_s"] is None) == (rate is None)
     assert str(row["no_handbook"]).startswith(str(reason))
@@ -173,17 +208,23 @@ def test_yield_rates_are_declared_not_observed(
 
 
 def test_fallbacks_are_a_share_of_those_that_met_someone() -> None:
-    fallback = summary_of({"met": 40, "fallbacks": [40, 0, 20]}, {}, scenario()).arms[Arm.AV]
-    assert (fallback.fallback.successes, fallback.fallback.trials) == (60, 120)
+    findings = summary_of({"met": 40, "fallbacks": [40, 0, 20]}, {}, scenario())
+    share = findings["fallback_share"]
+    assert (share.events, share.n) == (60, 120)
 
 
 def test_a_delay_that_still_grows() -> None:
     """By 10, 12 and 11 s in three hours; one hour alone cannot tell."""
     grows = {"first_third_delay_s": 5.0, "last_third_delay_s": [15.0, 17.0, 16.0]}
-    assert summary_of(grows, {}, scenario()).arms[Arm.AV].still_rises
-    assert not summary_of(grows, {}, scenario(), hours=1).arms[Arm.AV].still_rises
+    rise = summary_of(grows, {}, scenario())["rising_s"]
+    assert rise.value == pytest.approx(11.0)
+    # Student's t with 2 degrees of freedom: 4.303 × 1 / √3.
+    assert rise.low == pytest.approx(11.0 - 4.3027 / math.sqrt(3), abs=1e-4)
+    assert summary_of(grows, {}, scenario(), hours=1)["rising_s"].low is None
     noisy = {"first_third_delay_s": 5.0, "last_third_delay_s": [45.0, 1.0, 2.0]}
-    assert not summary_of(noisy, {}, scenario()).arms[Arm.AV].still_rises
+    low = summary_of(noisy, {}, scenario())["rising_s"].low
+    assert low is not None
+    assert low < 0
 
 
 def hour_of(of: Scenario, *rows: tuple[float, float, float | None, float]) -> tuple[Any, Any, Any]:
