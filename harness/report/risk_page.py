@@ -72,5 +72,5 @@ def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:
     yield "engine", "SUMO" if settings.in_sumo else "plain, checked in SUMO"
     yield "wanted coefficient of variation", as_written(settings.target_cv)
     yield "seed", str(settings.seed)
-    yield "interaction model", f"{settings.model.name}, sha256 {settings.model.sha256[:16]}…"
+    yield "interaction model", f"{settings.model['name']}, sha256 {settings.model['sha256'][:16]}…"
     yield "versions", ", ".join(f"{name} {version}" for name, version in settings.versions.items())

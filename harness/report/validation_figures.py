@@ -5,7 +5,6 @@ Each function draws into axes that it is given and neither saves nor shows anyth
 
 from collections.abc import Sequence
 
-import numpy as np
 from matplotlib.axes import Axes
 
 from harness.report import style
@@ -14,28 +13,18 @@ from harness.validation import DriverOutcome, Validation
 
 def draw_errors(axes: Axes, validation: Validation) -> None:
     """Share of drives whose pass time is off by at most x: a line for every near driver."""
-    real = [one.pass_time_s for one in validation.recorded]
-    for place, look in zip(validation.findings.drivers, style.SERIES, strict=False):
-        off = np.sort(
-            [
-                abs(one.pass_time_s - recorded)
-                for of, recorded in zip(validation.outcomes[place.driver], real, strict=True)
-                for one in of
-            ]
-        )
-        share = np.arange(1, len(off) + 1) / len(off)
-        axes.step(
-            np.concatenate([[0.0], off]),
-            np.concatenate([[0.0], share]),
-            where="post",
-            color=look.colour,
-            ls=look.dash,
-            lw=1.7,
-            label=style.figure_text(place.driver),
-        )
+    recorded = validation.recorded
+    for driver, look in zip(validation.findings.drivers, style.SERIES, strict=False):
+        errors_s = [
+            abs(drive.pass_time_s - truth.pass_time_s)
+            for drives, truth in zip(validation.outcomes[driver.driver], recorded, strict=True)
+            for drive in drives
+        ]
+        name = style.figure_text(driver.driver)
+        axes.ecdf(errors_s, color=look.colour, ls=look.dash, lw=1.7, label=name)
     axes.set_xlim(0, None)
     axes.set_ylim(0, 1.02)
-    count = f"n = {len(real):,} passages"
+    count = f"n = {len(recorded):,} passages"
     style.finish(axes, "absolute error of the pass time (s)", "share of drives at most x", count)
     style.legend_below(axes)
 
@@ -44,9 +33,8 @@ def draw_speeds(
     axes: Axes, outcomes: Sequence[DriverOutcome], look: style.Look, name: str, highest_mps: float
 ) -> None:
     """Speed along the road of one drive of every passage."""
-    for one in outcomes:
-        trace = one.trace
-        axes.plot(trace.x_m, trace.speed_mps, color=look.colour, lw=0.8, alpha=0.6)
+    for drive in outcomes:
+        axes.plot(drive.trace.x_m, drive.trace.speed_mps, color=look.colour, lw=0.8, alpha=0.6)
     axes.axvline(0.0, color=style.MUTED, lw=0.8, ls=":")
     axes.set_xlim(-30, 15)
     axes.set_ylim(0, highest_mps)
@@ -65,14 +53,14 @@ def pictures_of(validation: Validation) -> list[style.Picture]:
         "one by one.",
         figure,
     )
-    shown = validation.findings.drivers[:3]
+    shown = [driver.driver for driver in validation.findings.drivers[:3]]
     figure, axes_of = style.new_figure(2, 2, height=5.6)
     series = [("recorded drivers", validation.recorded)] + [
-        (place.driver, [of[0] for of in validation.outcomes[place.driver]]) for place in shown
+        (name, [drives[0] for drives in validation.outcomes[name]]) for name in shown
     ]
-    highest = 1.05 * max(one.trace.speed_mps.max() for _, of in series for one in of)
-    for panel, (name, of), look in zip(axes_of, series, style.SERIES, strict=False):
-        draw_speeds(panel, of, look, name, highest)
+    highest = 1.05 * max(drive.trace.speed_mps.max() for _, drives in series for drive in drives)
+    for panel, (name, drives), look in zip(axes_of, series, style.SERIES, strict=False):
+        draw_speeds(panel, drives, look, name, highest)
     for panel in axes_of[len(series) :]:
         panel.set_visible(False)
     speeds = style.Picture(

@@ -1,6 +1,6 @@
 """The settings of a risk as the user gives them, and the question as the workers get it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from pydantic import BaseModel, ConfigDict
 
@@ -22,15 +22,8 @@ class Document(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False, frozen=True)
 
 
-class ModelDigest(Document):
-    """Which interaction model the episodes used."""
-
-    name: str
-    sha256: str
-
-
 class SettingsDocument(Document):
-    """``risk.json``: everything that the result depends on."""
+    """``risk.json``: everything that the result depends on; ``model`` is its name and sha256."""
 
     name: str
     scenario: dict[str, object]
@@ -41,7 +34,7 @@ class SettingsDocument(Document):
     in_sumo: bool
     seed: int
     versions: dict[str, str]
-    model: ModelDigest
+    model: dict[str, str]
 
     def settings(self, where: str) -> "Settings":
         """The settings that the document was made from.
@@ -49,15 +42,8 @@ class SettingsDocument(Document):
         Raises:
             InputError: the scenario is refused, naming ``where``.
         """
-        return Settings(
-            self.name,
-            validate(self.scenario, where),
-            self.arm,
-            self.event,
-            self.target_cv,
-            self.most_episodes,
-            self.in_sumo,
-        )
+        values = {item.name: getattr(self, item.name) for item in fields(Settings)}
+        return Settings(**values | {"scenario": validate(self.scenario, where)})
 
 
 @dataclass(frozen=True)
@@ -94,19 +80,15 @@ class Settings:
 
     def document(self) -> SettingsDocument:
         """What ``risk.json`` holds."""
-        model = load_model(self.scenario.model.name, self.scenario.model.path)
-        return SettingsDocument(
-            name=self.name,
-            scenario=self.scenario.model_dump(mode="json"),
-            arm=self.arm,
-            event=self.event,
-            target_cv=self.target_cv,
-            most_episodes=self.most_episodes,
-            in_sumo=self.in_sumo,
-            seed=self.scenario.experiment.seed,
-            versions={**versions_of_runs(), **source_digests({self.driver})},
-            model=ModelDigest(name=model.name, sha256=model.sha256),
-        )
+        scenario = self.scenario
+        model = load_model(scenario.model.name, scenario.model.path)
+        more = {
+            "scenario": scenario.model_dump(mode="json"),
+            "seed": scenario.experiment.seed,
+            "versions": {**versions_of_runs(), **source_digests({self.driver})},
+            "model": {"name": model.name, "sha256": model.sha256},
+        }
+        return SettingsDocument.model_validate(vars(self) | more)
 
 
 def question_of(settings: Settings) -> Question:

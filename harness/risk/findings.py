@@ -1,6 +1,7 @@
 """The findings of a risk: ``result.json``, of which ``--json``, terminal and page are views."""
 
 from dataclasses import replace
+from operator import attrgetter
 from typing import Annotated, Self
 
 from pydantic import Field, computed_field, model_validator
@@ -127,6 +128,15 @@ class RiskFindings(Document):
         return values
 
 
+def _number(
+    key: str, heading: str, meaning: str, form: Form = Form.NUMBER, undefined: str = ""
+) -> Entry[RiskFindings]:
+    """An entry whose value is the field of that key."""
+    return Entry(key, heading, meaning, form, paired=attrgetter(key), undefined=undefined)
+
+
+_NO_ESTIMATE = "No draw of the estimate ended in the event."
+
 ENTRIES: tuple[Entry[RiskFindings], ...] = (
     Entry(
         "probability",
@@ -135,8 +145,7 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
         paired=lambda risk: Proportion(
             risk.probability, risk.ci_low, risk.ci_high, risk.events, risk.draws
         ),
-        undefined="No draw of the estimate ended in the event.",
-        first_screen=True,
+        undefined=_NO_ESTIMATE,
     ),
     Entry(
         "nominal_high",
@@ -145,45 +154,31 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
         paired=lambda risk: Proportion(
             risk.nominal_high, None, None, risk.nominal_events, risk.nominal_draws
         ),
-        first_screen=True,
     ),
-    Entry(
+    _number(
         "probability_worst",
         "probability if every failed episode were an event",
         "The worst case of the episodes that failed.",
-        paired=lambda risk: risk.probability_worst,
         undefined="No episode failed.",
     ),
-    Entry(
+    _number(
         "coefficient_of_variation",
         "coefficient of variation",
         "The standard error of the probability over the probability.",
-        paired=lambda risk: risk.coefficient_of_variation,
-        undefined="There is no probability.",
+        undefined=_NO_ESTIMATE,
     ),
-    Entry(
+    _number(
         "effective_sample_size",
         "effective sample size",
         "The squared sum of the weights over the sum of their squares.",
-        paired=lambda risk: risk.effective_sample_size,
-        undefined="There is no probability.",
     ),
-    Entry(
-        "episodes",
-        "episodes run",
-        "All episodes, those of the exploration and those that were run again included.",
-        Form.COUNT,
-        paired=lambda risk: risk.episodes,
-        first_screen=True,
-    ),
-    Entry(
+    _number("episodes", "episodes run", "All episodes, exploration included.", Form.COUNT),
+    _number(
         "brute_force_episodes",
         "episodes that brute force would need",
         "Nominal draws that give the same coefficient of variation.",
         Form.COUNT,
-        paired=lambda risk: risk.brute_force_episodes,
-        undefined="There is no probability.",
-        first_screen=True,
+        _NO_ESTIMATE,
     ),
 )
-"""Every number that a risk reports; the event's share of draws stands in ``n`` and ``events``."""
+"""Every number that a risk reports."""

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from harness.encounter import Arrival, Ending, FloatArray, Strategy, Trace, Walk
+from harness.encounter import Arrival, Ending, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.loop import run_episode
@@ -43,32 +43,22 @@ def recorded_trace(passage: Passage) -> Trace:
     """The recorded passage in the form of a simulated one; speeds are central differences."""
     x_m = passage.x_m
     walks = tuple(
-        Walk(arrival, arrival.arrival_s, _last_speed(arrival), legs=arrival.path)
+        Walk(arrival, arrival.arrival_s, abs(arrival.path[-1].y_mps), legs=arrival.path)
         for arrival in passage.arrivals
+        if arrival.path is not None
     )
     return Trace(
         vehicle=passage.vehicle,
         crossing=passage.crossing,
         step_s=passage.step_s,
         x_m=x_m,
-        speed_mps=speeds_mps(x_m, passage.step_s),
+        speed_mps=np.gradient(x_m, passage.step_s),
         walks=walks,
         ending=Ending.CROSSED,
         reason=None,
         sumo_collision=None,
         fallback=False,
     )
-
-
-def speeds_mps(x_m: FloatArray, step_s: float) -> FloatArray:
-    """Central differences of places that never fall, one-sided at both ends."""
-    speeds: FloatArray = np.gradient(x_m, step_s)
-    return speeds
-
-
-def _last_speed(arrival: Arrival) -> float:
-    assert arrival.path is not None
-    return abs(arrival.path[-1].y_mps)
 
 
 def _as_recorded(arrival: Arrival, *_seen: float | None) -> float:

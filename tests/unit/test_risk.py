@@ -1,5 +1,6 @@
 """How rare an event is: the estimator on probabilities known in closed form, and its parts."""
 
+import json
 import math
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 from scipy import stats
 
 from harness.comparison.findings import Note, Rank
-from harness.encounter import Arm, Ending, Side
+from harness.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
@@ -20,7 +21,7 @@ from harness.report.risk_terminal import person_words, risk_screen
 from harness.report.screen import screen_lines
 from harness.risk.estimation import estimate_probability
 from harness.risk.event import parse_event
-from harness.risk.findings import Person, RiskFindings, Way
+from harness.risk.findings import RiskFindings
 from harness.risk.fitting import first_components, spread
 from harness.risk.interval import Tally, estimate_of
 from harness.risk.layout import Layout
@@ -31,6 +32,8 @@ from harness.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, load_scenario, validate
 from harness.seeding import has_drawn_more
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
+
+DATA = Path(__file__).parents[1] / "data" / "risk"
 
 
 @pytest.mark.parametrize("p", [1e-2, 1e-4, 1e-6])
@@ -136,151 +139,26 @@ def test_the_bound_on_other_ways_rests_on_every_nominal_draw() -> None:
     assert stats.binom.cdf(nominal.events, nominal.draws, nominal.high) == pytest.approx(0.05)
 
 
-def result(**changes: object) -> RiskFindings:
+def findings_in(name: str, **changes: object) -> RiskFindings:
     """Findings written by hand."""
-    person = Person(
-        arrival_s=0.0, side=Side.FAR, quantile=0.461, critical_gap_s=None, found_at_look=55
-    )
-    values = {
-        "scenario": "cctc",
-        "arm": "av",
-        "strategy": "hard_yield",
-        "event": "crashed",
-        "by_brute_force": False,
-        "probability": 9.2e-10,
-        "ci_low": 8.7e-10,
-        "ci_high": 9.8e-10,
-        "nominal_high": 0.00023,
-        "nominal_draws": 13_281,
-        "nominal_events": 0,
-        "confidence": 0.95,
-        "coefficient_of_variation": 0.03,
-        "effective_sample_size": 908.0,
-        "episodes": 58_559,
-        "brute_force_episodes": 1_410_721_058_736,
-        "draws": 3_000,
-        "events": 1_522,
-        "events_in_all": 20_000,
-        "first_look_draws": 3_000,
-        "first_look_events": 0,
-        "probability_worst": None,
-        "failed": 0,
-        "timed_out": 0,
-        "compared_with_other_engine": 2_108,
-        "differing": 0,
-        "differences": (),
-        "differing_by_a_tie": 0,
-        "ties": (),
-        "levels": (),
-        "ways": (
-            Way(share=1, events=9, episode=7, pedestrians=[person] * 3, critical_pairs=(0, 8)),
-        ),
-        "notes": (),
-    }
-    return RiskFindings.model_validate(values | changes)
+    text = (DATA / f"{name}.json").read_text(encoding="utf-8")
+    return RiskFindings.model_validate(json.loads(text) | changes)
 
 
-WEIGHTED = """\
-cctc: probability of crashed, hard_yield (av)                                        58,559 episodes
-                                               estimate  95 % interval
-probability per episode, ways that were found  9.2e-10   8.7e-10 … 9.8e-10
-upper bound on all ways, one-sided             0.00023   0 events in 13,281 nominal draws
-effective sample size                          908       1,522 events in 3,000 draws
-episodes that brute force would need           1.41e+12  this risk ran 58,559
-episodes run in both engines                   2,108, all equal
-way with 100 % of the probability              far at 0.0 s, speed quantile 0.461, found at look 55;
-                                               far at 0.0 s, speed quantile 0.461, found at look 55;
-                                               1 more
-All numbers: --full. Page: harness report 'my runs'; its episodes: harness run 'my
-runs/critical.toml'"""
-
-BRUTE_FORCE = """\
-cctc: probability of crashed, hard_yield (av)                                         2,000 episodes
-                                      estimate  95 % interval
-probability per episode, all ways     0.223     0.198 … 0.25
-effective sample size                 223       223 events in 1,000 draws
-episodes that brute force would need  999       this risk ran 2,000
-episodes run in both engines          2,108, 37 differ but for 2 that differ by a tie of the
-                                      strategy
-! 3 of 2,000 episodes failed.
-All numbers: --full. Page: harness report 'my runs'"""
-
-NO_WAY = """\
-cctc: probability of crashed, hard_yield (av)                                         1,001 episodes
-                                               estimate  95 % interval
-probability per episode, ways that were found  –
-upper bound on all ways, one-sided             0.95      1 event in 1,000 nominal draws
-effective sample size                          –         0 events in 1 draw
-episodes that brute force would need           –         this risk ran 1,001
-! No way to the event was found in 1,001 episodes.
-All numbers: --full. Page: harness report 'my runs'"""
-
-
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        ({}, WEIGHTED),
-        (
-            {
-                "by_brute_force": True,
-                "probability": 0.223,
-                "ci_low": 0.198,
-                "ci_high": 0.25,
-                "effective_sample_size": 223.0,
-                "episodes": 2_000,
-                "brute_force_episodes": 999,
-                "draws": 1_000,
-                "events": 223,
-                "failed": 3,
-                "probability_worst": 0.226,
-                "differing": 37,
-                "differing_by_a_tie": 2,
-                "ways": (),
-                "notes": (Note(Rank.FAILURES, "3 of 2,000 episodes failed."),),
-            },
-            BRUTE_FORCE,
-        ),
-        (
-            {
-                "probability": None,
-                "ci_low": 0.0,
-                "ci_high": 0.95,
-                "nominal_high": 0.95,
-                "nominal_draws": 1_000,
-                "nominal_events": 1,
-                "effective_sample_size": None,
-                "brute_force_episodes": None,
-                "episodes": 1_001,
-                "draws": 1,
-                "events": 0,
-                "compared_with_other_engine": 0,
-                "ways": (),
-                "notes": (
-                    Note(Rank.NOTHING_TESTED, "No way to the event was found in 1,001 episodes."),
-                ),
-            },
-            NO_WAY,
-        ),
-    ],
-    ids=["weighted", "brute force", "no way"],
-)
-def test_the_first_screen_of_a_risk(changes: dict[str, object], expected: str) -> None:
-    lines = screen_lines(risk_screen(result(**changes), Path("my runs")))
-    assert "\n".join(lines) == expected
+@pytest.mark.parametrize("name", ["weighted", "brute_force", "no_way"])
+def test_the_first_screen_of_a_risk(name: str) -> None:
+    lines = screen_lines(risk_screen(findings_in(name), Path("my runs")))
+    assert lines == (DATA / f"{name}.txt").read_text(encoding="utf-8").splitlines()
 
 
 def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
     doubt = Note(Rank.FEW_PAIRS, "The interval is too narrow.")
-    finding = result(notes=(doubt,)).findings["probability"]
-    assert (finding.value, finding.low, finding.n, finding.events) == (
-        9.2e-10,
-        8.7e-10,
-        3_000,
-        1_522,
-    )
+    finding = findings_in("weighted", notes=(doubt,)).findings["probability"]
+    assert (finding.value, finding.low, finding.high) == (9.2e-10, 8.7e-10, 9.8e-10)
+    assert (finding.n, finding.events) == (3_000, 1_522)
     assert (finding.reliable, finding.reason) == (False, doubt.text)
-    assert result().findings["probability"].reliable
-    undefined = result(probability=None).findings["probability"]
+    assert findings_in("weighted").findings["probability"].reliable
+    undefined = findings_in("no_way").findings["probability"]
     assert undefined.reason == "No draw of the estimate ended in the event."
 
 

@@ -11,8 +11,7 @@ import pytest
 from harness.comparison.findings import Finding, Note, Rank
 from harness.errors import InputError
 from harness.interaction import load_model
-from harness.report.screen import screen_lines
-from harness.report.validation_tables import validation_screen, validation_tables
+from harness.report.validation_tables import print_validation
 from harness.scenario import load_scenario
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
@@ -39,6 +38,8 @@ from tests.recordings import (
     held,
     write_set,
 )
+
+SCREEN = Path(__file__).parents[1] / "data" / "validation" / "full.txt"
 
 
 @pytest.fixture(autouse=True)
@@ -224,31 +225,11 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
     assert held_0 == pytest.approx(0.83, abs=0.03)
 
 
-def driver_findings(driver: str, rank: int, score: Finding, **others: object) -> DriverFindings:
-    """The findings of a driver, all alike but the score."""
+def test_every_number_of_a_validation_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     values = dict.fromkeys((entry.key for entry in ENTRIES), Finding(0.5, 0.25, 0.75))
-    values |= {"pass_time_score_s": score, "contacts": Finding(11.6)}
-    defaults = {
-        "not_told_apart": (),
-        "score_difference_s": 0.0,
-        "score_difference_interval_s": None,
-        "draws": 1,
-        "fitted_on_these_data": False,
-        "folds": 0,
-    }
-    return DriverFindings(driver, rank, findings=values, **(defaults | others))
-
-
-SCREEN = """\
-Drivers held against dut, nearest first                       34 passages of 26 vehicles, 2 contacts
-             score, s            mean error, s  median |error|, s  order right  contacts
-human_gmm    2.51 (1.68 … 3.41)  0.50           0.50               50.0 %       11.6 (0.5)
-human_yield  –                   0.50           0.50               50.0 %       11.6 (0.5)
-! human_gmm was fitted on these passages, which flatters it.
-All numbers: --full. Page: --out DIR"""
-
-
-def test_the_screen_and_the_tables_of_a_validation() -> None:
+    first = values | {"pass_time_score_s": Finding(2.51, 1.68, 3.41), "contacts": Finding(11.6)}
+    second = values | {"pass_time_score_s": Finding(None)}
+    told = ("human_gmm", "human_recorded")
     findings = ValidationFindings(
         sources=("dut",),
         passages=34,
@@ -259,32 +240,12 @@ def test_the_screen_and_the_tables_of_a_validation() -> None:
         remarks=(),
         notes=(Note(Rank.REFERENCE, "human_gmm was fitted on these passages, which flatters it."),),
         drivers=(
-            driver_findings("human_gmm", 1, Finding(2.51, 1.68, 3.41), fitted_on_these_data=True),
-            driver_findings("human_yield", 2, Finding(None), folds=5, not_told_apart=("a", "b")),
+            DriverFindings("human_gmm", 1, (), 0.0, None, 1, True, 0, first),
+            DriverFindings("human_yield", 2, told, 1.0, (0.5, 1.5), 20, False, 5, second),
         ),
     )
-    assert "\n".join(screen_lines(validation_screen(findings))) == SCREEN
-    ranking, further, left_out = validation_tables(findings)
-    names = [[(cell.text, cell.small) for cell in row] for row in ranking.rows]
-    fitted = ("human_yield", "fitted again without each of 5 folds")
-    assert names[0][:3] == [
-        ("1", ""),
-        ("human_gmm", "fitted on these data"),
-        ("2.51", "1.68 … 3.41"),
-    ]
-    assert names[1][:3] == [("2", ""), fitted, ("–", "")]
-    assert names[1][-2:] == [("11.6 (0.5)", ""), ("a, b", "")]
-    assert names[2][1:3] + names[2][-3:] == [
-        ("recorded drivers", ""),
-        ("0", ""),
-        ("100.0 %", ""),
-        ("2", ""),
-        ("", ""),
-    ]
-    # Every number that is reported stands in one table or the other.
-    shown = len(ranking.headings) - 3 + len(further.headings) - 1
-    assert shown + 1 == len(ENTRIES), "contacts and those explained share a column"
-    assert {row[1].text for row in left_out.rows} == {"3"}
+    print_validation(findings, full=True)
+    assert capsys.readouterr().out == SCREEN.read_text(encoding="utf-8")
 
 
 def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None:
