@@ -17,7 +17,7 @@ from harness.comparison import ENCOUNTERS, Entry
 from harness.measures import MEASURES
 from harness.results import tables
 from harness.results.hour_catalogue import HOURS
-from harness.scenario import Scenario, sections
+from harness.scenario import Scenario, people, sections
 
 UNITS = {
     "_per_hour": "1/h",
@@ -118,7 +118,7 @@ def properties(model: type[BaseModel]) -> dict[str, dict[str, Any]]:
 def section_in(schema: Mapping[str, Any]) -> type[BaseModel] | None:
     """The section that a key holds, or a list of which it holds."""
     name = schema.get("items", schema).get("$ref", "").rpartition("/")[2]
-    return getattr(sections, name) if name else None
+    return getattr(sections, name, None) or getattr(people, name) if name else None
 
 
 def is_section(schema: Mapping[str, Any]) -> bool:
@@ -158,7 +158,7 @@ def default_of(section: type[BaseModel], name: str) -> str:
 def meanings_of_keys() -> dict[tuple[str, str], str]:
     """The docstring below each key, by its section's class and its name."""
     found = {}
-    for node in ast.parse(inspect.getsource(sections)).body:
+    for node in ast.parse(inspect.getsource(sections) + inspect.getsource(people)).body:
         if not isinstance(node, ast.ClassDef):
             continue
         for key, text in zip(node.body, node.body[1:], strict=False):

@@ -1,15 +1,15 @@
-"""Every measure, in one table.
+"""Every measure, defined once.
 
-A new measure is a function of a chunk in one of this package's files and an entry here; tables,
-statistics, docs/measures.md's check and the conformance tests follow.
+A new measure is a function of a chunk in one of this package's files and an attribute of
+``Measured`` here; tables, statistics, docs/measures.md's check and the conformance tests follow.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import Field, dataclass, field, fields
+from typing import Any, Literal, get_args
 
 from harness.encounter import FloatArray
-from harness.measures import avoidable, braking, collision, efficiency, encroachment, proximity
+from harness.measures import avoidable, braking, conflicts, efficiency
 from harness.measures.chunk import Chunk
 
 
@@ -17,252 +17,208 @@ from harness.measures.chunk import Chunk
 class Measure:
     """One number of an episode, for either arm.
 
-    ``compute`` gives one value for each trace of a chunk, NaN where undefined; each depends on
-    that trace alone, to the last bit.  ``kind`` is the type it is kept as.  ``on_step`` says what
-    the length of a step does to it: nothing (``exact``); it is an extreme over states, of which a
-    shorter step has more (``states``); or it is counted in steps (``steps``).  ``worse`` says which
-    values are the bad ones, None where neither end is; by a measure of conflicts a crash is worse
-    than every value.
+    ``compute`` gives one value for each trace of a chunk, NaN where undefined; each value depends
+    on that trace alone, to the last bit.  ``on_step`` says what the length of a step does to it:
+    nothing (``exact``); it is an extreme over states, of which a shorter step has more
+    (``states``); or it is counted in steps (``steps``).  ``worse`` says which values are the bad
+    ones, None where neither end is; by a measure of conflicts a crash is worse than every value.
+    ``column`` and the type that it is kept as, ``kind``, are those of its attribute in
+    ``Measured``.
     """
 
     column: str
-    unit: str
     kind: type[float] | type[int] | type[bool]
-    formula: str
-    undefined_when: str
-    source: str
-    on_step: Literal["exact", "states", "steps"]
-    about: Literal["conflict", "time", "comfort", "other"]
-    worse: Literal["small", "large"] | None
     compute: Callable[[Chunk], FloatArray]
+    unit: str
+    formula: str
+    about: Literal["conflict", "time", "comfort", "other"]
+    undefined_when: str = "never"
+    on_step: Literal["exact", "states", "steps"] = "exact"
+    worse: Literal["small", "large"] | None = None
+    source: str = ""
 
 
-MEASURES = (
-    Measure(
-        "pass_time_s",
-        "s",
-        float,
-        "time at which the rear bumper reaches x = width/2, solved inside the step",
-        "the ego did not cross",
-        'the paper\'s "time used"',
-        "exact",
-        "time",
-        "large",
+def _measured(compute: Callable[[Chunk], FloatArray], unit: str, formula: str, **more: Any) -> Any:
+    """An attribute with its definition: what ``Measure`` needs beside its name and type."""
+    return field(metadata={"compute": compute, "unit": unit, "formula": formula, **more})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """The measures of an episode, each with its definition; undefined values are None."""
+
+    pass_time_s: float | None = _measured(
         efficiency.pass_time_s,
-    ),
-    Measure(
-        "contact_speed_mps",
+        "s",
+        "time at which the rear bumper reaches x = width/2, solved inside the step",
+        about="time",
+        undefined_when="the ego did not cross",
+        worse="large",
+        source='the paper\'s "time used"',
+    )
+    contact_speed_mps: float | None = _measured(
+        conflicts.contact_speed_mps,
         "m/s",
-        float,
         "the ego's speed at the contact",
-        "no contact",
-        "",
-        "exact",
-        "conflict",
-        "large",
-        collision.contact_speed_mps,
-    ),
-    Measure(
-        "min_gap_m",
+        about="conflict",
+        undefined_when="no contact",
+        worse="large",
+    )
+    min_gap_m: float | None = _measured(
+        conflicts.min_gap_m,
         "m",
-        float,
         "smallest distance of the ego's rectangle and the pedestrian's disc over the states; "
         "0 after a contact",
-        "nobody stepped off",
-        "",
-        "states",
-        "conflict",
-        "small",
-        proximity.min_gap_m,
-    ),
-    Measure(
-        "min_ttc_s",
+        about="conflict",
+        undefined_when="nobody stepped off",
+        on_step="states",
+        worse="small",
+    )
+    min_ttc_s: float | None = _measured(
+        conflicts.min_ttc_s,
         "s",
-        float,
         "smallest TTC over the states: time until the rectangle meets the disc (radius 0.25 m) "
         "if both keep their velocities; 0 after a contact",
-        "never on a collision course",
-        "Hayward 1972, for a rectangle and a disc",
-        "states",
-        "conflict",
-        "small",
-        proximity.min_ttc_s,
-    ),
-    Measure(
-        "min_time_advantage_s",
+        about="conflict",
+        undefined_when="never on a collision course",
+        on_step="states",
+        worse="small",
+        source="Hayward 1972, for a rectangle and a disc",
+    )
+    min_time_advantage_s: float | None = _measured(
+        conflicts.min_time_advantage_s,
         "s",
-        float,
         "smallest abs(R/v − L/v_p) while R > 0, L > 0 and v > 0",
-        "no such state",
-        "the paper's (tadv); Laureshyn 2010",
-        "states",
-        "conflict",
-        "small",
-        proximity.min_time_advantage_s,
-    ),
-    Measure(
-        "pet_s",
+        about="conflict",
+        undefined_when="no such state",
+        on_step="states",
+        worse="small",
+        source="the paper's (tadv); Laureshyn 2010",
+    )
+    pet_s: float | None = _measured(
+        conflicts.pet_s,
         "s",
-        float,
         "from one road user leaving the contact zone to the other entering it, smallest over "
         "pedestrians; zone: ego's width × disc, wherever they walk along the road. They go on "
         "after the record's end; 0 where both are in it at once without touching (a corner)",
-        "crash, or one of the two never enters",
-        "Allen, Shin, Cooper 1978",
-        "exact",
-        "conflict",
-        "small",
-        encroachment.pet_s,
-    ),
-    Measure(
-        "max_deceleration_mps2",
-        "m/s²",
-        float,
-        "largest −Δv/Δt over the steps; 0 if it never braked",
-        "never",
-        "",
-        "exact",
-        "comfort",
-        "large",
+        about="conflict",
+        undefined_when="crash, or one of the two never enters",
+        worse="small",
+        source="Allen, Shin, Cooper 1978",
+    )
+    max_deceleration_mps2: float = _measured(
         braking.max_deceleration_mps2,
-    ),
-    Measure(
-        "stops",
-        "",
-        int,
-        "number of times the speed at a step's end falls below 0.1 m/s",
-        "never",
-        "SUMO's waiting-time threshold",
-        "steps",
-        "comfort",
-        "large",
-        efficiency.stops,
-    ),
-    Measure(
-        "stopped_s",
-        "s",
-        float,
-        "number of steps that end below 0.1 m/s × step",
-        "never",
-        "SUMO's waiting-time threshold",
-        "steps",
-        "comfort",
-        "large",
-        efficiency.stopped_s,
-    ),
-    Measure(
-        "delay_s",
-        "s",
-        float,
-        "pass time − (R0 + length + width/2)/v0",
-        "the ego did not cross",
-        "HCM: delay against the free pass time",
-        "exact",
-        "time",
-        "large",
-        efficiency.delay_s,
-    ),
-    Measure(
-        "max_drac_mps2",
         "m/s²",
-        float,
+        "largest −Δv/Δt over the steps; 0 if it never braked",
+        about="comfort",
+        worse="large",
+    )
+    stops: int = _measured(
+        efficiency.stops,
+        "",
+        "number of times the speed at a step's end falls below 0.1 m/s",
+        about="comfort",
+        on_step="steps",
+        worse="large",
+        source="SUMO's waiting-time threshold",
+    )
+    stopped_s: float = _measured(
+        efficiency.stopped_s,
+        "s",
+        "number of steps that end below 0.1 m/s × step",
+        about="comfort",
+        on_step="steps",
+        worse="large",
+        source="SUMO's waiting-time threshold",
+    )
+    delay_s: float | None = _measured(
+        efficiency.delay_s,
+        "s",
+        "pass time − (R0 + length + width/2)/v0",
+        about="time",
+        undefined_when="the ego did not cross",
+        worse="large",
+        source="HCM: delay against the free pass time",
+    )
+    max_drac_mps2: float | None = _measured(
+        braking.max_drac_mps2,
+        "m/s²",
         "largest DRAC over the states on a collision course with the front: the least constant "
         "deceleration with which the bumper reaches the disc, d ahead, no sooner than it has left "
         "the ego's path, T from now: 2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d)",
-        "crash (it grows without bound), or never on such a course",
-        "Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
-        "states",
-        "conflict",
-        "large",
-        braking.max_drac_mps2,
-    ),
-    Measure(
-        "required_deceleration_mps2",
+        about="conflict",
+        undefined_when="crash (it grows without bound), or never on such a course",
+        on_step="states",
+        worse="large",
+        source="Cooper, Ferguson 1976; Archer 2005; for crossing paths as SUMO's SSM device",
+    )
+    required_deceleration_mps2: float | None = _measured(
+        braking.required_deceleration_mps2,
         "m/s²",
-        float,
         "v²/(2 d) at first sight: the first state with the pedestrian stepped off and the ego "
         "within its detection range; largest over pedestrians",
-        "nobody on a collision course with the front at first sight",
-        "constant deceleration to a stop at distance d",
-        "states",
-        "conflict",
-        "large",
-        braking.required_deceleration_mps2,
-    ),
-    Measure(
-        "max_jerk_mps3",
-        "m/s³",
-        float,
-        "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
-        "never",
-        "finite difference: a value for that length of step",
-        "steps",
-        "comfort",
-        "large",
+        about="conflict",
+        undefined_when="nobody on a collision course with the front at first sight",
+        on_step="states",
+        worse="large",
+        source="constant deceleration to a stop at distance d",
+    )
+    max_jerk_mps3: float = _measured(
         braking.max_jerk_mps3,
-    ),
-    Measure(
-        "avoidable",
+        "m/s³",
+        "largest abs(Δa)/Δt from one step to the next, a = 0 before the trigger",
+        about="comfort",
+        on_step="steps",
+        worse="large",
+        source="finite difference: a value for that length of step",
+    )
+    avoidable: bool | None = _measured(
+        avoidable.avoidable,
         "",
-        bool,
         "whether full braking (`max_deceleration_mps2`) from the moment the pedestrian stepped off "
         "would have prevented the contact, who walks as in the run; solved exactly",
-        "no contact",
-        "after UN Regulation 157: was the collision preventable?",
-        "exact",
-        "conflict",
-        None,
-        avoidable.avoidable,
-    ),
-    Measure(
-        "pedestrian_delay_s",
+        about="conflict",
+        undefined_when="no contact",
+        source="after UN Regulation 157: was the collision preventable?",
+    )
+    pedestrian_delay_s: float | None = _measured(
+        efficiency.pedestrian_delay_s,
         "s",
-        float,
         "mean over those who arrived within the record, timed ones apart, of the wait at the kerb, "
         "until stepping off or the record's end",
-        "nobody arrived",
-        "HCM: pedestrian delay",
-        "exact",
-        "comfort",
-        "large",
-        efficiency.pedestrian_delay_s,
-    ),
-    Measure(
-        "arrivals",
-        "",
-        int,
-        "number of people who arrived within the record, timed ones apart",
-        "never",
-        "",
-        "exact",
-        "other",
-        None,
+        about="comfort",
+        undefined_when="nobody arrived",
+        worse="large",
+        source="HCM: pedestrian delay",
+    )
+    arrivals: int = _measured(
         efficiency.arrivals,
-    ),
-    Measure(
-        "pass_time_ignoring_contact_s",
-        "s",
-        float,
-        "the pass time had nobody been touched: the simulation goes on past a contact",
-        "the rear bumper never left the far edge",
         "",
-        "exact",
-        "time",
-        None,
+        "number of people who arrived within the record, timed ones apart",
+        about="other",
+    )
+    pass_time_ignoring_contact_s: float | None = _measured(
         efficiency.pass_time_ignoring_contact_s,
-    ),
-    Measure(
-        "max_speed_mps",
-        "m/s",
-        float,
-        "largest speed within the record",
-        "failed before its first step",
-        "",
-        "exact",
-        "other",
-        None,
+        "s",
+        "the pass time had nobody been touched: the simulation goes on past a contact",
+        about="time",
+        undefined_when="the rear bumper never left the far edge",
+    )
+    max_speed_mps: float | None = _measured(
         efficiency.max_speed_mps,
-    ),
-)
+        "m/s",
+        "largest speed within the record",
+        about="other",
+        undefined_when="failed before its first step",
+    )
+
+
+def _entry(attribute: Field[Any]) -> Measure:
+    kind: Any = next(iter(get_args(attribute.type)), attribute.type)
+    return Measure(**attribute.metadata, column=attribute.name, kind=kind)
+
+
+MEASURES = tuple(map(_entry, fields(Measured)))
+"""Every measure, in the order of the columns."""
 
 COLUMNS = tuple(measure.column for measure in MEASURES)

@@ -3,13 +3,13 @@
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from harness.encounter import Arm, Contact, Ending, FailedIn, Trace
-from harness.measures.catalogue import COLUMNS, MEASURES, Measure
+from harness.measures.catalogue import COLUMNS, MEASURES, Measure, Measured
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import strikes_of
 from harness.measures.ego import ego_states
-from harness.measures.measured import Measured
 from harness.measures.steps import legs_of, rows_of
 
 Value = float | int | bool | None
@@ -18,13 +18,12 @@ Values = namedtuple("Values", COLUMNS)  # type: ignore[misc]  # the names come f
 """The measures of an episode, by their columns' names; ``_asdict()`` makes a dictionary."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeRecord(Measured):
     """What is kept of an episode: a row of ``episodes.parquet`` (docs/files.md).
 
     ``end_s`` is where the record ends: at the contact, the pass, the time-out or the failure.
-    ``values`` are those of ``MEASURES``, in its order and by their columns' names; each is also
-    an attribute (``record.pet_s``).  Undefined values are None.
+    Each measure is an attribute (``record.pet_s``).  Undefined values are None.
     """
 
     ending: Ending
@@ -43,7 +42,11 @@ class EpisodeRecord(Measured):
     near_clamped: int
     clamped_speed_excess_mps: float | None
     clamped_range_excess_m: float | None
-    values: tuple[Value, ...]
+
+    @property
+    def values(self) -> tuple[Value, ...]:
+        """The measures in the order of ``MEASURES``, also by their columns' names."""
+        return Values(*(getattr(self, column) for column in COLUMNS))
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +77,7 @@ def measure(traces: Sequence[Trace]) -> list[EpisodeRecord]:
     chunk = chunk_of(traces)
     columns = [_values(entry, chunk) for entry in MEASURES]
     return [
-        _record(chunk, number, Values._make(values))
+        _record(chunk, number, dict(zip(COLUMNS, values, strict=True)))
         for number, values in enumerate(zip(*columns, strict=True))
     ]
 
@@ -84,7 +87,7 @@ def _values(entry: Measure, chunk: Chunk) -> list[Value]:
     return [None if value != value else kind(value) for value in entry.compute(chunk).tolist()]
 
 
-def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeRecord:
+def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecord:
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
     asked = trace.conditionings
@@ -105,5 +108,5 @@ def _record(chunk: Chunk, number: int, values: tuple[Value, ...]) -> EpisodeReco
         near_clamped=asked.near_clamped,
         clamped_speed_excess_mps=asked.speed_excess_mps if asked.clamped else None,
         clamped_range_excess_m=asked.range_excess_m if asked.clamped else None,
-        values=values,
+        **measures,
     )

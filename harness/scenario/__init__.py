@@ -16,16 +16,18 @@ from harness.scenario.options import (
     engine_named,
     hang_limit_s,
 )
+from harness.scenario.people import (
+    GapAcceptanceSection,
+    PedestriansSection,
+    WalkingSpeedSection,
+)
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import (
     QUARTER_S,
     ConflictsSection,
     ExperimentSection,
-    GapAcceptanceSection,
-    PedestriansSection,
     PerceptionSection,
     TrafficSection,
-    WalkingSpeedSection,
 )
 from harness.scenario.study import (
     Cell,

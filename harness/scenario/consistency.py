@@ -5,12 +5,12 @@ import math
 from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
 from harness.errors import InputError, unknown_name
 from harness.roads.site import Passed
+from harness.scenario.people import TimedSection
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import (
     QUARTER_S,
     ROUNDING_M,
     PerceptionSection,
-    TimedSection,
     TrafficSection,
 )
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight

@@ -6,6 +6,7 @@ from pydantic import Field, JsonValue
 
 from harness.encounter import Crossing, Leg, Side, Vehicle
 from harness.motion.walking import timed_path
+from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ArmsSection,
     ConflictsSection,
@@ -15,10 +16,8 @@ from harness.scenario.sections import (
     LimitsSection,
     ModelSection,
     ObstacleSection,
-    PedestriansSection,
     PerceptionSection,
     Section,
-    TimedSection,
     TrafficSection,
 )
 

@@ -28,7 +28,6 @@ from harness.engine.plain import PlainEngine  # noqa: E402
 from harness.episode.pairing import PairRunner  # noqa: E402
 from harness.errors import EngineError, InputError  # noqa: E402
 from harness.interaction import load_model  # noqa: E402
-from harness.measures.catalogue import COLUMNS  # noqa: E402
 from harness.resources import shipped_directory  # noqa: E402
 from harness.rl import time_speeding_and_crash  # noqa: E402
 from harness.rl.picture import EGO, PERSON  # noqa: E402
@@ -82,16 +81,14 @@ def measured(records):
     Its episode is over at a contact, so nothing after it is known; and it does not count how the
     interaction model is asked.
     """
-    place = COLUMNS.index("pass_time_ignoring_contact_s")
-    found = []
+    known = []
     for record in records:
-        values = list(record.values)
+        unknown = {"conditionings": 0, "clamped": 0, "near_clamped": 0}
+        unknown |= {"clamped_speed_excess_mps": None, "clamped_range_excess_m": None}
         if record.ending is Ending.CRASHED:
-            values[place] = None
-        asked = {"conditionings": 0, "clamped": 0, "near_clamped": 0}
-        excess = {"clamped_speed_excess_mps": None, "clamped_range_excess_m": None}
-        found.append(replace(record, values=tuple(values), **asked, **excess))
-    return found
+            unknown["pass_time_ignoring_contact_s"] = None
+        known.append(replace(record, **unknown))
+    return known
 
 
 def test_gymnasiums_own_checker_accepts_it():
