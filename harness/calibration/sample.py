@@ -15,7 +15,7 @@ from harness.documents import parse_json
 from harness.encounter import FloatArray
 from harness.errors import InputError
 from harness.interaction import VARIABLES
-from harness.trajectories import WEIGHINGS, row_weights
+from harness.trajectories import row_weights
 from harness.trajectories.csv_input import (
     EmptyTableError,
     as_paths,
@@ -25,7 +25,6 @@ from harness.trajectories.csv_input import (
 )
 from harness.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.trajectories.extraction_rules import TEXT_COLUMNS
-from harness.trajectories.weights import Weigh
 
 # R up to 60 m and 1/T_adv up to 2 per s: what a sensor resolves; the floors of the speeds are the
 # extraction's, and keep E[1/T_adv] and passing times finite.
@@ -139,7 +138,7 @@ def _extraction(path: Path) -> Mapping[str, Any]:
 def make_sample(
     rows: pd.DataFrame,
     *,
-    weigh: Weigh = "encounter",
+    weigh: str = "encounter",
     lower: FloatArray | None = None,
     upper: FloatArray | None = None,
     strict: bool = False,
@@ -178,7 +177,7 @@ def make_sample(
             "rows", f"none of {len(rows)} rows lies inside the box", _box(lower, upper)
         )
     factor = _factor(kept)
-    weights = row_weights(kept, _known_weighing(weigh))
+    weights = row_weights(kept, weigh)
     if factor is not None:
         weights = weights * factor * (weights.sum() / (weights @ factor))
     row, encounter = distinct_rows(kept), _codes(kept, ENCOUNTER_KEY)
@@ -271,13 +270,6 @@ def _factor(rows: pd.DataFrame) -> FloatArray | None:
     if not factor.any():
         raise InputError(where, f"all {len(rows)} rows are 0", "some above 0")
     return factor
-
-
-def _known_weighing(weigh: str) -> Weigh:
-    for known in WEIGHINGS:
-        if weigh == known:
-            return known
-    raise InputError("--weigh", f"unknown weighing {weigh!r}", ", ".join(WEIGHINGS))
 
 
 def _codes(rows: pd.DataFrame, key: tuple[str, ...]) -> np.ndarray | None:

@@ -133,7 +133,7 @@ def fit(
     One fit for each number of components, of which it chooses one.
     """
     ks, state = model_options.components(components), model_options.state(near)
-    box, weighing = model_options.bounds(bounds), model_options.weighing(weigh)
+    box = model_options.bounds(bounds)
     model_options.check_target(out, "--out", ".json")
     from harness import calibration
     from harness.calibration.calibrate import job_count
@@ -145,7 +145,7 @@ def fit(
         raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
     file = calibration.read_rows(rows)
     sample = calibration.make_sample(
-        file.rows, weigh=weighing, lower=box[0], upper=box[1], strict=strict
+        file.rows, weigh=weigh, lower=box[0], upper=box[1], strict=strict
     )
     settings = calibration.Settings(ks, choose, starts=starts, folds=folds, seed=seed)
     command = ["harness", "fit", str(rows), "--components", components]
@@ -201,9 +201,7 @@ def show(
             lower, upper = loaded.mixture.lower, loaded.mixture.upper
             weigh = str(loaded.provenance.get("weigh", "row")).split(",")[0]
             table = read_rows(rows).rows
-            sample = make_sample(
-                table, weigh=model_options.weighing(weigh), lower=lower, upper=upper
-            )
+            sample = make_sample(table, weigh=weigh, lower=lower, upper=upper)
         with unwinding():
             figures = plot_model(loaded, sample, plots)
     if as_json:

@@ -86,15 +86,6 @@ def as_options(box: tuple[Any, Any]) -> list[str]:
     ]
 
 
-def weighing(text: str) -> Any:
-    """One of the known weighings."""
-    from harness.trajectories import WEIGHINGS
-
-    if text not in WEIGHINGS:
-        raise unknown_name("--weigh", "weighing", text, WEIGHINGS)
-    return text
-
-
 def check_target(path: Path, option: str, suffix: str) -> None:
     """Refuse, before any work, a file that could not be written."""
     where = f"{option} {path}"

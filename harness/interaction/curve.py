@@ -95,7 +95,7 @@ class CurveReading:
         """Distribution function at v_p, (n,) in [0, 1]; arguments as for ``ppf``."""
         return self._answers(_reached, speed_mps, range_m, lateral_m, vehicle_speed_mps)
 
-    def density(
+    def pdf(
         self,
         speed_mps: FloatArray,
         range_m: FloatArray,

@@ -9,9 +9,9 @@ integrated out (``marginal``), given (``given_time_advantage``: the paper's figu
 v_p by the pedestrian's L (``curve``).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,11 +28,8 @@ VARIABLES = (
 INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
 
 
-class _Walking(NamedTuple):
-    """Density and distribution function of v_p given what a pedestrian sees."""
-
-    density: Callable[[FloatArray], FloatArray]
-    cdf: Callable[[FloatArray], FloatArray]
+_WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+_DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 
 
 class InteractionModel:
@@ -60,6 +57,7 @@ class InteractionModel:
         self.provenance = dict(provenance)
         self.sha256 = sha256
         self._limits = list(zip(mixture.lower.tolist(), mixture.upper.tolist(), strict=True))
+        self._conditionals: dict[tuple[int, ...], Conditional] = {}
 
     def walking_speed(
         self, quantile: FloatArray, range_m: FloatArray, vehicle_speed_mps: FloatArray
@@ -75,23 +73,25 @@ class InteractionModel:
             Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
             last bit whatever else is asked in the same call.
         """
-        seen = self._seen(range_m, vehicle_speed_mps)
-        return self._walking.ppf(np.asarray(quantile, dtype=float), seen)
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
+        return conditional.ppf(np.asarray(quantile, dtype=float), given)
 
     def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
         """``walking_speed`` of one pedestrian, to the last bit: plain numbers are quicker."""
-        return self._walking.ppf_at(
-            quantile, self._within(self._walking, (1 / range_m, vehicle_speed_mps))
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        return conditional.ppf_at(
+            quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))
         )
 
     def walking_speed_unconditional(self, quantile: float) -> float:
         """v_p at a quantile of its marginal, for someone who meets no vehicle."""
-        return self._walking_marginal.ppf_at(quantile, np.empty(0))
+        return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
 
     def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
         """Density of the marginal of v_p in s/m, (n,): 0 outside the box."""
         speeds = np.asarray(speed_mps, dtype=float)
-        return self._walking_marginal.pdf(speeds, np.empty((len(speeds), 0)))
+        return self._conditional(PEDESTRIAN_SPEED).pdf(speeds, np.empty((len(speeds), 0)))
 
     def walking_speed_on_curve(
         self,
@@ -111,8 +111,7 @@ class InteractionModel:
             Walking speeds in m/s, (n,).  *Undefined* (NaN) where no v_p of the box gives a T_adv
             of the box.
         """
-        seen = self._seen(range_m, vehicle_speed_mps)
-        return self._curve.ppf(quantile, 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1])
+        return self._curve.ppf(quantile, *self._curve_state(range_m, lateral_m, vehicle_speed_mps))
 
     def walking_speed_density(
         self,
@@ -131,10 +130,8 @@ class InteractionModel:
             inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
             lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
         """
-        walking = self._walking_given(
-            range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m
-        )
-        return walking.density(np.asarray(speed_mps, dtype=float))
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        return self._walking("pdf", speed_mps, *state)
 
     def walking_speed_cdf(
         self,
@@ -146,10 +143,8 @@ class InteractionModel:
         lateral_m: FloatArray | None = None,
     ) -> FloatArray:
         """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
-        walking = self._walking_given(
-            range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m
-        )
-        return walking.cdf(np.asarray(speed_mps, dtype=float))
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        return self._walking("cdf", speed_mps, *state)
 
     def driver_speed_density(
         self,
@@ -159,16 +154,13 @@ class InteractionModel:
         inverse_time_advantage_per_s: FloatArray | None = None,
     ) -> FloatArray:
         """Density of v in s/m, (n,), given (1/R, v_p) and 1/T_adv unless that is None."""
-        speeds = np.asarray(speed_mps, dtype=float)
         columns = [_inverse(range_m), pedestrian_speed_mps]
-        if inverse_time_advantage_per_s is None:
-            given = self._clamp(_table(columns), (INVERSE_RANGE, PEDESTRIAN_SPEED))
-            return self._driving_marginal.pdf(speeds, given)
-        given = self._clamp(
-            _table([*columns, inverse_time_advantage_per_s]),
-            (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE),
+        if inverse_time_advantage_per_s is not None:
+            columns.append(inverse_time_advantage_per_s)
+        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(columns)])
+        return conditional.pdf(
+            np.asarray(speed_mps, dtype=float), self._clamped(conditional, *columns)
         )
-        return self._driving.pdf(speeds, given)
 
     def driver_speed(
         self,
@@ -188,59 +180,61 @@ class InteractionModel:
             quantile: of the conditional distribution; None takes its mode.
         """
         values = [1 / range_m, pedestrian_speed_mps]
-        conditional = self._driving_marginal
         if inverse_time_advantage_per_s is not None:
             values.append(inverse_time_advantage_per_s)
-            conditional = self._driving
-        y = self._within(conditional, values)
+        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(values)])
+        y = self._clamped_row(conditional, values)
         return conditional.mode_at(y) if quantile is None else conditional.ppf_at(quantile, y)
 
-    def _walking_given(
+    def _walking(
         self,
+        function: Literal["pdf", "cdf"],
+        speed_mps: FloatArray,
         range_m: FloatArray,
         vehicle_speed_mps: FloatArray,
         inverse_time: FloatArray | None,
         lateral_m: FloatArray | None,
-    ) -> _Walking:
-        """v_p under the reading that what is given calls for."""
+    ) -> FloatArray:
+        """A function of v_p under the reading that the given variables call for."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        result: FloatArray
         if lateral_m is not None:
-            seen = self._seen(range_m, vehicle_speed_mps)
-            place = 1 / seen[:, 0], np.asarray(lateral_m), seen[:, 1]
-            curve = self._curve
-            return _Walking(lambda x: curve.density(x, *place), lambda x: curve.cdf(x, *place))
-        conditional = self._walking if inverse_time is None else self._walking_given_time
-        given = self._seen(range_m, vehicle_speed_mps, inverse_time)
-        return _Walking(lambda x: conditional.pdf(x, given), lambda x: conditional.cdf(x, given))
+            state = self._curve_state(range_m, lateral_m, vehicle_speed_mps)
+            result = getattr(self._curve, function)(speeds, *state)
+            return result
+        columns = [_inverse(range_m), vehicle_speed_mps]
+        if inverse_time is not None:
+            columns.append(inverse_time)
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[: len(columns)])
+        result = getattr(conditional, function)(speeds, self._clamped(conditional, *columns))
+        return result
 
-    def _within(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
-        """The given variables, (g,), clamped; plain numbers, since every episode asks."""
+    def _curve_state(
+        self, range_m: FloatArray, lateral_m: FloatArray, vehicle_speed_mps: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """R, L and v with the clamped R and v, one of each per pedestrian."""
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
+        return 1 / given[:, 0], np.asarray(lateral_m), given[:, 1]
+
+    def _conditional(self, target: int, *given: int) -> Conditional:
+        key = (target, *given)
+        if key not in self._conditionals:
+            self._conditionals[key] = self.mixture.conditional(target, given)
+        return self._conditionals[key]
+
+    def _clamped(self, conditional: Conditional, *columns: FloatArray) -> FloatArray:
+        """The given variables, one row per pedestrian, within the box."""
+        rows = np.column_stack(np.broadcast_arrays(*map(np.atleast_1d, columns)))
+        chosen = list(conditional.given)
+        within: FloatArray = np.clip(rows, self.mixture.lower[chosen], self.mixture.upper[chosen])
+        return within
+
+    def _clamped_row(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
+        """``_clamped`` of one pedestrian: plain numbers are quicker, and every episode asks."""
         limits = [self._limits[variable] for variable in conditional.given]
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
-        )
-
-    def _clamp(self, values: FloatArray, variables: tuple[int, ...]) -> FloatArray:
-        chosen = list(variables)
-        return np.clip(values, self.mixture.lower[chosen], self.mixture.upper[chosen])
-
-    def _seen(
-        self, range_m: FloatArray, speed_mps: FloatArray, inverse_time: FloatArray | None = None
-    ) -> FloatArray:
-        """Clamped (1/R, v) and, where given, 1/T_adv, one row per pedestrian."""
-        columns = [_inverse(range_m), speed_mps]
-        if inverse_time is None:
-            return self._clamp(_table(columns), (INVERSE_RANGE, VEHICLE_SPEED))
-        variables = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
-        return self._clamp(_table([*columns, inverse_time]), variables)
-
-    @cached_property
-    def _walking(self) -> Conditional:
-        return self.mixture.conditional(PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED))
-
-    @cached_property
-    def _walking_given_time(self) -> Conditional:
-        return self.mixture.conditional(
-            PEDESTRIAN_SPEED, (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
         )
 
     @cached_property
@@ -248,26 +242,7 @@ class InteractionModel:
         order = (INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
         return CurveReading(self.mixture, order)
 
-    @cached_property
-    def _walking_marginal(self) -> Conditional:
-        return self.mixture.conditional(PEDESTRIAN_SPEED, ())
-
-    @cached_property
-    def _driving(self) -> Conditional:
-        return self.mixture.conditional(
-            VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
-        )
-
-    @cached_property
-    def _driving_marginal(self) -> Conditional:
-        return self.mixture.conditional(VEHICLE_SPEED, (INVERSE_RANGE, PEDESTRIAN_SPEED))
-
 
 def _inverse(range_m: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore"):
         return 1 / np.asarray(range_m, dtype=float)
-
-
-def _table(columns: Sequence[FloatArray]) -> FloatArray:
-    """Values (n,), or one for all, as columns."""
-    return np.column_stack(np.broadcast_arrays(*(np.atleast_1d(column) for column in columns)))

@@ -45,21 +45,10 @@ class Conditional:
         components: of the joint distribution.
         target: index of the wanted variable.
         given: indices of the known variables, in the order of y's columns; may be empty.
-
-    Raises:
-        InputError: indices that are repeated or out of range.
     """
 
     def __init__(self, components: Components, target: int, given: Sequence[int]) -> None:
-        dimension = components.lower.size
-        chosen = [target, *given]
-        if any(not 0 <= i < dimension for i in chosen) or len(set(chosen)) < len(chosen):
-            raise InputError(
-                "conditional",
-                f"target {target} and given {list(given)}",
-                f"distinct indices from 0 to {dimension - 1}",
-            )
-        rest = [i for i in range(dimension) if i not in chosen]
+        rest = [i for i in range(components.lower.size) if i != target and i not in given]
         self.target, self.given = target, tuple(given)
         self.lower, self.upper = float(components.lower[target]), float(components.upper[target])
         self._rest_lower, self._rest_upper = components.lower[rest], components.upper[rest]
@@ -233,8 +222,6 @@ class Conditional:
 
     def _points(self, y: ArrayLike) -> Array:
         points = np.asarray(y, dtype=np.float64)
-        if points.ndim != 2 or points.shape[1] != len(self.given):
-            raise InputError("conditional", f"y of shape {points.shape}", f"(n, {len(self.given)})")
         if not np.isfinite(points).all():
             raise InputError("conditional", "y has values that are not finite", "finite numbers")
         return points
@@ -242,12 +229,6 @@ class Conditional:
     def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         """x (n,) and y (n, g), a single row or value of either repeated to fit the other."""
         values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), self._points(y)
-        if values.ndim != 1 or (values.size != len(points) and 1 not in (values.size, len(points))):
-            raise InputError(
-                "conditional",
-                f"values of shape {values.shape} for y of shape {points.shape}",
-                "as many values as rows of y, or one of either",
-            )
         size = max(values.size, len(points)) if values.size and len(points) else 0
         return np.broadcast_to(values, size), np.broadcast_to(points, (size, points.shape[1]))
 

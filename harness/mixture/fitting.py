@@ -68,7 +68,7 @@ def fit_mixture(
     The same seed gives the same numbers on one machine and one set of versions.
 
     Args:
-        data: (n, d) rows inside the box, d from 1 to 4; values on a bound are inside.
+        data: (n, d) finite rows inside the box, d from 1 to 4; values on a bound are inside.
         n_components: K ≥ 1.
         lower, upper: (d,), may be infinite.
         seed: of the starts; an integer or a SeedSequence.
@@ -84,18 +84,14 @@ def fit_mixture(
         A `FitResult`; see there.
 
     Raises:
-        InputError: bad arguments; rows that are not finite or outside the box; fewer rows than
-            components; constant or collinear columns; negative weights; no start that works.
+        InputError: fewer rows than components; constant or collinear columns; no start that works.
     """
     rows = np.array(data, dtype=np.float64)
-    if rows.ndim != 2 or not 1 <= rows.shape[1] <= 4:
-        raise InputError(_WHERE, f"data of shape {rows.shape}", "(n, d) with d from 1 to 4")
     labels = list(names) if names is not None else [f"column {i}" for i in range(rows.shape[1])]
     low, high = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
-    _check_arguments(rows, low, high, labels, n_components, tol, n_init, max_iter)
-    _check_prior(mass_penalty, scale_floor)
-    _check_rows(rows, low, high, labels)
-    weights = _weights(sample_weight, rows.shape[0])
+    weights = np.ones(rows.shape[0])
+    if sample_weight is not None:
+        weights = np.array(sample_weight, dtype=np.float64)
     rows, weights = rows[weights > 0.0], weights[weights > 0.0]
     if rows.shape[0] < n_components:
         raise InputError(
@@ -166,69 +162,6 @@ def _result(
         log_likelihood=log_likelihood,
         bic=-2.0 * log_likelihood + parameters * float(np.log(total)),
     )
-
-
-def _check_arguments(
-    rows: Array,
-    lower: Array,
-    upper: Array,
-    labels: list[str],
-    n_components: int,
-    tol: float,
-    n_init: int,
-    max_iter: int,
-) -> None:
-    dimension = rows.shape[1]
-    if len(labels) != dimension:
-        raise InputError(f"{_WHERE}: names", f"{len(labels)} names", f"{dimension}")
-    for name, bound in (("lower", lower), ("upper", upper)):
-        if bound.shape != (dimension,):
-            raise InputError(f"{_WHERE}: {name}", f"shape {bound.shape}", f"({dimension},)")
-    for i in np.flatnonzero(~(lower < upper)):
-        raise InputError(
-            f"{_WHERE}: {labels[i]}", f"bounds {lower[i]:g} and {upper[i]:g}", "lower < upper"
-        )
-    for name, value in (("n_components", n_components), ("n_init", n_init), ("max_iter", max_iter)):
-        if value < 1:
-            raise InputError(f"{_WHERE}: {name}", f"{value}", "1 or more")
-    if not tol > 0.0:
-        raise InputError(f"{_WHERE}: tol", f"{tol}", "above 0")
-
-
-def _check_prior(mass_penalty: float, scale_floor: float) -> None:
-    for name, value in (("mass_penalty", mass_penalty), ("scale_floor", scale_floor)):
-        if not (np.isfinite(value) and value >= 0.0):
-            raise InputError(f"{_WHERE}: {name}", f"{value}", "0 or more")
-
-
-def _check_rows(rows: Array, lower: Array, upper: Array, labels: list[str]) -> None:
-    for i, label in enumerate(labels):
-        column = rows[:, i]
-        lost = int((~np.isfinite(column)).sum())
-        if lost:
-            raise InputError(f"{_WHERE}: {label}", f"{lost} rows are nan or inf", "finite numbers")
-        outside = int(((column < lower[i]) | (column > upper[i])).sum())
-        if outside:
-            raise InputError(
-                f"{_WHERE}: {label}",
-                f"{outside} rows are outside the box",
-                f"{lower[i]:g} to {upper[i]:g}",
-            )
-
-
-def _weights(sample_weight: ArrayLike | None, count: int) -> Array:
-    if sample_weight is None:
-        return np.ones(count)
-    weights = np.array(sample_weight, dtype=np.float64)
-    where = f"{_WHERE}: sample_weight"
-    if weights.shape != (count,):
-        raise InputError(where, f"shape {weights.shape}", f"({count},)")
-    wrong = int((~(np.isfinite(weights) & (weights >= 0.0))).sum())
-    if wrong:
-        raise InputError(where, f"{wrong} weights are negative, nan or inf", "0 or more")
-    if not weights.any():
-        raise InputError(where, "all weights are 0", "some above 0")
-    return weights
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:

@@ -1,7 +1,5 @@
 """Weights of rows that belong together."""
 
-from typing import Literal
-
 import numpy as np
 import pandas as pd
 
@@ -9,11 +7,10 @@ from harness.encounter import FloatArray
 from harness.errors import InputError, unknown_name
 from harness.trajectories.extraction import ENCOUNTER_KEY, VEHICLE_KEY
 
-Weigh = Literal["row", "encounter", "vehicle"]
-WEIGHINGS: tuple[Weigh, ...] = ("row", "encounter", "vehicle")
+WEIGHINGS = ("row", "encounter", "vehicle")
 
 
-def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = None) -> FloatArray:
+def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     """Weights that sum to the number of encounters, BIC's n.
 
     Rows of one encounter follow each other within a second and say nearly the same; a few
@@ -21,24 +18,23 @@ def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = No
 
     - ``row``: every row counts the same, E / n.
     - ``encounter``: every encounter counts 1, shared equally by its rows.
-    - ``vehicle``: a vehicle counts as its number of encounters, at most ``vehicle_cap``, shared
-      by its encounters and then their rows; all scaled to sum to E. A vehicle met once is not
-      raised to a busy one's weight, so no row is blown up; a cap of 1 makes all count the same.
+    - ``vehicle``: a vehicle counts as its number of encounters, at most the median over the
+      vehicles, shared by its encounters and then their rows; all scaled to sum to E. A vehicle met
+      once is not raised to a busy one's weight, so no row is blown up.
 
     Args:
         rows: as ``extract`` gives them.
         weigh: one of ``WEIGHINGS``.
-        vehicle_cap: encounters; by default the median over the vehicles. Only for ``vehicle``.
 
     Returns:
         (n,) weights above 0. Rows without identifiers count as one encounter each under ``row``.
 
     Raises:
-        InputError: unknown weighing, a cap below 1, or ``encounter`` and ``vehicle`` for rows that
+        InputError: unknown weighing, or ``encounter`` and ``vehicle`` for rows that
             do not say which encounter they are of.
     """
     if weigh not in WEIGHINGS:
-        raise unknown_name("weigh", "weighing", str(weigh), WEIGHINGS)
+        raise unknown_name("--weigh", "weighing", weigh, WEIGHINGS)
     if len(rows) == 0:
         return np.zeros(0)
     named = all(name in rows for name in ENCOUNTER_KEY)
@@ -57,16 +53,9 @@ def row_weights(rows: pd.DataFrame, weigh: Weigh, vehicle_cap: float | None = No
     per_encounter = 1.0 / rows_of[encounter]
     if weigh == "encounter":
         return np.asarray(per_encounter)
-    return per_encounter * _vehicle_factor(rows, encounter, vehicle_cap)
-
-
-def _vehicle_factor(rows: pd.DataFrame, encounter: np.ndarray, cap: float | None) -> FloatArray:
-    """(n,) weight of a row's encounter under the capped vehicle weighing."""
     vehicle = rows.groupby(list(VEHICLE_KEY), sort=False).ngroup().to_numpy()
     _, first_row = np.unique(encounter, return_index=True)
     met = np.bincount(vehicle[first_row]).astype(np.float64)
-    limit = float(np.median(met)) if cap is None else float(cap)
-    if not limit >= 1:
-        raise InputError("vehicle_cap", f"got {cap}", "at least 1 encounter")
-    factor = np.minimum(met, limit) / met
-    return np.asarray(factor[vehicle] * (met.sum() / np.minimum(met, limit).sum()))
+    capped = np.minimum(met, np.median(met))
+    factor: FloatArray = (capped / met)[vehicle] * (met.sum() / capped.sum())
+    return per_encounter * factor

@@ -5,21 +5,9 @@ import pytest
 from scipy.stats import kstest
 
 from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from tests.unit.test_mixture_fitting import truth
 
 PARAMETERS = 44  # 2 weights, 12 locations, 30 of the scale matrices
-
-
-def truth():
-    """Three components in four variables that the box cuts: 48 %, 25 % and 26 % left."""
-    locations = [[0.1, 1.5, 1.0, 0.1], [0.8, 4.5, 0.4, 0.9], [0.5, 0.0, 1.6, -0.1]]
-    rhos = [0.4, -0.3, 0.2]
-    spreads = np.array([[0.2, 1.0, 0.3, 0.2], [0.3, 1.5, 0.4, 0.5], [0.15, 1.0, 0.3, 0.4]])
-    scales = [
-        (r + (1 - r) * np.eye(4)) * np.outer(s, s) for r, s in zip(rhos, spreads, strict=True)
-    ]
-    return TruncatedGaussianMixture(
-        [0.4, 0.35, 0.25], locations, scales, [0.0, 0.0, 0.2, 0.0], [1.0, 6.0, 2.5, 2.0]
-    )
 
 
 @pytest.mark.parametrize("n", [2_973, pytest.param(30_000, marks=pytest.mark.slow)])

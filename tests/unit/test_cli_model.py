@@ -172,26 +172,6 @@ def test_refusals_are_one_line_and_leave_nothing(harness, rows, words, told):
     assert sorted(path.name for path in rows.parent.iterdir()) == before
 
 
-@pytest.mark.parametrize(
-    ("column", "value", "told"),
-    [
-        ("vehicle_speed_mps", np.nan, ["vehicle_speed_mps", "1 rows", "NaN"]),
-        ("range_m", 0.0, ["range_m", "1 rows", "above 0"]),
-        ("weight", -2.0, ["weight", "1 rows", "negative"]),
-    ],
-)
-def test_bad_rows_for_fit_name_column_and_number(harness, tmp_path, column, value, told):
-    bad = made_up().assign(source="s", weight=1.0)
-    bad.loc[7, column] = value
-    bad.to_parquet(tmp_path / "bad.parquet")
-    code, _, err = harness("fit", "bad.parquet", "--out", "m.json", "--components", "1")
-    assert code == 2
-    assert len(err.splitlines()) == 1
-    for part in told:
-        assert part in err
-    assert not (tmp_path / "m.json").exists()
-
-
 def test_the_card_tells_where_the_model_comes_from(model_file):
     model = read_model(model_file)
     card, rows = model.provenance, model_file.parent / "rows.parquet"

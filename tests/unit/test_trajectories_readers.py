@@ -156,32 +156,6 @@ def test_vci_object_seen_once_is_counted(clip):
     assert_same_rows(found)
 
 
-def test_vci_missing_column_names_file_column_and_nearest(clip):
-    path = filtered(clip, "veh")
-    change(path, lambda lines: [lines[0].replace("x_est", "X_EST"), *lines[1:]])
-    with pytest.raises(InputError) as refused:
-        rows_of(clip)
-    message = str(refused.value)
-    for part in (str(path), "'x_est'", "'X_EST'", "id, frame, x_est, y_est"):
-        assert part in message
-    assert "\n" not in message
-
-
-def test_vci_column_of_words_is_refused(clip):
-    path = filtered(clip, "ped")
-    table = pd.read_csv(path)
-    table.assign(x_est="left").to_csv(path, index=False)
-    with pytest.raises(InputError, match=r"x_est.*left"):
-        rows_of(clip)
-
-
-@pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\x00\xff\xfe", b'a,b\n1,2,3,4\n"'])
-def test_vci_file_that_is_no_table_is_refused(clip, content):
-    filtered(clip, "veh").write_bytes(content)
-    with pytest.raises(InputError, match="veh_filtered"):
-        rows_of(clip)
-
-
 @pytest.mark.parametrize("text", ["", "many", "0", "-3", "nan"])
 def test_vci_bad_ratio_is_refused(clip, text):
     (clip / "ratios" / f"{STEM}_ratio_pixel2meter.txt").write_text(text)

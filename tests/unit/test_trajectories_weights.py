@@ -35,12 +35,6 @@ def test_vehicle_weighing_caps_the_busy_vehicle(rows):
         [weights[:4].sum(), weights[4:8].sum(), weights[8:].sum()], [5 / 3] * 3
     )
     np.testing.assert_allclose(weights[:4], np.array([0.5, 0.5, 1, 1]) * 5 / 9)
-    # Cap 2: shares 2, 1, 1 of 5.
-    capped = row_weights(rows, "vehicle", vehicle_cap=2)
-    np.testing.assert_allclose([capped[:4].sum(), capped[4:8].sum()], [2.5, 1.25])
-    # A cap above every vehicle's number changes nothing against encounters.
-    free = row_weights(rows, "vehicle", vehicle_cap=3)
-    np.testing.assert_allclose(free, row_weights(rows, "encounter"))
 
 
 @pytest.mark.parametrize("weigh", WEIGHINGS)
@@ -66,6 +60,3 @@ def test_rows_without_identifiers(rows):
 def test_refusals(rows):
     with pytest.raises(InputError, match="did you mean 'vehicle'"):
         row_weights(rows, "vehicles")
-    for cap in (0.5, 0, float("nan")):
-        with pytest.raises(InputError, match="vehicle_cap"):
-            row_weights(rows, "vehicle", vehicle_cap=cap)
