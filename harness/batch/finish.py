@@ -9,7 +9,6 @@ import pyarrow as pa
 from harness.batch.plan import Plan
 from harness.comparison import Findings, Plain
 from harness.files import write_csv
-from harness.results.kinds import kind_of_study
 from harness.results.run_folder import RunFolder
 from harness.results.summaries import confidence_of
 from harness.results.summary_table import write_summary
@@ -21,7 +20,7 @@ from harness.scenario import Study
 
 def finish(folder: RunFolder, plan: Plan) -> RunData:
     """Turn a folder's shards into tables, summary and, last of all, the manifest with counts."""
-    kind, cells = kind_of_study(plan.study), plan.study.cells
+    kind, cells = plan.kind, plan.study.cells
     write_parquet(folder.path / "cells.parquet", *_cells_table(plan.study))
     folder.finish_tables(plan.shard_tables)
     for name, derive in kind.derived.items():

@@ -8,9 +8,9 @@ from harness.episode.arms import check_arms
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.network import network_of
+from harness.results.kinds import Kind, kind_of_study
 from harness.results.manifest import manifest_of, options_of, origin_of
 from harness.results.reading import MANIFEST
-from harness.results.tables import encounter_tables, hour_tables
 from harness.scenario import Options, Scenario, Study, study_from
 from harness.strategies.program import is_program
 from harness.strategies.registry import STRATEGIES
@@ -31,12 +31,15 @@ class Plan:
     origin: dict[str, Any]
 
     @property
+    def kind(self) -> Kind:
+        """The kind of the run."""
+        return kind_of_study(self.study)
+
+    @property
     def shard_tables(self) -> list[str]:
         """The tables that its tasks bring."""
-        if self.study.in_traffic:
-            return hour_tables(traces=self.options.traces)
         audit = self.options.engine == "plain"
-        return encounter_tables(traces=self.options.traces, audit=audit)
+        return self.kind.tables(traces=self.options.traces, audit=audit)
 
     @cached_property
     def audits(self) -> dict[int, Audit]:
@@ -65,9 +68,10 @@ def plan_of(study: Study, options: Options) -> Plan:
     """
     if options.engine == "plain":
         _refuse_for_plain(study, options)
-    if study.in_traffic and options.until:
+    hours = kind_of_study(study).whole_pairs
+    if hours and options.until:
         raise InputError("--until", "is not supported with [traffic]", "a scenario without it")
-    for cell in study.cells if study.in_traffic else ():
+    for cell in study.cells if hours else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
                 what = f"{name} drives one vehicle at a time"

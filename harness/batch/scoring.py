@@ -62,8 +62,7 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     try:
         folder.drop_shards()
         for cell in plan.study.cells:
-            scored = score_hours if plan.study.in_traffic else _score_encounters
-            for first, count, rows in scored(run, cell, traced):
+            for first, count, rows in _SCORERS[plan.kind.rows](run, cell, traced):
                 folder.write_shard(cell.number, first, count, rows)
         finish(folder, plan)
         finished = True
@@ -93,6 +92,10 @@ def _score_encounters(
         last = min(first + _PART_PAIRS, pairs) - 1
         part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
         yield first, last - first + 1, _score(run, part, cell) if traced else _all_columns(part)
+
+
+_SCORERS = {"episodes": _score_encounters, "hours": score_hours}
+"""What scores a cell anew, by the table of its kind that findings are made of."""
 
 
 def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:

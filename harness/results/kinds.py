@@ -40,10 +40,15 @@ class Kind(Protocol):
     """A kind of run.
 
     Attributes:
+        whole_pairs: whether each pair is a task of its own, shares no episode with other cells, and
+            takes too long for ``--until``.
         catalogue: every number that such a run reports.
         rows: the table that its findings are made of, with two rows for each pair, AV's first.
         derived: further tables, each with what makes the columns of a cell from those rows.
     """
+
+    @property
+    def whole_pairs(self) -> bool: ...
 
     @property
     def catalogue(self) -> Catalogue: ...
@@ -83,6 +88,7 @@ class Kind(Protocol):
 class EncounterKind:
     """Encounters of one ego with the people of a pair."""
 
+    whole_pairs: bool = False
     catalogue: Catalogue = ENCOUNTERS
     rows: str = "episodes"
     derived: Mapping[str, Derive] = field(default_factory=lambda: {"pairs": pair_rows})
@@ -117,6 +123,7 @@ class EncounterKind:
 class HourKind:
     """Hours of traffic."""
 
+    whole_pairs: bool = True
     catalogue: Catalogue = HOURS
     rows: str = "hours"
     derived: Mapping[str, Derive] = field(default_factory=dict)

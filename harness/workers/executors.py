@@ -1,5 +1,6 @@
 """The one place that chooses where the tasks of a study run."""
 
+from harness.results.kinds import kind_of_study
 from harness.scenario import Options, Study
 from harness.strategies.own import is_of_this_process
 from harness.workers.pool import LocalPool, workers_for
@@ -27,5 +28,5 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
     # With few pairs, which may be quick, not all workers start at once.
-    at_once = pairs if study.in_traffic else -(-pairs // options.task_pairs)
+    at_once = pairs if kind_of_study(study).whole_pairs else -(-pairs // options.task_pairs)
     return LocalPool(workers_for(pairs, options), at_once=at_once)

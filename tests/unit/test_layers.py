@@ -1,6 +1,7 @@
 """Who may import whom, read from the sources; and what starting up costs."""
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -100,6 +101,14 @@ def test_lower_levels_never_import_higher_ones(module: str) -> None:
 def test_a_page_simulates_nothing(module: str) -> None:
     simulating = ("harness.batch", "harness.engine", "harness.replay.rerun", "harness.workers.pool")
     assert not [name for name in imports_of(MODULES[module]) if name.startswith(simulating)]
+
+
+def test_rooms_in_between_ask_the_kind_of_a_run() -> None:
+    """Not whether it has traffic: that is asked in ``results/kinds.py``, once."""
+    asking = re.compile(r"in_traffic|traffic is (not )?None|is_risk")
+    for room, besides in (("results", {"kinds.py"}), ("batch", {"plan.py", "settling.py"})):
+        for path in (PACKAGE / room).glob("*.py"):
+            assert path.name in besides or not asking.search(path.read_text("utf-8")), path
 
 
 def room_of(module: str) -> str:

@@ -1,0 +1,54 @@
+"""A further entry of the catalogue is in everything that shows the numbers of a run."""
+
+from pathlib import Path
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import harness
+from docs.hooks import reference
+from harness.comparison import ENCOUNTERS, EncounterColumns, Entry, Interval, student_mean
+from harness.results import kinds
+from tests.batches import one_cell
+from tests.made_up import Fate, made_up
+
+ENTRY: Entry[EncounterColumns] = Entry(
+    "fastest_s",
+    "fastest passage",
+    "The shortest time to cross.",
+    unit="s",
+    of_arm=lambda columns, arm: float(columns.pairs.time_s[arm].min()),
+    paired=lambda columns: student_mean(columns.pairs.time_s[0] - columns.pairs.time_s[1]),
+    interval=Interval,
+    undefined="no episode crossed",
+)
+
+
+def fate(_task: object, pair: int) -> Fate:
+    return {"pass_time_s": 8.0 + pair}
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    kind = kinds.EncounterKind(catalogue=(*ENCOUNTERS, ENTRY))
+    monkeypatch.setattr(kinds, "kind_of", lambda _scenario: kind)
+    return made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 4}), fate)
+
+
+def test_it_is_in_the_tables(run: Path) -> None:
+    names = ["fastest_s", "fastest_s_human", "fastest_s_difference_ci_high"]
+    assert {*names} <= {*pd.read_csv(run / "summary.csv")}
+    assert pq.read_schema(run / "summary.parquet").field("fastest_s").type == pa.float64()
+    assert harness.load_run(run).summary["fastest_s"].tolist() == [8.0]
+
+
+def test_it_is_in_the_reference_of_columns() -> None:
+    assert reference.reported(ENTRY, "fastest_s") == [
+        "`fastest_s`",
+        "yes",
+        "",
+        "s",
+        "The shortest time to cross. The AV's arm.",
+    ]
