@@ -224,7 +224,7 @@ class _Work:
             cells: whose pairs they are.
             share: of the pairs that are left.
         """
-        if self.plan.kind.whole_pairs or self.pair_s is None:
+        if self.plan.kind.long_pairs or self.pair_s is None:
             return 1
         each_s = max(self.pair_s, 1e-6) * cells
         most = min(self.plan.options.task_pairs, int(LONGEST_S / each_s))
@@ -235,7 +235,7 @@ class _Work:
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):
-                same = cell.number if self.plan.kind.whole_pairs else cell.but_for_arms
+                same = cell.number if self.plan.kind.long_pairs else cell.but_for_arms
                 groups.setdefault((same, tuple(pairs)), []).append(cell)
         return groups.values()
 

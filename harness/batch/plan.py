@@ -68,7 +68,7 @@ def plan_of(study: Study, options: Options) -> Plan:
     """
     if options.engine == "plain":
         _refuse_for_plain(study, options)
-    hours = kind_of_study(study).whole_pairs
+    hours = kind_of_study(study).long_pairs
     if hours and options.until:
         raise InputError("--until", "is not supported with [traffic]", "a scenario without it")
     for cell in study.cells if hours else ():

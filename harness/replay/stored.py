@@ -14,9 +14,10 @@ from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.results.episode_tables import episode_rows, pedestrian_rows
 from harness.results.hour_tables import hour_rows
+from harness.results.kinds import kind_of
 from harness.results.manifest import explained
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
-from harness.results.tables import HOUR_TABLES, table_of
+from harness.results.tables import table_of
 from harness.scenario import Cell, EngineName, study_from
 from harness.traffic.pairing import HourOutcome
 
@@ -47,7 +48,7 @@ class StoredCell:
         self._document = document
         section = self.cell.scenario.model
         self.model: InteractionModel = load_model(section.name, section.path)
-        names = HOUR_TABLES if self.in_traffic else ("episodes", "pedestrians")
+        names = kind_of(self.cell.scenario).records
         self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
         ran = self._rows[names[0]]
         if pair is not None and (pair, Arm.AV.value) not in ran:

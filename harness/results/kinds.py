@@ -27,7 +27,7 @@ from harness.results.hour_catalogue import HOURS
 from harness.results.hour_columns import hour_columns
 from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results.summaries import columns_of_cell
-from harness.results.tables import Columns, encounter_tables, hour_tables
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, Columns, encounter_tables, hour_tables
 from harness.scenario import Cell, Scenario, Study
 
 Rows = list[dict[str, Plain]]
@@ -40,15 +40,23 @@ class Kind(Protocol):
     """A kind of run.
 
     Attributes:
-        whole_pairs: whether each pair is a task of its own, shares no episode with other cells, and
-            takes too long for ``--until``.
+        long_pairs: whether a pair is long: then it is a task of its own, shares no episode with
+            other cells, is never more than planned (``--until``), and a stretch of it is shown.
+        records: the tables that say what came out of a pair.
+        shown: the tables that a pair is shown from: the states of everybody, and the people.
         catalogue: every number that such a run reports.
         rows: the table that its findings are made of, with two rows for each pair, AV's first.
         derived: further tables, each with what makes the columns of a cell from those rows.
     """
 
     @property
-    def whole_pairs(self) -> bool: ...
+    def long_pairs(self) -> bool: ...
+
+    @property
+    def records(self) -> tuple[str, ...]: ...
+
+    @property
+    def shown(self) -> tuple[str, str]: ...
 
     @property
     def catalogue(self) -> Catalogue: ...
@@ -88,7 +96,9 @@ class Kind(Protocol):
 class EncounterKind:
     """Encounters of one ego with the people of a pair."""
 
-    whole_pairs: bool = False
+    long_pairs: bool = False
+    records: tuple[str, ...] = ("episodes", "pedestrians")
+    shown: tuple[str, str] = ("traces", "pedestrians")
     catalogue: Catalogue = ENCOUNTERS
     rows: str = "episodes"
     derived: Mapping[str, Derive] = field(default_factory=lambda: {"pairs": pair_rows})
@@ -123,7 +133,9 @@ class EncounterKind:
 class HourKind:
     """Hours of traffic."""
 
-    whole_pairs: bool = True
+    long_pairs: bool = True
+    records: tuple[str, ...] = HOUR_TABLES
+    shown: tuple[str, str] = HOUR_TRACES
     catalogue: Catalogue = HOURS
     rows: str = "hours"
     derived: Mapping[str, Derive] = field(default_factory=dict)

@@ -16,7 +16,6 @@ from harness.errors import InputError
 from harness.replay.stored import differences_of
 from harness.results.manifest import explained
 from harness.results.shards import DamagedShardError, Shard, read_shard, shard_name
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES
 from harness.runs.run_data import RunData
 
 SHOWN = "shown"
@@ -85,7 +84,7 @@ def choose_pairs(run: RunData) -> dict[str, list[Key]]:
     reason without a pair is left out; the last one, ``other pairs``, completes a run of few.
     Of hours it is the one with the AV's longest queue.
     """
-    if run.in_traffic:
+    if run.kind.long_pairs:
         ran = run.hours[run.hours["reason"].isna()]
         both = ran.groupby(["cell", "pair"])["arm"].transform("size") == len(Arm)
         queues = ran[both & (ran["arm"] == Arm.AV.value)]
@@ -174,7 +173,7 @@ def stretch_of(run: RunData, cell: int, pair: int) -> tuple[float, float]:
 
 
 def _shown(run: RunData, key: Key, reasons: tuple[str, ...], page: Path | None) -> ShownPair | None:
-    trace_names = HOUR_TRACES if run.in_traffic else ("traces", "pedestrians")
+    trace_names = run.kind.shown
     differences: tuple[str, ...] = ()
     if run.kept_traces:
         tables = {name: run.rows_of(name, *key) for name in trace_names}
@@ -185,7 +184,7 @@ def _shown(run: RunData, key: Key, reasons: tuple[str, ...], page: Path | None) 
         tables, differences = kept, _differences(run, key, kept)
     traces, people = (tables[name].to_pandas() for name in trace_names)
     begin_s, end_s = 0.0, float(traces["time_s"].max()) if len(traces) else 0.0
-    if run.in_traffic:
+    if run.kind.long_pairs:
         begin_s, end_s = stretch_of(run, *key)
         traces = traces[traces["time_s"].between(begin_s - MARGIN_S, end_s + MARGIN_S)]
     repeated = not run.kept_traces
@@ -201,10 +200,9 @@ def _repeated(run: Path, key: Key, page: Path | None) -> dict[str, pa.Table] | N
 
 
 def _differences(run: RunData, key: Key, tables: dict[str, pa.Table]) -> tuple[str, ...]:
-    names = HOUR_TABLES if run.in_traffic else ("episodes", "pedestrians")
     differences = tuple(
         difference
-        for name in names
+        for name in run.kind.records
         for difference in differences_of(
             name, tables[name].to_pylist(), run.rows_of(name, *key).to_pylist()
         )

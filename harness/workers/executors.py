@@ -28,5 +28,5 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
     # With few pairs, which may be quick, not all workers start at once.
-    at_once = pairs if kind_of_study(study).whole_pairs else -(-pairs // options.task_pairs)
+    at_once = pairs if kind_of_study(study).long_pairs else -(-pairs // options.task_pairs)
     return LocalPool(workers_for(pairs, options), at_once=at_once)

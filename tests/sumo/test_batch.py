@@ -263,7 +263,7 @@ def test_traces_hold_every_step_and_change_nothing_else(plain: Path, tmp_path: P
 def test_folder_has_what_the_files_page_says_and_no_nan(plain: Path) -> None:
     assert set(content(plain)) == {
         "manifest.json",
-        *("summary.csv", "measures.csv", "conflicts.csv"),
+        *("summary.parquet", "summary.csv", "measures.csv", "conflicts.csv"),
         *(f"{name}.parquet" for name in ("cells", "episodes", "pairs", "pedestrians", "traces")),
     }
     for path in plain.glob("*.parquet"):
