@@ -79,70 +79,40 @@ class Rows:
 def legs_of(traces: Sequence[Trace]) -> Legs:
     """The legs of everyone who stepped off."""
     crossing = traces[0].crossing
-    walks = [
-        (number, walk)
-        for number, trace in enumerate(traces)
-        for walk in trace.walks
-        if walk.start_s is not None
-    ]
-    if any(walk.legs is not None for _, walk in walks):
-        return _legs_one_by_one(traces, walks)
-    owner, far = _owners_and_sides(walks)
-    begin = np.array([walk.start_s for _, walk in walks], dtype=float)
-    pace = np.array([walk.speed_mps for _, walk in walks], dtype=float)
-    along = np.zeros(len(walks))  # on the centre line, straight across the road
-    return Legs(
-        trace=owner,
-        walk=np.arange(len(walks)),
-        begin_s=begin,
-        end_s=begin + crossing.length_m / pace,
-        x_m=along,
-        y_m=np.where(far, crossing.length_m, 0.0),
-        x_mps=along,
-        y_mps=np.where(far, -pace, pace),
-        y_mps2=along,
-        walks=tuple(walk for _, walk in walks),
-        of_walk=owner,
-        from_far=far,
-    )
-
-
-def _owners_and_sides(walks: Sequence[tuple[int, Walk]]) -> tuple[IntArray, np.ndarray]:
-    owner = np.array([number for number, _ in walks], dtype=np.int64)
-    return owner, np.array([walk.arrival.side is Side.FAR for _, walk in walks], dtype=bool)
-
-
-def _legs_one_by_one(traces: Sequence[Trace], walks: Sequence[tuple[int, Walk]]) -> Legs:
-    """The legs where not everyone walks steadily from kerb to kerb."""
-    crossing = traces[0].crossing
+    walks: list[Walk] = []
+    owners: list[int] = []
     numbers: list[int] = []
     ends: list[float] = []
-    found: list[Leg] = []
-    for number, (owner, walk) in enumerate(walks):
-        legs, trace = walking.legs_of(walk, crossing), traces[owner]
-        # Somebody who stands for good is there as long as the trace goes on.
-        trace_end_s = max(legs[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
-        cleared = walking.cleared_s(walk, crossing)
-        numbers += [number] * len(legs)
-        ends += [leg.time_s for leg in legs[1:]]
-        ends.append(trace_end_s if cleared is None else cleared)
-        found += legs
-    owner_of, far = _owners_and_sides(walks)
-    begin, x, y, x_mps, y_mps, y_mps2 = np.array(found).T
-    walk_of = np.array(numbers, dtype=np.int64)
+    legs: list[Leg] = []
+    for owner, trace in enumerate(traces):
+        for walk in trace.walks:
+            if walk.start_s is None:
+                continue
+            stretches = walking.legs_of(walk, crossing)
+            # Somebody who stands for good is there as long as the trace goes on.
+            trace_end_s = max(stretches[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
+            cleared = walking.cleared_s(walk, crossing)
+            numbers += [len(walks)] * len(stretches)
+            ends += [leg.time_s for leg in stretches[1:]]
+            ends.append(trace_end_s if cleared is None else cleared)
+            legs += stretches
+            walks.append(walk)
+            owners.append(owner)
+    of_walk, walk_numbers = (np.array(each, dtype=np.int64) for each in (owners, numbers))
+    begin, x, y, x_mps, y_mps, y_mps2 = np.array(legs, dtype=float).reshape(-1, 6).T
     return Legs(
-        trace=owner_of[walk_of],
-        walk=walk_of,
+        trace=of_walk[walk_numbers],
+        walk=walk_numbers,
         begin_s=begin,
-        end_s=np.array(ends),
+        end_s=np.array(ends, dtype=float),
         x_m=x,
         y_m=y,
         x_mps=x_mps,
         y_mps=y_mps,
         y_mps2=y_mps2,
-        walks=tuple(walk for _, walk in walks),
-        of_walk=owner_of,
-        from_far=far,
+        walks=tuple(walks),
+        of_walk=of_walk,
+        from_far=np.array([walk.arrival.side is Side.FAR for walk in walks], dtype=bool),
     )
 
 

@@ -14,8 +14,7 @@ from harness.errors import InputError, reading, resume_command
 from harness.files import read_file
 from harness.results.checks import check_values
 from harness.results.tables import SCHEMA, TABLES, with_schema
-from harness.scenario import EngineName, of_today
-from harness.versions import versions_of_runs
+from harness.scenario import EngineName
 
 MANIFEST = "manifest.json"
 
@@ -68,7 +67,6 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     version = document.get("schema") if isinstance(document, dict) else None
     if version != SCHEMA:
         raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
-    document = _of_today(document)
     form = check_form(_Manifest, document, str(path))
     # A run from before there was a choice took place in SUMO.
     return {
@@ -76,26 +74,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         "engine": form.engine,
         "audit": form.audit,
         "know_the_model": form.know_the_model,
-        "scenario": of_today(document["scenario"]),
-    }
-
-
-def _of_today(document: dict[str, Any]) -> dict[str, Any]:
-    """A manifest that an earlier version may have written, in the keys of this one.
-
-    It named the versions and strategies in one table, and what scored a run as what simulated it.
-    """
-    if not isinstance(versions := document.get("versions"), dict) or "models" not in document:
-        return document
-    libraries = {name: of for name, of in versions.items() if name in versions_of_runs()}
-    return {
-        **{key: value for key, value in document.items() if key not in ("versions", "models")},
-        "simulated_with": {
-            "versions": libraries,
-            "strategies": {name: of for name, of in versions.items() if name not in libraries},
-            "models": document["models"],
-        },
-        "scored_with": {"versions": libraries},
+        "scenario": document["scenario"],
     }
 
 

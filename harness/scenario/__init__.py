@@ -33,7 +33,6 @@ from harness.scenario.study import (
     Cell,
     Study,
     as_written,
-    of_today,
     study_from,
     study_of,
 )
@@ -61,7 +60,6 @@ __all__ = [
     "flatten",
     "hang_limit_s",
     "load_scenario",
-    "of_today",
     "parse_setting",
     "parse_variation",
     "read_scenario_file",

@@ -233,9 +233,6 @@ def _how_written(key: str) -> str:
     return "with quotes that the shell leaves: " + f"""'strategies."{name}".{parameter}=…'"""
 
 
-_GONE = {"pedestrians.pairing": "pairs share quantiles; remove the key"}
-"""Keys of earlier versions, and what stands in their place."""
-
 _TOML_WORDS = {
     "model_type": "a table",
     "dict_type": "a table",
@@ -262,8 +259,6 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
         where = f"{key_sources[by]} {key}"
     elif named:
         where = f"{key_sources[named[-1]]} {named[-1]}"
-    if key in _GONE:
-        return InputError(where, "is gone", _GONE[key])
     if first["type"] == "extra_forbidden":
         return unknown_name(where, "key", path[-1], _keys_of(path[:-1]))
     message = first["msg"].removeprefix("Input should be ")

@@ -189,18 +189,6 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
     return Study(document["name"], base, tuple(cells))
 
 
-def of_today(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """A manifest's scenario, which an earlier version may have written, in the keys of this one."""
-    pedestrians, model = tree.get("pedestrians"), tree.get("model")
-    today = dict(tree)
-    if isinstance(pedestrians, dict) and pedestrians.get("pairing") == "quantile":
-        today["pedestrians"] = {k: v for k, v in pedestrians.items() if k != "pairing"}
-    if isinstance(model, dict):
-        # Conditions outside the model's box were clamped without asking.
-        today["model"] = {"extrapolate": True, **model}
-    return today
-
-
 def as_written(value: Any) -> str:
     """A scenario's value as a user would write it."""
     return f"{value:g}" if isinstance(value, float) else str(value)
