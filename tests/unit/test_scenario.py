@@ -205,10 +205,6 @@ def test_a_models_path_starts_at_the_scenarios_folder(tmp_path: Path) -> None:
         ("[pedestrians]\nnear_side_share = 1.1", ["pedestrians.near_side_share", "1.1", "1"]),
         ("[pedestrians]\nflow_per_hour = -1", ["pedestrians.flow_per_hour", "-1", "0"]),
         ("[pedestrians]\nmax_count = 1.5", ["pedestrians.max_count", "1.5", "integer"]),
-        (
-            "[pedestrians]\npairing = 'quantile'",
-            ["pedestrians.pairing", "quantiles; remove"],
-        ),
         ("[pedestrians]\nbehaviour = 'fast'", ["pedestrians.behaviour", "'fast'", "reactive"]),
         (
             "[pedestrians.gap_acceptance]\nmean = 3.0",
