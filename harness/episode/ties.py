@@ -44,17 +44,20 @@ def tie_s(one: Sequence[Asked], other: Sequence[Asked]) -> float | None:
     """The time of the first step at which the car is asked for something else, in s.
 
     None where anything shown until then differs by more than ``SAME``, or no command ever does:
-    then the strategy is not why two records differ.
+    then the strategy is not why two records differ.  None, too, where all that was shown until then
+    is equal to the last bit: such a strategy is not reproducible, and that is no tie.
 
     Args:
         one: everything that was asked in an episode on one engine, in order.
         other: in the same episode on another engine.
     """
+    identical = True
     for mine, theirs in zip(one, other, strict=False):
         if not _same(mine.shown, theirs.shown):
             return None
+        identical = identical and mine.shown == theirs.shown
         if not _same(_speed_mps(mine), _speed_mps(theirs)):
-            return mine.shown.time_s
+            return None if identical else mine.shown.time_s
     return None
 
 

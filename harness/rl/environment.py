@@ -9,6 +9,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
@@ -24,6 +25,8 @@ from harness.rl.reward import Reward, Transition, check_reward, time_speeding_an
 from harness.scenario import EngineName, Scenario, engine_named, load_scenario
 from harness.scenario.options import number_in, whole_number
 from harness.strategies.vector import acceleration_of, observation_vector
+
+ENVIRONMENT_ID = "harness/Crosswalk-v0"
 
 Vector = NDArray[np.float32]
 
@@ -76,6 +79,9 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError("render_mode", f"{render_mode!r}", "rgb_array, or None")
         self.render_mode = render_mode
+        arguments: dict[str, Any] = {"scenario": scenario, "settings": settings, "nearest": nearest}
+        arguments |= {"reward": reward, "engine": engine}
+        self.spec = EnvSpec(ENVIRONMENT_ID, "harness.rl:CrosswalkEnv", kwargs=arguments)
         if not isinstance(scenario, Scenario):
             scenario = load_scenario(scenario, settings or {})
         elif settings:

@@ -15,6 +15,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 from examples import vector_environments  # noqa: E402
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
+from harness import rl  # noqa: E402
 from harness.encounter import (  # noqa: E402
     Arm,
     Crossing,
@@ -96,6 +97,7 @@ def test_gymnasiums_own_checker_accepts_it():
         warnings.simplefilter("error")
         check_env(environment(BUSY).unwrapped)
         check_env(environment(BUSY, render_mode="rgb_array").unwrapped)
+        check_env(rl.CrosswalkEnv("cctc", settings=BUSY, engine="plain"))
 
 
 @pytest.mark.parametrize("seed", [1, 7])

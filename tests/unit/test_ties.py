@@ -33,7 +33,9 @@ LAST_BIT = 20.0 + 4e-15
         ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0, 20.1), asked(0.1, 0.5)], None),
         ([asked(0.0, 0.0)], [asked(0.0, 1.0, lateral_m=2.0 + 1e-8)], None),
         # Beyond what the car can do, or while it stands, both ask for the same.
-        ([asked(0.0, -20.0), asked(0.1, 0.0)], [asked(0.0, -30.0), asked(0.1, 1.0)], 0.1),
+        ([asked(0.0, -20.0), asked(0.1, 0.0)], [asked(0.0, -30.0, LAST_BIT), asked(0.1, 1.0)], 0.1),
+        # Shown the same to the last bit: the strategy is not reproducible.
+        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0), asked(0.1, 0.5)], None),
         (
             [asked(0.0, -1.0, v=0.0), asked(0.1, 0.0, 19.0)],
             [asked(0.0, -2.0, v=0.0), asked(0.1, 1.0)],
@@ -41,7 +43,7 @@ LAST_BIT = 20.0 + 4e-15
         ),
         # A command that is no number ends the episode on both.
         ([asked(0.0, float("nan"))], [asked(0.0, float("nan"))], None),
-        ([asked(0.0, None)], [asked(0.0, 1.0)], 0.0),
+        ([asked(0.0, None)], [asked(0.0, 1.0, LAST_BIT)], 0.0),
     ],
 )
 def test_first_step_at_which_the_commands_differ(
