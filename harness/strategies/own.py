@@ -24,43 +24,34 @@ def installed() -> dict[str, EntryPoint]:
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
-@lru_cache
-def load_installed(name: str, where: str) -> StrategyFactory:
-    """The strategy of an entry point.
-
-    Raises:
-        InputError: it cannot be imported, or is no strategy.
-    """
-    return _load(installed()[name].value.partition("[")[0].strip(), where)
-
-
 def is_of_this_process(name: str) -> bool:
     """Whether a strategy's name is that of a class of this script or notebook."""
     return name.startswith("__main__:")
 
 
-def load_of_this_process(name: str, where: str) -> StrategyFactory:
-    """A class of this script or notebook, looked up each time: its cell may have been run again.
-
-    Raises:
-        InputError: there is no such class, or it is no strategy.
-    """
-    return _load(name, where)
-
-
-@lru_cache
 def load_own(name: str, where: str) -> StrategyFactory:
-    """The strategy a name such as ``my_package.my_module:MyStrategy`` stands for.
+    """The strategy of an entry point, or that of a name such as ``package.module:MyStrategy``.
 
     The working directory is importable, in worker processes too: they are started in it.
 
     Raises:
         InputError: no such module or class, the module cannot be imported, or it is no strategy.
     """
+    if name in installed():
+        return load_once(installed()[name].value.partition("[")[0].strip(), where)
+    if is_of_this_process(name):
+        # The cell of a notebook may have been run again.
+        return _load(name, where)
     here = str(Path.cwd())
     if here not in sys.path:
         # The console script has its own folder there, `python -m harness` the working directory.
         sys.path.insert(0, here)
+    return load_once(name, where)
+
+
+@lru_cache
+def load_once(name: str, where: str) -> StrategyFactory:
+    """The class that a name stands for, imported once per process."""
     return _load(name, where)
 
 

@@ -15,13 +15,7 @@ from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
-from harness.strategies.own import (
-    installed,
-    is_of_this_process,
-    load_installed,
-    load_of_this_process,
-    load_own,
-)
+from harness.strategies.own import installed, load_own
 from harness.strategies.program import ProgramDriver, is_program, load_program
 from harness.strategies.soft_yield import SoftYield
 from harness.strategies.sumo_driver import SumoDriver
@@ -52,12 +46,8 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
         return STRATEGIES[name]
     if is_program(name):
         return load_program(name, where)
-    if is_of_this_process(name):
-        return load_of_this_process(name, where)
-    if ":" in name:
+    if ":" in name or name in installed():
         return load_own(name, where)
-    if name in installed():
-        return load_installed(name, where)
     names = sorted({*STRATEGIES, *installed()})
     allowed = ", ".join([*names, "or your own as package.module:Class or exec:./PROGRAM"])
     raise InputError(where, f"unknown strategy {name!r}", allowed, nearest_name(name, names))
@@ -68,7 +58,7 @@ def available() -> dict[str, StrategyFactory | InputError]:
     found: dict[str, StrategyFactory | InputError] = {**STRATEGIES}
     for name in installed():
         try:
-            found.setdefault(name, load_installed(name, name))
+            found.setdefault(name, load_own(name, name))
         except InputError as error:
             found.setdefault(name, error)
     return found

@@ -114,7 +114,7 @@ def test_a_score_says_what_simulated_and_what_scored(tmp_path: Path) -> None:
         options = Options(traces=True, sumo_outputs="all")
         patch.setattr(experiment, "write_outputs", lambda *_: ())
         run_study(study, options, out=tmp_path / "run", make_executor=Inline)
-    own.load_own.cache_clear()
+    own.load_once.cache_clear()
     path = tmp_path / "run" / "manifest.json"
     document = json.loads(path.read_text())
     assert document["scored_with"]["versions"] == document["simulated_with"]["versions"]

@@ -105,8 +105,7 @@ def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Write]:
     for name, module in tuple(sys.modules.items()):
         if str(tmp_path) in str(getattr(module, "__spec__", None)):
             del sys.modules[name]
-    own.load_own.cache_clear()
-    own.load_installed.cache_clear()
+    own.load_once.cache_clear()
     registry._prepared.clear()
 
 
