@@ -9,6 +9,8 @@ from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
+from harness.episode.pairing import PairRunner
+from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
 from harness.scenario import Scenario, validate
 
@@ -27,6 +29,12 @@ def scenario(**sections: dict[str, object]) -> Scenario:
 def outcome_of(trace: Trace) -> Outcome:
     """A trace as the AV's episode of pair 0, measured."""
     return Outcome(0, Arm.AV, "test", measure([trace])[0], trace)
+
+
+def on_plain(scene: Scenario, model: InteractionModel) -> PairRunner:
+    """Runs pairs of a scenario on the plain engine."""
+    step_s = scene.experiment.step_s
+    return PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), step_s))
 
 
 def play(

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.network import build, build_network, network_of
 from harness.scenario import Setting, load_scenario
+from tests.scenes import on_plain
 from tests.sites import NETWORKS, geometries, shipped_nets, shipped_scenarios
 from tests.sumo.test_engines_agree import assert_same_episode
 
@@ -61,9 +61,7 @@ def test_sumo_plays_there_what_the_plain_engine_plays(name: str, sumo, model) ->
     ]
     people = [Setting("pedestrians.flow_per_hour", 900.0), Setting("experiment.timeout_s", 60.0)]
     scenario = load_scenario("cctc_flow", [*crosswalk, *people])
-    plain = PairRunner(
-        scenario, model, lambda: PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    )
+    plain = on_plain(scenario, model)
     in_sumo = PairRunner(scenario, model, lambda: sumo(scenario))
     met = 0
     for one, other in zip(in_sumo.run(range(4)), plain.run(range(4)), strict=True):

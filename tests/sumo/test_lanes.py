@@ -7,12 +7,12 @@ import libsumo
 import pytest
 
 from harness.encounter import Arm
-from harness.engine.plain import PlainEngine
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
 from harness.network import build_network
 from harness.roads import Place, read_site
 from harness.scenario import Scenario, validate
+from tests.scenes import on_plain
 from tests.sumo.test_engines_agree import assert_same_episode
 
 
@@ -90,7 +90,7 @@ def compare(seed: int, folder: Path, model) -> int:
         index = read_site(Place(net, lane=scenario.ego.lane)).ego.stretches[0].lane
         for name in (f"approach_{index}", f"exit_{index}"):
             assert libsumo.lane.getMaxSpeed(name) == limit
-        plain = PairRunner(scenario, model, lambda: PlainEngine(scenario.vehicle(), step_s))
+        plain = on_plain(scenario, model)
         in_sumo = PairRunner(scenario, model, lambda: engine)
         for one, other in zip(in_sumo.run(range(2)), plain.run(range(2)), strict=True):
             assert_same_episode(one, other, (seed, one.pair, one.arm))

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from harness.encounter import EgoView, Observation, PedestrianView, Side
-from harness.errors import InputError
 from harness.measures import measure
 from harness.motion.contact import time_to_collision
 from harness.strategies.driving import half_path
@@ -87,12 +86,6 @@ def test_never_past_the_walkers_line() -> None:
     np.testing.assert_array_equal(trace.speed_mps, 5.0)
 
 
-def test_waiting_people_do_not_count() -> None:
-    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
-    trace = play(EmergencyBrake(), [(3.7, Side.NEAR, 1.0)], scene)
-    np.testing.assert_array_equal(trace.speed_mps, 5.0)
-
-
 def view(lateral: float, speed: float, side: Side = Side.NEAR) -> PedestrianView:
     return PedestrianView(0, side, lateral, lateral + 6.75, speed, on_crossing=True)
 
@@ -155,9 +148,3 @@ def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
             flat += exact - ours < 1e-9
     assert courses > 500
     assert flat > 0.7 * courses
-
-
-@pytest.mark.parametrize("threshold", [0.0, -1.0])
-def test_refuses_a_threshold_that_is_none(threshold: float) -> None:
-    with pytest.raises(InputError, match=r"emergency_brake\.ttc_threshold_s.*above 0"):
-        EmergencyBrake(ttc_threshold_s=threshold)

@@ -14,7 +14,7 @@ from harness.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield
-from tests.scenes import play, scenario
+from tests.scenes import on_plain, play, scenario
 
 STEP, EDGE_M, LIMIT = 0.1, 2.0, 4.5
 REAR_CLEAR_M = 5.25
@@ -112,13 +112,6 @@ def test_a_pedestrian_who_is_gone_in_time_does_not_slow_it() -> None:
     np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
 
 
-def test_people_who_wait_are_not_waited_for() -> None:
-    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
-    trace = play(GapYield(), [(4.5, Side.NEAR, 1.0)], scene)
-    assert trace.walks[0].start_s is None
-    np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
-
-
 # --- yielding ------------------------------------------------------------------------------------
 
 
@@ -213,8 +206,6 @@ def test_on_the_crosswalk_it_goes_on_before_someone_with_little_advantage() -> N
      "trigger_range_m": 100.0}, "experiment": {"step_s": 0.5}, "model": {"extrapolate": True}},
 ])  # fmt: skip
 def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
-    from harness.engine.plain import PlainEngine
-    from harness.episode.pairing import PairRunner
 
     scene = scenario(
         **{
@@ -223,7 +214,7 @@ def test_no_crash_in_flows_without_the_rule_at_the_kerb(changes, model) -> None:
             "experiment": {"timeout_s": 300.0, **changes.get("experiment", {})},
         }
     )
-    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    runner = on_plain(scene, model)
     endings = [o.record.ending for o in runner.run(range(400)) if o.strategy == "gap_yield"]
     assert len(endings) == 400
     assert set(endings) <= {"crossed", "timed_out"}

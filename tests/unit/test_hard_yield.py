@@ -57,13 +57,6 @@ def test_a_crossing_cleared_while_braking_lets_it_go_on() -> None:
     assert np.diff(trace.speed_mps)[30] == pytest.approx(0.1)
 
 
-def test_a_waiting_pedestrian_does_not_stop_it() -> None:
-    # At the kerb, held back by the 2 s rule: nobody is on the crossing.
-    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
-    trace = play(HardYield(), [(3.7, Side.NEAR, 1.0)], scene)
-    np.testing.assert_array_equal(trace.speed_mps, 5.0)
-
-
 @pytest.mark.parametrize("speed", [5.0, 8.0])
 def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
     # Full braking needs v²/9: 2.78 m and 7.11 m.  They step off when the line is too near, but

@@ -14,13 +14,10 @@ from harness.encounter import (
     Trace,
     Vehicle,
 )
-from harness.engine.plain import PlainEngine
 from harness.episode.arms import make_strategy
-from harness.episode.pairing import PairRunner
-from harness.errors import InputError
 from harness.interaction import InteractionModel
 from harness.strategies.human_gmm import HumanDriver
-from tests.scenes import play, scenario
+from tests.scenes import on_plain, play, scenario
 from tests.statistical.test_walking_speeds import Joint, V
 
 V0, A0, STEP = 5.0, 1.0, 0.1
@@ -237,13 +234,7 @@ def test_a_sampling_driver_repeats_itself_in_any_order(model) -> None:
     )
 
     def run(pairs: list[int]) -> dict[int, bytes]:
-        runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), STEP))
+        runner = on_plain(scene, model)
         return {o.pair: o.trace.x_m.tobytes() for o in runner.run(pairs) if o.arm == "human"}
 
     assert run([0, 1, 2, 3]) == run([3, 1, 0, 2])
-
-
-@pytest.mark.parametrize("interval_s", [0.0, -1.0, 0.01, 0.25])
-def test_an_interval_of_no_whole_steps_is_refused(model, interval_s: float) -> None:
-    with pytest.raises(InputError, match="decision_interval_s"):
-        driver(model, decision_interval_s=interval_s)

@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from harness.encounter import Arm, Side
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
-from harness.errors import InputError
 from harness.scenario import Setting, load_scenario
 from harness.strategies.human_recorded import HumanRecorded
-from tests.scenes import outcome_of, play
+from tests.scenes import on_plain, outcome_of, play
 
 
 def first_braking_range(trace) -> float:
@@ -88,14 +85,5 @@ def crashes(flow, pairs, model) -> list[int]:
             Setting("arms.human", "human_recorded"),
         ],
     )
-    runner = PairRunner(cell, model, lambda: PlainEngine(cell.vehicle(), cell.experiment.step_s))
+    runner = on_plain(cell, model)
     return [pair for pair in pairs if runner.run_arm(pair, Arm.HUMAN).record.avoidable]
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"horizon_s": 0.0}, {"reaction_time_s": -0.1}, {"pulling_away_mps2": -1.0}],
-)
-def test_values_outside_their_range_are_refused(wrong) -> None:
-    with pytest.raises(InputError, match=f"human_recorded.{next(iter(wrong))}"):
-        HumanRecorded(**wrong)

@@ -20,16 +20,13 @@ from harness.encounter import (
     Strategy,
     Trace,
 )
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
-from harness.errors import InputError
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.seeding import stream
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
-from tests.scenes import play, scenario
+from tests.scenes import on_plain, play, scenario
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -198,16 +195,7 @@ def test_no_crash_that_it_could_have_avoided_in_flows(rate: float, changes, mode
         experiment={"timeout_s": 300.0},
         **{"pedestrians": {"flow_per_hour": 1000.0, "kerb_wait_s": 2.0}, **changes},
     )
-    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    runner = on_plain(scene, model)
     records = [o.record for o in runner.run(range(80)) if o.arm is Arm.AV]
     assert [record.ending for record in records] == ["crossed"] * 80
     assert sum(record.pedestrians for record in records) > 150
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("yield_rate", -0.1), ("yield_rate", 1.1), ("comfortable_deceleration_mps2", 0.0)],
-)
-def test_refuses_what_is_no_rate_or_deceleration(key: str, value: float) -> None:
-    with pytest.raises(InputError, match=rf"human_yield\.{key}"):
-        HumanYield(rng=np.random.default_rng(1), **{key: value})

@@ -5,9 +5,7 @@ import pytest
 from scipy import stats
 
 from harness.encounter import Arm, Arrival, Side
-from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms
-from harness.episode.pairing import PairRunner
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import InputError
 from harness.interaction import Asked, check_support
@@ -17,7 +15,7 @@ from harness.results.episode_tables import episode_rows
 from harness.results.summaries import summarise_cell
 from harness.results.tables import table_of
 from harness.scenario import Cell, Scenario, load_scenario
-from tests.scenes import scenario
+from tests.scenes import on_plain, scenario
 
 FAST = {"initial_speed_mps": 13.89, "trigger_range_m": 80.0}
 ISSUE = {"ego": FAST, "crossing": {"length_m": 14.0}, "pedestrians": {"flow_per_hour": 120.0}}
@@ -26,7 +24,7 @@ YIELDS = {"arms": {"av": "hard_yield", "human": "human_yield"}}
 
 
 def run(scene: Scenario, model, pairs: int = 20) -> list[Outcome]:
-    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    runner = on_plain(scene, model)
     return list(runner.run(range(pairs)))
 
 

@@ -10,9 +10,7 @@ import pytest
 
 from harness.conformance import CHECKS
 from harness.encounter import Arm, Ending
-from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms
-from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.scenario import (
     Scenario,
@@ -24,6 +22,7 @@ from harness.scenario import (
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
 from tests.batches import here
+from tests.scenes import on_plain
 
 MODULE = '''
 class Steady:
@@ -205,21 +204,17 @@ def test_open_parameters_and_annotations_for_type_checkers(write: Write, model) 
     check_arms(scene("mine_f:Steady", {"side": [1]}), model)
 
 
-def runner(scenario: Scenario, model) -> PairRunner:
-    return PairRunner(scenario, model, lambda: PlainEngine(scenario.vehicle(), 0.1))
-
-
 def test_prepared_once_for_each_set_of_parameters(write: Write, model) -> None:
     write("mine_g", MODULE)
     for gap in (1.0, 2.0, 1.0):
-        list(runner(scene("mine_g:Steady", {"gap_s": gap}), model).run(range(3)))
+        list(on_plain(scene("mine_g:Steady", {"gap_s": gap}), model).run(range(3)))
     strategy = find_strategy("mine_g:Steady", "test")
     assert strategy.prepared == [{"gap_s": 1.0}, {"gap_s": 2.0}]
 
 
 def test_an_error_ends_its_episode_with_its_own_traceback(write: Write, model) -> None:
     write("mine_h", MODULE)
-    outcomes = list(runner(scene("mine_h:Demanding", {"needed": 0.35}), model).run(range(2)))
+    outcomes = list(on_plain(scene("mine_h:Demanding", {"needed": 0.35}), model).run(range(2)))
     for outcome in outcomes:
         if outcome.arm is Arm.HUMAN:
             assert (outcome.record.ending, outcome.trace.traceback) == (Ending.CROSSED, None)
@@ -259,7 +254,7 @@ def test_a_constructor_that_raises_in_one_pair_spoils_that_one_alone(write: Writ
     scenario = scene(name).model_copy(
         update={"experiment": scene(name).experiment.model_copy(update={"seed": seed})}
     )
-    outcomes = list(runner(scenario, model).run(range(12)))
+    outcomes = list(on_plain(scenario, model).run(range(12)))
     failed = [o for o in outcomes if o.record.ending is Ending.ENGINE_FAILED]
     assert 0 < len(failed) < 12
     assert {outcome.arm for outcome in failed} == {Arm.AV}

@@ -8,26 +8,20 @@ import numpy as np
 import pytest
 
 from harness.encounter import Arm, Side
-from harness.engine.plain import PlainEngine
 from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
-from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
 from harness.scenario import Scenario, load_scenario, validate
 from harness.seeding import stream
 from harness.strategies.human_yield import HumanYield
+from tests.scenes import on_plain
 
 FLOW = {
     "pedestrians": {"flow_per_hour": 900.0},
     "strategies": {"human_gmm": {"speed": "sampled"}},
     "experiment": {"timeout_s": 120.0, "seed": 3},
 }
-
-
-def runner(scenario: Scenario, model: InteractionModel) -> PairRunner:
-    step_s = scenario.experiment.step_s
-    return PairRunner(scenario, model, lambda: PlainEngine(scenario.vehicle(), step_s))
 
 
 def content(outcome: Outcome) -> tuple[object, ...]:
@@ -47,13 +41,13 @@ def content(outcome: Outcome) -> tuple[object, ...]:
 def run(tree: dict[str, dict[str, object]], pairs: list[int]) -> dict[int, list[tuple]]:
     """Contents by pair; a function of plain values, so that another process can call it."""
     found: dict[int, list[tuple]] = {}
-    for outcome in runner(validate(tree, "test"), load_model("dut")).run(pairs):
+    for outcome in on_plain(validate(tree, "test"), load_model("dut")).run(pairs):
         found.setdefault(outcome.pair, []).append(content(outcome))
     return found
 
 
 def arms(scenario: Scenario, model: InteractionModel, pairs: int) -> list[tuple[Outcome, Outcome]]:
-    outcomes = list(runner(scenario, model).run(range(pairs)))
+    outcomes = list(on_plain(scenario, model).run(range(pairs)))
     assert [o.arm for o in outcomes] == [Arm.AV, Arm.HUMAN] * pairs
     return list(zip(outcomes[::2], outcomes[1::2], strict=True))
 
@@ -141,7 +135,7 @@ def test_sweeps_share_their_randomness(model) -> None:
         for a, b in zip(first, second, strict=False):
             assert (a.side, a.quantile) == (b.side, b.quantile)
             assert b.arrival_s == 2 * a.arrival_s
-    assert next(iter(runner(other, model).run([0]))).strategy == "hard_yield"
+    assert next(iter(on_plain(other, model).run([0]))).strategy == "hard_yield"
 
 
 def yielding(av: str, human: str, driver: Arm, model: InteractionModel) -> np.ndarray:
@@ -168,10 +162,10 @@ def test_the_same_strategy_in_both_arms_draws_the_same(model) -> None:
 
 
 def test_cells_share_only_episodes_in_which_the_driver_draws_alike(model) -> None:
-    alike = runner(
+    alike = on_plain(
         validate({**FLOW, "arms": {"av": "human_yield", "human": "human_yield"}}, ""), model
     )
     known = {alike.key(outcome.arm, outcome.pair): outcome for outcome in alike.run(range(20))}
     other = validate({**FLOW, "arms": {"av": "human_yield", "human": "hard_yield"}}, "")
-    shared = [content(outcome) for outcome in runner(other, model).run(range(20), known=known)]
-    assert shared == [content(outcome) for outcome in runner(other, model).run(range(20))]
+    shared = [content(outcome) for outcome in on_plain(other, model).run(range(20), known=known)]
+    assert shared == [content(outcome) for outcome in on_plain(other, model).run(range(20))]

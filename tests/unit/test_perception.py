@@ -13,7 +13,6 @@ from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.interaction import load_model
 from harness.measures import measure
@@ -24,7 +23,7 @@ from harness.perception.track import Track, updates_until_found
 from harness.results.episode_tables import trace_rows
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
-from tests.scenes import outcome_of, scenario
+from tests.scenes import on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
 """An obstacle that hides nobody, but lets everything go through the sensor."""
@@ -376,7 +375,7 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
 
 def outcomes(scene: Scenario, pairs: int = 6) -> list[object]:
     model = load_model(scene.model.name)
-    runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), scene.experiment.step_s))
+    runner = on_plain(scene, model)
     return list(runner.run(range(pairs)))
 
 

@@ -14,14 +14,13 @@ import pytest
 from examples import driver
 from harness.batch.plan import plan_of
 from harness.encounter import Arm, Ending, Trace
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.errors import InputError
 from harness.scenario import Options, load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
 from tests.batches import one_cell
+from tests.scenes import on_plain
 
 EXAMPLES = Path(driver.__file__).parent
 
@@ -52,9 +51,7 @@ def traces(strategy: Any, model: Any, pairs: int = 4, **parameters: float) -> li
     for key, value in parameters.items():
         settings[f'strategies."{strategy}".{key}'] = value
     scenario = load_scenario("cctc_flow", settings)
-    runner = PairRunner(
-        scenario, model, lambda: PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    )
+    runner = on_plain(scenario, model)
     return [runner.run_arm(pair, Arm.AV).trace for pair in range(pairs)]
 
 

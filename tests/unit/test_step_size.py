@@ -3,14 +3,12 @@
 import pytest
 
 from harness.encounter import Side
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.measures import EpisodeRecord, measure
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.soft_yield import SoftYield
-from tests.scenes import play, scenario
+from tests.scenes import on_plain, play, scenario
 
 # Walkers for whom Soft-Yield has an answer at (30 m, 5 m/s): 0.976 to 1.5 m/s.
 WINDOW = [0.98, 1.0, 1.037, 1.1, 1.2, 1.25, 1.3, 1.337, 1.4, 1.45, 1.49]
@@ -56,7 +54,7 @@ def test_the_papers_pairs_by_one_coarse_step_at_most(model) -> None:
             pedestrians={"max_count": 1, "first_at_trigger": True},
             experiment={"step_s": step_s},
         )
-        runner = PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), step_s))
+        runner = on_plain(scene, model)
         return [outcome.record.pass_time_s for outcome in runner.run(range(40))]
 
     coarse, fine = pass_times(0.1), pass_times(0.05)

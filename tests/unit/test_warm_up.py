@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 
 from harness.encounter import Arm, Observation, Side
-from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import already_walking, planned_arrivals
-from harness.episode.pairing import PairRunner
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import InputError
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import scenario
+from tests.scenes import on_plain, scenario
 
 FLOW = 900.0
 PAIRS = 500
@@ -75,7 +73,7 @@ def test_they_walk_on_and_are_seen_from_the_trigger_on_in_both_arms(model, monke
     of = scene(60.0, flow_per_hour=1800.0)
     monkeypatch.setattr("harness.episode.pairing.named_strategy", lambda *_: Watching())
     Watching.first.clear()
-    runner = PairRunner(of, model, lambda: PlainEngine(of.vehicle(), of.experiment.step_s))
+    runner = on_plain(of, model)
     outcomes = list(runner.run(range(10)))
     walking = WalkingSpeeds(of, model).unconditional
     met = 0

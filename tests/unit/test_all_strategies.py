@@ -1,0 +1,59 @@
+"""What several strategies share: whom they do not stop for, which values they refuse."""
+
+import numpy as np
+import pytest
+
+from harness.encounter import Arm, EgoView, Observation, Side, Strategy
+from harness.episode.arms import make_strategy
+from harness.errors import InputError
+from harness.strategies.constant_speed import ConstantSpeed
+from harness.strategies.emergency_brake import EmergencyBrake
+from harness.strategies.gap_yield import GapYield
+from harness.strategies.hard_yield import HardYield
+from tests.scenes import play, scenario
+
+
+@pytest.mark.parametrize("strategy", [HardYield, EmergencyBrake, GapYield])
+def test_they_do_not_stop_for_people_who_wait(strategy: type[Strategy]) -> None:
+    # At the kerb, held back by the 2 s rule: nobody is on the crossing.
+    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    trace = play(strategy(), [(4.5, Side.NEAR, 1.0)], scene)
+    assert trace.walks[0].start_s is None
+    np.testing.assert_array_equal(trace.speed_mps, play(strategy(), []).speed_mps)
+
+
+@pytest.mark.parametrize("strategy", [HardYield, EmergencyBrake])
+def test_before_an_empty_crosswalk_these_keep_their_speed(strategy: type[Strategy]) -> None:
+    np.testing.assert_array_equal(play(strategy(), []).speed_mps, 5.0)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 2.0, 4.0])
+def test_constant_speed_drives_off_where_the_vehicle_before_has_slowed_it(speed_mps: float) -> None:
+    scene = scenario(ego={"initial_speed_mps": 4.0})
+    ego = EgoView(10.0, speed_mps, 0.0)
+    seen = Observation(0.0, 0.1, ego, scene.vehicle(), scene.crosswalk(), ())
+    a0 = scene.vehicle().resume_acceleration_mps2
+    assert ConstantSpeed().decide(seen) == (0.0 if speed_mps == 4.0 else a0)
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "value", "allowed"),
+    [
+        ("human_yield", "yield_rate", -0.1, "0 to 1"),
+        ("human_yield", "yield_rate", 1.1, "0 to 1"),
+        ("human_yield", "comfortable_deceleration_mps2", 0.0, "above 0"),
+        ("emergency_brake", "ttc_threshold_s", 0.0, "above 0"),
+        ("emergency_brake", "ttc_threshold_s", -1.0, "above 0"),
+        ("human_recorded", "horizon_s", 0.0, "above 0"),
+        ("human_recorded", "reaction_time_s", -0.1, "0 or more"),
+        ("human_recorded", "pulling_away_mps2", -1.0, "above 0"),
+        *(("human_gmm", "decision_interval_s", value, "whole steps")
+          for value in (0.0, -1.0, 0.01, 0.25)),
+    ],
+)  # fmt: skip
+def test_values_outside_their_range_are_refused(
+    name: str, key: str, value: float, allowed: str, model
+) -> None:
+    scene = scenario(arms={"human": name}, strategies={name: {key: value}})
+    with pytest.raises(InputError, match=rf"^{name}\.{key}: .*{allowed}"):
+        make_strategy(scene, Arm.HUMAN, 0, model)
