@@ -4,12 +4,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 
-from harness.comparison import Interval
 from harness.report import style
 from harness.report.hour_figures import time_space
 from harness.report.style import Picture
+from harness.report.sweep_figures import Line, draw_over
 from harness.report.sweep_pictures import across_key, axis_label
 from harness.report.tables import ARM_NAMES
 from harness.results.hour_summaries import HoursSummary
@@ -25,8 +24,6 @@ _OVER = (
 
 _WARM_UP = "traffic.warm_up_s"
 """``--settle`` gives each cell its own; it makes no line of its own."""
-
-Points = list[tuple[float, Interval]]
 
 
 def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
@@ -51,21 +48,18 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
             if other not in (key, _WARM_UP)
         ]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
-    figure, (axes,) = style.new_figure()
-    drawn = False
-    looks = [look for look in style.SERIES if look is not style.HUMAN]
-    for look, (label, cells) in zip(looks, groups.items(), strict=False):
-        drawn |= _line(axes, _points(cells, key, name, 0), f"AV's arm: {label}", look)
+    lines = [_line(f"AV's arm: {label}", own, key, name, 0) for label, own in groups.items()]
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}
     if len(references) == 1:
-        cells = next(iter(groups.values()))
+        # The second look is the human's.
         label = f"reference: {next(iter(references))}"
-        drawn |= _line(axes, _points(cells, key, name, 1), label, style.HUMAN)
-    if not drawn:
+        lines.insert(1, _line(label, next(iter(groups.values())), key, name, 1))
+    lines = [line for line in lines if len(line.x)]
+    if not lines:
         return
-    style.finish(axes, axis_label(key), up)
-    style.legend_below(axes)
-    left = len(groups) - len(looks)
+    figure, (axes,) = style.new_figure()
+    draw_over(axes, lines[: len(style.SERIES)], axis_label(key), up)
+    left = len(lines) - len(style.SERIES)
     more = f" {left} more strategies are in summary.csv." if left > 0 else ""
     yield Picture(
         f"over-{name.replace('_', '-')}",
@@ -76,30 +70,17 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
     )
 
 
-def _points(cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int) -> Points:
-    found = [(float(cell.varied[key]), summary.measures[name][arm]) for cell, summary in cells]
-    return sorted((of for of in found if of[1].value is not None), key=lambda of: of[0])
-
-
-def _line(axes: Axes, points: Points, label: str, look: style.Look) -> bool:
-    if not points:
-        return False
-    across = [at for at, _ in points]
-    values = np.array([interval.value for _, interval in points], dtype=float)
-    low = [values[i] if of.low is None else of.low for i, (_, of) in enumerate(points)]
-    high = [values[i] if of.high is None else of.high for i, (_, of) in enumerate(points)]
-    axes.errorbar(
-        across,
-        values,
-        yerr=[values - np.array(low), np.array(high) - values],
-        color=look.colour,
-        linestyle=look.dash,
-        marker=look.marker,
-        markersize=4,
-        capsize=2,
-        label=label,
+def _line(
+    label: str, cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int
+) -> Line:
+    """A measure of one arm over a key; a limit that is undefined is the value itself."""
+    intervals = ((float(cell.varied[key]), of.measures[name][arm]) for cell, of in cells)
+    points = sorted(
+        (x, of.value, *(of.value if limit is None else limit for limit in (of.low, of.high)))
+        for x, of in intervals
+        if of.value is not None
     )
-    return True
+    return Line(label, *np.array(points, dtype=float).reshape(-1, 4).T)
 
 
 def _queues(run: RunData) -> Picture:

@@ -3,12 +3,13 @@
 Each function draws into an axes that it is given and neither saves nor shows anything.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+from matplotlib.transforms import ScaledTranslation
 
 from harness.encounter import FloatArray
 from harness.report.style import (
@@ -24,7 +25,7 @@ from harness.report.style import (
 
 _WIDE = 12.0
 """Values that differ by more than this factor get a logarithmic axis."""
-_APART = 0.012
+_APART_INCH = 0.05
 _MOST_TICKS = 9
 
 
@@ -44,7 +45,7 @@ def draw_over(
     lines: Sequence[Line],
     across: str,
     up: str,
-    count: str,
+    count: str | None = None,
     level: tuple[float, str] | None = None,
 ) -> None:
     """A measure over a varied key, with intervals as bars; lines stand a little apart.
@@ -57,31 +58,30 @@ def draw_over(
         level: a value to compare with, and what it is.
     """
     ticks = np.unique(np.concatenate([line.x for line in lines]))
-    wide = ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]
     for index, (line, look) in enumerate(zip(lines, SERIES, strict=False)):
-        away = (index - (len(lines) - 1) / 2) * _APART
-        x = _shifted(line.x, away, ticks, wide)
+        away = ScaledTranslation(
+            (index - (len(lines) - 1) / 2) * _APART_INCH, 0, axes.figure.dpi_scale_trans
+        )
         reach = np.vstack((line.value - line.low, line.high - line.value)).clip(min=0)
         axes.errorbar(
-            x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker, ms=5,
-            lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
+            line.x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker,
+            ms=5, lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
+            transform=axes.transData + away,
         )  # fmt: skip
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
-    if wide:
+    if ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]:
         axes.set_xscale("log")
-    if len(ticks) <= _MOST_TICKS:
-        axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in ticks]))
-        axes.xaxis.set_minor_locator(NullLocator())
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    _tick(axes, ticks)
     finish(axes, figure_text(across), up, count)
     legend_below(axes)
 
 
-def _shifted(x: FloatArray, away: float, ticks: FloatArray, wide: bool) -> FloatArray:
-    """x moved by a share of the axis' length."""
-    first, last = float(ticks[0]), float(ticks[-1])
-    return x * (last / first) ** away if wide else x + away * (last - first)
+def _tick(axes: Axes, values: FloatArray) -> None:
+    """A tick at each value, where they are few."""
+    if len(values) <= _MOST_TICKS:
+        axes.set_xticks(values, [f"{value:g}" for value in values])
+        axes.set_xticks([], minor=True)
 
 
 def draw_aggressiveness(
@@ -119,53 +119,35 @@ def draw_aggressiveness(
             limit[0], color=VERMILLION, ls="--", lw=1.3, label=f"{limit[1]} = {limit[0]:g}"
         )
     label: str | None = "allowed"
-    for begin, end in _stretches(x, allowed):
+    narrow = 0.01 * float(np.ptp(x)) if len(x) > 1 else 0.5
+    inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
+    for neighbours in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+        if not len(neighbours):
+            continue
+        begin, end = float(x[neighbours[0]]), float(x[neighbours[-1]])
+        if begin == end:  # one value alone is widened to be seen
+            begin, end = begin - narrow, end + narrow
         axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
         # Apart: in SVG a pattern takes the opacity of its ground.
         axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
         label = None
-    if len(x) <= _MOST_TICKS:
-        axes.xaxis.set_major_locator(FixedLocator([float(tick) for tick in x]))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda tick, _: f"{tick:g}"))
+    _tick(axes, x)
     finish(axes, figure_text(across), up, count)
     legend_below(axes)
 
 
-def _stretches(x: FloatArray, allowed: Sequence[float]) -> list[tuple[float, float]]:
-    """Runs of neighbouring allowed values; one alone is widened to be seen."""
-    inside = np.isin(x, np.asarray(allowed, dtype=float))
-    narrow = 0.01 * float(np.ptp(x)) if len(x) > 1 else 0.5
-    found: list[tuple[float, float]] = []
-    begin: int | None = None
-    for index, here in enumerate([*inside.tolist(), False]):
-        if here and begin is None:
-            begin = index
-        elif not here and begin is not None:
-            first, last = float(x[begin]), float(x[index - 1])
-            found.append((first, last) if last > first else (first - narrow, last + narrow))
-            begin = None
-    return found
-
-
-def lines_of(
-    columns: Mapping[str, Sequence[object]], x: Sequence[float], by: Sequence[str], measure: str
-) -> list[Line]:
+def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure: str) -> list[Line]:
     """One line for every value of ``by``, in order of appearance.
 
     Args:
-        columns: of the summary: ``measure``, ``measure_ci_low``, ``measure_ci_high``.
+        rows: of the summary, with ``measure``, ``measure_ci_low``, ``measure_ci_high``.
         x: the varied key's values, one for each row.
         by: what each row belongs to.
         measure: column with its interval.
     """
-    value, low, high = (
-        np.asarray(columns[f"{measure}{end}"], dtype=float) for end in ("", "_ci_low", "_ci_high")
-    )
-    places = np.asarray(x, dtype=float)
-    names = np.asarray(by, dtype=object)
-    lines = []
-    for name in dict.fromkeys(by):
-        own = np.flatnonzero(names == name)
-        own = own[np.argsort(places[own], kind="stable")]
-        lines.append(Line(name, places[own], value[own], low[own], high[own]))
-    return lines
+    columns = [f"{measure}{end}" for end in ("", "_ci_low", "_ci_high")]
+    points = rows[columns].astype(float).assign(x=np.asarray(x, dtype=float))
+    return [
+        Line(str(label), *own.sort_values("x", kind="stable")[["x", *columns]].to_numpy().T)
+        for label, own in points.groupby(np.asarray(by, dtype=object), sort=False)
+    ]

@@ -1,8 +1,6 @@
 """The figures of a sweep: measures over its main key, and over a strategy's aggressiveness."""
 
 from collections.abc import Iterator
-from itertools import compress
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -93,16 +91,20 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         return
     counted = f"n = {_range_of(summary['pairs'])} pairs per point"
     x = summary[key].astype(float).tolist()
-    columns = {name: summary[name].tolist() for name in summary.columns}
     for measure, up, words in measures:
         if summary[measure].isna().all():
             continue
         figure, (axes,) = style.new_figure()
         level = (1.0, "as fast as the human") if measure == "time_ratio" else None
-        lines = draw.lines_of(columns, x, labels, measure)
+        lines = draw.lines_of(summary, x, labels, measure)
         # Cells that differ in the AV alone have the same human arm.
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
-            lines.append(_human_line(run, columns, x, [label == labels[0] for label in labels]))
+            one_av = np.array(labels) == labels[0]
+            label = f"{run.scenario.arms.human} (human's arm)"
+            places = summary[key][one_av].tolist()
+            lines += draw.lines_of(
+                summary[one_av], places, [label] * len(places), "pedestrian_delay_human_s"
+            )
         draw.draw_over(axes, lines, axis_label(key), up, counted, level)
         yield Picture(
             f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
@@ -112,17 +114,6 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
             "little apart so that bars do not cover each other.",
             figure,
         )
-
-
-def _human_line(
-    run: RunData, columns: dict[str, list[Any]], x: list[float], of_one_av: list[bool]
-) -> draw.Line:
-    """The delay of pedestrians in the human's arm."""
-    of_cells = {name: list(compress(column, of_one_av)) for name, column in columns.items()}
-    label = f"{run.scenario.arms.human} (human's arm)"
-    places = list(compress(x, of_one_av))
-    (line,) = draw.lines_of(of_cells, places, [label] * len(places), "pedestrian_delay_human_s")
-    return line
 
 
 def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
@@ -155,9 +146,8 @@ def _aggressiveness(
     figure, panels = style.new_figure(2, 1, height=6.4)
     for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
         if judged is None:
-            columns = {name: rows[name].tolist() for name in rows.columns}
-            label_of = [parameter.strategy] * len(x)
-            (line,) = draw.lines_of(columns, x.tolist(), label_of, f"{measure}_all")
+            drivers = [parameter.strategy] * len(x)
+            (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
             limit, band = None, f"{words_of_level(run.confidence)} interval"
         else:
             swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
