@@ -63,11 +63,13 @@ def draw_over(
             (index - (len(lines) - 1) / 2) * _APART_INCH, 0, axes.figure.dpi_scale_trans
         )
         reach = np.vstack((line.value - line.low, line.high - line.value)).clip(min=0)
-        axes.errorbar(
+        bars = axes.errorbar(
             line.x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker,
             ms=5, lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
-            transform=axes.transData + away,
         )  # fmt: skip
+        for artist in bars.get_children():
+            # Afterwards: the limits of the axes follow the data alone.
+            artist.set_transform(axes.transData + away)
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
     if ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]:

@@ -273,6 +273,8 @@ def test_sweep_has_a_line_with_bars_for_each_strategy(axes: Axes) -> None:
     sweep_figures.draw_over(axes, lines, "λ (per hour)", "μ", "n = 40 pairs per point", (1.0, "as"))
     assert labels(axes) == ["as", "a", "b"]
     assert axes.get_xscale() == "log"
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    assert (left < 50, right > 1000, low < 0.8, high > 1.5) == (True,) * 4
     bars = list(axes.containers)
     for bar, expected in zip(bars, lines, strict=True):
         data, _, (reach,) = bar  # type: ignore[misc]
