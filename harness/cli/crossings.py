@@ -62,7 +62,7 @@ def crossings(
 
     if (write is None) != (edge is None):
         given, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")
-        raise InputError(given, f"needs {missing} beside it", f"both, or none to list {file}")
+        raise InputError(given, f"needs {missing}", f"both, or none to list {file}")
     net, remarks = file, tuple[str, ...]()
     if is_osm(file):
         with unwinding():
@@ -77,11 +77,11 @@ def crossings(
     if not rows:
         remarks += (_NONE_IN_MAP if is_osm(file) else _NONE_IN_NETWORK,)
     if write is not None:
-        found = {row.edge: row for row in rows}
-        row = found.get(edge or "")
+        listed = {row.edge: row for row in rows}
+        row = listed.get(edge or "")
         if row is None:
-            near = nearest_name(edge or "", found)
-            some = ", ".join([*found][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
+            near = nearest_name(edge or "", listed)
+            some = ", ".join([*listed][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
             raise InputError("--edge", f"no crossing {edge!r}", some or "none is there", near)
         if row.problem is not None:
             raise InputError(f"--edge {edge}", row.problem)
@@ -89,8 +89,8 @@ def crossings(
     for remark in remarks:
         say(f"note: {remark}")
     if as_json:
-        listed = [{**asdict(row), "usable": row.usable} for row in rows]
-        print_json({"net": str(net), "remarks": list(remarks), "crossings": listed})
+        documents = [{**asdict(row), "usable": row.usable} for row in rows]
+        print_json({"net": str(net), "remarks": list(remarks), "crossings": documents})
     elif write is not None:
         print_line(str(write))
     else:

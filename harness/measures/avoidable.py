@@ -25,12 +25,12 @@ def avoidable(chunk: Chunk) -> FloatArray:
 
 def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
     legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
-    own = np.flatnonzero(legs.walk == strike.walk)
+    legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
     # Somebody who stepped off before the trace began counts from its beginning on.
-    begin = max(0.0, float(legs.begin_s[own[0]]))
+    begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
     x, speed = ego_state(chunk.traces[number], begin)
     stands = begin + speed / braking
-    for leg in own.tolist():
+    for leg in legs_of_struck.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
         seen, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
         for since, until, deceleration in ((seen, middle, braking), (middle, leg_end, 0.0)):

@@ -200,7 +200,7 @@ class Measured:
     pass_time_ignoring_contact_s: float | None = _measured(
         efficiency.pass_time_ignoring_contact_s,
         "s",
-        "the pass time had nobody been touched: the simulation goes on past a contact",
+        "the pass time if contacts are ignored: the simulation goes on after a contact",
         about="time",
         undefined_when="the rear bumper never left the far edge",
     )

@@ -32,7 +32,7 @@ class Chunk:
     pass_time_s: FloatArray
     """NaN where the ego did not cross, contacts included."""
     pass_time_ignoring_contact_s: FloatArray
-    """The same had nobody been touched: the simulation goes on past a contact."""
+    """The same if contacts are ignored: the simulation goes on after a contact."""
     end_s: FloatArray
     """Where the record ends: at the contact, the pass, the time-out or the failure."""
     steps: IntArray

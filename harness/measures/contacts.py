@@ -23,7 +23,7 @@ class Strike:
 
 def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
     """The first contact of every trace; exact work only where bounding boxes overlap."""
-    found: list[Strike | None] = [None] * len(traces)
+    strikes: list[Strike | None] = [None] * len(traces)
     body = body_of(traces[0])
     struck: set[int] = set()
     for row in _close_rows(rows, body):
@@ -45,16 +45,16 @@ def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
             continue
         struck.add(walk)
         time = float(rows.start_s[row]) + within
-        earlier = found[trace]
+        earlier = strikes[trace]
         if earlier is None or time < earlier.time_s:
             x, _ = ego_state(traces[trace], time)
-            found[trace] = Strike(
+            strikes[trace] = Strike(
                 time,
                 walk,
                 Contact.FRONT if x <= walker_x.at(within) else Contact.SIDE,
                 max(0.0, ego.speed_mps + ego.acceleration_mps2 * within),
             )
-    return found
+    return strikes
 
 
 def _close_rows(rows: Rows, body: tuple[float, float, float]) -> np.ndarray:

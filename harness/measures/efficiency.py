@@ -19,7 +19,7 @@ def pass_time_s(chunk: Chunk) -> FloatArray:
 
 
 def pass_time_ignoring_contact_s(chunk: Chunk) -> FloatArray:
-    """The pass time had nobody been touched, in s; NaN if the body never left the crosswalk."""
+    """The pass time if contacts are ignored, in s; NaN if the body never left the crosswalk."""
     return chunk.pass_time_ignoring_contact_s
 
 

@@ -179,9 +179,9 @@ def _check(net: Path, crossing: CrossingSection) -> None:
 
 def _cache_dir() -> Path:
     """The folder of built networks; environment variables that are empty do not count."""
-    own = os.environ.get(CACHE_VARIABLE)
-    if own:
-        return Path(own).expanduser()
+    folder = os.environ.get(CACHE_VARIABLE)
+    if folder:
+        return Path(folder).expanduser()
     base = os.environ.get("XDG_CACHE_HOME")
     return (Path(base) if base else Path.home() / ".cache") / "crosswalk-harness" / "networks"
 

@@ -86,14 +86,14 @@ def convert(osm: Path, folder: Path) -> Converted:
 
 def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
     """The tags of every ``highway=crossing`` node, by its id."""
-    found: dict[str, dict[str, str]] = {}
+    crossings: dict[str, dict[str, str]] = {}
     try:
         with gzip.open(osm) if osm.name.endswith(".gz") else osm.open("rb") as file:
             for _, element in ET.iterparse(file):
                 if element.tag == "node":
                     tags = {tag.get("k", ""): tag.get("v", "") for tag in element.iter("tag")}
                     if tags.get("highway") == "crossing":
-                        found[element.attrib["id"]] = tags
+                        crossings[element.attrib["id"]] = tags
                 if element.tag in ("node", "way", "relation"):
                     element.clear()
     except FileNotFoundError:
@@ -102,7 +102,7 @@ def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
         raise InputError(str(osm), f"cut off, or no OpenStreetMap XML ({error})") from None
     except OSError as error:
         raise InputError(str(osm), f"cannot be read ({error.strerror or error})") from None
-    return found
+    return crossings
 
 
 def _for_cars(edge: "Edge") -> bool:

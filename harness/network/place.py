@@ -20,9 +20,9 @@ def network_of(scenario: Scenario) -> Path:
     if crossing.net is None:
         return network_for(crossing, shipped_directory("networks"))
     net = Path(crossing.net)
-    found = sha256_of(net)
-    if crossing.read is not None and found != crossing.read.sha256:
-        problem = f"{net} has changed (sha256 {found[:12]}…)"
+    digest = sha256_of(net)
+    if crossing.read is not None and digest != crossing.read.sha256:
+        problem = f"{net} has changed (sha256 {digest[:12]}…)"
         raise InputError("crossing.net", problem, f"the file of sha256 {crossing.read.sha256}")
     return net
 

@@ -193,7 +193,7 @@ def _ways(
     crossing: "Edge",
     walk: tuple[complex, complex, float],
     direction: complex,
-    own: "Lane",
+    ego_lane: "Lane",
 ) -> tuple[Way, ...]:
     """Every lane's way that is straight over the crosswalk, by direction and from the kerb."""
     crossed = {edge.getID() for edge in crossing.getCrossingEdges()}
@@ -203,7 +203,7 @@ def _ways(
         whole = extended(network, path)
         way = _way(whole, straight(whole), *walk, oncoming=ahead < 0)
         if abs(ahead) > math.cos(math.radians(MAX_OBLIQUE_DEG)):
-            ways.append((lane is own, way))
+            ways.append((lane is ego_lane, way))
     # Of several ways over one lane of the crossed road the ego's or the straightest is the lane's.
     ways.sort(key=lambda way: (not way[0], -way[1].straight_before_m))
     lanes: dict[tuple[str, int], Way] = {}

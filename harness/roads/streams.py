@@ -63,7 +63,7 @@ class Stream:
 def streams_of(site: Site) -> tuple[Stream, ...]:
     """The streams of a site's ways, in their order: the ego's direction, then the oncoming ones."""
     users = Counter(lane for way in site.ways for lane in {_lane(each) for each in way.stretches})
-    found = []
+    streams = []
     for way in site.ways:
         stretches = way.stretches
         over = max(n for n, stretch in enumerate(stretches) if stretch.start_m < 0)
@@ -74,8 +74,8 @@ def streams_of(site: Site) -> tuple[Stream, ...]:
             if stretches[last + 1].start_m >= REACH_AFTER_M:
                 break
             last += 1
-        found.append(Stream(way, stretches[first : last + 1], stretches[over]))
-    return tuple(found)
+        streams.append(Stream(way, stretches[first : last + 1], stretches[over]))
+    return tuple(streams)
 
 
 def _lane(stretch: Stretch) -> tuple[str, int]:

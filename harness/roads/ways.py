@@ -248,8 +248,8 @@ def _entering(lane: "Lane") -> complex:
     return b - a
 
 
-def _turn_deg(one: complex, other: complex) -> float:
-    return math.degrees(abs(cmath.phase(one * other.conjugate())))
+def _turn_deg(heading: complex, other: complex) -> float:
+    return math.degrees(abs(cmath.phase(heading * other.conjugate())))
 
 
 def _simplified(points: list[tuple[float, complex]]) -> list[tuple[float, complex]]:

@@ -61,40 +61,40 @@ def check_consistency(scenario: Scenario, source: str) -> None:
 
 def remarks(scenario: Scenario) -> list[str]:
     """Remarks on values that are allowed but may not be meant, one line each."""
-    crossing, found = scenario.crossing, remarks_on_sight(scenario)
+    crossing, lines = scenario.crossing, remarks_on_sight(scenario)
     if crossing.ignore_signal:
-        found.append(
+        lines.append(
             f"the traffic light at {crossing.edge} stays green for vehicles and pedestrians"
         )
     elif crossing.width_of_lane_m > WIDEST_USUAL_LANE_M and crossing.net is None:
         lanes = f"crossing.lanes = {crossing.lanes} and oncoming_lanes = {crossing.oncoming_lanes}"
-        found.append(
+        lines.append(
             f"lanes of {crossing.width_of_lane_m:g} m: {lanes} share crossing.length_m = "
             f"{crossing.length_m:g} m; more lanes or crossing.lane_width_m say otherwise"
         )
-    found += [
-        f"the ego passes the {of}: no strategy is shown it, and nobody crosses there"
-        for of in passed_by(scenario)
+    lines += [
+        f"the ego passes the {each}: no strategy is shown it, and nobody crosses there"
+        for each in passed_by(scenario)
     ]
     if scenario.traffic is not None:
         ways = (("the ego's", False, crossing.lanes), ("the other", True, crossing.oncoming_lanes))
         for which, oncoming, count in ways:
             used = len(scenario.crosswalk_from_lanes(oncoming=oncoming))
             if used < count and scenario.traffic.has_vehicles(oncoming=oncoming):
-                found.append(
+                lines.append(
                     f"traffic drives in {used} of the {count} lanes of {which} direction: "
                     "those that lead straight over the crosswalk"
                 )
-    return found
+    return lines
 
 
 def passed_by(scenario: Scenario) -> list[Passed]:
     """The traffic lights and other crosswalks that the ego, or hours' vehicles, drive past."""
     read, ego = scenario.crossing.read, scenario.ego
-    every = [Passed(of.kind, of.id, of.x_m) for of in read.passed] if read else []
+    every = [Passed(each.kind, each.id, each.x_m) for each in read.passed] if read else []
     last_m = ego.length_m + scenario.crossing.width_m / 2
     on_all = scenario.traffic is not None
-    return [of for of in every if on_all or -ego.trigger_range_m <= of.x_m <= last_m]
+    return [each for each in every if on_all or -ego.trigger_range_m <= each.x_m <= last_m]
 
 
 def _check_lanes(scenario: Scenario, source: str) -> None:
@@ -198,13 +198,15 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
     people, where = f"{source}: pedestrians", f"{source}: traffic"
     if pedestrians.behaviour == "sumo":
         allowed = "constant, gap_acceptance or reactive"
-        raise InputError(f"{people}.behaviour", "'sumo' beside [traffic]", allowed)
+        raise InputError(f"{people}.behaviour", "'sumo' is not supported with [traffic]", allowed)
     if scenario.perception != PerceptionSection():
-        why = "beside [traffic], whose drivers see the ground truth"
+        why = "is not supported with [traffic]"
         raise InputError(f"{source}: perception", why, "no [perception] table")
     keys = ("first_at_trigger", "timed", "drawn", "warm_up_s")
     for key in (key for key in keys if getattr(pedestrians, key)):
-        raise InputError(f"{people}.{key}", "beside [traffic], which has no one trigger", "none")
+        raise InputError(
+            f"{people}.{key}", "is not supported with [traffic]: no vehicle has a trigger", "none"
+        )
     if traffic.tau_s < step_s:
         why = f"{traffic.tau_s:g} s: vehicles would run into each other"
         raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")

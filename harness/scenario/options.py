@@ -21,8 +21,8 @@ def engine_named(name: str, where: str = "engine") -> EngineName:
     """
     for engine in get_args(EngineName):
         if engine == name:
-            found: EngineName = engine
-            return found
+            known: EngineName = engine
+            return known
     raise unknown_name(where, "engine", str(name), get_args(EngineName))
 
 

@@ -11,16 +11,16 @@ from harness.roads.site import TOLERANCE_M
 from harness.scenario.scenario import Scenario
 
 _READ: Mapping[str, Callable[[Survey], Any]] = {
-    "latitude_deg": lambda found: found.where and found.where.latitude_deg,
-    "longitude_deg": lambda found: found.where and found.where.longitude_deg,
-    "bearing_deg": lambda found: (found.where or found.site).bearing_deg,
-    "length_m": lambda found: found.site.length_m,
-    "width_m": lambda found: found.site.width_m,
-    "pedestrian_priority": lambda found: found.site.pedestrian_priority,
-    "lanes": lambda found: found.site.lanes,
-    "oncoming_lanes": lambda found: found.site.oncoming_lanes,
-    "lane_width_m": lambda found: found.site.ego.width_m,
-    "road_speed_limit_mps": lambda found: found.site.ego.speed_limit_mps,
+    "latitude_deg": lambda facts: facts.where and facts.where.latitude_deg,
+    "longitude_deg": lambda facts: facts.where and facts.where.longitude_deg,
+    "bearing_deg": lambda facts: (facts.where or facts.site).bearing_deg,
+    "length_m": lambda facts: facts.site.length_m,
+    "width_m": lambda facts: facts.site.width_m,
+    "pedestrian_priority": lambda facts: facts.site.pedestrian_priority,
+    "lanes": lambda facts: facts.site.lanes,
+    "oncoming_lanes": lambda facts: facts.site.oncoming_lanes,
+    "lane_width_m": lambda facts: facts.site.ego.width_m,
+    "road_speed_limit_mps": lambda facts: facts.site.ego.speed_limit_mps,
 }
 """The keys of ``[crossing]`` that a network says, and how they follow from its survey."""
 
@@ -42,48 +42,50 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
     if crossing.net is None:
         for key in ("edge", "approach", "ignore_signal", "read"):
             if getattr(crossing, key):
-                raise InputError(f"{where}.{key}", "belongs to a network", "crossing.net beside it")
+                raise InputError(
+                    f"{where}.{key}", "is only allowed with crossing.net", "crossing.net with it"
+                )
         return tree
     if crossing.edge is None:
         allowed = "the id of a crossing, as `harness crossings` lists them"
         raise InputError(f"{where}.edge", "is not given", allowed)
-    asked = (crossing.net, crossing.edge, crossing.approach, scenario.ego.lane)
+    request = (crossing.net, crossing.edge, crossing.approach, scenario.ego.lane)
     read = crossing.read
-    if read is not None and asked == (read.net, read.edge, read.approach, read.lane):
+    if read is not None and request == (read.net, read.edge, read.approach, read.lane):
         return tree
     given = [key for key in _READ if key in crossing.model_fields_set and read is None]
     if given:
-        problem = "is given beside crossing.net, which says it"
+        problem = "cannot be combined with crossing.net, which defines it"
         raise InputError(f"{where}.{given[0]}", problem, "one of the two")
     if crossing.approach is not None and scenario.ego.lane:
-        problem = "is given beside crossing.approach, which says it"
+        problem = "cannot be combined with crossing.approach, which defines it"
         raise InputError(f"{source}: ego.lane", problem, "one of the two")
     net = Path(crossing.net)
-    found = survey(Place(net, crossing.edge, crossing.approach, scenario.ego.lane))
-    _check(found.site, scenario, source)
-    words = dict(zip(("net", "edge", "approach", "lane"), asked, strict=True))
+    facts = survey(Place(net, crossing.edge, crossing.approach, scenario.ego.lane))
+    _check(facts.site, scenario, source)
+    words = dict(zip(("net", "edge", "approach", "lane"), request, strict=True))
     return {
         **tree,
         "crossing": {
             **dict(tree["crossing"]),
-            **{key: read_of(found) for key, read_of in _READ.items()},
+            **{key: read_of(facts) for key, read_of in _READ.items()},
             "read": {
                 **words,
-                "sha256": found.sha256,
-                "lane_centre_m": found.site.ego.centre_m,
-                "angle_deg": found.site.angle_deg,
+                "sha256": facts.sha256,
+                "lane_centre_m": facts.site.ego.centre_m,
+                "angle_deg": facts.site.angle_deg,
                 "ways": [
                     {"oncoming": way.oncoming, "centre_m": way.centre_m, "width_m": way.width_m}
-                    for way in found.site.ways
+                    for way in facts.site.ways
                 ],
-                "passed": [asdict(of) for of in found.site.passed],
+                "passed": [asdict(each) for each in facts.site.passed],
             },
         },
     }
 
 
 def _check(site: Site, scenario: Scenario, source: str) -> None:
-    """Refuse a crosswalk at which this scenario cannot take place."""
+    """Refuse a crosswalk at which this scenario cannot take facts."""
     ego, crossing = scenario.ego, scenario.crossing
     if scenario.traffic is not None:
         for stream in streams_of(site):

@@ -250,10 +250,10 @@ def _strategy_name(strategy: Any) -> Any:
     if not isinstance(strategy, type):
         return strategy
     module, name = strategy.__module__, strategy.__qualname__
-    found: Any = sys.modules.get(module)
+    attribute: Any = sys.modules.get(module)
     for part in name.split("."):
-        found = getattr(found, part, None)
-    if found is not strategy:
+        attribute = getattr(attribute, part, None)
+    if attribute is not strategy:
         allowed = "a class of a module, script or notebook, not one made inside a function"
         raise PydanticCustomError("strategy_class", allowed)
     return f"{module}:{name}"

@@ -23,7 +23,7 @@ def check_sight(scenario: Scenario, source: str) -> None:
     obstacles = scenario.crossing.obstacles
     if scenario.traffic is not None and (obstacles or not perception.is_perfect(step_s)):
         key = "crossing.obstacles" if obstacles else "perception"
-        raise InputError(f"{source}: {key}", "beside [traffic], where everybody is seen", "none")
+        raise InputError(f"{source}: {key}", "is not supported with [traffic]", "none")
     update_s = step_s if perception.update_s is None else perception.update_s
     times_s = {"latency_s": (perception.latency_s, 0), "update_s": (update_s, 1)}
     for key, (time_s, fewest) in times_s.items():
@@ -40,7 +40,7 @@ def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> No
 
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:
-    """A remark where SUMO's own driver sees everybody all the same."""
+    """A remark if SUMO's own driver drives: it sees every pedestrian."""
     perfect = scenario.perception.is_perfect(scenario.experiment.step_s)
     if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
         scenario.arms.av,
@@ -48,13 +48,13 @@ def remarks_on_sight(scenario: Scenario) -> list[str]:
     ):
         return []
     return [
-        "sumo_driver is driven by SUMO, which sees everybody: neither [perception] nor "
-        "crossing.obstacles reach it"
+        "SUMO drives sumo_driver and sees every pedestrian: [perception] and crossing.obstacles "
+        "do not affect it"
     ]
 
 
 def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:
-    """It stands clear of the ego's path and of everybody's way, and its case is one."""
+    """Refuse an obstacle in the ego's path or in a pedestrian's way, or of an unknown case."""
     pedestrians, crossing, ego = scenario.pedestrians, scenario.crosswalk(), scenario.ego
     names = [timed.name for timed in pedestrians.timed]
     if obstacle.case is not None and obstacle.case not in names:
@@ -83,6 +83,6 @@ def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -
         )
 
 
-def _overlap(one: tuple[float, float], other: tuple[float, float]) -> bool:
+def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:
     """Whether two intervals have more than an end in common."""
-    return one[0] < other[1] - ROUNDING_M and other[0] < one[1] - ROUNDING_M
+    return interval[0] < other[1] - ROUNDING_M and other[0] < interval[1] - ROUNDING_M

@@ -88,7 +88,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     given = _given(file, planned, source)
     if given and variations:
         key, setting = next(iter(given.items()))
-        problem = f"stands beside {setting.source} {setting.key}"
+        problem = f"cannot be combined with {setting.source} {setting.key}"
         raise InputError(f"--vary {key}", problem, "one of the two")
     points = [_without(given, point, file, source) for point in planned] if given else planned
     keys = list(dict.fromkeys(key for point in points for key in point))

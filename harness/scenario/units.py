@@ -27,11 +27,11 @@ def in_metres_per_second(text: str) -> float | None:
     >>> in_metres_per_second("12 knots") is None
     True
     """
-    found = _FORM.fullmatch(text)
-    if found is None or found[2] not in UNITS:
+    written = _FORM.fullmatch(text)
+    if written is None or written[2] not in UNITS:
         return None
-    metres, seconds = UNITS[found[2]]
-    speed = float(found[1]) * metres / seconds
+    metres, seconds = UNITS[written[2]]
+    speed = float(written[1]) * metres / seconds
     return speed if math.isfinite(speed) else None
 
 

@@ -104,7 +104,9 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
         )
     if len(table) > 1:
         other = next(key for key in table if key != "cells")
-        raise InputError(f"{where}.{other}", "stands beside [[sweep.cells]]", "one of the two")
+        raise InputError(
+            f"{where}.{other}", "cannot be combined with [[sweep.cells]]", "one of the two"
+        )
     if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
         raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
     if len(named) > MAX_CELLS:

@@ -295,7 +295,9 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     assert "one of its 1 crossings" in (text := refused(net, ":cross_c7"))
     assert "did you mean ':cross_c0'" in text
     both = {"net": str(net), "edge": ":cross_c0", "length_m": 9.0}
-    with pytest.raises(InputError, match=r"crossing\.length_m: is given beside crossing\.net"):
+    with pytest.raises(
+        InputError, match=r"crossing\.length_m: cannot be combined with crossing\.net"
+    ):
         validate({"crossing": both}, "test")
     lane = {"net": str(net), "edge": ":cross_c0", "approach": "exit_1"}
     with pytest.raises(InputError, match=r"'exit_1' does not lead there; allowed: approach_1"):

@@ -290,8 +290,8 @@ def test_a_strategy_of_ones_own_may_vary_in_a_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "where"),
     [
-        (["--set", "arms.av=hard_yield"], "--vary arms.av: stands beside --set arms.av"),
-        (["--set", "arms={av='hard_yield'}"], "--vary arms.av: stands beside --set arms"),
+        (["--set", "arms.av=hard_yield"], "--vary arms.av: cannot be combined with --set arms.av"),
+        (["--set", "arms={av='hard_yield'}"], "--vary arms.av: cannot be combined with --set arms"),
     ],
 )
 def test_what_is_set_does_not_vary(options: list[str], where: str, tmp_path: Path) -> None:
@@ -299,7 +299,7 @@ def test_what_is_set_does_not_vary(options: list[str], where: str, tmp_path: Pat
     assert where in refusal("run", "cctc", *options, *vary)
     assert not (tmp_path / "run").exists()
     seeds = refusal("run", "cctc", "--seed", 3, "--vary", "experiment.seed=1,2")
-    assert "stands beside --seed" in seeds
+    assert "cannot be combined with --seed" in seeds
 
 
 def test_one_line_says_what_was_left_out(tmp_path: Path) -> None:
