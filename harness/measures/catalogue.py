@@ -6,6 +6,7 @@ A new measure is a function of a chunk in one of this package's files and an att
 
 from collections.abc import Callable
 from dataclasses import Field, dataclass, field, fields
+from operator import attrgetter
 from typing import Any, Literal, get_args
 
 from harness.encounter import FloatArray
@@ -48,7 +49,7 @@ class Measured:
     """The measures of an episode, each with its definition; undefined values are None."""
 
     pass_time_s: float | None = _measured(
-        efficiency.pass_time_s,
+        attrgetter("pass_time_s"),
         "s",
         "time at which the rear bumper reaches x = width/2, solved inside the step",
         about="time",
@@ -198,7 +199,7 @@ class Measured:
         about="other",
     )
     pass_time_ignoring_contact_s: float | None = _measured(
-        efficiency.pass_time_ignoring_contact_s,
+        attrgetter("pass_time_ignoring_contact_s"),
         "s",
         "the pass time if contacts are ignored: the simulation goes on after a contact",
         about="time",

@@ -30,7 +30,8 @@ class Chunk:
     strikes: tuple[Strike | None, ...]
     crashed: np.ndarray
     pass_time_s: FloatArray
-    """NaN where the ego did not cross, contacts included."""
+    """From the trigger until the rear bumper leaves the far edge; NaN after a contact, or where the
+    ego did not cross."""
     pass_time_ignoring_contact_s: FloatArray
     """The same if contacts are ignored: the simulation goes on after a contact."""
     end_s: FloatArray
@@ -86,12 +87,7 @@ def chunk_of(traces: Sequence[Trace]) -> Chunk:
     rows = rows_of(legs, ego, step_s)
     strikes = strikes_of(traces, rows)
     passes = [_pass_time(trace) for trace in traces]
-    ends = np.array(
-        [
-            _end(trace, strike, passed)
-            for trace, strike, passed in zip(traces, strikes, passes, strict=True)
-        ]
-    )
+    ends = np.array(list(map(_end, traces, strikes, passes)))
     in_time = np.array(
         [
             math.nan if time is None else time + trace.trace_offset_s

@@ -13,16 +13,6 @@ STANDING_MPS = 0.1
 _ROUNDING_S = 1e-9
 
 
-def pass_time_s(chunk: Chunk) -> FloatArray:
-    """From the trigger until the rear bumper leaves the far edge, in s; NaN if not crossed."""
-    return chunk.pass_time_s
-
-
-def pass_time_ignoring_contact_s(chunk: Chunk) -> FloatArray:
-    """The pass time if contacts are ignored, in s; NaN if the body never left the crosswalk."""
-    return chunk.pass_time_ignoring_contact_s
-
-
 def delay_s(chunk: Chunk) -> FloatArray:
     """Pass time less the free pass time at v0, in s; NaN if not crossed."""
     return beyond(chunk.pass_time_s, chunk.vehicle.free_pass_time_s(chunk.crossing))
