@@ -83,8 +83,7 @@ def resume_risk(
                 str(folder), "was begun with other versions or another model", "the same ones"
             )
         if not (folder / RESULT).is_file():
-            question = question_of(settings)
-            _carry_out(folder, settings, question, workers, progress, make_executor)
+            _carry_out(folder, settings, question_of(settings), workers, progress, make_executor)
 
 
 def read_settings(folder: Path) -> SettingsDocument:
@@ -154,8 +153,8 @@ def _carry_out(
         estimation = estimate_probability(
             evaluation, layout, rng, settings.target_cv, settings.most_episodes
         )
-        compared = evaluation.compare(estimation.z, estimation.numbers)
+        evaluation.compare(estimation.z, estimation.numbers)
     finally:
         executor.stop()
-    write_findings(folder, settings, question, estimation, evaluation, compared, rng)
+    write_findings(folder, settings, estimation, evaluation, rng)
     shutil.rmtree(folder / _BATCHES)

@@ -79,13 +79,14 @@ class Evaluation:
         progress: is called with the progress of a batch.
 
     ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
-    so far.
+    so far; ``compared`` is the outcome of ``compare``.
     """
 
     def __init__(
         self, question: Question, folder: Path, executor: Executor, progress: Progress
     ) -> None:
-        self._question, self._folder = question, folder
+        self.question, self._folder = question, folder
+        self.compared = Compared(0, [], [])
         self._executor, self._progress = executor, progress
         self._batches = 0
         self._sampled: list[tuple[FloatArray, int]] = []
@@ -108,18 +109,16 @@ class Evaluation:
         score = table["score"].combine_chunks().flatten().to_numpy().reshape(-1, GRADINGS)
         return Outcomes(score, table["passed_s"].to_numpy(), numbers)
 
-    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> Compared:
+    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
         """Run these episodes, and one in ``CHECKED_EVERY`` of all batches, in both engines."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
-        if not chosen:
-            return Compared(0, [], [])
         states, keys = (np.array(column) for column in zip(*chosen, strict=True))
         table = self._scores(states, keys, "checks in SUMO", compare=True)
         differs, ties = (
             table.filter(pc.equal(table["by_a_tie"], tie))["difference"].drop_null().to_pylist()
             for tie in (False, True)
         )
-        return Compared(len(chosen), differs, ties)
+        self.compared = Compared(len(chosen), differs, ties)
 
     def _scores(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
@@ -162,7 +161,7 @@ class Evaluation:
         self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
     ) -> Iterator[tuple[Episodes, list[Score]]]:
         """The tasks of some episodes as they are finished."""
-        question = self._question
+        question = self.question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
         keys = tuple(numbers.tolist())
         waiting = [

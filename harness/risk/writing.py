@@ -17,7 +17,7 @@ from harness.results.tables import write_parquet
 from harness.risk.asking import Question, Settings
 from harness.risk.estimation import Estimation
 from harness.risk.findings import SCHEMA, RiskFindings, Way
-from harness.risk.running import Compared, Evaluation
+from harness.risk.running import Evaluation
 from harness.risk.ways import Cluster, drawn_of, people_of, ways_of
 from harness.seeding import GIVEN_DRAWS
 
@@ -30,10 +30,8 @@ _DIFFERENCES_KEPT = 10
 def write_findings(
     folder: Path,
     settings: Settings,
-    question: Question,
     estimation: Estimation,
     evaluation: Evaluation,
-    compared: Compared,
     rng: np.random.Generator,
 ) -> None:
     """Write ``failures.parquet``, ``critical.toml`` where there was an event, ``result.json`` last.
@@ -41,18 +39,16 @@ def write_findings(
     Args:
         folder: of the risk.
         settings: as the user gave them.
-        question: as the workers were given it.
         estimation: the result of the sampling.
-        evaluation: counted the episodes.
-        compared: the episodes that were run in both engines.
+        evaluation: counted the episodes, and compared the engines.
         rng: seeds the clusters of events.
     """
+    question = evaluation.question
     clusters = ways_of(estimation.keys, estimation.weights, rng) if estimation.weights.size else []
     _write_failures(folder, question, estimation)
     if clusters:
         _write_critical(folder, question, estimation, clusters)
-    ways = _ways(question, estimation, clusters)
-    findings = findings_of(settings, question, estimation, evaluation, compared, ways)
+    findings = findings_of(settings, estimation, evaluation, _ways(question, estimation, clusters))
     write_file(folder / RESULT, as_json(risk_document(findings)))
 
 
@@ -67,14 +63,10 @@ def as_json(tree: Mapping[str, object]) -> bytes:
 
 
 def findings_of(
-    settings: Settings,
-    question: Question,
-    estimation: Estimation,
-    evaluation: Evaluation,
-    compared: Compared,
-    ways: tuple[Way, ...],
+    settings: Settings, estimation: Estimation, evaluation: Evaluation, ways: tuple[Way, ...]
 ) -> RiskFindings:
-    """The findings; the arguments are those of ``write_findings``."""
+    """The findings; the arguments are those of ``write_findings``, and the ways."""
+    compared = evaluation.compared
     estimate, failed = estimation.estimate, len(evaluation.reasons)
     p, cv = estimate.probability, estimate.coefficient_of_variation
     nothing_known = failed == evaluation.episodes
@@ -111,65 +103,47 @@ def findings_of(
         ties=tuple(compared.ties[:_DIFFERENCES_KEPT]),
         levels=tuple(exploration.levels for exploration in estimation.explorations),
         ways=ways,
-        notes=tuple(sorted(_notes(question, estimation, evaluation, compared, worst))),
+        notes=tuple(sorted(_notes(estimation, evaluation, worst))),
     )
 
 
-def _notes(
-    question: Question,
-    estimation: Estimation,
-    evaluation: Evaluation,
-    compared: Compared,
-    worst: float,
-) -> list[Note]:
-    notes = list(estimation.notes)
-    if len(evaluation.reasons) == evaluation.episodes:
-        notes.append(Note(Rank.NOTHING_TESTED, "Every episode failed: nothing is known."))
+def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list[Note]:
+    notes, compared = list(estimation.notes), evaluation.compared
+    failures, episodes = evaluation.reasons, f"{evaluation.episodes:,} episodes"
+
+    def note(rank: Rank, text: str) -> None:
+        notes.append(Note(rank, text))
+
+    if len(failures) == evaluation.episodes:
+        note(Rank.NOTHING_TESTED, "Every episode failed: nothing is known.")
     elif not estimation.events_in_all:
-        notes.append(
-            Note(
-                Rank.NOTHING_TESTED,
-                f"No way to the event was found in {estimation.episodes:,} episodes.",
-            )
-        )
-    if evaluation.reasons:
-        notes.append(
-            Note(
-                Rank.FAILURES,
-                f"{len(evaluation.reasons):,} of {evaluation.episodes:,} episodes failed and count "
-                f"as no event; if all of them were events, the probability would be {worst:.3g}. "
-                f"The first failure: {evaluation.reasons[0]}",
-            )
+        note(Rank.NOTHING_TESTED, f"No way to the event was found in {episodes}.")
+    if failures:
+        note(
+            Rank.FAILURES,
+            f"{len(failures):,} of {episodes} failed and count as no event; if all of them were "
+            f"events, the probability would be {worst:.3g}. The first failure: {failures[0]}",
         )
     if compared.differs:
-        notes.append(
-            Note(
-                Rank.FAILURES,
-                f"The plain engine and SUMO disagree in {len(compared.differs):,} of "
-                f"{compared.episodes:,} episodes.",
-            )
+        note(
+            Rank.FAILURES,
+            f"The plain engine and SUMO disagree in {len(compared.differs):,} of "
+            f"{compared.episodes:,} episodes.",
         )
     if evaluation.timed_out:
-        notes.append(
-            Note(
-                Rank.TIME_OUTS,
-                f"{evaluation.timed_out:,} of {evaluation.episodes:,} episodes timed out and count "
-                "as no event.",
-            )
-        )
-    by_chance = list(question.space.by_chance)
+        words = f"{evaluation.timed_out:,} of {episodes} timed out and count as no event."
+        note(Rank.TIME_OUTS, words)
+    by_chance = list(evaluation.question.space.by_chance)
     if evaluation.drew_more:
         by_chance.append(
             f"what the strategy draws after its first {GIVEN_DRAWS} random numbers (in "
-            f"{evaluation.drew_more:,} of {evaluation.episodes:,} episodes)"
+            f"{evaluation.drew_more:,} of {episodes})"
         )
     if by_chance:
-        notes.append(
-            Note(
-                Rank.LEFT_OUT,
-                f"Left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
-                "rare values of it are found only by chance.",
-            )
+        note(
+            Rank.LEFT_OUT,
+            f"Left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
+            "rare values of it are found only by chance.",
         )
     return notes
 

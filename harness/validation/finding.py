@@ -68,12 +68,11 @@ def find_passages(
     for clip in clips:
         walkers = {name: walker_of(track, rules) for name, track in clip.pedestrians.items()}
         for key, track in clip.vehicles.items():
-            found = _of_vehicle(clip, key, track, walkers, limits, step_s, rules)
-            for one in [found] if isinstance(found, str) else found:
-                if isinstance(one, str):
-                    left_out[one] += 1
+            for passage in _of_vehicle(clip, key, track, walkers, limits, step_s, rules):
+                if isinstance(passage, str):
+                    left_out[passage] += 1
                 else:
-                    used.append(one)
+                    used.append(passage)
     return Passages(tuple(used), left_out)
 
 
@@ -94,33 +93,30 @@ def _of_vehicle(
     limits: Vehicle,
     step_s: float,
     rules: ExtractionRules,
-) -> str | list[Passage | str]:
-    """A vehicle's passages, or why it has none."""
+) -> list[Passage | str]:
+    """A vehicle's passages, each or all replaced by the reason why there is none."""
     car = car_of(track, rules)
     if car is None:
-        return "parked_vehicle"
+        return ["parked_vehicle"]
     together = [
         walkers[name]
         for name, walker in clip.pedestrians.items()
         if walker.time_s[0] <= track.time_s[-1] and walker.time_s[-1] >= track.time_s[0]
     ]
     if not together:
-        return "no_pedestrian"
+        return ["no_pedestrian"]
     moving = [walker for walker in together if walker is not None]
     if not moving:
-        return "only_standing_pedestrians"
+        return ["only_standing_pedestrians"]
     crossers = [crosser for walker in moving if (crosser := _crosser(car, walker, rules))]
     if not crossers:
-        return "nobody_crosses"
+        return ["nobody_crosses"]
     front_m = car.arc_m + track.front_offset_m
     ahead = [crosser for crosser in crossers if crosser.arc_m > front_m[0]]
     if not ahead:
-        return "begins_too_near"
-    found: list[Passage | str] = []
-    for number, group in enumerate(_groups(ahead)):
-        builder = _Builder(clip, key, track, car, limits, step_s, rules)
-        found.append(builder.passage(number, group, front_m))
-    return found
+        return ["begins_too_near"]
+    builder = _Builder(clip, key, track, car, limits, step_s, rules)
+    return [builder.passage(number, group, front_m) for number, group in enumerate(_groups(ahead))]
 
 
 def _crosser(car: Mover, walker: Mover, rules: ExtractionRules) -> _Crosser | None:
@@ -141,7 +137,7 @@ def _groups(crossers: list[_Crosser]) -> list[list[_Crosser]]:
     number = np.empty(len(arcs), dtype=int)
     number[order] = np.cumsum(np.diff(arcs[order], prepend=arcs[order[0]]) > GROUP_GAP_M)
     return [
-        [crosser for crosser, of in zip(crossers, number.tolist(), strict=True) if of == group]
+        [crosser for crosser, its in zip(crossers, number.tolist(), strict=True) if its == group]
         for group in range(int(number.max()) + 1)
     ]
 
@@ -173,7 +169,7 @@ class _Builder:
             return states
         until_s = (len(states) - 1) * self.step_s + BEYOND_S + self.step_s
         road = road_about(self.car.path, origin_m, START_RANGE_M + 10.0, VEHICLE_CHORD_M)
-        courses = [self._course(one, road, origin_m, start_s, until_s) for one in group]
+        courses = [self._course(crosser, road, origin_m, start_s, until_s) for crosser in group]
         people = _people(group, courses, until_s, self.rules.max_gap_s, start_s)
         if isinstance(people, str):
             return people
@@ -223,12 +219,12 @@ class _Builder:
         return states
 
     def _course(
-        self, one: _Crosser, road: Road, origin_m: float, start_s: float, until_s: float
+        self, crosser: _Crosser, road: Road, origin_m: float, start_s: float, until_s: float
     ) -> Course:
         flip = -1 if self.clip.y_down else 1
-        from_right = one.leftward != self.clip.y_down
+        from_right = crosser.leftward != self.clip.y_down
         side = Side.NEAR if from_right else Side.FAR
-        return course_of(one.track, road, origin_m, start_s, until_s, side, flip)
+        return course_of(crosser.track, road, origin_m, start_s, until_s, side, flip)
 
     def _vehicle(self, range_m: float, free_speed_mps: float) -> Vehicle:
         limits = self.limits
@@ -253,13 +249,13 @@ def _people(
 ) -> tuple[tuple[Arrival, ...], FloatArray, FloatArray, tuple[bool, ...]] | str:
     """The people who are there during the passage, or a reason why it does not count."""
     found = []
-    for one, course in zip(group, courses, strict=True):
+    for crosser, course in zip(group, courses, strict=True):
         legs = course.legs(until_s)
         if not legs:
             continue
         begin, end = legs[0].time_s, course.reaches_s(2 * KERB_M, since_s=0.0)
         seen = np.array([begin, min(end, course.recorded_s[1])]) + start_s
-        if spans_gap(one.track.time_s, seen[:1], seen[1:], max_gap_s)[0]:
+        if spans_gap(crosser.track.time_s, seen[:1], seen[1:], max_gap_s)[0]:
             return "gap"
         passed_s = course.reaches_s(KERB_M)
         passing = -np.inf if passed_s <= 0 else passed_s

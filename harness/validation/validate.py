@@ -1,6 +1,6 @@
 """A whole validation: recorded passages found, driven by every driver, compared."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -120,8 +120,7 @@ def validate(
         progress(number, len(drivers), "drivers")
         outcomes[name] = outcomes_of(name, passages.used, scenario, model_of)
     drives = {name: drives_of(driven, recorded) for name, driven in outcomes.items()}
-    samples, doubts = resamples(passages.used, seed), few_vehicles(passages.vehicles)
-    doubt = doubts[0] if doubts else None
+    samples, doubt = resamples(passages.used, seed), few_vehicles(passages.vehicles)
     ranked = ranking({name: drives[name].score_s for name in drivers}, samples)
     found = tuple(
         DriverFindings(
@@ -138,8 +137,7 @@ def validate(
         for rank, (name, difference_s, interval_s, alike) in enumerate(ranked, start=1)
     )
     progress(len(drivers), len(drivers), "drivers")
-    unknown = [_NO_TRACKS.format(model.name)] if known is None else []
-    remarks = (*tally.remarks(), *unknown, *doubts)
+    unknown = _NO_TRACKS.format(model.name) if known is None else None
     findings = ValidationFindings(
         sources=tuple(sorted({passage.source for passage in passages.used})),
         passages=len(passages.used),
@@ -147,8 +145,8 @@ def validate(
         encounters=passages.encounters,
         contacts_recorded=sum(drive.contact for drive in recorded),
         left_out=passages.left_out,
-        remarks=remarks,
-        notes=tuple(_notes(passages, found, tally.remarks(), unknown, doubts)),
+        remarks=(*tally.remarks(), *filter(None, (unknown, doubt))),
+        notes=tuple(_notes(passages, found, tally.remarks(), unknown, doubt)),
         drivers=found,
     )
     return Validation(passages, recorded, outcomes, findings)
@@ -158,8 +156,8 @@ def _notes(
     passages: Passages,
     drivers: Sequence[DriverFindings],
     remarks: Sequence[str],
-    unknown: Iterable[str],
-    doubts: Iterable[str],
+    unknown: str | None,
+    doubt: str | None,
 ) -> Iterator[Note]:
     """What has to be read with the numbers, in the order of the ranks."""
     for driver in drivers:
@@ -179,7 +177,8 @@ def _notes(
         if driver.fitted_on_these_data:
             words = "was fitted on these passages, which flatters it."
             yield Note(Rank.REFERENCE, f"{driver.driver} {words}")
-    yield from (Note(Rank.REFERENCE, text) for text in unknown)
+    if unknown:
+        yield Note(Rank.REFERENCE, unknown)
     pairs = [
         f"{driver.driver} and {other}"
         for place, driver in enumerate(drivers)
@@ -188,7 +187,8 @@ def _notes(
     ]
     if pairs:
         yield Note(Rank.FEW_PAIRS, f"The scores do not tell these apart: {', '.join(pairs)}.")
-    yield from (Note(Rank.FEW_PAIRS, doubt) for doubt in doubts)
+    if doubt:
+        yield Note(Rank.FEW_PAIRS, doubt)
 
 
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:

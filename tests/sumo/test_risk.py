@@ -75,7 +75,8 @@ def test_ties_of_the_strategy_are_counted_apart(tmp_path: Path) -> None:
     question = question_of(asked)
     z = np.random.default_rng(1).standard_normal((4, question.space.layout.width))
     evaluation = Evaluation(question, tmp_path, Inline(1), lambda *_: None)
-    compared = evaluation.compare(z, np.arange(4))
+    evaluation.compare(z, np.arange(4))
+    compared = evaluation.compared
     assert compared.episodes == 4
     assert compared.differs == []
     assert compared.ties[0].startswith("episode ")

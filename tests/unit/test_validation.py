@@ -219,9 +219,8 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
     means = values[:, rng.integers(0, 5, (400, 5))].mean(axis=-1)
     low, high = np.quantile(means, [0.025, 0.975], axis=1)
     held_0 = float(np.mean((low <= 0) & (high >= 0)))
-    assert few_vehicles(5) == [
-        "Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %."
-    ]
+    words = "Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %."
+    assert few_vehicles(5) == words
     assert held_0 == pytest.approx(0.83, abs=0.03)
 
 
