@@ -23,7 +23,7 @@ from harness.measures.catalogue import MEASURES
 from harness.results.episode_tables import trace_rows
 from harness.results.tables import table_of
 from harness.runs.notebook import figure_html, table_html
-from harness.scenario import EngineName, Scenario, engine_named, load_scenario
+from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -143,25 +143,19 @@ def run_pair(
     >>> run_pair("cctc", 17, settings={"arms.av": "hard_yield"}, engine="plain").av.record.stops
     0
     """
-    if not isinstance(scenario, Scenario):
-        scenario = load_scenario(scenario, settings or {})
-    elif settings:
-        raise InputError("settings", "stand beside a Scenario", "a name or file, or no settings")
-    if scenario.traffic is not None:
-        raise InputError("scenario", "is of hours of traffic", "a scenario without [traffic]")
+    chosen = scenario_of_encounters(scenario, settings)
     if pair < 0:
         raise InputError("pair", f"{pair}", "0 or more")
     engine = engine_named(engine)
     check_packages()
-    chosen = scenario
-    model = load_model(scenario.model.name, scenario.model.path)
+    model = load_model(chosen.model.name, chosen.model.path)
     try:
-        runner = PairRunner(scenario, model, lambda: open_engine(chosen, engine))
+        runner = PairRunner(chosen, model, lambda: open_engine(chosen, engine))
         av, human = (EpisodeOutcome(runner.run_arm(pair, arm)) for arm in Arm)
     finally:
         if engine == "sumo":
             close_engine()
-    return PairOutcome(scenario, pair, av, human)
+    return PairOutcome(chosen, pair, av, human)
 
 
 def _html(title: str, episodes: list[EpisodeOutcome]) -> str:

@@ -23,8 +23,8 @@ def check_packages() -> None:
             continue
         allowed = f"{version} (pip install {requirement})"
         try:
-            found = metadata.version(name)
+            installed = metadata.version(name)
         except metadata.PackageNotFoundError:
             raise InputError(name, "is not installed", allowed) from None
-        if found != version:
-            raise InputError(name, f"version {found} is installed", allowed)
+        if installed != version:
+            raise InputError(name, f"version {installed} is installed", allowed)

@@ -190,7 +190,9 @@ class SumoRoad:
         for copy in copies:
             if WALKER + copy not in api.vehicletype.getIDList():
                 api.vehicletype.copy(WALKER, WALKER + copy)
-        self._ignored = [" ".join(WALKER + of for of in copies if of != own) for own in copies]
+        self._ignored = [
+            " ".join(WALKER + other for other in copies if other != copy) for copy in copies
+        ]
         return [
             HeldPeople(
                 api, self._site, crossing, copy, Shown(y_m, crossing.length_m, crossing_from)

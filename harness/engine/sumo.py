@@ -39,10 +39,10 @@ _running: list[SumoEngine | SumoRoad] = []
 
 def _refuse_another_sumo() -> None:
     """A SUMO elsewhere on the module path, that of SUMO_HOME's tools say, may be of any version."""
-    _, found = libsumo.getVersion()
+    _, version = libsumo.getVersion()
     wanted = f"SUMO {metadata.version('libsumo')}"
-    if found != wanted:
-        raise EngineError(f"{libsumo.__file__} is {found}, not {wanted}: see PYTHONPATH")
+    if version != wanted:
+        raise EngineError(f"{libsumo.__file__} is {version}, not {wanted}: see PYTHONPATH")
 
 
 _refuse_another_sumo()

@@ -70,7 +70,7 @@ def _shadows(
     corners = [_turned(math.atan2(y, x) - middle) for x in (x_low, x_high) for y in (y_low, y_high)]
     first, last = min(corners), max(corners)
     half = math.asin(PEDESTRIAN_RADIUS_M / distance_m)
-    found = []
+    shadows = []
     for turn in (-math.tau, 0.0, math.tau):
         offset = _turned(middle - bearing) + turn
         low, high = max(offset + first, -half), min(offset + last, half)
@@ -82,8 +82,8 @@ def _shadows(
             max(0.0, PEDESTRIAN_RADIUS_M**2 - (distance_m * math.sin(angle)) ** 2)
         )
         if _entry(bearing + angle, (x_low, x_high), (y_low, y_high)) < to_disc:
-            found.append((low, high))
-    return found
+            shadows.append((low, high))
+    return shadows
 
 
 def _entry(direction: float, x_m: Point, y_m: Point) -> float:

@@ -62,13 +62,13 @@ class Perception:
 
     def _find(self, x_m: float, people: Sequence[tuple[PedestrianView, float]]) -> Views:
         in_range = abs(x_m) <= self._sensor.detection_range_m + ROUNDING_M
-        found = []
+        views = []
         for view, their_x_m in people:
             track = self._track(view.index)
             errors = track.next_errors()
             if track.update(in_range and self._in_sight(x_m, view, their_x_m)):
-                found.append(self._with_errors(view, *errors))
-        return tuple(found)
+                views.append(self._with_errors(view, *errors))
+        return tuple(views)
 
     def _track(self, index: int) -> Track:
         if index not in self._tracks:

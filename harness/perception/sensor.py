@@ -39,8 +39,9 @@ def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
     The human's arm sees like the AV's where ``perception.human`` says so; else only obstacles
     limit it.
     """
-    own = scenario.perception
-    section = own if arm is Arm.AV or own.human else PerceptionSection()
+    perception = scenario.perception
+    imperfect = arm is Arm.AV or perception.human
+    section = perception if imperfect else PerceptionSection()
     step_s = scenario.experiment.step_s
     update_s = step_s if section.update_s is None else section.update_s
     vehicle = scenario.vehicle()

@@ -22,7 +22,7 @@ from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
 from harness.rl.picture import Picture, top_view
 from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
-from harness.scenario import EngineName, Scenario, engine_named, load_scenario
+from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters
 from harness.scenario.options import number_in, whole_number
 from harness.strategies.vector import acceleration_of, observation_vector
 
@@ -82,14 +82,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         arguments: dict[str, Any] = {"scenario": scenario, "settings": settings, "nearest": nearest}
         arguments |= {"reward": reward, "engine": engine}
         self.spec = EnvSpec(ENVIRONMENT_ID, "harness.rl:CrosswalkEnv", kwargs=arguments)
-        if not isinstance(scenario, Scenario):
-            scenario = load_scenario(scenario, settings or {})
-        elif settings:
-            raise InputError(
-                "settings", "stand beside a Scenario", "a name or file, or no settings"
-            )
-        if scenario.traffic is not None:
-            raise InputError("scenario", "is of hours of traffic", "a scenario without [traffic]")
+        scenario = scenario_of_encounters(scenario, settings)
         self._scenario = scenario
         self._model = load_model(scenario.model.name, scenario.model.path)
         self._nearest, self._reward, self._kind = nearest, reward, engine_named(engine)
@@ -119,11 +112,11 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         Raises:
             InputError: an option is unknown, or seed or pair are no whole numbers.
         """
-        asked = dict(options or {})
-        for name in asked.keys() - {"pair"}:
+        requested = dict(options or {})
+        for name in requested.keys() - {"pair"}:
             raise unknown_name("options", "key", str(name), ["pair"])
         seed = None if seed is None else whole_number("seed", seed, 0)
-        pair = whole_number("options['pair']", asked["pair"], 0) if asked else None
+        pair = whole_number("options['pair']", requested["pair"], 0) if requested else None
         super().reset(seed=seed)
         self._break_off()
         if seed is not None:

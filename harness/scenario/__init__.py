@@ -7,6 +7,7 @@ from harness.scenario.file import (
     load_scenario,
     parse_setting,
     read_scenario_file,
+    scenario_of_encounters,
     validate,
 )
 from harness.scenario.options import (
@@ -64,6 +65,7 @@ __all__ = [
     "parse_variation",
     "read_scenario_file",
     "remarks",
+    "scenario_of_encounters",
     "study_from",
     "study_of",
     "validate",

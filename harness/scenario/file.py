@@ -103,6 +103,24 @@ def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario
     return read_scenario_file(name_or_path, settings).scenario()
 
 
+def scenario_of_encounters(
+    scenario: Scenario | str | Path, settings: Mapping[str, Any] | None
+) -> Scenario:
+    """A scenario that a caller in Python gave as such, by its name or as a file.
+
+    Raises:
+        InputError: it or a setting is refused, or it has hours of traffic.
+    """
+    if not isinstance(scenario, Scenario):
+        scenario = load_scenario(scenario, settings or {})
+    elif settings:
+        problem = "cannot be combined with a Scenario"
+        raise InputError("settings", problem, "a name or file, or no settings")
+    if scenario.traffic is not None:
+        raise InputError("scenario", "has hours of traffic", "a scenario without [traffic]")
+    return scenario
+
+
 def parse_setting(text: str) -> Setting:
     """Split ``key=value``; the value is read as TOML, and as a string where it is none."""
     key, equals, raw = text.partition("=")

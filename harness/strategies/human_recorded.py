@@ -98,7 +98,11 @@ class HumanRecorded:
         if full_braking_distance(ego.speed_mps, limit, step) > room + ROUNDING:
             first = people and ego.range_m > -vehicle.length_m
             return towards(observation, vehicle.initial_speed_mps, pulling if first else None)
-        counting = [one for one in people if one.leaves_s > 0 and one.enters_s <= self._horizon_s]
+        counting = [
+            person
+            for person in people
+            if person.leaves_s > 0 and person.enters_s <= self._horizon_s
+        ]
         arrives, gone = _over_their_line(observation, pulling)
         yields = self._yields(observation, counting, arrives)
         go = resume(observation)
@@ -106,7 +110,7 @@ class HumanRecorded:
             top = max(ego.speed_mps, min(self._among_people_mps, vehicle.initial_speed_mps))
             go = towards(observation, top)
         if not yields and not any(
-            one.leaves_s >= arrives and one.enters_s <= gone for one in people
+            person.leaves_s >= arrives and person.enters_s <= gone for person in people
         ):
             return go
         braking = min(limit, self._comfortable_mps2) if yields else limit
@@ -119,10 +123,10 @@ class HumanRecorded:
     def _yields(self, observation: Observation, counting: "list[_Person]", arrives: float) -> bool:
         """Whether it has seen long enough that somebody is neither before nor behind it."""
         since = {
-            one.index: self._since.get(one.index, observation.time_s)
-            for one in counting
-            if one.enters_s <= max(0.0, arrives + self._go_first_s)
-            and one.leaves_s > arrives + self._let_go_s
+            person.index: self._since.get(person.index, observation.time_s)
+            for person in counting
+            if person.enters_s <= max(0.0, arrives + self._go_first_s)
+            and person.leaves_s > arrives + self._let_go_s
         }
         self._since = since
         # 1e-9 s: sums of steps differ in their last bits.

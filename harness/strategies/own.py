@@ -62,12 +62,12 @@ def _load(name: str, where: str) -> StrategyFactory:
         raise InputError(where, f"{name!r} names no strategy", _FORM)
     module = _import(module_name, where)
     try:
-        found = operator.attrgetter(path)(module)
+        strategy = operator.attrgetter(path)(module)
     except AttributeError:
         raise _unknown_class(module, path, where) from None
-    if not isinstance(found, type) or not callable(getattr(found, "decide", None)):
+    if not isinstance(strategy, type) or not callable(getattr(strategy, "decide", None)):
         raise InputError(where, f"{name!r} is no strategy", "a class with a method decide")
-    return found
+    return strategy
 
 
 def _import(name: str, where: str) -> ModuleType:

@@ -113,8 +113,8 @@ def table_key(name: str) -> str:
 
 def prepare(strategy: StrategyFactory, parameters: Mapping[str, Any]) -> None:
     """Let a strategy load what it needs, once per process and set of parameters."""
-    own = getattr(strategy, "prepare", None)
+    preparation = getattr(strategy, "prepare", None)
     key = (strategy, repr(sorted(parameters.items())))
-    if own is not None and key not in _prepared:
-        own(**parameters)
+    if preparation is not None and key not in _prepared:
+        preparation(**parameters)
         _prepared.add(key)

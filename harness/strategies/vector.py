@@ -26,10 +26,10 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
     seen = observation.pedestrians
     if seen:
         if len(seen) > 1:
-            seen = tuple(sorted(seen, key=lambda one: (abs(one.lateral_m), one.index)))[:nearest]
+            seen = tuple(sorted(seen, key=lambda view: (abs(view.lateral_m), view.index)))[:nearest]
         at = len(EGO_ENTRIES)
-        for one in seen[:nearest]:
-            entries = (1.0, one.lateral_m, one.remaining_m, one.speed_mps, one.on_crossing)
+        for view in seen[:nearest]:
+            entries = (1.0, view.lateral_m, view.remaining_m, view.speed_mps, view.on_crossing)
             vector[at : at + len(PEDESTRIAN_ENTRIES)] = entries
             at += len(PEDESTRIAN_ENTRIES)
     return vector

@@ -54,9 +54,9 @@ def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Sc
     if traffic.saturated:
         steps: Iterator[int] = iter(lambda: 0, None)
     else:
-        own = sum(other.direction is lane.direction for other in road)
+        lanes = sum(other.direction is lane.direction for other in road)
         units = _uniforms(stream(seed, "vehicle_arrival", pair, *key))
-        steps = _steps(traffic, lane.direction, own, scenario.least_headway_s(), step_s, units)
+        steps = _steps(traffic, lane.direction, lanes, scenario.least_headway_s(), step_s, units)
     for count, (step, uniform) in enumerate(zip(steps, automated, strict=False)):
         yield Scheduled(count * len(road) + place, lane, step, uniform)
 

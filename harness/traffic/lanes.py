@@ -39,8 +39,9 @@ class Lane:
     @property
     def centre_m(self) -> float:
         """y of the lane's centre in the ego's frame."""
-        own = self.crossing.lane_centre_m
-        return own if self.direction is Direction.FORWARD else self.crossing.length_m - own
+        centre_m = self.crossing.lane_centre_m
+        forward = self.direction is Direction.FORWARD
+        return centre_m if forward else self.crossing.length_m - centre_m
 
     def own_side(self, side: Side) -> Side:
         """A kerb, named from the ego's direction, as vehicles of this lane name it."""

@@ -54,15 +54,15 @@ def passages_of(
     by_lane: dict[Lane, list[HourVehicle]] = defaultdict(list)
     for car in sorted(log.vehicles, key=lambda car: car.plan.number):
         by_lane[car.plan.lane].append(car)
-    found = []
+    passages = []
     for lane, vehicles in by_lane.items():
         for begin in range(0, len(vehicles), CHUNK):
             part = vehicles[begin : begin + CHUNK]
             traces = [_trace(car, lane, log, rules) for car in part]
             for car, trace, record in zip(part, traces, measure(traces), strict=True):
                 end_x = end_x_m[car.plan.number % len(end_x_m)]
-                found.append(_passage(car, trace, record, end_x, saturated))
-    return sorted(found, key=lambda passage: passage.vehicle.plan.number)
+                passages.append(_passage(car, trace, record, end_x, saturated))
+    return sorted(passages, key=lambda passage: passage.vehicle.plan.number)
 
 
 def _passage(
