@@ -3,6 +3,7 @@
 The networks are netconvert's and netgenerate's; lengths and angles are those they were asked for.
 """
 
+import gzip
 import json
 import math
 import random
@@ -22,7 +23,7 @@ from harness.network import build_network, network_of
 from harness.network.build import run_netconvert
 from harness.network.crossings import list_crossings, scenario_text
 from harness.network.osm import convert
-from harness.roads import Place, read_network, read_site
+from harness.roads import Place, read_network, read_site, road_network
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.sections import CrossingSection
 from tests.batches import CHECKOUT, here, printed, refusal
@@ -426,6 +427,19 @@ def test_hostile_networks_get_one_line(tmp_path: Path) -> None:
     done = here("crossings", tmp_path / "city.net.xml", "--json")
     (row,) = json.loads(done.stdout)["crossings"]
     assert (row["edge"], row["usable"], row["longitude_deg"]) == (":cross_c0", True, None)
+
+
+def test_a_packed_network_of_lanes_for_all_is_read_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    net, packed = built(Road(), tmp_path), tmp_path / "packed.net.xml.gz"
+    text, cars, everybody = net.read_text(), 'disallow="pedestrian"', 'allow="all"'
+    assert cars in text
+    packed.write_bytes(gzip.compress(text.replace(cars, everybody).encode()))
+    assert list_crossings(read_network(packed)) == list_crossings(read_network(net))
+    monkeypatch.setattr(road_network, "_MOST_BYTES", len(text) // 2)
+    with pytest.raises(InputError, match="MB unpacked; allowed: a part of it"):
+        read_network(packed)
 
 
 # --- maps and grids ------------------------------------------------------------------------------
