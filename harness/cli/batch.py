@@ -9,6 +9,7 @@ from harness.cli.options import (
     AuditOption,
     DaskOption,
     EngineOption,
+    FullOption,
     JsonOption,
     OutOption,
     PairsOption,
@@ -50,6 +51,7 @@ def run(
     engine: EngineOption = "sumo",
     audit: AuditOption = None,
     dask: DaskOption = None,
+    full: FullOption = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -93,7 +95,7 @@ def run(
             )
     finally:
         executor.stop()
-    _report(finished, quiet, as_json)
+    _report(finished, full, quiet, as_json)
 
 
 def _settled(study: "Study", options: "Options", quiet: bool) -> "Study":
@@ -111,6 +113,7 @@ def resume(
     run_folder: RunArgument,
     workers: WorkersOption = None,
     dask: DaskOption = None,
+    full: FullOption = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -119,7 +122,7 @@ def resume(
     from harness.cli.risk import is_risk, resume_risk
 
     if is_risk(run_folder):
-        resume_risk(run_folder, workers, dask, quiet, as_json, full=False)
+        resume_risk(run_folder, workers, dask, quiet, as_json, full)
         return
 
     _refuse_workers_with_dask(workers, dask)
@@ -130,7 +133,7 @@ def resume(
             progress=advance,
             make_executor=None if dask is None else lambda _: _cluster(dask),
         )
-    _report(finished, quiet, as_json)
+    _report(finished, full, quiet, as_json)
 
 
 def _refuse_workers_with_dask(workers: int | None, dask: str | None) -> None:
@@ -157,13 +160,14 @@ def _precision(text: str | None) -> "Precision | None":
         raise InputError(f"--until {text}", "is not accepted", allowed) from None
 
 
-def _report(finished: "RunData", quiet: bool, as_json: bool) -> None:
-    from harness.report.terminal import print_run, run_document
+def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None:
+    from harness.report.run_document import run_document
+    from harness.report.terminal import print_run
 
     emit(
         lambda: run_document(finished),
         [finished.path],
-        lambda: print_run(finished),
+        lambda: print_run(finished, full),
         quiet=quiet,
         as_json=as_json,
     )

@@ -107,6 +107,8 @@ class Entry(Generic[Source]):
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
         worst_case: whether the first screen shows it where anything was left out.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
+        paired_heading: name of the paired number where each arm has one, too, with its unit; by
+            default it is their difference.
         paired_meaning: one sentence on the paired number where each arm has one, too.
         paired_digits: decimals of the paired number; None: ``digits``.
         paired_from: as ``reliable_from``, of the paired number; None: the same.
@@ -127,6 +129,7 @@ class Entry(Generic[Source]):
     first_screen: bool = False
     worst_case: bool = False
     paper: str = ""
+    paired_heading: str = ""
     paired_meaning: str = "The AV's less the reference's."
     paired_digits: int | None = None
     paired_from: int | None = None
@@ -155,6 +158,20 @@ class Entry(Generic[Source]):
         'PET below 1.5 s'
         """
         return self.heading.format(**thresholds)
+
+    def title_of(self, name: str, thresholds: Mapping[str, float]) -> str:
+        """The heading of the number of that name, with its unit.
+
+        >>> delay = Entry("delay_s", "delay", "", unit="s", of_arm=lambda c, arm: 1.0)
+        >>> delay.title_of("delay_s_human", {})
+        'delay of the reference, s'
+        """
+        paired = self.of_arm is not None and name == self.names[2]
+        if paired and self.paired_heading:
+            return self.paired_heading
+        arm = " of the AV" if name == self.names[0] else " of the reference"
+        end = ", AV − reference" if paired else arm if self.of_arm else ""
+        return f"{self.title(thresholds)}{end}{self.unit and ', ' + self.unit}"
 
     def least(self, name: str) -> int | None:
         """Informative pairs from which on the interval of that name covers what it says."""

@@ -1,14 +1,16 @@
 """A comparison as the JSON document and the CSV rows of ``harness compare``."""
 
-from typing import Any
+from collections.abc import Mapping
 
 from harness.comparison import ENCOUNTERS, Standing, Summary, row_of
-from harness.report.caveats import av_label, caveats
 from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.runs.notes import av_label, encounter_notes
 from harness.runs.strategy_groups import StrategyCell
 
+Document = Mapping[str, object]
 
-def comparison_document(result: RunComparison) -> dict[str, Any]:
+
+def comparison_document(result: RunComparison) -> Document:
     """The document that ``--json`` prints."""
     return {
         "folders": [str(folder) for folder in result.folders],
@@ -34,7 +36,7 @@ def comparison_document(result: RunComparison) -> dict[str, Any]:
     }
 
 
-def comparison_rows(result: RunComparison) -> list[dict[str, Any]]:
+def comparison_rows(result: RunComparison) -> list[Document]:
     """The rows of ``--out``: every comparison, with what its group shares."""
     return [
         {
@@ -48,7 +50,7 @@ def comparison_rows(result: RunComparison) -> list[dict[str, Any]]:
     ]
 
 
-def _row(item: Comparison, group: GroupResult) -> dict[str, Any]:
+def _row(item: Comparison, group: GroupResult) -> Document:
     a, b = (group.group.cells[position] for position in (item.a, item.b))
     crashes = item.crashes
     return {
@@ -87,7 +89,7 @@ def _cell_document(
     standing: Standing,
     group: GroupResult,
     result: RunComparison,
-) -> dict[str, Any]:
+) -> Document:
     def numbers(positions: tuple[int, ...]) -> list[int]:
         return [group.group.cells[position].number for position in positions]
 
@@ -95,10 +97,12 @@ def _cell_document(
         "cell": cell.number,
         "folder": str(result.folders[cell.run]),
         "cell_in_folder": cell.cell.number,
-        "label": av_label(cell.label, summary),
+        "label": av_label(cell.label, summary.findings),
         "strategy": cell.strategy,
         "parameters": cell.parameters,
-        "caveats": caveats(cell.cell.scenario, summary),
+        "caveats": [
+            note.text for note in encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS)
+        ],
         **row_of(ENCOUNTERS, summary.findings),
         "place": standing.place.value,
         "dominated_by": numbers(standing.dominated_by),
@@ -106,7 +110,7 @@ def _cell_document(
     }
 
 
-def _sweep_document(result: SweepResult, group: GroupResult) -> dict[str, Any]:
+def _sweep_document(result: SweepResult, group: GroupResult) -> Document:
     sweep, found = result.sweep, result.found
     bold = sweep.aggressiveness
     return {

@@ -1,24 +1,31 @@
 """The tables and sentences of a comparison, for the terminal and the page alike."""
 
-from collections import defaultdict
-
-from harness.comparison import Place, Standing, Summary, SweepVerdict, Verdict
-from harness.report.caveats import av_label, caveats, joined_caveats, sentence
+from harness.comparison import (
+    DIFFERENCES,
+    ENCOUNTERS,
+    Findings,
+    Place,
+    Standing,
+    SweepVerdict,
+    Verdict,
+)
+from harness.report.result_screen import joined_notes, with_limits
 from harness.report.tables import (
     Table,
     TableCell,
     count_cell,
     counted,
+    entry_cell,
+    entry_heading,
+    entry_value,
     interval_cell,
     level,
-    limits,
     named_values,
-    number,
     share_cell,
     value_cell,
 )
-from harness.report.words import left_out, unreliable_keys, unreliable_words
 from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
+from harness.runs.notes import av_label, encounter_notes
 from harness.scenario import as_written
 
 _NAMED = 4
@@ -43,93 +50,88 @@ def comparison_tables(result: RunComparison) -> list[Table]:
 
 def comparison_caveats(result: RunComparison) -> list[str]:
     """What a reader has to know before any number of the comparison."""
-    of_cells = {
-        cell.number: caveats(cell.cell.scenario, summary)
+    cells = [
+        (cell.number, encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS))
         for group in result.groups
         for cell, summary in zip(group.group.cells, group.summaries, strict=True)
-    }
-    return [sentence(words) for words in joined_caveats(of_cells)]
+    ]
+    return [note.text for note in sorted(joined_notes(cells), key=lambda note: note.rank)]
+
+
+_SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all")
+"""Findings of each cell on the terminal; the page has those of ``_ON_PAGE``, too."""
+
+_ON_PAGE = ("mu_worst", "delay_worst_s", "timed_out_av", "defined_pairs")
+_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
 
 
 def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
+    thresholds = result.group.cells[0].cell.scenario.conflicts.model_dump()
     rows = []
     for cell, summary, standing in zip(
         result.group.cells, result.summaries, result.standings(), strict=True
     ):
-        star = defaultdict(str, dict.fromkeys(unreliable_keys(summary), "*"))
+        findings = summary.findings
+        shown, on_page = (
+            [entry_cell(_ENTRIES[of], findings, of) for of in names] for names in (_SHOWN, _ON_PAGE)
+        )
         rows.append(
             (
                 count_cell(cell.number),
-                TableCell(av_label(cell.label, summary)),
-                count_cell(summary.pairs),
-                interval_cell(summary.time_ratio, 3, star["time_ratio"]),
-                _left_out(summary),
-                interval_cell(summary.mu, 3, star["mu"]),
-                interval_cell(summary.delay_s, 2, star["delay_s"]),
-                share_cell(summary.kappa),
-                share_cell(summary.kappa_all),
+                TableCell(av_label(cell.label, findings)),
+                count_cell(findings["pairs"].count),
+                *shown,
                 TableCell(_words(standing, result)),
-                interval_cell(summary.time_ratio_worst, 3, star["time_ratio_worst"]),
-                interval_cell(summary.mu_worst, 3, star["mu_worst"]),
-                interval_cell(summary.delay_worst_s, 2, star["delay_worst_s"]),
-                count_cell(summary.timed_out_av),
-                count_cell(summary.defined_pairs),
+                *on_page,
             )
         )
-    front = (
-        "cell", "AV", "pairs", "ratio of times", "left out", "μ", "delay AV s", "κ",
-        "κ with time-outs", "front",
-    )  # fmt: skip
-    worst = ("ratio of times, worst case", "μ, worst case", "delay AV s, worst case")
+    headings = [
+        [_ENTRIES[of].title_of(of, thresholds) for of in names] for names in (_SHOWN, _ON_PAGE)
+    ]
+    front = ("cell", "AV", "pairs", *headings[0], "front")
     return Table(
         name,
         f"{caption}: strategies",
-        (*front, *worst, "AV timed out", "pairs with τ"),
+        (*front, *headings[1]),
         tuple(rows),
         sortable=True,
         terminal=tuple(range(len(front))),
     )
 
 
-def _left_out(summary: Summary) -> TableCell:
-    """How many pairs the ratio of times leaves out, over what it is at its worst."""
-    count = summary.pairs - summary.time_ratio_pairs
-    worst = f"worst {number(summary.time_ratio_worst.value, 2)}" if count else ""
-    return TableCell(f"{count:,}", worst, str(count))
-
-
 def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
     numbers = [cell.number for cell in result.group.cells]
+    entries = [entry for entry in DIFFERENCES if entry.first_screen]
     rows = []
     for item in result.comparisons:
-        star = {
-            key: "*" if key in item.indicative else ""
-            for key in ("time_ratio_difference", "mu_difference", "delay_difference_s")
-        }
+        differences = [
+            interval_cell(
+                getattr(item, entry.key), entry.digits, " *" * (entry.key in item.indicative)
+            )
+            for entry in entries
+        ]
         rows.append(
             (
                 count_cell(numbers[item.a]),
                 count_cell(numbers[item.b]),
                 count_cell(item.counted_in_both),
-                interval_cell(item.time_ratio_difference, 4, star["time_ratio_difference"]),
+                *differences,
                 _p_cell(item.time_ratio_p_holm),
-                interval_cell(item.mu_difference, 4, star["mu_difference"]),
-                interval_cell(item.delay_difference_s, 2, star["delay_difference_s"]),
                 TableCell(f"{item.crashes.only_a} / {item.crashes.only_b}"),
-                _p_cell(item.crashes.p),
                 _p_cell(item.p_holm),
                 TableCell(f"{item.misses.only_a} / {item.misses.only_b}"),
                 _p_cell(item.misses_p_holm),
+                _p_cell(item.crashes.p),
                 count_cell(item.defined_in_both),
             )
         )
-    headings = (
-        "A", "B", "pairs", "ratio of times", "times, p (Holm)", "μ", "delay AV s",
-        "crashed in A / B alone", "p", "p (Holm)", "missed in A / B alone",
-        "missed, p (Holm)", "pairs with τ",
+    front = (
+        "A", "B", "pairs", *(entry_heading(entry, {}) for entry in entries), "times, p (Holm)",
+        "crashed in A / B alone", "p (Holm)", "missed in A / B alone", "missed, p (Holm)",
     )  # fmt: skip
     words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
-    shown = tuple(at for at, heading in enumerate(headings) if heading not in ("p", "pairs with τ"))
+    headings = (*front, "crashed, p", "pairs of μ")
+    shown = tuple(range(len(front)))
     return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
 
 
@@ -163,7 +165,10 @@ def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
         *("verdict", "pairs needed"),
     )
     caption = f"allowed values of {sweep.key}{fixed}: μ < {allowed.mu0:g}, κ < {allowed.kappa0:g}"
-    caption += " (μ: human's crashes as if untouched; κ: time-outs and failures as crashes)"
+    caption += (
+        " (μ: a human who crashed counts as if they had driven on; κ: time-outs and failures "
+    )
+    caption += "of the strategy count as crashes)"
     return Table(name, caption, headings, tuple(rows))
 
 
@@ -207,17 +212,28 @@ def best_lines(result: GroupResult) -> list[str]:
     sure = f"by bounds of all {len(cells)} cells together, {level(1 - result.level)}"
     if best is None:
         return [f"{where}: none is allowed, {sure}."]
-    summary, untold = result.summaries[best], result.untold_from(best)
-    times, few = summary.time_ratio, unreliable_words(summary, "time_ratio")
-    said = (
+    findings, alike = result.summaries[best].findings, result.untold_from(best)
+    times = findings["time_ratio"]
+    few = f"; {times.reason}" if times.reason else ""
+    text = (
         f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
-        f"{number(times.value, 3)} ({limits(times, 3)}{few and '; ' + few}; {left_out(summary)}), "
-        f"the least of {counted(len(result.allowed), 'cell')} allowed {sure}."
+        f"{with_limits(_ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
+        f"least of {counted(len(result.allowed), 'cell')} allowed {sure}."
     )
-    if untold:
-        names = ", ".join(str(cells[at].number) for at in untold)
-        said += f" Not told apart from it: cell{'s' * (len(untold) > 1)} {names}."
-    return [said]
+    if alike:
+        names = ", ".join(str(cells[at].number) for at in alike)
+        text += f" Not shown to differ from it: cell{'s' * (len(alike) > 1)} {names}."
+    return [text]
+
+
+def _left_out(findings: Findings) -> str:
+    """How many pairs the ratio of times leaves out and why, with its worst case."""
+    count = findings["pairs"].count - findings["time_ratio_pairs"].count
+    if not count:
+        return "no pair left out"
+    worst = entry_value(_ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
+    why = "as the AV crashed or an arm failed"
+    return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
 
 
 def comparison_lines(result: RunComparison) -> list[str]:
@@ -241,11 +257,16 @@ def comparison_lines(result: RunComparison) -> list[str]:
         f"below {error}, within the family of all {2 * tests} tests of both, which an interval may "
         "contradict; alike where no pair differs.",
     ]
-    few = any(unreliable_keys(of) for group in result.groups for of in group.summaries)
+    few = any(
+        not finding.reliable
+        for group in result.groups
+        for summary in group.summaries
+        for finding in summary.findings.values()
+    )
     few = few or any(item.indicative for group in result.groups for item in group.comparisons)
     few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
     if few:
-        notes.append("* unreliable: too few informative pairs")
+        notes.append("* unreliable: too few informative pairs.")
     repeats = sum(group.group.repeats for group in result.groups)
     if repeats:
         notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")

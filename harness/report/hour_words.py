@@ -3,8 +3,6 @@
 from collections.abc import Callable
 
 from harness.encounter import Arm
-from harness.report.caveats import fallback_words, sentence
-from harness.report.sweep_tables import varied_headings
 from harness.report.tables import (
     Table,
     TableCell,
@@ -16,8 +14,10 @@ from harness.report.tables import (
     share_cell,
 )
 from harness.results.hour_summaries import HoursSummary
+from harness.runs.notes import MOSTLY
 from harness.runs.run_data import RunData
 from harness.scenario import Cell, Scenario, as_written
+from harness.strategies.registry import fallback_of
 from harness.traffic.saturation import GROWTH
 
 _DIGITS = 2
@@ -158,8 +158,13 @@ def _of_arm(cell: Cell, summary: HoursSummary, arm: Arm, name: str) -> list[str]
         )
     if own.never_went:
         lines.append(f"{own.never_went} pedestrians ({name}) never got to go.")
-    who, share = f"{name}: {strategy}", own.fallback.value
-    return lines + [sentence(line) for line in fallback_words(who, strategy, share, "passages")]
+    share = own.fallback.value or 0.0
+    if share >= MOSTLY:
+        lines.append(
+            f"{name}: {fallback_of(strategy)} drove {100 * share:.0f} % of the passages that met "
+            f"someone, for which {strategy} has no answer."
+        )
+    return lines
 
 
 def _of_one_cell(cell: Cell, summary: HoursSummary) -> Table:
@@ -224,7 +229,7 @@ def _over_cells(run: RunData) -> Table:
         rows.append((*values, *(interval_cell(found, _DIGITS) for found in shown)))
     names = [f"{_NAMES[name]}, {arm}" for name in _OVER_CELLS for arm in _ARMS.values()]
     names += [f"{_NAMES[name]}, {_ARMS[Arm.AV]}" for name in mixed]
-    headings = (*varied_headings(run), "saturated", *names)
+    headings = (*(key.split(".")[-1] for key in run.varied_keys), "saturated", *names)
     caption = (
         f"Traffic over the cells, {level(run.confidence)} intervals under the values; all measures "
         "and differences: summary.csv"

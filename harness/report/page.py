@@ -11,31 +11,22 @@ from harness.encounter import Arm
 from harness.errors import HarnessError, InputError, resume_command
 from harness.network import place_of
 from harness.report import style
-from harness.report.caveats import av_label, first_lines, sentence
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.hour_pictures import hour_pictures
 from harness.report.hour_words import hour_lines, hour_tables
 from harness.report.pictures import pictures_of
 from harness.report.player import run_player
 from harness.report.plots import save
-from harness.report.reference_words import reference_lines, references_compared
-from harness.report.result_tables import result_tables, statistics_table, tiles
+from harness.report.result_screen import screen_of
+from harness.report.result_tables import cells_table, full_tables, statistics_table
+from harness.report.screen import screen_lines
 from harness.report.style import Picture
 from harness.report.tables import Table, counted
 from harness.report.template import drawn, flat, page_in, write_page
-from harness.report.words import (
-    PAPER_REMARK,
-    audit_lines,
-    count_lines,
-    crash_lines,
-    is_the_papers,
-    knowledge_lines,
-    sweep_lines,
-    time_lines,
-    walker_lines,
-)
 from harness.runs.compare import compare
 from harness.runs.model_use import model_cells
+from harness.runs.notes import sentence
+from harness.runs.reported import remarks as remarks_on, reported
 from harness.runs.run_data import RunData
 from harness.runs.shown import ShownPair, shown_pairs
 from harness.runs.strategy_groups import strategy_groups
@@ -43,6 +34,9 @@ from harness.scenario import as_written, remarks
 
 _MOST_FAILURES = 20
 _MOST_VALUES = 12
+_MOST_TABLES = 50
+"""Cells whose tables of every number are on the page; the others are in ``summary.csv``."""
+
 _MOST_COMPARISONS = 60
 """Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
 
@@ -119,33 +113,24 @@ def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Pictur
 def _context(run: RunData) -> dict[str, Any]:
     """All of the page but episodes and figures."""
     scenario = run.scenario
-    one = None if run.varied_keys or run.in_traffic else run.results[0].summary
-    av = scenario.arms.av if one is None else av_label(scenario.arms.av, one)
-    arms = f"{av} against {scenario.arms.human}"
+    arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
-    paper = one is not None and is_the_papers(scenario)
     compared_tables, compared_lines = ([], []) if run.in_traffic else _compared(run)
-    statistics = [] if run.varied_keys or run.in_traffic else [statistics_table(run)]
-    results = hour_tables(run) if run.in_traffic else result_tables(run)
+    screen, results = _results(run)
     return {
         "title": f"{heading}, run report",
         "heading": heading,
         "folder": str(run.path),
         "unfinished": _unfinished(run),
         "opening": list(_opening(run)),
-        "tiles": [] if one is None else tiles(one, run.scenario.arms.human),
-        "caveats": hour_lines(run) if run.in_traffic else first_lines(run),
-        "verdicts": _verdicts(run),
-        "tables": [*results, *compared_tables, *statistics],
+        "screen": screen,
+        "caveats": hour_lines(run) if run.in_traffic else [],
+        "tables": [*compared_tables, *results],
         "remarks": [
-            *([PAPER_REMARK] if paper else []),
-            *reference_lines(cell.scenario for cell in run.study.cells),
             *dict.fromkeys(
                 sentence(line) for cell in run.study.cells for line in remarks(cell.scenario)
             ),
-            *audit_lines(run),
-            *knowledge_lines(run),
-            *walker_lines(cell.scenario for cell in run.study.cells),
+            *remarks_on(run),
             *compared_lines,
         ],
         "failures": _failures(run),
@@ -156,6 +141,17 @@ def _context(run: RunData) -> dict[str, Any]:
         "maker": "harness report",
         "made_from": "the run folder alone",
     }
+
+
+def _results(run: RunData) -> tuple[list[str], list[Table]]:
+    """The first screen, and the tables of everything, folded."""
+    if run.in_traffic:
+        return [], hour_tables(run)
+    findings = reported(run)
+    screen = screen_lines(screen_of(findings))
+    if run.varied_keys:
+        return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
+    return screen, [*full_tables(findings), statistics_table(run)]
 
 
 def _unfinished(run: RunData) -> str:
@@ -187,13 +183,11 @@ def _opening(run: RunData) -> Iterator[str]:
         said += f", interaction model {', '.join(names)}"
     if run.varied_keys:
         keys = ", ".join(run.varied_keys)
-        yield from references_compared(run)
         yield (
             f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
             f"the AV's strategy and the reference ({_each(run, Arm.HUMAN)}) meet the same "
             f"pedestrians at the crosswalk; {said}."
         )
-        yield from sweep_lines(run.results)
         return
     yield (
         f"Compared: the AV's strategy {scenario.arms.av} and {scenario.arms.human}, the reference "
@@ -206,14 +200,6 @@ def _each(run: RunData, arm: Arm) -> str:
     """The strategies of an arm in all cells."""
     names = (getattr(cell.scenario.arms, arm.value) for cell in run.study.cells)
     return ", ".join(dict.fromkeys(names))
-
-
-def _verdicts(run: RunData) -> list[str]:
-    if run.varied_keys or run.in_traffic:
-        return []
-    (result,) = run.results
-    times = time_lines(result.summary, result.cell.scenario)
-    return [*times, *crash_lines(result.summary), *count_lines(result)]
 
 
 def _compared(run: RunData) -> tuple[list[Table], list[str]]:

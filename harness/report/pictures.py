@@ -20,9 +20,10 @@ from harness.report import (
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.report.tables import counted, level
-from harness.report.words import PAPER, is_the_papers, pair_name
+from harness.report.words import pair_name
 from harness.roads import Place, read_network, site_at
 from harness.runs.model_use import model_cells
+from harness.runs.reported import PAPER_MU, is_the_papers
 from harness.runs.run_data import RunData
 from harness.runs.shown import ShownPair
 from harness.scenario import Scenario
@@ -75,7 +76,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     defined = int(np.count_nonzero(~np.isnan(tau)))
     count = f"n = {defined:,} of {counted(len(tau), 'pair')}"
     figure, (axes,) = style.new_figure()
-    reference = float(PAPER["mu"]) if is_the_papers(scenario) else None
+    reference = PAPER_MU if is_the_papers(scenario) else None
     tau_figures.draw_running_mean(axes, tau, reference)
     yield Picture(
         "tau-mean",

@@ -12,6 +12,7 @@ from harness.report.tables import (
     entry_value,
     named_values,
 )
+from harness.runs.notes import short_name
 from harness.scenario import as_written
 
 MOST_CELLS = 2_000
@@ -120,12 +121,20 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         and any(_has_something(entry, cell) for cell in shown)
     ]
     worst = any(map(left_out, shown))
-    labels = cell_labels(shown)
-    headings, columns = [*labels, "pairs"], [*labels.values()]
-    columns.append([f"{cell.pairs:,}" for cell in shown])
+    labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
+    scope = run.scope
+    if len({*pairs}) == 1:
+        scope = f"{counted(shown[0].pairs, 'pair')} each, {scope}"
+    else:
+        labels["pairs"] = pairs
+    headings, columns = [*labels], [*labels.values()]
     for place, entry in enumerate(entries):
-        headings.append(entry_heading(entry, shown[0].thresholds))
-        columns.append([_sweep_text(entry, cell, limits=place == 0) for cell in shown])
+        both = entry.names[2] if entry.names[2] and (place == 0 or not entry.names[0]) else None
+        name = entry_heading(entry, shown[0].thresholds)
+        if both is not None:
+            name = entry.paired_heading or short_name(entry)
+        headings.append(name)
+        columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
         if place == 0 and worst:
             headings.append("worst case")
             columns.append([_first_worst(run, cell) for cell in shown])
@@ -133,10 +142,15 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     first = f", the first {some:,} here" if some < total else ""
     return Screen(
         title=f"{run.name}: {total:,} cells{first}; two numbers are the AV's / the reference's",
-        scope=run.scope,
+        scope=scope,
         headings=tuple(headings),
         rows=tuple(zip(*columns, strict=True)),
-        notes=tuple(sorted((*run.notes, *joined_notes(shown)), key=lambda note: note.rank)),
+        notes=tuple(
+            sorted(
+                (*run.notes, *joined_notes([(cell.cell, cell.notes) for cell in shown])),
+                key=lambda note: note.rank,
+            )
+        ),
         footer=footer,
         most_lines=None,
     )
@@ -159,18 +173,17 @@ def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:
     return labels
 
 
-def _sweep_text(entry: Entry[Any], cell: CellFindings, limits: bool) -> str:
-    """The number of both arms, with its interval on request, or those of each arm."""
-    av, reference, both = (None if name is None else cell.findings[name] for name in entry.names)
-    if both is not None and (limits or av is None):
-        star = "" if both.reliable else " *"
-        if limits:
-            return with_limits(entry, both) + star
-        return entry_value(entry, both, entry.paired_digits) + star
-    arms = [entry_value(entry, finding).split(" of ")[0] for finding in (av, reference)]
-    if all(text.endswith(" %") for text in arms):
-        arms[0] = arms[0].removesuffix(" %")
-    return arms[0] if reference is None else " / ".join(arms)
+def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits: bool) -> str:
+    """The number of both arms, on request with its interval; or those of each arm."""
+    if both is not None and limits:
+        return with_limits(entry, cell.findings[both])
+    if both is not None:
+        return entry_value(entry, cell.findings[both], entry.paired_digits)
+    arms = [entry_value(entry, cell.findings[name]) for name in entry.names[:2] if name is not None]
+    texts = [text.split(" of ")[0] for text in arms]
+    if all(text.endswith(" %") for text in texts):
+        texts[0] = texts[0].removesuffix(" %")
+    return " / ".join(texts)
 
 
 def _first_worst(run: RunFindings, cell: CellFindings) -> str:
@@ -178,12 +191,12 @@ def _first_worst(run: RunFindings, cell: CellFindings) -> str:
     return next((text for _, text in _worst_values(run, cell)), "") if left_out(cell) else ""
 
 
-def joined_notes(cells: Sequence[CellFindings]) -> list[Note]:
-    """The notes of several cells; those that say the same name their cells together."""
+def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
+    """The notes of several cells by number; those that say the same name their cells together."""
     numbers: dict[Note, list[int]] = {}
-    for cell in cells:
-        for note in cell.notes:
-            numbers.setdefault(note, []).append(cell.cell)
+    for cell, notes in cells:
+        for note in notes:
+            numbers.setdefault(note, []).append(cell)
     return [
         note if len(where) == len(cells) > 1 else Note(note.rank, f"{_cells(where)}: {note.text}")
         for note, where in numbers.items()

@@ -1,152 +1,71 @@
-"""The tables of a run's results, for the terminal and the page alike."""
+"""Every number of a run in tables, views of its findings; and the statistics of its measures."""
 
 import re
-from collections.abc import Sequence
-from typing import Any
 
-from harness.comparison import Interval, Summary
+from harness.comparison.findings import CellFindings, Finding, RunFindings
 from harness.measures import MEASURES
-from harness.report.caveats import av_label
-from harness.report.sweep_tables import sweep_tables
+from harness.report.result_screen import MOST_CELLS, cell_labels, cell_name
 from harness.report.tables import (
     Table,
     TableCell,
-    counted,
+    count_cell,
+    entry_cell,
+    entry_heading,
     level,
-    limits,
-    number,
-    percentage,
-    share_cell,
-    share_limits,
     sort_key,
+    value_cell,
 )
-from harness.report.words import (
-    PAPER,
-    both_arms,
-    both_shares,
-    conflict_condition,
-    has_worst_case,
-    is_the_papers,
-    left_out,
-    unreliable_words,
-)
-from harness.results.measure_tables import ConflictRate
 from harness.runs.run_data import RunData
 
-Row = tuple[str, str, str, str, str]
-"""Measure, value, interval, key of the paper's value, remark."""
+STAR = "; * unreliable: too few informative pairs (n)"
+"""What the star behind a value says, in a caption."""
 
 
-def result_tables(run: RunData) -> list[Table]:
-    """The results of one cell in full, or the tables over cells."""
-    return sweep_tables(run) if run.varied_keys else [_of_one_cell(run)]
+def full_tables(run: RunFindings) -> list[Table]:
+    """A table of every entry for each cell."""
+    return [_every_entry(run, cell) for cell in run.cells[:MOST_CELLS]]
 
 
-def _of_one_cell(run: RunData) -> Table:
-    (result,) = run.results
-    arms, summary = result.cell.scenario.arms, result.summary
-    paper = is_the_papers(result.cell.scenario)
+def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
     rows = []
-    for name, value, interval, key, remark in (
-        *measure_rows(summary),
-        *conflict_rows(result.conflicts),
-    ):
-        reference = [TableCell(PAPER.get(key, ""))] if paper else []
+    for entry in run.catalogue:
+        av, reference, both = (cell.findings[name] if name else None for name in entry.names)
+        basis = both or av or Finding(None)
+        undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
         rows.append(
-            (TableCell(name), TableCell(value), TableCell(interval), *reference, TableCell(remark))
+            (
+                TableCell(entry_heading(entry, cell.thresholds)),
+                *(entry_cell(entry, cell.findings, name) for name in entry.names),
+                TableCell("" if basis.n is None else f"{basis.n:,}"),
+                *([TableCell(entry.paper)] if run.paper else []),
+                TableCell("; ".join(dict.fromkeys(of.reason or "" for of in undefined))),
+            )
         )
-    headings = (
-        "measure",
-        "value",
-        f"{level(summary.confidence)} interval",
-        *(["paper, N = 50"] if paper else []),
-        "remark",
-    )
-    caption = f"{av_label(arms.av, summary)} against {arms.human}, {counted(summary.pairs, 'pair')}"
-    return Table("measures", caption, headings, tuple(rows))
+    paper = ["paper, N = 50"] if run.paper else []
+    headings = ("measure", "AV", cell.reference, "AV against reference", "n", *paper, "remark")
+    name = cell_name(cell) or f"{cell.av} against {cell.reference}"
+    caption = f"{name}: every measure, {level(run.confidence)} intervals{STAR}"
+    return Table(f"every-{cell.cell}", caption, headings, tuple(rows), folded=True)
 
 
-def measure_rows(summary: Summary) -> list[Row]:
-    """The measures of a cell, the paper's three and what they have to be read with."""
-    some_missing = has_worst_case(summary)
-    rows = [
-        _row(
-            "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
-            summary,
-            "time_ratio",
-            remark=left_out(summary),
-        ),
-        _row("μ: mean of AV time / human time, pair by pair", summary, "mu", paper="mu"),
-        _row("μ with the human's crashes as if untouched", summary, "mu_all"),
-        _row("μ of the pairs that met someone", summary, "mu_met_someone"),
+def cells_table(run: RunFindings) -> Table:
+    """The first screen's numbers of every cell of a sweep, to be sorted on the page."""
+    shown = run.cells[:MOST_CELLS]
+    labels = cell_labels(shown)
+    entries = [of for of in run.catalogue if of.first_screen or of.worst_case]
+    rows = []
+    for place, cell in enumerate(shown):
+        row = [value_cell(column[place]) for column in labels.values()]
+        row.append(count_cell(cell.pairs))
+        for entry in entries:
+            row += [entry_cell(entry, cell.findings, name) for name in filter(None, entry.names)]
+        rows.append(tuple(row))
+    thresholds = shown[0].thresholds
+    headings = [
+        entry.title_of(name, thresholds) for entry in entries for name in filter(None, entry.names)
     ]
-    if summary.fallbacks:
-        words = "pairs chosen by what the AV did"
-        rows.append(("μ without fallbacks", number(summary.mu_without_fallback, 4), "", "", words))
-    if some_missing:
-        words = "AV's crashes, failures, time-outs at the time-out"
-        rows.append(_row("ratio of times, worst case", summary, "time_ratio_worst", remark=words))
-        rows.append(_row("μ, worst case", summary, "mu_worst", remark=words))
-    rows += [
-        _row("c_v: spread of τ", summary, "cv", share=True, paper="cv"),
-        _row("κ: crash rate, AV", summary, "kappa", share=True, paper="kappa"),
-        _row("κ, hit by the car's front", summary, "kappa_front", share=True),
-        _row("κ of the pairs that met someone", summary, "kappa_met_someone", share=True),
-    ]
-    if some_missing:
-        words = "and failures of the strategy, as crashes"
-        rows.append(_row("κ with time-outs", summary, "kappa_all", share=True, remark=words))
-        words = "AV's failures and time-outs count as crashes"
-        rows.append(_row("κ, worst case", summary, "kappa_worst", share=True, remark=words))
-    avoidable = both_shares(summary.kappa_avoidable, summary.kappa_avoidable_human)
-    stops = f"{number(summary.stops, 2)} / {number(summary.stops_human, 2)}"
-    stopped = f"{number(summary.stopped_s, 2)} / {number(summary.stopped_human_s, 2)}"
-    return [
-        *rows,
-        ("κ avoidable, AV / human", *avoidable, "", "by full braking at once"),
-        _row("κ: crash rate, human", summary, "kappa_human", share=True),
-        _row("delay AV, s", summary, "delay_s"),
-        _row("delay human, s", summary, "delay_human_s"),
-        *([_row("delay AV, s, worst case", summary, "delay_worst_s")] if some_missing else []),
-        _row("delay AV − human, s, same pairs", summary, "delay_difference_human_s"),
-        _row("delay AV, s, met someone", summary, "delay_met_someone_s"),
-        _row("delay human, s, met someone", summary, "delay_human_met_someone_s"),
-        _row("delay of pedestrians, AV's arm, s", summary, "pedestrian_delay_s"),
-        _row("delay of pedestrians, human's arm, s", summary, "pedestrian_delay_human_s"),
-        ("stops, AV / human", stops, "", "", "per episode"),
-        ("stopped s, AV / human", stopped, "", "", "per episode"),
-    ]
-
-
-def _row(
-    name: str, summary: Summary, key: str, share: bool = False, paper: str = "", remark: str = ""
-) -> Row:
-    interval: Interval = getattr(summary, key)
-    if few := unreliable_words(summary, key):
-        remark = f"{few}; {remark}".removesuffix("; ")
-    if share:
-        within = share_limits(interval, 2) or "undefined"
-        return name, percentage(interval.value), within, paper, remark
-    digits = 4 if key.startswith(("mu", "time_ratio")) else 2
-    within = limits(interval, digits) or "undefined"
-    return name, number(interval.value, digits), within, paper, remark
-
-
-def _share_met(rate: ConflictRate) -> str:
-    return percentage(rate.rate_met_someone.value)
-
-
-def conflict_rows(rates: Sequence[ConflictRate]) -> list[Row]:
-    """A row for each kind of conflict."""
-    return [
-        (
-            f"{conflict_condition(av)}, AV / human",
-            *both_shares(av.rate, human.rate),
-            "",
-            f"conflict rate; {_share_met(av)} / {_share_met(human)} where somebody was met",
-        )
-        for av, human in both_arms(rates)
-    ]
+    caption = f"Cells, {level(run.confidence)} intervals; all measures: summary.csv{STAR}"
+    return Table("cells", caption, (*labels, "pairs", *headings), tuple(rows), sortable=True)
 
 
 def statistics_table(run: RunData) -> Table:
@@ -179,63 +98,3 @@ def _spoken(column: str) -> str:
     """A column's name without its unit."""
     words = re.sub(r"_(s|m|mps|mps2|mps3)$", "", column).split("_")
     return " ".join(word.upper() if word in ("ttc", "pet", "drac") else word for word in words)
-
-
-def tiles(summary: Summary, human: str) -> list[dict[str, Any]]:
-    """The few numbers a reader looks for first; ``human`` is the reference's strategy."""
-    notes = {
-        key: [words] if (words := unreliable_words(summary, key)) else []
-        for key in ("time_ratio", "mu", "cv")
-    }
-    kappa, reference, of = summary.kappa, summary.kappa_human, level(summary.confidence)
-    worst = f"{percentage(summary.kappa_worst.value)} with its failures and time-outs"
-    return [
-        {
-            "name": "pairs",
-            "value": f"{summary.pairs:,}",
-            "lines": [
-                f"τ defined in {summary.defined_pairs:,}",
-                f"{summary.met_someone:,} met someone",
-            ],
-        },
-        {
-            "name": "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
-            "value": number(summary.time_ratio.value, 4),
-            "lines": [
-                _within(limits(summary.time_ratio, 4), of),
-                left_out(summary),
-                *notes["time_ratio"],
-            ],
-        },
-        {
-            "name": "μ, mean of AV time / human time",
-            "value": number(summary.mu.value, 4),
-            "lines": [_within(limits(summary.mu, 4), of), *notes["mu"]],
-        },
-        {
-            "name": "c_v, spread of τ",
-            "value": share_cell(summary.cv).text,
-            "lines": [_within(share_limits(summary.cv), of), *notes["cv"]],
-        },
-        {
-            "name": "κ, crash rate of the AV",
-            "value": share_cell(kappa).text,
-            "lines": [
-                _within(share_limits(kappa), of),
-                f"{kappa.successes:,} of {counted(kappa.trials, 'episode')}",
-                *([worst] if summary.failed_av or summary.timed_out_av else []),
-            ],
-        },
-        {
-            "name": f"κ of {human}, the reference",
-            "value": share_cell(reference).text,
-            "lines": [
-                _within(share_limits(reference), of),
-                f"{reference.successes:,} of {counted(reference.trials, 'episode')}",
-            ],
-        },
-    ]
-
-
-def _within(interval: str, of: str) -> str:
-    return f"{of}: {interval}" if interval else "no interval"

@@ -16,8 +16,10 @@ MOST_LINES = 16
 """Lines of the screen of one result; notes that do not fit are named together."""
 
 _GAP = "  "
-_NEVER_MERGED = Rank.UNDEFINED
+_NEVER_MERGED = Rank.TIME_OUTS
 _NAMES = {
+    Rank.LEFT_OUT: "pairs left out",
+    Rank.UNDEFINED: "undefined numbers",
     Rank.SATURATION: "saturation",
     Rank.FALLBACK: "the fallback",
     Rank.SPEEDING: "speeding",
@@ -54,7 +56,7 @@ class Screen:
 
 
 def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
-    """The lines of a screen, none of which is longer than ``width``.
+    """The lines of a screen, of which only the footer may be longer than ``width``.
 
     >>> screen = Screen(
     ...     "a against b", "2 pairs", ("", "AV"), (("delay, s", "1.5"),),
@@ -69,9 +71,9 @@ def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
     """
     width = min(width, WIDEST)
     head = _head(screen, width) + _rows(screen, width)
-    footer = textwrap.wrap(screen.footer, width, break_long_words=False, break_on_hyphens=False)
-    room = None if screen.most_lines is None else screen.most_lines - len(head) - len(footer)
-    return [*head, *_note_lines(screen.notes, width, room), *footer]
+    room = None if screen.most_lines is None else screen.most_lines - len(head) - 1
+    # A folder's path stays whole, to be copied.
+    return [*head, *_note_lines(screen.notes, width, room), screen.footer]
 
 
 def _head(screen: Screen, width: int) -> list[str]:
@@ -83,31 +85,47 @@ def _head(screen: Screen, width: int) -> list[str]:
 
 
 def _rows(screen: Screen, width: int) -> list[str]:
-    """The headings and rows, cut to the columns that fit; the last column below if it is aside."""
-    table = [screen.headings, *screen.rows]
-    whole = [row for row in table if len(row) == len(screen.headings)]
-    widths = [max(map(len, column)) for column in zip(*whole, strict=True)]
+    """The headings and rows; columns that do not fit go below, or are named there."""
+    whole = [row for row in screen.rows if len(row) == len(screen.headings)]
+    sizes = [max(map(len, column)) for column in zip(*whole, strict=True)] if whole else []
+    sizes = sizes or [0] * len(screen.headings)
+    widths = [max(size, len(text)) for size, text in zip(sizes, screen.headings, strict=True)]
+    if _width(widths) > width and not screen.aside:
+        words = (max(map(len, text.split(" "))) for text in screen.headings)
+        widths = [max(size, word) for size, word in zip(sizes, words, strict=True)]
     shown = len(widths)
-    while shown > 1 and sum(widths[:shown]) + len(_GAP) * (shown - 1) > width:
+    while shown > 1 and _width(widths[:shown]) > width:
         shown -= 1
-    if screen.aside and not any(row[-1] for row in whole[1:]):
+    last = [(row[0], row[-1]) for row in whole if row[-1]]
+    if screen.aside and not last:
         shown = min(shown, len(widths) - 1)
-    lines = []
-    for row in table:
+    lines = _heading_lines(screen.headings[:shown], widths)
+    for row in screen.rows:
         cells = [text.ljust(size) for text, size in zip(row[:shown], widths, strict=False)]
-        indent = " " * (widths[0] + len(_GAP)) if len(row) < len(widths) else "  "
-        lines += textwrap.wrap(
-            _GAP.join(cells),
-            width,
-            subsequent_indent=indent,
-            replace_whitespace=False,
-            drop_whitespace=True,
-        )
-    if screen.aside and shown < len(widths):
-        asides = [f"{row[0].split(',')[0]} {row[-1]}" for row in whole[1:] if row[-1]]
-        if asides:
-            lines.append(f"{screen.headings[-1]}: {', '.join(asides)}")
+        indent = " " * (widths[0] + len(_GAP)) if len(row) < len(widths) else _GAP
+        lines += textwrap.wrap(_GAP.join(cells), width, subsequent_indent=indent)
+    if shown < len(widths) and screen.aside:
+        values = ", ".join(f"{name.split(',')[0]} {value}" for name, value in last)
+        lines += textwrap.wrap(f"{screen.headings[-1]}: {values}", width) if last else []
+    elif shown < len(widths):
+        names = "; ".join(screen.headings[shown:])
+        lines += textwrap.wrap(f"Not shown here: {names}.", width)
     return [line.rstrip() for line in lines]
+
+
+def _width(widths: Sequence[int]) -> int:
+    return sum(widths) + len(_GAP) * (len(widths) - 1)
+
+
+def _heading_lines(headings: Sequence[str], widths: Sequence[int]) -> list[str]:
+    """The headings, each in as many lines as its column needs, the last ones on one line."""
+    columns = [textwrap.wrap(text, size) for text, size in zip(headings, widths, strict=False)]
+    height = max(map(len, columns))
+    columns = [[""] * (height - len(column)) + column for column in columns]
+    return [
+        _GAP.join(text.ljust(size) for text, size in zip(line, widths, strict=False))
+        for line in zip(*columns, strict=True)
+    ]
 
 
 def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str]:
@@ -122,5 +140,6 @@ def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str
     lines = [line for note in wrapped[:shown] for line in note]
     if shown < len(notes):
         names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
-        lines.append(f"! More to know, shown by --full: {', '.join(names)}.")
+        rest = f"! More to know (--full): {', '.join(names)}."
+        lines += textwrap.wrap(rest, width, subsequent_indent="  ")
     return lines

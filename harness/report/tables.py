@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.comparison import Interval
-from harness.comparison.findings import Entry, Finding, Form
+from harness.comparison.findings import Entry, Finding, Findings, Form, Plain
 from harness.encounter import Arm
 from harness.scenario import as_written
 
@@ -157,6 +157,21 @@ def entry_limits(entry: Entry[Any], finding: Finding, digits: int | None = None)
     return f"{write(finding.low, decimals)} … {write(finding.high, decimals)}"
 
 
+def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> TableCell:
+    """A finding over the limits of its interval; a star stands behind an unreliable one."""
+    if name is None:
+        return TableCell("")
+    finding, digits = findings[name], entry.digits
+    if name == entry.names[2] and entry.paired_digits is not None:
+        digits = entry.paired_digits
+    digits += 1  # a table has room for more than the first screen
+    limits = entry_limits(entry, finding, digits)
+    percent = " %" if limits and entry.form in (Form.EVENTS, Form.SHARE) else ""
+    text = entry_value(entry, finding, digits) + ("" if finding.reliable else " *")
+    sort = None if entry.form is Form.WORD else sort_key(finding.number)
+    return TableCell(text, f"{limits}{percent}", sort)
+
+
 def _signed(value: float, decimals: int) -> str:
     """A number with separators and a minus sign."""
     return f"{value:z,.{decimals}f}".replace("-", "−")
@@ -167,10 +182,13 @@ def count_cell(value: int) -> TableCell:
     return TableCell(f"{value:,}", sort=str(value))
 
 
-def value_cell(value: Any) -> TableCell:
-    """The value of a scenario's key."""
-    numeric = isinstance(value, int | float) and not isinstance(value, bool)
-    return TableCell(as_written(value), sort=repr(value) if numeric else None)
+def value_cell(value: Plain) -> TableCell:
+    """The value of a scenario's key; a number, also one that is written as text, can be sorted."""
+    text = as_written(value)
+    try:
+        return TableCell(text, sort=repr(float(text)))
+    except ValueError:
+        return TableCell(text)
 
 
 def interval_cell(interval: Interval, digits: int, star: str = "") -> TableCell:

@@ -22,8 +22,6 @@ _EMPTY: dict[str, Any] = {
     "screen": [],
     "opening": [],
     "caveats": [],
-    "tiles": [],
-    "verdicts": [],
     "failures": None,
     "player": None,
     "no_player": "",

@@ -34,6 +34,11 @@ def av_label(strategy: str, findings: Findings) -> str:
     return f"{strategy} ({fallback_of(strategy.split()[0])} in {100 * share:.0f} %)"
 
 
+def sentence(words: str) -> str:
+    """Words with a capital and a full stop."""
+    return f"{words[0].upper()}{words[1:]}."
+
+
 def encounter_notes(
     scenario: Scenario, findings: Findings, catalogue: Catalogue
 ) -> tuple[Note, ...]:
@@ -131,10 +136,8 @@ def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
             finding = findings[name]
             if finding.value is None and finding.reason:
                 reasons.setdefault(finding.reason, []).append(short_name(entry))
-    return [
-        Note(Rank.UNDEFINED, f"No number (–) of {_listed(names)}: {reason}.")
-        for reason, names in reasons.items()
-    ]
+    parts = [f"{_listed(names)} ({reason})" for reason, names in reasons.items()]
+    return [Note(Rank.UNDEFINED, f"Undefined: {', '.join(parts)}.")] if parts else []
 
 
 def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
@@ -150,8 +153,10 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
                 names.setdefault(least, []).append(short_name(entry))
     notes = []
     if names:
-        parts = [f"{least:,} ({_listed(names[least])})" for least in sorted(names)]
-        text = f"Few pairs: intervals are unreliable below {' or '.join(parts)} informative pairs."
+        first, *others = sorted(names)
+        parts = [f"{first:,} informative pairs ({_listed(names[first])})"]
+        parts += [f"{least:,} ({_listed(names[least])})" for least in others]
+        text = f"Few pairs: intervals are unreliable below {', '.join(parts)}."
         notes.append(Note(Rank.FEW_PAIRS, text))
     ratio = findings["time_ratio"]
     low, high = ratio.low, ratio.high
@@ -170,8 +175,8 @@ def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
     count, pairs = findings["fallbacks"].count, findings["pairs"].count
     if not count:
         return []
-    strategy, share = scenario.arms.av, findings["fallback_share"].number
-    met = "" if share is None else f" ({100 * share:.0f} % of those that met someone)"
+    strategy, share = scenario.arms.av, findings["fallback_share"].number or 0.0
+    met = f" ({100 * share:.0f} % of those that met someone)" if share >= MOSTLY else ""
     text = (
         f"{fallback_of(strategy)} drove {count:,} of {_counted(pairs, 'passage')}{met}, for which "
         f"{strategy} has no answer."

@@ -102,8 +102,8 @@ def disagreement(scenario: Scenario, time_ratio: float) -> str:
     and less than ``human_gmm`` in ``cctc``.  Of another site, or with other parameters, nothing is
     known.
 
-    >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:50]
-    'Against human_recorded gap_yield is slower in cctc'
+    >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:43]
+    'Against human_recorded gap_yield is slower:'
     >>> disagreement(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
     ''
     """
@@ -114,10 +114,7 @@ def disagreement(scenario: Scenario, time_ratio: float) -> str:
     place = _studied_as(scenario)
     if place is None or (way == "faster" and place != "cctc"):
         return ""
-    return (
-        f"Against {other} {av} is {way} in {place} (docs/study.md): the result depends on the "
-        "reference driver."
-    )
+    return f"Against {other} {av} is {way}: the result depends on the reference (docs/study.md)."
 
 
 def _studied_as(scenario: Scenario) -> str | None:

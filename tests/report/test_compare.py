@@ -211,13 +211,13 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     assert (result.allowed, result.best_allowed) == ([4, 5], 5)
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     said = text[text.index("Best allowed cell: 5 (") :]
-    assert "ratio of times 0.900 (0.900 … 0.900; no pair left out), the least of 2 cells" in said
+    assert "ratio of times 0.90 (0.90 … 0.90); no pair left out. It is the least of 2 cells" in said
     # The other allowed cell's times are 0.95 in all pairs: told apart from 0.9.
-    assert "Not told apart" not in said
+    assert "Not shown to differ" not in said
     untold = replace(result.comparisons[-1], time_ratio_p_holm=0.2)
     kept = replace(result, comparisons=(*result.comparisons[:-1], untold))
     assert (untold.a, untold.b, kept.untold_from(5)) == (4, 5, [4])
-    assert "Not told apart from it: cell 4." in best_lines(kept)[0]
+    assert "Not shown to differ from it: cell 4." in best_lines(kept)[0]
     assert "allowed by bounds of all 6 cells together, 95 %." in said
     assert "none is allowed" in printed("compare", run, "--mu0", 0.5, "--kappa0", 0.05)
     (group,) = json.loads(printed("compare", run, "--mu0", 1, "--kappa0", 0.05, "--json"))["groups"]
@@ -231,7 +231,7 @@ def test_limits_judge_strategies_without_parameters_too(tmp_path: Path) -> None:
         tmp_path / "run", study, lambda task, _: 8.0 + (task.scenario.arms.av == "hard_yield")
     )
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
-    assert "Best allowed cell: 0 (soft_yield), ratio of times 0.800" in text
+    assert "Best allowed cell: 0 (soft_yield), ratio of times 0.80" in text
 
 
 def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
@@ -278,7 +278,7 @@ def test_tables(run: Path) -> None:
     text = printed("compare", run)
     assert "pedestrians.flow_per_hour = 50" in text
     assert "undecided" in text
-    assert "dominated by" in text
+    assert "dominated" in text
     assert "0 / 10" in text
     assert "family of all 6 of this comparison" in text
     assert max(len(line) for line in text.splitlines()) <= 120

@@ -112,8 +112,8 @@ def test_a_strategy_that_fell_back_is_named() -> None:
     arm = replace(CALM, fallback=proportion(208, 414))
     run = run_of(only=summary(5.0, av=arm))
     (line,) = hour_lines(run)[1:]
-    assert line.startswith("AV's arm: gap_yield fell back on ")
-    assert "in 50 % of the passages that met someone" in line
+    assert line.startswith("AV's arm: ")
+    assert "drove 50 % of the passages that met someone, for which gap_yield has no" in line
     (table,) = hour_tables(run)
     assert "passages driven by the strategy's fallback" in [row[0].text for row in table.rows]
     few = run_of(only=summary(5.0, av=replace(CALM, fallback=proportion(100, 414))))

@@ -1,6 +1,7 @@
 """Results that once looked calm and were not: each says so first, in words, in CSV and in JSON."""
 
 import csv
+import html
 import json
 import re
 from pathlib import Path
@@ -13,10 +14,12 @@ from harness.encounter import Observation
 from harness.errors import InputError
 from harness.interaction import InteractionModel
 from harness.report.page import write_report
-from harness.report.sweep_tables import sweep_tables
-from harness.report.terminal import print_run, run_document
-from harness.report.words import knowledge_lines
+from harness.report.result_screen import screen_of
+from harness.report.run_document import run_document
+from harness.report.screen import screen_lines
+from harness.report.terminal import print_run
 from harness.results import summaries
+from harness.runs.reported import knowledge_lines, reported
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision
 from harness.workers.tasks import Task
@@ -34,8 +37,9 @@ class Told:
         import harness.report.page as page
 
         capsys.readouterr()
-        print_run(run)
+        print_run(run, full=True)
         self.text = " ".join(capsys.readouterr().out.split())
+        self.screen = screen_lines(screen_of(reported(run)))
         with (run.path / "summary.csv").open(encoding="utf-8", newline="") as file:
             self.row = next(csv.DictReader(file))
         self.json: dict[str, Any] = json.loads(json.dumps(run_document(run)))
@@ -45,11 +49,17 @@ class Told:
         self.page = write_report(run).page.read_text(encoding="utf-8")
 
     def says_first(self, words: str) -> None:
-        """Before any table, wherever there is one."""
-        words = words.lower()
-        assert self.text.lower().index(words) < self.text.index("measure value")
-        assert self.page.lower().index(words) < self.page.index("<table")
-        assert any(words in caveat.lower() for caveat in self.cell["caveats"])
+        """On the first screen, on which the page begins, and in JSON."""
+        assert len(self.screen) <= 16
+        assert words in " ".join(" ".join(self.screen).replace("\n", " ").split())
+        page = html.unescape(self.page)
+        assert page.index("\n".join(self.screen)) < page.index("<table")
+        assert any(words in caveat for caveat in self.cell["caveats"])
+
+    def shows_the_worst(self, *values: str) -> None:
+        """In a row of the first screen."""
+        (row,) = [line for line in self.screen if line.startswith("worst case ")]
+        assert [value for value in values if value not in row] == []
 
     def number(self, name: str) -> float:
         """A column, the same in CSV and JSON."""
@@ -77,7 +87,7 @@ FAILED = {"ending": "engine_failed", "failed_in": "strategy", "reason": "the str
 
 def test_one_pair_is_not_1_pairs(told: Any) -> None:
     found = told(lambda _task, _pair: (9.0, 10.0), pairs=1)
-    for text in (found.text, found.page):
+    for text in ("\n".join(found.screen), found.page):
         assert "1 pair" in text
         assert not re.search(r"(?<![\d,.])1 (pairs|episodes)\b", text)
 
@@ -86,7 +96,7 @@ def test_pairs_that_were_chosen_for_their_crashes_are_no_sample(told: Any) -> No
     drawn = [{"episode": number, "quantile": [0.5], "side": [0.2]} for number in range(3)]
     found = told(lambda *_: "crashed", pairs=3, **{"pedestrians.drawn": drawn})
     assert found.number("kappa") == 1
-    found.says_first("the pairs were chosen for what happens in them")
+    found.says_first("The pairs were chosen for what happens in them")
 
 
 def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:
@@ -95,19 +105,14 @@ def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:
         return (dict(FAILED), 10.0) if pair < 18 else (nobody, nobody)
 
     found = told(fates)
-    found.says_first("18 of 40 pairs failed (strategy failed: 18, engine failed: 0)")
+    found.says_first("18 of 40 pairs failed (strategy 18, engine 0)")
     assert found.number("mu") == 1.0
     assert (found.number("failed_strategy"), found.number("failed_engine")) == (18, 0)
     assert found.number("kappa") == 0
     assert found.number("kappa_worst") == pytest.approx(18 / 40)
     # 18 arms at the time-out of 60 s against 10 s, 22 pairs alike.
     assert found.number("mu_worst") == pytest.approx((18 * 6 + 22) / 40)
-    for words in (
-        "κ, worst case 45.00 % 29.26 … 61.51 %",
-        "μ, worst case 3.2500",
-        "strategy failed: 18",
-    ):
-        assert words in found.text
+    found.shows_the_worst("crashes 18 of 40", "μ 3.250")
 
 
 class Touchy:
@@ -151,8 +156,7 @@ def test_an_own_strategy_that_is_given_the_model_is_named(tmp_path: Path) -> Non
 def test_nobody_was_met(told: Any) -> None:
     nobody = {"pass_time_s": 7.4, "pedestrians": 0, "arrivals": 0}
     found = told(lambda _task, _pair: (nobody, nobody))
-    for text in (found.text.lower(), found.page.lower(), " ".join(found.cell["caveats"])):
-        assert "no pedestrian was met: nothing was tested" in text
+    found.says_first("No pedestrian was met: nothing was tested")
     assert (found.number("met_nobody"), found.number("met_someone")) == (40, 0)
     assert found.cell["summary"]["mu_met_someone"] is None
     assert found.row["pedestrian_delay_s"] == ""
@@ -160,7 +164,7 @@ def test_nobody_was_met(told: Any) -> None:
 
 def test_nothing_ran_is_not_nobody_met(told: Any) -> None:
     found = told(lambda _task, _pair: ({**FAILED, "pedestrians": 0}, 10.0))
-    found.says_first("no episode of the AV ran to its end: nothing was tested")
+    found.says_first("No episode of the AV ran to its end: nothing was tested")
     assert found.number("met_nobody") == 0
 
 
@@ -172,9 +176,8 @@ def test_a_fallback_that_drives_has_its_name(told: Any) -> None:
     assert name in found.text
     assert name in found.page
     assert found.cell["av"] == name
-    found.says_first("soft_yield fell back on hard_yield in 100 %")
+    found.says_first("hard_yield drove 10 of 40 passages (100 % of those that met someone)")
     assert (found.number("fallbacks"), found.number("fallback_share")) == (10, 1.0)
-    assert "in 10 episodes: 100 % of those that met someone" in found.text
 
 
 def test_mu_says_which_way_it_errs(told: Any) -> None:
@@ -185,7 +188,7 @@ def test_mu_says_which_way_it_errs(told: Any) -> None:
         return 35.0 + pair % 3, {"ending": "crashed", "pass_time_ignoring_contact_s": 8.0}
 
     found = told(fates)
-    found.says_first("the AV looks faster than it is")
+    found.says_first("μ makes the AV look faster than it is")
     mu_all = sum(
         (8.0 + 0.1 * (pair % 3)) / 10 if pair % 4 else (35.0 + pair % 3) / 8 for pair in range(40)
     )
@@ -203,8 +206,8 @@ def test_the_model_was_asked_outside_its_data(told: Any) -> None:
 
     found = told(fates)
     found.says_first(
-        "the interaction model was asked outside its data in 25.00 % (AV) and 75.00 % (human) of "
-        "the cases, by up to 5.39 m/s too fast and 12 m too far"
+        "asked about vehicles outside its data in 25 % (AV) and 75 % (human_gmm) of the cases, up "
+        "to 5.39 m/s too fast and 12 m too far away"
     )
     assert (found.number("clamped_share"), found.number("clamped_share_human")) == (0.25, 0.75)
     assert found.number("clamped_speed_excess_mps") == pytest.approx(5.39)
@@ -219,7 +222,7 @@ def test_a_model_that_was_asked_within_its_data_needs_no_word(told: Any) -> None
 
 def test_half_timed_out(told: Any) -> None:
     found = told(lambda _task, pair: "timed_out" if pair % 2 else (8.0, "timed_out"))
-    found.says_first("40 of 40 pairs timed out (AV 20, human 20)")
+    found.says_first("40 of 40 pairs timed out (AV 20, human_gmm 20)")
     assert (found.number("timed_out_av"), found.number("timed_out_human")) == (20, 20)
     # A human who never passed counts as free, not as slow: 7.4 s; the AV at 60 s against 10 s.
     assert found.number("mu_worst") == pytest.approx((20 * 6 + 20 * 8 / 7.4) / 40)
@@ -267,14 +270,17 @@ def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
 
     run = made_up(tmp_path / "run", study, fates)
     text = " ".join(printed("compare", run).split())
-    words = "Cell 1: 1 of 10 pairs timed out (AV 1, human 0)"
+    words = "Cell 1: 1 of 10 pairs timed out (AV 1, human_gmm 0)"
+    assert text.index(words) < text.index("cctc: strategies")
     # Nine took 9 s, 1.6 s of it delay; the time-out is 60 s, the human takes 10 s.
     mu, delay_s = (9 * 0.9 + 6) / 10, (9 * 1.6 + 52.6) / 10
-    worst = f"the ratio of times is {mu:.4f}, μ {mu:.4f} and the AV's delay {delay_s:.2f} s"
-    assert f"in the worst case {worst}" in text
-    assert text.index(words) < text.index("cctc: strategies")
+    document = json.loads(printed("compare", run, "--json"))["groups"][0]["cells"][1]
+    for name, value in (("time_ratio", mu), ("mu", mu), ("delay_s", delay_s)):
+        assert document[name.removesuffix("_s") + "_worst" + "_s" * name.endswith("_s")] == (
+            pytest.approx(value)
+        )
     # Ten pairs are too few: the star stands at the cell's own numbers too.
-    assert f"{mu:.3f}*" in text
+    assert f"{mu:.3f} *" in text
     assert "* unreliable" in text
     assert "A − B (negative: A takes less time)" in text
 
@@ -287,12 +293,14 @@ def test_crashes_that_a_ratio_of_times_leaves_out_show_its_worst_case(tmp_path: 
 
     made_up(tmp_path / "run", study, fates)
     run = harness.load_run(tmp_path / "run")
-    table, _ = sweep_tables(run)
-    shown = [table.headings[column] for column in table.terminal or ()]
-    column = shown.index("ratio of times, worst case")
     # Five took 8 s, five count with 60 s, the human takes 10 s; nobody failed or timed out.
-    assert [row[column].text for row in table.rows] == ["0.800 *", "3.400 *"]
-    assert "worst 3.40" in " ".join(printed("compare", tmp_path / "run").split())
+    lines = screen_lines(screen_of(reported(run)))
+    (heading,) = [line for line in lines if line.startswith("cell ")]
+    assert "worst" in lines[1]
+    column = heading.index("case")
+    rows = [line[column:].split()[0] for line in lines if line[:2] in ("0 ", "1 ")]
+    assert rows == ["0.800", "3.40"]
+    assert "3.400 *" in " ".join(printed("compare", tmp_path / "run").split())
     document = run_document(run)["cells"][1]["summary"]
     assert document["time_ratio"] == pytest.approx(0.8)
     assert document["time_ratio_worst"] == pytest.approx(3.4)

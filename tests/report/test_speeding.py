@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from harness.batch.experiment import run_study
+from harness.comparison import ENCOUNTERS, Rank
 from harness.encounter import Observation
-from harness.report.caveats import caveats
+from harness.runs.notes import encounter_notes
 from harness.scenario import Options
 from tests.batches import Inline, one_cell
 
@@ -39,7 +40,8 @@ def test_speeding_is_said(tmp_path: Path, limit: dict[str, object], said: str) -
     (result,) = run.results
     assert result.summary.max_speed_mps == pytest.approx(FASTEST_MPS, rel=1e-9)
     assert result.summary.max_speed_human_mps == pytest.approx(5.0, rel=1e-9)
-    lines = [line for line in caveats(result.cell.scenario, result.summary) if "drove at" in line]
-    assert [f"the AV drove at up to 15.7 m/s, {said}" in line for line in lines] == [True] * bool(
+    notes = encounter_notes(result.cell.scenario, result.findings, ENCOUNTERS)
+    lines = [note.text for note in notes if note.rank is Rank.SPEEDING]
+    assert [f"The AV drove at up to 15.7 m/s, {said}" in line for line in lines] == [True] * bool(
         said
     )

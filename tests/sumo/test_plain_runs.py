@@ -17,9 +17,9 @@ from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.one_pair import run_pair
 from harness.replay.rerun import debug
-from harness.report.words import audit_lines
 from harness.results.run_folder import RunFolder
 from harness.runs.opening import load_run
+from harness.runs.reported import audit_lines
 from harness.runs.run_data import RunData
 from harness.scenario import Options, Scenario, Study
 from harness.workers.audit import audit_of
@@ -100,7 +100,7 @@ def test_a_record_that_is_not_sumos_is_named(
     assert len(run.disagreements) == 6
     assert run.ties == ()
     assert "0 of 6 records repeated in SUMO agree" in audit_lines(run)[0]
-    assert "Cell 0 pair 0 human: pass_time_s" in audit_lines(run)[2]
+    assert "Cell 0 pair 0 human: pass_time_s" in audit_lines(run)[1]
 
 
 @pytest.mark.usefixtures("no_simulation")

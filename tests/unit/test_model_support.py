@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from harness.comparison import ENCOUNTERS
 from harness.encounter import Arm, Arrival, Side
 from harness.episode.arms import check_arms
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.errors import InputError
 from harness.interaction import Asked, check_support
 from harness.measures import Outcome
-from harness.report.caveats import caveats
 from harness.results.episode_tables import episode_rows
 from harness.results.summaries import summarise_cell
 from harness.results.tables import table_of
+from harness.runs.notes import encounter_notes
 from harness.scenario import Cell, Scenario, load_scenario
 from tests.scenes import on_plain, scenario
 
@@ -92,8 +93,8 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
     assert summary.clamped_share is not None
     assert summary.clamped_share > 0.5
     assert summary.clamped_speed_excess_mps == pytest.approx(13.89 - 8.0, abs=0.01)
-    said = " ".join(caveats(scene, summary))
-    assert "asked outside its data" in said
+    said = " ".join(note.text for note in encounter_notes(scene, summary.findings, ENCOUNTERS))
+    assert "asked about vehicles outside its data" in said
     assert "5.89 m/s too fast" in said
 
 

@@ -1,35 +1,388 @@
-"""First screens, made from findings that were written by hand."""
+"""First screens and notes, made from findings that were written by hand."""
 
-from harness.comparison.findings import Note, Rank
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from harness.comparison import ENCOUNTERS, CellFindings, Finding, Form, Note, Rank, RunFindings
+from harness.report.result_screen import screen_of
 from harness.report.screen import Screen, screen_lines
+from harness.report.tables import per_cent
+from harness.runs.notes import av_label, encounter_notes
+from harness.runs.references import agreement, disagreement, reference_lines
+from harness.runs.reported import is_the_papers, walker_lines
+from harness.scenario import load_scenario, parse_setting
 
-NOTES = tuple(
-    Note(rank, f"A sentence about {rank.name.lower()} that is as long as such a sentence can be.")
-    for rank in Rank
-)
-ROWS = tuple((f"row {number}, s", "1.0", "2.0", "3.0", "0.7") for number in range(7))
-SCREEN = Screen(
-    "name: one against another",
-    "50 pairs, seed 1",
-    ("", "AV", "b", "both", "paper"),
-    ROWS,
-    NOTES,
-    "-",
-)
+FEW = "unreliable below 1,000 informative pairs (has 50)"
+CALM: dict[str, Finding] = {
+    "time_s": Finding(8.9, 8.3, 9.8, 50),
+    "time_human_s": Finding(11.9, 11.3, 12.5, 50),
+    "time_ratio": Finding(0.75, 0.71, 0.8, 50, None, False, FEW),
+    "mu": Finding(0.755, 0.72, 0.81, 50, None, False, FEW),
+    "mu_all": Finding(0.755, 0.72, 0.81, 50),
+    "cv": Finding(0.21, 0.15, 0.29, 50, None, False, FEW),
+    "kappa": Finding(0.0, 0.0, 0.071, 50, 0),
+    "kappa_human": Finding(0.0, 0.0, 0.071, 50, 0),
+    "delay_s": Finding(1.5, 1.0, 2.0, 50),
+    "delay_human_s": Finding(4.5, 4.0, 5.0, 50),
+    "delay_difference_human_s": Finding(-3.0, -3.5, -2.2, 1_200),
+    "pedestrian_delay_s": Finding(0.0, 0.0, 0.0, 0),
+    "pedestrian_delay_human_s": Finding(0.0, 0.0, 0.0, 0),
+    "conflict_pet": Finding(0.3, 0.18, 0.45, 50, 15),
+    "conflict_pet_human": Finding(0.04, 0.005, 0.14, 50, 2),
+    "max_speed_mps": Finding(5.0),
+    "max_speed_human_mps": Finding(5.0),
+    **{
+        name: Finding(50)
+        for name in ("pairs", "met_someone", "time_ratio_pairs", "defined_pairs", "pairs_all")
+    },
+}
+"""Findings of 50 pairs in which nothing went wrong; all other counts are 0."""
 
 
-def test_notes_that_do_not_fit_share_a_line_but_no_failure_does() -> None:
-    lines = screen_lines(SCREEN)
-    assert len(lines) == 16
-    noted = [line for line in lines if line.startswith("! ")]
-    assert [line[19:40].split(" that")[0] for line in noted[:4]] == [
-        "nothing_tested",
-        "failures",
-        "time_outs",
-        "left_out",
+def findings_with(**changes: Finding) -> dict[str, Finding]:
+    """The calm findings with changes; what is in neither is undefined, or 0 if it is a count."""
+    nothing = {
+        name: Finding(0 if entry.form is Form.COUNT else None)
+        for entry in ENCOUNTERS
+        for name in filter(None, entry.names)
+    }
+    return nothing | CALM | changes
+
+
+def cell_with(
+    number: int = 0,
+    varied: dict[str, Any] | None = None,
+    settings: dict[str, Any] | None = None,
+    **changes: Finding,
+) -> CellFindings:
+    scenario, findings = load_scenario("cctc", settings or {}), findings_with(**changes)
+    return CellFindings(
+        cell=number,
+        varied=varied or {},
+        av=av_label(scenario.arms.av, findings),
+        reference=scenario.arms.human,
+        pairs=findings["pairs"].count,
+        thresholds=scenario.conflicts.model_dump(),
+        findings=findings,
+        notes=encounter_notes(scenario, findings, ENCOUNTERS),
+    )
+
+
+def run_with(*cells: CellFindings, paper: bool = False, notes: tuple[Note, ...] = ()) -> Screen:
+    return screen_of(
+        RunFindings(ENCOUNTERS, "cctc", "runs/cctc-1", "seed 1", 0.95, paper, cells, notes)
+    )
+
+
+def test_one_cell_in_100_and_in_80_columns() -> None:
+    screen = run_with(cell_with(fallbacks=Finding(5), fallback_share=Finding(0.1)), paper=True)
+    assert (
+        "\n".join(screen_lines(screen))
+        == """\
+cctc: soft_yield against human_gmm                                                  50 pairs, seed 1
+                           AV       human_gmm  AV against reference   paper, N = 50
+time to cross, s           8.9      11.9       0.75 (0.71 … 0.80)
+μ, mean ratio of times                         0.755 (0.720 … 0.810)  0.7044
+c_v, spread of that ratio                      21 % (15 … 29)         4.54 %
+crashes                    0 of 50  0 of 50    each below 7.1 %       0
+delay, s                   1.5      4.5        −3.0 (−3.5 … −2.2)
+people's wait, s           0.0      0.0
+PET below 1.5 s            30 %     4.0 %      18 … 45 / 0.50 … 14 %
+! hard_yield drove 5 of 50 passages, for which soft_yield has no answer.
+! Against human_recorded soft_yield is slower: the result depends on the reference (docs/study.md).
+! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+  (c_v).
+All measures: --full. Page: harness report runs/cctc-1"""
+    )
+    narrow = screen_lines(screen, 80)
+    assert narrow[1] == "                           AV       human_gmm  AV against reference"
+    assert narrow[9] == "paper, N = 50: μ 0.7044, c_v 4.54 %, crashes 0"
+    assert (len(narrow), max(map(len, narrow)) <= 80) == (16, True)
+
+
+def test_a_cell_in_which_much_went_wrong() -> None:
+    screen = run_with(
+        cell_with(
+            settings={"arms.av": "soft_yield", "arms.human": "own:Driver"},
+            failed=Finding(3),
+            failed_strategy=Finding(2),
+            failed_engine=Finding(1),
+            timed_out=Finding(4),
+            timed_out_av=Finding(4),
+            kappa=Finding(0.0426, 0.005, 0.145, 47, 2),
+            kappa_human=Finding(0.02, 0.001, 0.106, 50, 1),
+            kappa_worst=Finding(0.18, 0.086, 0.314, 50, 9),
+            time_ratio_pairs=Finding(45),
+            time_ratio_worst=Finding(1.7, 1.2, 2.4, 50),
+            mu_worst=Finding(1.9, 1.3, 2.7, 50),
+            defined_pairs=Finding(40),
+            mu_all=Finding(0.9, 0.82, 1.0, 45),
+            pedestrian_delay_s=Finding(None, reason="nobody arrived"),
+            pedestrian_delay_human_s=Finding(None, reason="nobody arrived"),
+            fallbacks=Finding(30),
+            fallback_share=Finding(0.6),
+            max_speed_mps=Finding(15.7),
+            clamped_share=Finding(0.25),
+            clamped_share_human=Finding(0.75),
+            clamped_speed_excess_mps=Finding(5.39),
+        )
+    )
+    assert (
+        "\n".join(screen_lines(replace(screen, most_lines=None)))
+        == """\
+cctc: soft_yield (hard_yield in 60 %) against own:Driver                            50 pairs, seed 1
+                           AV       own:Driver  AV against reference
+time to cross, s           8.9      11.9        0.75 (0.71 … 0.80)
+μ, mean ratio of times                          0.755 (0.720 … 0.810)
+c_v, spread of that ratio                       21 % (15 … 29)
+crashes                    2 of 47  1 of 50     0.50 … 14.5 / 0.10 … 10.6 %
+delay, s                   1.5      4.5         −3.0 (−3.5 … −2.2)
+people's wait, s           –        –
+PET below 1.5 s            30 %     4.0 %       18 … 45 / 0.50 … 14 %
+worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900
+! 3 of 50 pairs failed (strategy 2, engine 1); of the rows only the worst case counts them.
+! 4 of 50 pairs timed out (AV 4, own:Driver 0): the ratio of times counts them with the time-out, μ,
+  c_v and the delays leave them out.
+! Crashes (AV 2, own:Driver 1) leave pairs out: the ratio of times holds for 45 of 50 pairs, μ and
+  c_v for 40.
+! μ makes the AV look faster than it is: over all pairs, where a own:Driver who crashed counts as if
+  they had driven on, it is 0.900 (0.820 … 1.000).
+! Undefined: people's wait (nobody arrived).
+! hard_yield drove 30 of 50 passages (60 % of those that met someone), for which soft_yield has no
+  answer.
+! The AV drove at up to 15.7 m/s, above v0 of 5 m/s, and saves time by speeding.
+! The interaction model was asked about vehicles outside its data in 25 % (AV) and 75 % (own:Driver)
+  of the cases, up to 5.39 m/s too fast, and answered for the nearest it knows.
+! How human own:Driver drives was not measured (harness validate).
+! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+  (c_v).
+All measures: --full. Page: harness report runs/cctc-1"""
+    )
+    # Beyond 16 lines the last notes share one; no failure does.
+    lines = screen_lines(screen)
+    assert lines[:13] == screen_lines(replace(screen, most_lines=None))[:13]
+    assert lines[13:] == [
+        "! More to know (--full): pairs left out, undefined numbers, the fallback, speeding, "
+        "the model's",
+        "  range, the reference, few pairs.",
+        "All measures: --full. Page: harness report runs/cctc-1",
     ]
-    assert noted[-1].startswith("! More to know, shown by --full: ")
-    assert noted[-1].endswith("the reference, few pairs.")
-    # Where failures and what was left out do not fit either, they stand there all the same.
-    many = screen_lines(Screen(*(SCREEN.title, "", ("", "AV"), ROWS * 3, NOTES, "-")), 40)
-    assert sum("left_out" in line for line in many) == 1
+
+
+def test_a_sweep_has_a_row_for_each_cell() -> None:
+    crashed = cell_with(
+        1,
+        {"arms.av": "constant_speed"},
+        {"arms.av": "constant_speed"},
+        kappa=Finding(0.1, 0.033, 0.218, 50, 5),
+        time_ratio_pairs=Finding(45),
+        defined_pairs=Finding(45),
+        time_ratio_worst=Finding(3.4, 2.4, 4.4, 50),
+    )
+    calm = cell_with(0, {"arms.av": "soft_yield"})
+    note = Note(Rank.FAILURES, "2 of 9 records differ.")
+    assert (
+        "\n".join(screen_lines(run_with(calm, crashed, notes=(note,))))
+        == """\
+cctc: 2 cells; two numbers are the AV's / the reference's                      50 pairs each, seed 1
+                                          worst                                   people's
+cell  av              ratio of times      case   μ      c_v   crashes  delay, s   wait, s
+0     soft_yield      0.75 (0.71 … 0.80)         0.755  21 %  0 / 0    1.5 / 4.5  0.0 / 0.0
+1     constant_speed  0.75 (0.71 … 0.80)  3.40   0.755  21 %  5 / 0    1.5 / 4.5  0.0 / 0.0
+Not shown here: PET below 1.5 s.
+! 2 of 9 records differ.
+! Cell 1: Crashes (AV 5, human_gmm 0) leave pairs out: the ratio of times holds for 45 of 50 pairs,
+  μ and c_v for 45.
+! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
+  (docs/study.md).
+! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+  (c_v).
+All measures: --full. Page: harness report runs/cctc-1"""
+    )
+    # What does not fit is named; the number of pairs is that of a cell where it differs.
+    longer = cell_with(1, {"arms.av": "hard_yield"}, {"arms.av": "hard_yield"}, pairs=Finding(90))
+    narrow = screen_lines(run_with(calm, longer), 60)
+    assert narrow[2:6] == [
+        "cell  av          pairs  ratio of times      μ      c_v",
+        "0     soft_yield  50     0.75 (0.71 … 0.80)  0.755  21 %",
+        "1     hard_yield  90     0.75 (0.71 … 0.80)  0.755  21 %",
+        "Not shown here: crashes; delay, s; people's wait, s; PET",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("changes", "settings", "rank", "text"),
+    [
+        (
+            {"met_nobody": Finding(50)},
+            {},
+            Rank.NOTHING_TESTED,
+            "No pedestrian was met: nothing was",
+        ),
+        (
+            {"failed_av": Finding(50), "met_nobody": Finding(0)},
+            {},
+            Rank.NOTHING_TESTED,
+            "No episode of the AV ran to its end: nothing was tested.",
+        ),
+        (
+            {},
+            {
+                "pedestrians.drawn": [{"episode": 1, "quantile": [0.5], "side": [0.2]}],
+                "experiment.pairs": 1,
+            },
+            Rank.NOTHING_TESTED,
+            "The pairs were chosen for what happens in them (pedestrians.drawn), so no number",
+        ),
+        (
+            {"mu": Finding(1.2), "mu_all": Finding(0.9, 0.8, 1.0, 50)},
+            {},
+            Rank.LEFT_OUT,
+            "μ makes the AV look slower than it is: ",
+        ),
+        (
+            {"max_speed_human_mps": Finding(14.2)},
+            {"crossing.road_speed_limit_mps": 13.9},
+            Rank.SPEEDING,
+            "human_gmm drove at up to 14.2 m/s, above the road's limit of 13.9 m/s",
+        ),
+        (
+            {"time_ratio": Finding(1.02, 0.97, 1.08, 2_000)},
+            {},
+            Rank.FEW_PAIRS,
+            "The interval of the ratio of times includes 1: neither is shown to be faster.",
+        ),
+        # docs/study.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
+        (
+            {"time_ratio": Finding(1.1, 1.05, 1.15, 2_000)},
+            {"arms.av": "gap_yield", "arms.human": "human_recorded"},
+            Rank.REFERENCE,
+            "Against human_gmm gap_yield is faster: the result depends on the reference",
+        ),
+    ],
+)
+def test_what_has_to_be_read_with_the_numbers(changes, settings, rank, text) -> None:
+    cell = cell_with(settings=settings, **changes)
+    (note,) = [note for note in cell.notes if note.text.startswith(text)]
+    assert note.rank is rank
+    assert [*cell.notes] == sorted(cell.notes, key=lambda note: note.rank)
+    plain = cell_with(settings={"arms.av": "gap_yield", "arms.human": "human_gmm"})
+    assert not any(note.text.startswith(text) for note in plain.notes)
+
+
+@pytest.mark.parametrize(
+    ("share", "decimals", "text"),
+    [
+        (0.05818, 1, "5.8"),
+        (0.5, 1, "50.0"),
+        (1.0, 1, "100.0"),
+        (0.0, 1, "0.0"),
+        (0.000307, 1, "0.031"),
+        (0.0099, 1, "0.99"),
+        (0.000378, 2, "0.038"),
+        (1.5e-7, 2, "0.000015"),
+        (0.0711, 2, "7.11"),
+    ],
+)
+def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) -> None:
+    assert per_cent(share, decimals) == text
+
+
+@pytest.mark.parametrize(
+    ("ratios", "text"),
+    [
+        (((0.8, 0.7, 0.9), (0.9, 0.8, 0.99)), "takes less time than every reference: "),
+        (((1.2, 1.1, 1.3), (1.5, 1.4, 1.6)), "takes more time than every reference: "),
+        (((1.0, 0.9, 1.1), (0.9, 0.7, 1.2)), "Against no reference is the AV shown to be faster"),
+        (((0.8, 0.7, 0.9), (1.2, 1.1, 1.3)), "than a human depends on the reference: "),
+        # An interval that includes 1 says neither, and does not contradict one that excludes it.
+        (((0.8, 0.7, 0.9), (0.9, 0.8, 1.01)), "takes less time than some of the references; "),
+        (((0.8, 0.7, 0.9), (None, None, None)), "human_yield undefined"),
+    ],
+)
+def test_references_agree_where_their_intervals_lie_on_one_side(ratios: Any, text: str) -> None:
+    names = ("human_gmm", "human_yield")
+    findings = [(name, Finding(*ratio)) for name, ratio in zip(names, ratios, strict=True)]
+    assert text in agreement(findings)
+
+
+def test_only_what_was_validated_is_said_of_a_reference() -> None:
+    as_validated, changed, other = (
+        load_scenario("cctc", {"arms.human": name, **more})
+        for name, more in (
+            ("human_recorded", {}),
+            ("human_recorded", {"strategies.human_recorded.horizon_s": 1.0}),
+            ("sumo_driver", {}),
+        )
+    )
+    lines = reference_lines([as_validated, changed, other, as_validated])
+    # docs/validation.md: 85.7 % of the orders, 1.40 s, 9 of 34 passages.
+    assert "right for 86 %, its pass time was off by 1.4 s" in lines[0]
+    assert "touched somebody in 9 passages" in lines[0]
+    assert lines[1:] == [
+        f"How human {name} drives was not measured (harness validate)."
+        for name in ("human_recorded", "sumo_driver")
+    ]
+
+
+def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone() -> None:
+    def words(av: str, human: str, ratio: float, file: str = "cctc", **more: object) -> str:
+        driven = {"arms.av": av, "arms.human": human}
+        return disagreement(load_scenario(file, {**driven, **more}), ratio)
+
+    slower = "Against human_recorded gap_yield is slower: the result depends on the reference"
+    assert words("gap_yield", "human_gmm", 0.72).startswith(slower)
+    assert words("gap_yield", "human_yield", 0.96).startswith(slower)
+    assert "Against human_gmm hard_yield is faster" in words("hard_yield", "human_recorded", 1.2)
+    assert words("gap_yield", "human_gmm", 1.1) == words("gap_yield", "human_recorded", 0.7) == ""
+    assert words("gap_yield", "own.driver", 0.72) == ""
+    assert words("constant_speed", "human_gmm", 0.8) == ""
+    assert words("hard_yield", "sumo_driver", 0.8) == ""
+    gap = ("gap_yield", "human_gmm", 0.9)
+    thousand = {"pedestrians.flow_per_hour": 1000.0, "experiment.seed": 7}
+    assert words(*gap, "cctc_flow", **thousand).startswith(slower)
+    # docs/study.md has these alone: at another site, or with other parameters, nothing is known.
+    assert words("hard_yield", "human_recorded", 1.2, "cctc_flow") == ""
+    for other in (
+        {"crossing.length_m": 12.0},
+        {"ego.initial_speed_mps": 6.0},
+        {"strategies.gap_yield.critical_gap_s": 1.0},
+        {"pedestrians.flow_per_hour": 400.0},
+        {"perception.dropout_probability": 0.1},
+    ):
+        assert words(*gap, "cctc_flow", **other) == "", other
+
+
+@pytest.mark.parametrize(
+    ("setting", "papers"),
+    [
+        ("experiment.pairs=2000", True),
+        ("model.name=dut-k10", True),
+        ("ego.initial_speed_mps=6", False),
+        ("arms.av=hard_yield", False),
+        ("crossing.oncoming_lanes=0", False),
+        ("strategies.soft_yield.time_margin_s=0", True),
+        ("strategies.soft_yield.time_margin_s=1", False),
+        ("strategies.human_gmm.reading=marginal", False),
+        ("pedestrians.behaviour=reactive", False),
+        ("pedestrians.max_count=2", False),
+    ],
+)
+def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
+    setting: str, papers: bool
+) -> None:
+    assert is_the_papers(load_scenario("cctc", [parse_setting(setting)])) is papers
+
+
+@pytest.mark.parametrize(
+    ("setting", "drawn"),
+    [
+        ("experiment.pairs=20", True),
+        ("model.pedestrian_reading=unconditional", False),
+        ("model.name=dut-k10", False),
+    ],
+)
+def test_walking_speeds_of_dut_are_said_to_hardly_depend_on_the_car(setting, drawn) -> None:
+    assert bool(walker_lines([load_scenario("cctc", [parse_setting(setting)])])) is drawn

@@ -1,0 +1,69 @@
+"""The findings of a run as the JSON document of ``harness run --json``."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from harness.comparison import ENCOUNTERS, CellFindings, row_of
+from harness.results.hour_summaries import hours_row
+from harness.results.measure_tables import conflict_row
+from harness.runs.reported import reported
+from harness.runs.run_data import CellResult, RunData
+from harness.runs.targets import missed_targets
+from harness.workers.tasks import Failure
+
+SCHEMA = 2
+"""Number of the document's layout; 2 is the first that has ``findings``."""
+
+Document = Mapping[str, object]
+
+
+def run_document(run: RunData) -> Document:
+    """The document that ``--json`` prints."""
+    return {
+        "schema": SCHEMA,
+        "folder": str(run.path),
+        "engine": run.engine,
+        "audit": _audit(run),
+        "cells": _cells(run),
+        "missed_targets": [asdict(missed) for missed in missed_targets(run)],
+        "failures": _records(run.failures, "reason"),
+    }
+
+
+def _cells(run: RunData) -> list[Document]:
+    if run.in_traffic:
+        return [
+            {"varied": dict(cell.varied), "summary": hours_row(summary)}
+            for cell, summary in run.hour_results
+        ]
+    findings = reported(run)
+    return [_cell(cell, result) for cell, result in zip(findings.cells, run.results, strict=True)]
+
+
+def _cell(cell: CellFindings, result: CellResult) -> Document:
+    return {
+        "varied": dict(cell.varied),
+        "av": cell.av,
+        "caveats": [note.text for note in cell.notes],
+        "summary": row_of(ENCOUNTERS, cell.findings),
+        "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
+        "conflicts": [conflict_row(rate) for rate in result.conflicts],
+        "indicative": [name for name, of in cell.findings.items() if not of.reliable],
+    }
+
+
+def _audit(run: RunData) -> Document | None:
+    """The part of a plain engine's run that was repeated in SUMO; None for a run in SUMO."""
+    if run.engine == "sumo":
+        return None
+    return {
+        "share": run.manifest["audit"],
+        "records": len(run.audited),
+        "differ": _records(run.disagreements, "difference"),
+        "ties": _records(run.ties, "difference"),
+    }
+
+
+def _records(records: Sequence[Failure], last: str) -> list[Document]:
+    names = ("cell", "pair", "arm", last)
+    return [dict(zip(names, record, strict=True)) for record in records]
