@@ -431,12 +431,12 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     ),
     Entry(
         "clamped_share",
-        "questions outside the interaction model's box",
+        "questions to the model outside its box",
         "Share of the arm's questions to the interaction model about a vehicle that was faster or "
         "farther away than its box.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.clamped_share(arm),
-        undefined="the interaction model was not asked",
+        undefined="the model was not asked",
     ),
     Entry(
         "clamped_speed_excess_mps",
