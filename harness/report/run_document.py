@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from harness.comparison import ENCOUNTERS, CellFindings, row_of
-from harness.results.hour_summaries import hours_row
 from harness.results.measure_tables import conflict_row
 from harness.runs.reported import reported
 from harness.runs.run_data import CellResult, RunData
@@ -33,8 +32,12 @@ def run_document(run: RunData) -> Document:
 def _cells(run: RunData) -> list[Document]:
     if run.in_traffic:
         return [
-            {"varied": dict(cell.varied), "summary": hours_row(summary)}
-            for cell, summary in run.hour_results
+            {
+                "varied": dict(result.cell.varied),
+                "summary": row_of(run.kind.catalogue, result.findings),
+                "findings": {name: asdict(of) for name, of in result.findings.items()},
+            }
+            for result in run.results
         ]
     findings = reported(run)
     return [_cell(cell, result) for cell, result in zip(findings.cells, run.results, strict=True)]
