@@ -1,5 +1,6 @@
 """Runs single episodes of a stored run again, in a fresh SUMO with SUMO's own outputs on."""
 
+import math
 import os
 import shutil
 from collections.abc import Mapping, Sequence
@@ -9,14 +10,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from harness.encounter import Arm, Crossing
+from harness.engine.control import SumoEngine
 from harness.engine.installation import check_packages
+from harness.engine.road import SumoRoad
 from harness.engine.shared import close_engine, engine_for, following_of, road_for
 from harness.episode.pairing import PairRunner
 from harness.errors import HarnessError, InputError
 from harness.interaction import InteractionModel
 from harness.measures import Outcome
 from harness.network import network_of, place_of
-from harness.replay.stored import Rows, StoredCell, record_differences
+from harness.replay.stored import Rows, StoredCell, record_differences, run_arm
 from harness.scenario import Cell, EngineName, Scenario, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.traffic.pairing import HourOutcome, HourRunner
@@ -208,55 +211,28 @@ def repetition(
 
 def run_again(job: Repetition) -> Repeated:
     """Run an episode, or one arm of an hour, in a fresh SUMO, in this process."""
+    from harness.engine.sumo import libsumo_engine, libsumo_road
+
     close_engine()
-    in_traffic = job.cell.scenario.traffic is not None
-    outcome = _hour(job) if in_traffic else _episode(job)
+    scenario = job.cell.scenario
+    place = place_of(scenario), scenario.vehicle(), _with_speed_limit(scenario)
+    step_s = scenario.experiment.step_s
+    hours = scenario.traffic is not None
+    limit_s = math.inf if hours else scenario.experiment.decide_limit_s
+    with watchdog(job.hang_after_s, job.stack_file, limit_s) as watch:
+        engine: SumoEngine | SumoRoad
+        if hours:
+            period = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _HOUR_PERIOD_S)
+            outputs = {**_files(HOUR_FILES, job.folder), **_FURTHER_OPTIONS, **period}
+            detectors = job.folder / DETECTORS
+            following = following_of(scenario)
+            engine = libsumo_road(*place, step_s, following, outputs=outputs, detectors=detectors)
+        else:
+            outputs = {**_files(SUMO_FILES, job.folder), **_FURTHER_OPTIONS}
+            engine = libsumo_engine(*place, step_s, outputs=outputs)
+        outcome = run_arm(scenario, job.model, engine, job.pair, job.arm, watch.begins)
     differences = record_differences(outcome, job.cell.number, job.rows, job.engine)
     return Repeated(tuple(differences), _traceback_of(outcome))
-
-
-def _episode(job: Repetition) -> Outcome:
-    from harness.engine.sumo import libsumo_engine
-
-    scenario = job.cell.scenario
-    limit_s = scenario.experiment.decide_limit_s
-    with watchdog(job.hang_after_s, job.stack_file, limit_s) as watch:
-        engine = libsumo_engine(
-            place_of(scenario),
-            scenario.vehicle(),
-            _with_speed_limit(scenario),
-            scenario.experiment.step_s,
-            outputs={**_files(SUMO_FILES, job.folder), **_FURTHER_OPTIONS},
-        )
-        try:
-            engine.automated = job.arm is Arm.AV
-            runner = PairRunner(scenario, job.model, lambda: engine)
-            return runner.run_arm(job.pair, job.arm, watch.begins)
-        finally:
-            if not engine.closed:
-                engine.close()
-
-
-def _hour(job: Repetition) -> HourOutcome:
-    from harness.engine.sumo import libsumo_road
-
-    scenario = job.cell.scenario
-    period = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _HOUR_PERIOD_S)
-    with watchdog(job.hang_after_s, job.stack_file):
-        road = libsumo_road(
-            place_of(scenario),
-            scenario.vehicle(),
-            _with_speed_limit(scenario),
-            scenario.experiment.step_s,
-            following_of(scenario),
-            outputs={**_files(HOUR_FILES, job.folder), **_FURTHER_OPTIONS, **period},
-            detectors=job.folder / DETECTORS,
-        )
-        try:
-            return HourRunner(scenario, job.model, lambda: road).run_arm(job.pair, job.arm)
-        finally:
-            if not road.closed:
-                road.close()
 
 
 def _files(names: Mapping[str, str], folder: Path) -> dict[str, str]:

@@ -8,6 +8,9 @@ from typing import Any
 import pyarrow as pa
 
 from harness.encounter import Arm
+from harness.engine.control import SumoEngine
+from harness.engine.road import SumoRoad
+from harness.episode.pairing import Begins, PairRunner
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
@@ -18,8 +21,8 @@ from harness.results.kinds import kind_of
 from harness.results.manifest import explained
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.tables import table_of
-from harness.scenario import Cell, EngineName, study_from
-from harness.traffic.pairing import HourOutcome
+from harness.scenario import Cell, EngineName, Scenario, study_from
+from harness.traffic.pairing import HourOutcome, HourRunner
 
 Row = dict[str, Any]
 Rows = dict[str, list[Row]]
@@ -72,6 +75,25 @@ class StoredCell:
     def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
         """The same, led by what is no longer as it was in the run: its strategy, say."""
         return explained(differences, self._document, self.cell.scenario, self.model)
+
+
+def run_arm(
+    scenario: Scenario,
+    model: InteractionModel,
+    engine: SumoEngine | SumoRoad,
+    pair: int,
+    arm: Arm,
+    begins: Begins = lambda _pair, _arm, _episode: None,
+) -> Outcome | HourOutcome:
+    """Run one arm of a pair on an open engine, or of an hour on an open road; it is then closed."""
+    try:
+        if isinstance(engine, SumoRoad):
+            return HourRunner(scenario, model, lambda: engine).run_arm(pair, arm)
+        engine.automated = arm is Arm.AV
+        return PairRunner(scenario, model, lambda: engine).run_arm(pair, arm, begins)
+    finally:
+        if not engine.closed:
+            engine.close()
 
 
 def record_differences(

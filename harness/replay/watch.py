@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING
 from harness.encounter import Arm, Ending
 from harness.engine.installation import check_packages
 from harness.engine.shared import close_engine, following_of
-from harness.episode.pairing import PairRunner
 from harness.errors import EngineError, InputError
 from harness.measures import Outcome
 from harness.network import place_of
 from harness.replay.rerun import refuse_in_use
-from harness.replay.stored import StoredCell
-from harness.traffic.pairing import HourOutcome, HourRunner
+from harness.replay.stored import StoredCell, run_arm
+from harness.traffic.pairing import HourOutcome
 
 if TYPE_CHECKING:
     from harness.engine.traci import Gui
@@ -75,41 +74,27 @@ def watch(
             folder.mkdir(parents=True, exist_ok=True)
         gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
         try:
-            outcome = (_hour if stored.in_traffic else _episode)(stored, pair, arm, gui)
+            outcome = _watched(stored, pair, arm, gui)
         finally:
             close_engine()
         shown.append(Watched(arm, stored.differences(outcome)))
     return shown
 
 
-def _episode(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome:
-    from harness.engine.traci import gui_engine
+def _watched(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome | HourOutcome:
+    from harness.engine.traci import gui_engine, gui_road
 
     scenario = stored.cell.scenario
-    place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
-    engine = gui_engine(*place, scenario.experiment.step_s, gui)
-    engine.automated = arm is Arm.AV
-    try:
-        outcome = PairRunner(scenario, stored.model, lambda: engine).run_arm(pair, arm)
-    finally:
-        engine.close()
-    if outcome.trace.ending is Ending.ENGINE_FAILED:
-        raise EngineError(f"sumo-gui: {outcome.trace.reason}")
-    return outcome
-
-
-def _hour(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> HourOutcome:
-    from harness.engine.traci import gui_road
-
-    scenario = stored.cell.scenario
-    place = (place_of(scenario), scenario.vehicle(), scenario.crosswalk())
-    road = gui_road(*place, scenario.experiment.step_s, following_of(scenario), gui)
-    try:
-        outcome = HourRunner(scenario, stored.model, lambda: road).run_arm(pair, arm)
-    finally:
-        if not road.closed:
-            road.close()
-    if road.lost:
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+    step_s = scenario.experiment.step_s
+    if not stored.in_traffic:
+        outcome = run_arm(scenario, stored.model, gui_engine(*place, step_s, gui), pair, arm)
+        if isinstance(outcome, Outcome) and outcome.trace.ending is Ending.ENGINE_FAILED:
+            raise EngineError(f"sumo-gui: {outcome.trace.reason}")
+        return outcome
+    road = gui_road(*place, step_s, following_of(scenario), gui)
+    outcome = run_arm(scenario, stored.model, road, pair, arm)
+    if isinstance(outcome, HourOutcome) and road.lost:
         raise EngineError(f"sumo-gui: {outcome.reason}")
     return outcome
 
