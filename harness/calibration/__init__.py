@@ -2,7 +2,7 @@
 
 from harness.calibration.calibrate import Calibration, Candidate, calibrate
 from harness.calibration.card import card
-from harness.calibration.choice import CHOICES, by_bic, by_held_out, by_rule
+from harness.calibration.choice import by_bic, by_held_out, by_rule
 from harness.calibration.jobs import Settings
 from harness.calibration.sample import (
     BOX_LOWER,
@@ -23,7 +23,6 @@ from harness.calibration.scores import (
 __all__ = [
     "BOX_LOWER",
     "BOX_UPPER",
-    "CHOICES",
     "Calibration",
     "Candidate",
     "HeldOut",

@@ -1,13 +1,12 @@
 """Ways to choose the number of components K from what was fitted."""
 
 from collections.abc import Mapping
-from typing import Literal, get_args
+from typing import Literal
 
 from harness.calibration.scores import HeldOut
 from harness.errors import InputError
 
 Choice = Literal["bic", "rule", "held-out"]
-CHOICES: tuple[Choice, ...] = get_args(Choice)
 
 RULE_SHARE = 0.10
 """The paper stops where a further component changes BIC by less than this."""

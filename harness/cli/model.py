@@ -5,15 +5,15 @@ What a command needs is imported when it is called.
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from harness.cli import model_options
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
-from harness.cli.output import print_json, print_line, progress_bar
-from harness.errors import InputError, unknown_name
+from harness.cli.output import emit, progress_bar
+from harness.errors import InputError
 
 if TYPE_CHECKING:
     from harness.trajectories import Extraction
@@ -74,12 +74,14 @@ def extract(
 
             figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
-    if as_json:
-        print_json({"out": str(out), "figures": [str(path) for path in figures], **summary})
-    elif quiet:
-        print_line(str(out))
-    else:
-        print_extraction(summary, out, figures)
+    document = {"out": str(out), "figures": [str(path) for path in figures], **summary}
+    emit(
+        document,
+        [out],
+        lambda: print_extraction(summary, out, figures),
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def fit(
@@ -91,11 +93,11 @@ def fit(
         str, typer.Option(help="Numbers of components: 1..20, 10 (the paper's), or 2,5,10.")
     ] = "1..20",
     choose: Annotated[
-        str,
-        typer.Option(help="How K is chosen among them: held-out, bic, or rule (the paper's)."),
+        Literal["held-out", "bic", "rule"],
+        typer.Option(help="How K is chosen among them; rule is the paper's."),
     ] = "held-out",
     weigh: Annotated[
-        str, typer.Option(help="What counts the same: every row, encounter or vehicle.")
+        Literal["row", "encounter", "vehicle"], typer.Option(help="Which of these count the same.")
     ] = "encounter",
     bounds: Annotated[
         list[str] | None,
@@ -141,8 +143,6 @@ def fit(
     from harness.report.model_terminal import fit_document, print_fit
     from harness.workers.pool import default_workers
 
-    if choose not in calibration.CHOICES:
-        raise unknown_name("--choose", "choice", choose, calibration.CHOICES)
     file = calibration.read_rows(rows)
     sample = calibration.make_sample(
         file.rows, weigh=weigh, lower=box[0], upper=box[1], strict=strict
@@ -161,12 +161,8 @@ def fit(
     card = calibration.card(sample, settings, fitted, file, shlex.join(command), state)
     with unwinding():
         model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
-    if as_json:
-        print_json(fit_document(model, out))
-    elif quiet:
-        print_line(str(out))
-    else:
-        print_fit(model, out)
+    document = fit_document(model, out)
+    emit(document, [out], lambda: print_fit(model, out), quiet=quiet, as_json=as_json)
 
 
 def show(
@@ -204,12 +200,13 @@ def show(
             sample = make_sample(table, weigh=weigh, lower=lower, upper=upper)
         with unwinding():
             figures = plot_model(loaded, sample, plots)
-    if as_json:
-        print_json({**model_document(loaded), "figures": [str(path) for path in figures]})
-    elif quiet:
-        print_line("\n".join(str(path) for path in figures) or loaded.name)
-    else:
-        print_model(loaded, figures)
+    emit(
+        lambda: {**model_document(loaded), "figures": [str(path) for path in figures]},
+        figures or [loaded.name],
+        lambda: print_model(loaded, figures),
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def _most_frequent(extraction: "Extraction") -> str:
