@@ -13,7 +13,6 @@ from harness.network import place_of
 from harness.report import style
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.hour_pictures import hour_pictures
-from harness.report.hour_words import hour_lines, hour_tables
 from harness.report.pictures import pictures_of
 from harness.report.player import run_player
 from harness.report.plots import save
@@ -124,7 +123,6 @@ def _context(run: RunData) -> dict[str, Any]:
         "unfinished": _unfinished(run),
         "opening": list(_opening(run)),
         "screen": screen,
-        "caveats": hour_lines(run) if run.in_traffic else [],
         "tables": [*compared_tables, *results],
         "remarks": [
             *dict.fromkeys(
@@ -145,13 +143,12 @@ def _context(run: RunData) -> dict[str, Any]:
 
 def _results(run: RunData) -> tuple[list[str], list[Table]]:
     """The first screen, and the tables of everything, folded."""
-    if run.in_traffic:
-        return [], hour_tables(run)
     findings = reported(run)
     screen = screen_lines(screen_of(findings))
     if run.varied_keys:
         return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
-    return screen, [*full_tables(findings), statistics_table(run)]
+    statistics = [] if run.in_traffic else [statistics_table(run)]
+    return screen, [*full_tables(findings), *statistics]
 
 
 def _unfinished(run: RunData) -> str:

@@ -8,22 +8,18 @@ from harness.report.comparison_tables import (
     comparison_tables,
 )
 from harness.report.console import make_console, print_table
-from harness.report.hour_words import hour_lines, hour_tables
 from harness.report.result_screen import screen_of
 from harness.report.result_tables import full_tables
 from harness.report.screen import Screen, screen_lines
 from harness.runs.comparisons import RunComparison
 from harness.runs.references import reference_lines
-from harness.runs.reported import audit_lines, remarks, reported
+from harness.runs.reported import remarks, reported
 from harness.runs.run_data import RunData
 
 
 def print_run(run: RunData, full: bool = False) -> None:
     """Print the first screen of a run; with ``full`` every number and remark after it."""
     console = make_console()
-    if run.in_traffic:
-        _print_hours(run, console)
-        return
     findings = reported(run)
     print_screen(console, screen_of(findings))
     if full:
@@ -37,17 +33,6 @@ def print_screen(console: Console, screen: Screen) -> None:
     """Print a first screen, as wide as the terminal allows."""
     for line in screen_lines(screen, console.width):
         console.print(line, soft_wrap=True)
-
-
-def _print_hours(run: RunData, console: Console) -> None:
-    # A road that has broken down, too, is said before any number of it.
-    for line in hour_lines(run):
-        console.print(line)
-    for table in hour_tables(run):
-        print_table(console, table)
-    for line in (*reference_lines(cell.scenario for cell in run.study.cells), *audit_lines(run)):
-        console.print(line)
-    console.print(f"Run folder: {run.path}", soft_wrap=True)
 
 
 def print_comparison(result: RunComparison) -> None:

@@ -262,11 +262,11 @@ def _hour_notes_of_arm(
     def note(rank: Rank, text: str) -> None:
         notes.append(Note(rank, f"{who}: {text}"))
 
-    if findings[f"kappa{end}"].events:
+    if crashes := findings[f"kappa{end}"].events:
         note(
             Rank.LEFT_OUT,
-            "traffic went on after each crash as if nobody had been hit, so no delay has what a "
-            "crash costs.",
+            f"{crashes:,} of {_counted(findings[f'kappa{end}'].n or 0, 'vehicle')} crashed, and "
+            "traffic went on as if nobody had been hit, so no delay has what a crash costs.",
         )
     if count := findings[f"not_through{end}"].count:
         note(

@@ -1,12 +1,13 @@
 """What a run reports: from a run folder to its findings, with the notes about the whole."""
 
 from harness.comparison import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
+from harness.results.hour_catalogue import HOURS
 from harness.runs.model_use import given_the_model
-from harness.runs.notes import av_label, encounter_notes
+from harness.runs.notes import av_label, encounter_notes, hour_notes
 from harness.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.runs.run_data import CellResult, RunData
 from harness.runs.targets import missed_targets
-from harness.scenario import Scenario
+from harness.scenario import Scenario, as_written
 from harness.workers.tasks import Failure
 
 PAPER_REMARK = (
@@ -22,14 +23,14 @@ _NAMED = 8
 
 
 def reported(run: RunData) -> RunFindings:
-    """The findings of a run of encounters, finished or not."""
+    """The findings of a run, finished or not."""
     return RunFindings(
-        catalogue=ENCOUNTERS,
+        catalogue=run.kind.catalogue,
         name=run.name,
         folder=str(run.path),
-        scope=", ".join([f"seed {run.manifest['seed']}", *_audit_scope(run)]),
+        scope=", ".join([*_who_comes(run), f"seed {run.manifest['seed']}", *_audit_scope(run)]),
         confidence=run.confidence,
-        paper=not run.varied_keys and is_the_papers(run.scenario),
+        paper=not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario),
         cells=tuple(map(_cell_findings, run.results)),
         notes=tuple(_run_notes(run)),
     )
@@ -38,6 +39,10 @@ def reported(run: RunData) -> RunFindings:
 def _cell_findings(result: CellResult) -> CellFindings:
     cell, findings = result.cell, result.findings
     scenario = cell.scenario
+    if scenario.traffic is None:
+        notes = encounter_notes(scenario, findings, ENCOUNTERS)
+    else:
+        notes = hour_notes(scenario, findings, HOURS)
     return CellFindings(
         cell=cell.number,
         varied=cell.varied,
@@ -46,8 +51,32 @@ def _cell_findings(result: CellResult) -> CellFindings:
         pairs=findings["pairs"].count,
         thresholds=scenario.conflicts.model_dump(),
         findings=findings,
-        notes=encounter_notes(scenario, findings, ENCOUNTERS),
+        notes=notes,
     )
+
+
+def _who_comes(run: RunData) -> list[str]:
+    """Flows and share of AVs in hours of traffic; what differs between cells is varied."""
+    if not run.in_traffic:
+        return []
+    scenarios = [cell.scenario for cell in run.study.cells]
+
+    def common(texts: list[str]) -> str:
+        return texts[0] if len({*texts}) == 1 else "a varied number of"
+
+    traffic = [scenario.known_traffic for scenario in scenarios]
+    shares = {f"{100 * section.av_share:.4g} %" for section in traffic}
+    vehicles = common(
+        [
+            "queued"
+            if section.saturated
+            else f"{as_written(section.flow_per_hour)} + {as_written(section.oncoming_per_hour)}"
+            for section in traffic
+        ]
+    )
+    people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
+    share = shares.pop() if len(shares) == 1 else "a varied share of"
+    return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
 
 
 def is_the_papers(scenario: Scenario) -> bool:

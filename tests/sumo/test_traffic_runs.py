@@ -22,10 +22,10 @@ from harness.encounter import Arm
 from harness.errors import InputError, InterruptedRunError
 from harness.replay.rerun import replay
 from harness.report.hour_figures import _is_automated, time_space
-from harness.report.hour_words import hour_lines
 from harness.report.page import write_report
 from harness.report.player import run_player
 from harness.results.tables import HOUR_TABLES
+from harness.runs.reported import reported
 from harness.runs.shown import shown_pairs
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.traffic.lanes import lanes_of
@@ -451,7 +451,9 @@ def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> 
     run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
     hit = int(run.passages[run.passages["arm"] == "av"]["contact"].notna().sum())
     assert hit > 0, "or there is nothing to say"
-    first = hour_lines(run)[1]
-    assert first.startswith(f"Crashes (AV's arm) in {hit} of ")
-    assert "no delay has what a crash costs" in first
-    assert not any("Crashes" in line for line in hour_lines(harness.load_run(runs[0])))
+    (cell,) = reported(run).cells
+    (note,) = [note.text for note in cell.notes if "crashed" in note.text]
+    assert note.startswith(f"AV's arm: {hit} of ")
+    assert "no delay has what a crash costs" in note
+    (calm,) = reported(harness.load_run(runs[0])).cells
+    assert not any("crashed" in note.text for note in calm.notes)

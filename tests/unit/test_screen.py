@@ -9,7 +9,8 @@ from harness.comparison import ENCOUNTERS, CellFindings, Finding, Form, Note, Ra
 from harness.report.result_screen import screen_of
 from harness.report.screen import Screen, screen_lines
 from harness.report.tables import per_cent
-from harness.runs.notes import av_label, encounter_notes
+from harness.results.hour_catalogue import HOURS
+from harness.runs.notes import av_label, encounter_notes, hour_notes
 from harness.runs.references import agreement, disagreement, reference_lines
 from harness.runs.reported import is_the_papers, walker_lines
 from harness.scenario import load_scenario, parse_setting
@@ -386,3 +387,59 @@ def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
 )
 def test_walking_speeds_of_dut_are_said_to_hardly_depend_on_the_car(setting, drawn) -> None:
     assert bool(walker_lines([load_scenario("cctc", [parse_setting(setting)])])) is drawn
+
+
+HOUR = {
+    "pairs": Finding(5),
+    "automated_delay_s": Finding(5.2, 4.1, 6.3),
+    "automated_delay_s_human": Finding(4.0, 3.1, 4.9),
+    "automated_delay_s_difference": Finding(1.2, 0.4, 2.0),
+    "kappa": Finding(0.002, 0.0, 0.007, 1_000, 2),
+    "kappa_human": Finding(0.0, 0.0, 0.004, 1_000, 0),
+}
+
+
+def hour_with(settings: dict[str, Any], **changes: Finding) -> CellFindings:
+    scenario = load_scenario("penetration", {"traffic.av_share": 0.3, **settings})
+    nothing = {
+        name: Finding(0 if entry.form is Form.COUNT else None)
+        for entry in HOURS
+        for name in filter(None, entry.names)
+    }
+    findings = nothing | HOUR | changes
+    notes = hour_notes(scenario, findings, HOURS)
+    return CellFindings(0, {}, "hard_yield", "human_yield", 5, {}, findings, notes)
+
+
+def test_hours_say_what_went_wrong_of_each_arm() -> None:
+    cell = hour_with(
+        {},
+        failed=Finding(1),
+        saturated_human=Finding(True),
+        growth_human=Finding(0.2),
+        growth_bound_human=Finding(0.08),
+        rising_s=Finding(40.0, 20.0, 60.0),
+        not_through_human=Finding(7),
+        never_went_human=Finding(3),
+        fallback_share=Finding(208 / 414),
+    )
+    run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
+    lines = screen_lines(replace(screen_of(run), most_lines=None))
+    row = next(line for line in lines if line.startswith("delay of AVs, s"))
+    assert [text.strip() for text in row.split("  ") if text][1:3] == ["5.20", "4.00"]
+    texts = [note.text for note in cell.notes]
+    assert texts[0] == "1 of 5 pairs failed; no row counts them."
+    # A fifth of the arrivals stayed on the road.
+    for text in (
+        "AV's arm: 2 of 1,000 vehicles crashed, and traffic went on as if nobody had been hit",
+        "human_yield: 7 vehicles never got through",
+        "human_yield: 3 pedestrians never got to go.",
+        "human_yield: the road was saturated. The number of vehicles on it grew by 20 % of the "
+        "arrivals (limit 5 %, chance up to 8 %)",
+        "AV's arm: the delay still grew from the first third of the hour to the last, by 40.0 "
+        "(20.0 … 60.0) s",
+        "AV's arm: its fallback drove 50 % of the passages that met someone",
+    ):
+        assert [found for found in texts if found.startswith(text)], text
+    calm = hour_with({}, kappa=Finding(0.0, 0.0, 0.004, 1_000, 0))
+    assert calm.notes == ()
