@@ -30,7 +30,6 @@ from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
 from harness.results.episode_tables import episode_rows
 from harness.results.summaries import pair_columns
-from harness.results.tables import table_of
 from harness.scenario import Scenario, Setting, load_scenario
 
 SWEPT = 8
@@ -48,7 +47,7 @@ def population(scenario_name: str, pairs: range, av: str | None = None) -> pa.Ta
     scenario = load_scenario(scenario_name, settings)
     model = load_model(scenario.model.name, scenario.model.path)
     runner = PairRunner(scenario, model, lambda: plain_engine(scenario))
-    return table_of("episodes", episode_rows(0, runner.run(pairs)))
+    return episode_rows(0, runner.run(pairs))
 
 
 def plain_engine(scenario: Scenario) -> PlainEngine:

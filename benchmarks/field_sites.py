@@ -54,7 +54,7 @@ def predicted(job: tuple[dict[str, str], int, list[Setting]]) -> tuple[float, fl
     waits: list[float] = []
     for pair in range(hours):
         rows = hour_rows(0, [runner.run_arm(pair, Arm.HUMAN)])
-        waits += [wait for wait in rows["pedestrians"]["delay_s"] if wait is not None]
+        waits += [wait for wait in rows["pedestrians"]["delay_s"].to_pylist() if wait is not None]
     error = float(np.std(waits, ddof=1) / np.sqrt(len(waits))) if len(waits) > 1 else float("nan")
     return float(np.mean(waits)), error, len(waits)
 

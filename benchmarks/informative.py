@@ -29,7 +29,6 @@ from harness.episode.pairing import PairRunner
 from harness.interaction import load_model
 from harness.results.episode_tables import episode_rows
 from harness.results.summaries import pair_columns
-from harness.results.tables import table_of
 from harness.scenario import Scenario, Setting, load_scenario
 
 EMPTIEST = 2
@@ -59,7 +58,7 @@ def episodes(scenario: Scenario, pairs: list[int]) -> pa.Table:
     """The ``episodes`` of these pairs."""
     model = load_model(scenario.model.name, scenario.model.path)
     runner = PairRunner(scenario, model, lambda: plain_engine(scenario))
-    return table_of("episodes", episode_rows(0, runner.run(pairs)))
+    return episode_rows(0, runner.run(pairs))
 
 
 def simulate(scenario: Scenario, pairs: list[int], workers: int) -> PairColumns:

@@ -21,7 +21,6 @@ from harness.episode.pairing import PairRunner
 from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome, measure
 from harness.results.episode_tables import episode_rows
-from harness.results.tables import table_of
 from harness.scenario import Scenario, Setting, load_scenario
 
 SCENARIO = "cctc"
@@ -114,7 +113,7 @@ def simulated(
         scenario = scenario_of({**settings, **reference}, seed)
         engine = plain_engine(scenario)
         outcomes = PairRunner(scenario, model, lambda engine=engine: engine).run(range(pairs))
-        table = table_of("episodes", episode_rows(0, outcomes))
+        table = episode_rows(0, outcomes)
         if human is None:
             human = table.take(np.arange(1, 2 * pairs, 2))
         found[name] = both_arms(table.take(np.arange(0, 2 * pairs, 2)), human)
@@ -146,7 +145,7 @@ def _arm(scenario: Scenario, arm: Arm, quantiles: FloatArray, sides: list[Side])
             for node, trace, record in zip(chunk, traces, measure(traces), strict=True):
                 yield Outcome(node, arm, name, record, trace)
 
-    return table_of("episodes", episode_rows(0, outcomes()))
+    return episode_rows(0, outcomes())
 
 
 def _always(speed_mps: float) -> Callable[..., float]:

@@ -17,7 +17,6 @@ from benchmarks.known_truth import columns_of, model_of
 from harness.encounter import FloatArray
 from harness.episode.pairing import PairRunner
 from harness.results.episode_tables import episode_rows
-from harness.results.tables import table_of
 from harness.scenario import Setting, load_scenario
 
 SEEDS = (101, 102)
@@ -98,7 +97,7 @@ def simulated(scenario_name: str, pairs: int, seed: int) -> Times:
         scenario = load_scenario(scenario_name, settings)
         engine = plain_engine(scenario)
         runner = PairRunner(scenario, model_of(scenario), lambda engine=engine: engine)
-        found.append(table_of("episodes", episode_rows(0, runner.run(range(pairs)))))
+        found.append(episode_rows(0, runner.run(range(pairs))))
     return times_of(*found)
 
 

@@ -29,7 +29,6 @@ from harness.motion.walking import states_at
 from harness.replay.stored import differences_of
 from harness.results.episode_tables import episode_rows
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
-from harness.results.tables import table_of
 from harness.scenario import Cell, study_from
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,
@@ -234,7 +233,7 @@ def _again(cell: Cell, pairs: Iterable[int], episodes: pa.Table) -> Iterator[Out
         stored[row["pair"], row["arm"]] = [row]
     try:
         for outcome in runner.run(pairs):
-            rows = table_of("episodes", episode_rows(cell.number, [outcome])).to_pylist()
+            rows = episode_rows(cell.number, [outcome]).to_pylist()
             key = outcome.pair, outcome.arm.value
             for difference in differences_of("episodes", rows, stored[key]):
                 sys.exit(f"pair {key[0]}, {key[1]}: {difference}")

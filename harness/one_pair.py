@@ -21,7 +21,6 @@ from harness.interaction import load_model
 from harness.measures import EpisodeRecord, Outcome
 from harness.measures.catalogue import MEASURES
 from harness.results.episode_tables import trace_rows
-from harness.results.tables import table_of
 from harness.runs.notebook import figure_html, table_html
 from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters
 
@@ -56,7 +55,7 @@ class EpisodeOutcome:
     @cached_property
     def rows(self) -> pd.DataFrame:
         """One row per step and object, as ``RunData.traces``."""
-        frame: pd.DataFrame = table_of("traces", trace_rows(0, [self.outcome])).to_pandas()
+        frame: pd.DataFrame = trace_rows(0, [self.outcome]).to_pandas()
         return frame
 
     def __repr__(self) -> str:

@@ -7,13 +7,13 @@ from typing import Any
 
 from harness.batch.experiment import run_study
 from harness.encounter import Arm
-from harness.results.tables import EPISODES, PEDESTRIANS
+from harness.results.tables import PEDESTRIANS, table_of
 from harness.scenario import Options, Study
 from harness.workers.tasks import Task, TaskResult
 
 HUMAN_S = 10.0
 FREE_S = 7.4
-NOBODY: dict[str, list[Any]] = {name: [] for name in PEDESTRIANS.names}
+NOBODY = PEDESTRIANS.empty_table()
 
 Fate = float | str | dict[str, Any]
 """Pass time in seconds, or how else the episode ended, or columns that differ from the usual."""
@@ -36,15 +36,13 @@ class MadeUp:
         return future
 
     def _result(self, task: Task) -> TaskResult:
-        rows: dict[str, list[Any]] = {name: [] for name in EPISODES.names}
+        rows = []
         for pair in range(task.first_pair, task.first_pair + task.count):
             fate = self.fates(task, pair)
             both = fate if isinstance(fate, tuple) else (fate, HUMAN_S)
             for arm, own in zip(Arm, both, strict=True):
-                known = {"pair": pair, "arm": arm.value} | _episode(task, arm, own)
-                for name, column in rows.items():
-                    column.append(known.get(name))
-        return TaskResult({"episodes": rows, "pedestrians": NOBODY})
+                rows.append({"pair": pair, "arm": arm.value} | _episode(task, arm, own))
+        return TaskResult({"episodes": table_of("episodes", rows), "pedestrians": NOBODY})
 
     def stop(self) -> None:
         """Nothing runs any more."""

@@ -177,7 +177,7 @@ class _Work:
             self.progress(done, total, f"pairs, waiting for {what}")
 
         for task, result in run_tasks(executor, tasks, self.folder.note, waits_for):
-            self.folder.write_shard(task.cell, task.first_pair, task.count, result.rows)
+            self.folder.write_shard(task.cell, task.first_pair, task.count, result.tables)
             for failure in result.failures:
                 self.folder.note("episode failed", **failure)
             self.pair_s = result.took_s / task.count

@@ -13,16 +13,15 @@ from harness.measures import measure
 from harness.results.hour_tables import passage_counts, record_row
 from harness.results.hour_traces import stored_traces
 from harness.results.reading import read_table
-from harness.results.tables import Columns, columns_of, hour_tables
+from harness.results.tables import hour_tables, table_of
 from harness.scenario import Cell
 
-Rows = dict[str, Columns]
-
 _States = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
+Tables = dict[str, pa.Table]
 
 
-def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Rows]]:
-    """All rows of a cell, pair by pair, with the measures of passages and what rests on them.
+def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:
+    """The tables of a cell, pair by pair, with the measures of passages and what rests on them.
 
     Args:
         run: a finished run of hours of traffic.
@@ -30,7 +29,7 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
         traced: whether the run kept traces; without them the measures stay as they are.
 
     Yields:
-        The first pair, how many there are, and their rows by table.
+        The first pair, how many there are, and their tables.
 
     Raises:
         InputError: a table cannot be read, or a passage has no trace.
@@ -46,10 +45,9 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
             row if row["reason"] is not None else row | _counts(cell, passages, row["arm"])
             for row in tables["hours"].to_pylist()
         ]
-        rows: Rows = {name: table.to_pydict() for name, table in tables.items()}
-        rows["passages"] = columns_of(tables["passages"].schema, passages)
-        rows["hours"] = columns_of(tables["hours"].schema, counted)
-        yield pair, 1, rows
+        tables["passages"] = table_of("passages", passages)
+        tables["hours"] = table_of("hours", counted)
+        yield pair, 1, tables
 
 
 def _counts(cell: Cell, passages: Sequence[dict[str, Any]], arm: str) -> dict[str, float | None]:

@@ -1,6 +1,6 @@
 """Recomputes a run's measures and summary from its kept traces, without simulating."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from harness.results.manifest import options_of, scored_now
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
 from harness.results.run_folder import RunFolder, claim_folder
 from harness.results.shards import DamagedShardError
-from harness.results.tables import ASKED, TABLES, encounter_tables
+from harness.results.tables import ASKED, encounter_tables, table_of
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Cell, ConflictsSection, Scenario, Setting, study_from, validate
 from harness.scenario.file import apply_setting
@@ -62,8 +62,8 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     try:
         folder.drop_shards()
         for cell in plan.study.cells:
-            for first, count, rows in _SCORERS[plan.kind.rows](run, cell, traced):
-                folder.write_shard(cell.number, first, count, rows)
+            for first, count, tables in _SCORERS[plan.kind.rows](run, cell, traced):
+                folder.write_shard(cell.number, first, count, tables)
         finish(folder, plan)
         finished = True
     except BaseException as error:
@@ -81,17 +81,18 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
 
 def _score_encounters(
     run: Path, cell: Cell, traced: bool
-) -> Iterator[tuple[int, int, dict[str, dict[str, Any]]]]:
-    """First pair, number of pairs and all rows of some pairs, one part after another."""
+) -> Iterator[tuple[int, int, dict[str, pa.Table]]]:
+    """First pair, number of pairs and tables of some pairs, one part after another."""
     audited = (run / "audit.parquet").is_file()
     names = encounter_tables(traces=traced, audit=audited)
-    # Measures are worked out anew: those added since the run need not be there.
-    tables = {name: read_table(run, name, cell.number, optional=COLUMNS) for name in names}
+    # Measures are computed again: those that are newer than the run need not be there.
+    optional = COLUMNS if traced else ()
+    tables = {name: read_table(run, name, cell.number, optional=optional) for name in names}
     pairs = _pairs(run, tables["episodes"])
     for first in range(0, pairs, _PART_PAIRS):
         last = min(first + _PART_PAIRS, pairs) - 1
         part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
-        yield first, last - first + 1, _score(run, part, cell) if traced else _all_columns(part)
+        yield first, last - first + 1, _score(run, part, cell) if traced else part
 
 
 _SCORERS = {"episodes": _score_encounters, "hours": score_hours}
@@ -128,32 +129,19 @@ def _pairs_of(table: pa.Table, first: int, last: int) -> pa.Table:
     return table.filter(pc.and_(pc.greater_equal(pair, first), pc.less_equal(pair, last)))
 
 
-def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, dict[str, Any]]:
-    """All rows of some pairs, the measures worked out anew."""
-    stored = tables["episodes"].to_pydict()
-    scored = episode_rows(cell.number, _outcomes(run, tables, cell.scenario))
-    for name in ASKED:
-        scored[name] = stored.get(name, [None] * len(stored["ending"]))
-    for row, ending in enumerate(stored["ending"]):
-        if ending == Ending.ENGINE_FAILED:
-            # There is nothing to measure where a worker died.
-            for name in stored:
-                scored[name][row] = stored[name][row]
-        elif ending == Ending.CRASHED:
-            # Kept traces end at the contact; what came after it was known to the run alone.
-            for name in {*_AFTER_CONTACT} & {*stored}:
-                scored[name][row] = stored[name][row]
-    return {**_all_columns(tables), "episodes": scored}
-
-
-def _all_columns(tables: Mapping[str, pa.Table]) -> dict[str, dict[str, Any]]:
-    """The columns of some tables, null where a run of an earlier version has none."""
-    return {
-        name: pa.concat_tables(
-            [TABLES[name].empty_table(), table], promote_options="default"
-        ).to_pydict()
-        for name, table in tables.items()
-    }
+def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, pa.Table]:
+    """The tables of some pairs, the measures worked out anew."""
+    rows = []
+    scored = episode_rows(cell.number, _outcomes(run, tables, cell.scenario)).to_pylist()
+    for old, new in zip(tables["episodes"].to_pylist(), scored, strict=True):
+        if old["ending"] == Ending.ENGINE_FAILED:
+            rows.append(old)  # there is nothing to measure where a worker died
+            continue
+        # Kept traces end at the contact; what came after it was known to the run alone.
+        crashed = old["ending"] == Ending.CRASHED
+        kept = (*ASKED, *_AFTER_CONTACT) if crashed else ASKED
+        rows.append(new | {name: old[name] for name in kept if name in old})
+    return {**tables, "episodes": table_of("episodes", rows)}
 
 
 def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Iterator[Outcome]:

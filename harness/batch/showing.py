@@ -10,7 +10,6 @@ from harness.errors import HarnessError
 from harness.files import cannot_write, write_file
 from harness.network import network_of
 from harness.results.shards import encode_shard, shard_name
-from harness.results.tables import table_of
 from harness.runs.run_data import RunData
 from harness.runs.shown import MARGIN_S, Key, missing_pairs, shown_folders, stretch_of
 from harness.scenario import hang_limit_s
@@ -79,7 +78,7 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
 
 def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
     """The tables of a pair; of an hour only the traces of what is shown of it."""
-    tables = {name: table_of(name, rows) for name, rows in result.rows.items()}
+    tables = dict(result.tables)
     if run.kind.long_pairs and "traces" in tables:
         begin_s, end_s = stretch_of(run, *key)
         times = tables["traces"]["time_s"]

@@ -15,17 +15,15 @@ BothArms = tuple[np.ndarray, np.ndarray]
 class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
-    ``time_s`` and ``delay_s`` are NaN where the arm did not cross.  ``untouched_time_s`` is the
-    pass time had nobody been touched; it is NaN where the ego never passed, and everywhere in a
-    run from before it was kept.  ``stops`` and ``stopped_s`` are NaN where the arm failed.
-    ``front`` marks contacts with the front, ``avoidable`` crashes that full braking would have
-    prevented, ``failed_strategy`` failures of the strategy.  ``met`` is the number of pedestrians
-    who stepped off.  ``arrivals`` is the number of those who arrived, ``waited_s`` the sum of
-    their waits at the kerb.  ``conditionings`` counts how often the interaction model was asked,
-    ``clamped`` how often about an ego that is faster or farther away than its box, by at most the
-    two excesses, which are NaN where that never was.  ``max_speed_mps`` is
-    the ego's largest speed.  All of these are NaN in a run from before
-    they were kept.
+    ``time_s`` and ``delay_s`` are NaN where the arm did not cross. ``untouched_time_s`` is the
+    pass time had nobody been touched; it is NaN where the ego never passed. ``stops`` and
+    ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
+    ``avoidable`` crashes that full braking would have prevented, ``failed_strategy`` failures
+    of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is the
+    number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
+    ``conditionings`` counts how often the interaction model was asked, ``clamped`` how often
+    about an ego that is faster or farther away than its box, by at most the two excesses, which
+    are NaN where that never was. ``max_speed_mps`` is the ego's largest speed.
     """
 
     time_s: BothArms

@@ -20,7 +20,6 @@ from harness.results.hour_tables import hour_rows
 from harness.results.kinds import kind_of
 from harness.results.manifest import explained
 from harness.results.reading import MANIFEST, read_finished_manifest, read_table
-from harness.results.tables import table_of
 from harness.scenario import Cell, EngineName, Scenario, study_from
 from harness.traffic.pairing import HourOutcome, HourRunner
 
@@ -114,9 +113,9 @@ def record_differences(
         engine: what moved the stored one.
     """
     if isinstance(outcome, HourOutcome):
-        columns = hour_rows(cell, [outcome])
+        tables = hour_rows(cell, [outcome])
     else:
-        columns = {
+        tables = {
             "episodes": episode_rows(cell, [outcome]),
             "pedestrians": pedestrian_rows(cell, [outcome]),
         }
@@ -124,7 +123,7 @@ def record_differences(
     unknown = ("sumo_collision",) if engine == "plain" else ()
     for name, rows in stored.items():
         known = [{key: row[key] for key in row if key not in unknown} for row in rows]
-        yield from differences_of(name, table_of(name, columns[name]).to_pylist(), known, near)
+        yield from differences_of(name, tables[name].to_pylist(), known, near)
 
 
 def differences_of(

@@ -1,23 +1,15 @@
-"""The rows of an episode in the tables of its run."""
+"""The tables of some episodes of a cell.  Columns: docs/files.md."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
 from harness.encounter import Arm, FloatArray, Side, Trace
-from harness.measures import Outcome
+from harness.measures import EpisodeRecord, Outcome
 from harness.motion.walking import cleared_s, states_at
-from harness.results.tables import (
-    AUDIT,
-    EPISODES,
-    PAIRS,
-    PEDESTRIANS,
-    TRACES,
-    Columns,
-    columns_of,
-)
+from harness.results.tables import EPISODES, Motion, table_of, traces_table
 from harness.results.walk_rows import pedestrian_row
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
@@ -28,10 +20,10 @@ def _keys(cell: int, outcome: Outcome) -> dict[str, Any]:
     return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
 
-def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
-    """Columns of ``episodes.parquet``."""
-    return columns_of(
-        EPISODES,
+def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
+    """The table ``episodes``."""
+    return table_of(
+        "episodes",
         (
             _keys(cell, outcome)
             | {"strategy": outcome.strategy}
@@ -41,10 +33,10 @@ def episode_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
     )
 
 
-def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
-    """Columns of ``pedestrians.parquet``: everyone who arrived within the record."""
-    return columns_of(
-        PEDESTRIANS,
+def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
+    """The table ``pedestrians``: everyone who arrived within the record."""
+    return table_of(
+        "pedestrians",
         (
             _keys(cell, outcome)
             | pedestrian_row(walk, cleared_s(walk, outcome.trace.crossing), outcome.record.end_s)
@@ -57,15 +49,15 @@ def pedestrian_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
 
 def audit_rows(
     cell: int, audited: Iterable[tuple[Outcome, tuple[str | None, float | None]]]
-) -> Columns:
-    """Columns of ``audit.parquet``: every episode that was repeated in SUMO, and what differs.
+) -> pa.Table:
+    """The table ``audit``: every episode that was repeated in SUMO, and what differs.
 
     Args:
         cell: its number.
         audited: the episodes, each with what differs and when a tie of its strategy made it so.
     """
-    return columns_of(
-        AUDIT,
+    return table_of(
+        "audit",
         (
             _keys(cell, outcome) | {"difference": difference, "tie_s": tie_s}
             for outcome, (difference, tie_s) in audited
@@ -73,8 +65,8 @@ def audit_rows(
     )
 
 
-def pair_rows(cell: int, episodes: pa.Table) -> Columns:
-    """Columns of ``pairs.parquet`` from the episodes of one cell."""
+def pair_rows(cell: int, episodes: pa.Table) -> pa.Table:
+    """The table ``pairs`` from the episodes of one cell."""
     times: dict[int, dict[str, float | None]] = {}
     columns = (episodes[name].to_pylist() for name in ("pair", "arm", "pass_time_s"))
     for pair, arm, time in zip(*columns, strict=True):
@@ -86,76 +78,49 @@ def pair_rows(cell: int, episodes: pa.Table) -> Columns:
         rows.append(
             {"cell": cell, "pair": pair, "av_time_s": av, "human_time_s": human, "tau": tau}
         )
-    return columns_of(PAIRS, rows)
+    return table_of("pairs", rows)
 
 
-def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> Columns:
-    """Columns of ``traces.parquet``: the ego's bumper and every pedestrian's centre.
+def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
+    """The table ``traces``: the ego's bumper and every pedestrian's centre.
 
     There is a row at each step of the record, with the acceleration of the step that begins there
     (null at the last).  A pedestrian has rows from when they stepped off until they reach the other
     kerb.  Where perception errs, ``shown-<index>`` is a pedestrian as the strategy was shown them.
     """
-    rows = columns_of(TRACES, ())
-    for outcome in outcomes:
-        trace, end_s = outcome.trace, outcome.record.end_s
-        if not len(trace.x_m):
-            continue  # failed before there was a state
-        count = outcome.record.steps + 1
-        times = np.arange(count, dtype=np.float64) * trace.step_s
-        speeds = trace.speed_mps[:count]
-        accelerations: list[float | None] = (np.diff(speeds) / trace.step_s).tolist()
-        lane = [trace.crossing.lane_centre_m] * count
-        _extend(
-            rows,
-            cell,
-            outcome,
-            "ego",
-            [
-                times.tolist(),
-                trace.x_m[:count].tolist(),
-                lane,
-                speeds.tolist(),
-                [*accelerations, None],
-            ],
-        )
-        for walk in trace.walks:
-            if walk.start_s is None or walk.start_s >= end_s:
-                continue
-            since = times[times >= walk.start_s]
-            x, y, speed, gain = states_at(walk, trace.crossing, since)
-            near = walk.arrival.side is Side.NEAR
-            on = y <= trace.crossing.length_m if near else y >= 0
-            columns = [values[on].tolist() for values in (since, x, y, speed, gain)]
-            _extend(rows, cell, outcome, f"pedestrian-{walk.arrival.index}", columns)
-        for index, columns in _shown(trace, times).items():
-            _extend(rows, cell, outcome, f"shown-{index}", columns)
-    return rows
+    return traces_table(
+        (_keys(cell, outcome), name, motion)
+        for outcome in outcomes
+        for name, motion in _motions(outcome.trace, outcome.record)
+    )
 
 
-def _shown(trace: Trace, times: FloatArray) -> dict[int, list[list[Any]]]:
-    """Columns of everyone a strategy was shown, by index, at the times when they were."""
-    columns: dict[int, list[list[Any]]] = {}
+def _motions(trace: Trace, record: EpisodeRecord) -> Iterator[tuple[str, Motion]]:
+    if not len(trace.x_m):
+        return  # failed before there was a state
+    count = record.steps + 1
+    times = np.arange(count, dtype=np.float64) * trace.step_s
+    speeds = trace.speed_mps[:count]
+    accelerations = [*(np.diff(speeds) / trace.step_s).tolist(), None]
+    lane = np.full(count, trace.crossing.lane_centre_m)
+    yield "ego", (times, trace.x_m[:count], lane, speeds, accelerations)
+    for walk in trace.walks:
+        if walk.start_s is None or walk.start_s >= record.end_s:
+            continue
+        since = times[times >= walk.start_s]
+        x, y, speed, gain = states_at(walk, trace.crossing, since)
+        on = y <= trace.crossing.length_m if walk.arrival.side is Side.NEAR else y >= 0
+        motion = tuple(values[on] for values in (since, x, y, speed, gain))
+        yield f"pedestrian-{walk.arrival.index}", motion
+    for index, states in _shown(trace, times).items():
+        yield f"shown-{index}", tuple(zip(*states, strict=True))
+
+
+def _shown(trace: Trace, times: FloatArray) -> dict[int, list[tuple[float | None, ...]]]:
+    """What a strategy was shown of everyone, by index: a state for each time when it was shown."""
+    states: dict[int, list[tuple[float | None, ...]]] = {}
     for time, views in zip(times.tolist(), trace.shown or (), strict=False):
         for view in views:
             y_m = trace.crossing.place_of(view.side, view.remaining_m)
-            values = (time, 0.0, y_m, view.speed_mps, None)
-            for column, value in zip(
-                columns.setdefault(view.index, [[] for _ in values]), values, strict=True
-            ):
-                column.append(value)
-    return columns
-
-
-def _extend(
-    rows: Columns, cell: int, outcome: Outcome, name: str, columns: list[list[Any]]
-) -> None:
-    count = len(columns[0])
-    rows["cell"] += [cell] * count
-    rows["pair"] += [outcome.pair] * count
-    rows["arm"] += [outcome.arm.value] * count
-    rows["object"] += [name] * count
-    for key, column in zip(
-        ("time_s", "x_m", "y_m", "speed_mps", "acceleration_mps2"), columns, strict=True
-    ):
-        rows[key] += column
+            states.setdefault(view.index, []).append((time, 0.0, y_m, view.speed_mps, None))
+    return states

@@ -8,12 +8,13 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from harness.comparison import CONFLICTS
 from harness.encounter import Arm, Ending, Walk
 from harness.measures import EpisodeRecord
 from harness.motion.walking import cleared_s
-from harness.results.tables import HOUR_TABLES, PASSAGES, TABLES, Columns, columns_of
+from harness.results.tables import HOUR_TABLES, PASSAGES, table_of
 from harness.results.walk_rows import pedestrian_row
 from harness.scenario import ConflictsSection
 from harness.traffic.lanes import lanes_of
@@ -25,7 +26,7 @@ MINUTE_S = 60.0
 
 _RECORD = PASSAGES.names[PASSAGES.get_field_index("ending") :]
 
-Rows = dict[str, Columns]
+Tables = dict[str, pa.Table]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,8 +39,8 @@ class _Counted:
     walks: Sequence[Walk]
 
 
-def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
-    """Columns of ``hours``, ``passages``, ``pedestrians`` and ``queues``.
+def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
+    """The tables ``hours``, ``passages``, ``pedestrians`` and ``queues``.
 
     Times are from the end of the warm-up; what was due or came before it, or after the hour, has no
     row.  A failed arm has a row in ``hours`` alone.
@@ -61,7 +62,7 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
             rows["pedestrians"].append(keys | walk_row(outcome, walk, counted.begin_s))
         for row in _queue_rows(outcome):
             rows["queues"].append(keys | row)
-    return {name: columns_of(TABLES[name], found) for name, found in rows.items()}
+    return {name: table_of(name, found) for name, found in rows.items()}
 
 
 def _counted(outcome: HourOutcome) -> _Counted:

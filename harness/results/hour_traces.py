@@ -13,8 +13,8 @@ import numpy as np
 
 from harness.encounter import Ending, FloatArray, Trace, Walk
 from harness.motion.walking import cleared_s, states_at
-from harness.results.hour_tables import Rows, walk_row
-from harness.results.tables import PEDESTRIANS, TRACES, columns_of
+from harness.results.hour_tables import Tables, walk_row
+from harness.results.tables import Motion, table_of, traces_table
 from harness.results.walk_rows import stored_walk
 from harness.scenario import Scenario
 from harness.traffic.lanes import Lane, lanes_of
@@ -27,27 +27,32 @@ _ROUNDING_S = 1e-9
 Row = Mapping[str, Any]
 
 
-def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Rows:
-    """Columns of ``traces`` and ``walks``: everyone simulated, warm-up and clearing included.
+def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
+    """The tables ``traces`` and ``walks``: everyone simulated, warm-up and clearing included.
 
     A vehicle has a row for each step from R0 until its rear has left the crosswalk, and one a
     second before and after.
     """
-    traces, walks = columns_of(TRACES, ()), list[Row]()
-    for outcome in outcomes:
-        keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
-        for name, columns in _ways(outcome):
-            count = len(columns[0])
-            values = (*([value] * count for value in keys.values()), columns[0], [name] * count)
-            for column, more in zip(traces.values(), (*values, *columns[1:]), strict=True):
-                column += more
-        begin_s = outcome.scenario.known_traffic.warm_up_s
-        walks += [keys | walk_row(outcome, walk, begin_s) for walk in outcome.log.walks]
-    return {"traces": traces, "walks": columns_of(PEDESTRIANS, walks)}
+    outcomes = [*outcomes]
+
+    def keys_of(outcome: HourOutcome) -> dict[str, Any]:
+        return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+
+    walks = [
+        keys_of(outcome) | walk_row(outcome, walk, outcome.scenario.known_traffic.warm_up_s)
+        for outcome in outcomes
+        for walk in outcome.log.walks
+    ]
+    motions = (
+        (keys_of(outcome), name, motion)
+        for outcome in outcomes
+        for name, motion in _motions(outcome)
+    )
+    return {"traces": traces_table(motions), "walks": table_of("walks", walks)}
 
 
-def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:
-    """Name, and columns from ``time_s`` on without the object, of everybody."""
+def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
+    """Name and motion of everybody."""
     step_s, begin_s = outcome.scenario.experiment.step_s, outcome.scenario.known_traffic.warm_up_s
     for passage in outcome.passages:
         columns = _vehicle(passage.vehicle, step_s, begin_s)
@@ -62,11 +67,10 @@ def _ways(outcome: HourOutcome) -> Iterator[tuple[str, list[list[Any]]]]:
         steps = np.arange(math.ceil(walk.start_s / step_s), until + 1)
         times: FloatArray = (steps * step_s).astype(np.float64)
         x, y, speed, gain = states_at(walk, crossing, times)
-        values = [column.tolist() for column in (times - begin_s, x, y, speed, gain)]
-        yield f"pedestrian-{walk.arrival.index}", values
+        yield f"pedestrian-{walk.arrival.index}", (times - begin_s, x, y, speed, gain)
 
 
-def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> list[list[Any]]:
+def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> Motion:
     lane, first = moving.plan.lane, moving.first_step
     driven: list[tuple[int, float, float]] = []
     if first is not None:
@@ -84,13 +88,13 @@ def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> list[list[An
         *[None] * (len(rows) - len(before) - len(gains)),
     ]
     sign = lane.direction.sign
-    return [
+    return (
         [step * step_s - begin_s for step, _, _ in rows],
         [sign * x for _, x, _ in rows],
         [lane.centre_m] * len(rows),
         [speed for _, _, speed in rows],
         accelerations,
-    ]
+    )
 
 
 def stored_traces(

@@ -27,13 +27,13 @@ from harness.results.hour_catalogue import HOURS
 from harness.results.hour_columns import hour_columns
 from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
 from harness.results.summaries import columns_of_cell
-from harness.results.tables import HOUR_TABLES, HOUR_TRACES, Columns, encounter_tables, hour_tables
+from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables, hour_tables
 from harness.scenario import Cell, Scenario, Study
 
 Rows = list[dict[str, Plain]]
 
-Derive = Callable[[int, pa.Table], Columns]
-"""Columns of a table from the number and the rows of a cell."""
+Derive = Callable[[int, pa.Table], pa.Table]
+"""A table from the number and the rows of a cell."""
 
 
 class Kind(Protocol):

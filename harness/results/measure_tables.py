@@ -42,15 +42,12 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
     Returns:
         ``arm, measure, defined, mean, p05, p50, p95``; failed episodes do not count, quantiles are
         interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  The
-        same with ``_met_someone``, over the pairs in which either arm met somebody.  No row for a
-        measure that the episodes have no column for (a run of an earlier version).
+        same with ``_met_someone``, over the pairs in which either arm met somebody.
     """
     rows = []
     for arm in Arm:
         own = _that_ran(episodes, arm)
         for measure in MEASURES:
-            if measure.column not in episodes.column_names:
-                continue
             values, met = _numbers(own, measure.column), _met_someone(own, episodes)
             of_met = _statistics(values[met])
             rows.append(

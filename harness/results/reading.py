@@ -40,11 +40,11 @@ class _Manifest(BaseModel):
     cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
     traces: bool
     sumo_outputs: Literal["all", "crashed"] | None
-    engine: EngineName = "sumo"
-    audit: Annotated[float, Field(ge=0, le=1)] | None = None
+    engine: EngineName
+    audit: Annotated[float, Field(ge=0, le=1)] | None
     until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
     seed: int
-    know_the_model: list[str] | None = None
+    know_the_model: list[str]
     simulated_with: _SimulatedWith
     scored_with: _ScoredWith
     counts: dict[str, int] | None
@@ -67,15 +67,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     version = document.get("schema") if isinstance(document, dict) else None
     if version != SCHEMA:
         raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
-    form = check_form(_Manifest, document, str(path))
-    # A run from before there was a choice took place in SUMO.
-    return {
-        **document,
-        "engine": form.engine,
-        "audit": form.audit,
-        "know_the_model": form.know_the_model,
-        "scenario": document["scenario"],
-    }
+    check_form(_Manifest, document, str(path))
+    checked: dict[str, Any] = document
+    return checked
 
 
 def read_finished_manifest(folder: Path) -> dict[str, Any]:
@@ -109,13 +103,13 @@ def read_table(
         name: of the table.
         cell: whose rows; None: all cells'.
         pair: likewise.
-        optional: columns of ``NEEDED`` that this reader can do without.
+        optional: columns that this reader can do without.
 
     Returns:
-        The columns that are in the file, with the types of ``TABLES``.
+        Its columns, with the types of ``TABLES``.
 
     Raises:
-        InputError: the table is missing, damaged, or lacks a column that is needed.
+        InputError: the table is missing, damaged, or lacks a column.
     """
     wanted = [(key, "=", value) for key, value in (("cell", cell), ("pair", pair))]
     filters = [condition for condition in wanted if condition[2] is not None]

@@ -8,7 +8,7 @@ fixed order and row groups: equal results are equal bytes whatever the tasks wer
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from itertools import groupby
 from pathlib import Path
@@ -30,7 +30,7 @@ from harness.results.shards import (
     shard_name,
     shards_of,
 )
-from harness.results.tables import TABLES, Columns, table_of, write_parquet
+from harness.results.tables import TABLES, write_parquet
 
 SUMO_OUTPUTS = "sumo"
 """The folder of SUMO's own outputs inside a run folder."""
@@ -87,10 +87,9 @@ class RunFolder:
         return self._shard_folder().resolve() / f"stack-{task}.txt"
 
     def write_shard(
-        self, cell: int, first: int, count: int, rows: Mapping[str, Mapping[str, Sequence[Any]]]
+        self, cell: int, first: int, count: int, tables: Mapping[str, pa.Table]
     ) -> None:
         """Keep the results of one task."""
-        tables = {name: table_of(name, columns) for name, columns in rows.items()}
         path = self._shard_folder() / shard_name(cell, first, count)
         write_file(path, encode_shard(tables))
 
@@ -135,10 +134,10 @@ class RunFolder:
             write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
 
     def finish_derived(
-        self, name: str, rows: str, derive: Callable[[int, pa.Table], Columns]
+        self, name: str, rows: str, derive: Callable[[int, pa.Table], pa.Table]
     ) -> None:
         """Write a table that follows from the rows of another one, cell by cell."""
-        parts = (table_of(name, derive(cell, table)) for cell, table in self.rows_by_cell(rows))
+        parts = (derive(cell, table) for cell, table in self.rows_by_cell(rows))
         write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
 
     def drop_shards(self) -> None:

@@ -81,12 +81,11 @@ def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str
     crashed = np.array(episodes["ending"].to_pylist()) == Ending.CRASHED
     marks = {}
     for conflict in CONFLICTS:
-        if conflict.column in episodes.column_names:
-            values = episodes[conflict.column].cast(pa.float64()).to_numpy()
-            threshold: float = getattr(thresholds, conflict.threshold)
-            # An undefined measure is NaN, which is on neither side.
-            beyond = values > threshold if conflict.above else values < threshold
-            marks[conflict.name] = ((beyond | crashed)[::2], (beyond | crashed)[1::2])
+        values = episodes[conflict.column].cast(pa.float64()).to_numpy()
+        threshold: float = getattr(thresholds, conflict.threshold)
+        # An undefined measure is NaN, which is on neither side.
+        beyond = values > threshold if conflict.above else values < threshold
+        marks[conflict.name] = ((beyond | crashed)[::2], (beyond | crashed)[1::2])
     return marks
 
 
@@ -105,10 +104,9 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
     crashed = ending == Ending.CRASHED
     avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
+    failed_strategy = np.array([room == "strategy" for room in episodes["failed_in"].to_pylist()])
 
     def numbers(name: str) -> Any:
-        if name not in episodes.column_names:  # of a run from before it was kept
-            return np.full(len(arm), np.nan)
         return episodes[name].to_numpy().astype(float)
 
     def both(values: Any) -> tuple[Any, Any]:
@@ -126,7 +124,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         avoidable=both(crashed & avoidable),
         timed_out=both(ending == Ending.TIMED_OUT),
         failed=both(ending == Ending.ENGINE_FAILED),
-        failed_strategy=both(_failed_strategy(episodes)),
+        failed_strategy=both(failed_strategy),
         met=both(numbers("pedestrians")),
         arrivals=both(arrivals),
         waited_s=both(np.where(arrivals > 0, numbers("pedestrian_delay_s") * arrivals, 0.0)),
@@ -137,15 +135,6 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         max_speed_mps=both(numbers("max_speed_mps")),
         av_fallback=both(numbers("fallback") > 0)[0],
     )
-
-
-def _failed_strategy(episodes: pa.Table) -> np.ndarray:
-    """Whether the strategy made the episode fail."""
-    if "failed_in" in episodes.column_names:
-        return np.array([where == "strategy" for where in episodes["failed_in"].to_pylist()])
-    # A run from before that was kept says it in the reason alone.
-    reasons = episodes["reason"].to_pylist()
-    return np.array([(reason or "").startswith("the strategy ") for reason in reasons])
 
 
 def check_pairs(rows: pa.Table, what: str) -> None:

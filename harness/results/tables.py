@@ -10,12 +10,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from harness.encounter import Leg
+from harness.encounter import FloatArray, Leg
 from harness.errors import InputError
 from harness.files import cannot_write, whole_file
 from harness.measures import MEASURES
 
-SCHEMA = 2
+SCHEMA = 3
 """Version of the run folder's format."""
 
 _KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
@@ -181,71 +181,52 @@ def hour_tables(*, traces: bool) -> list[str]:
     return [*HOUR_TABLES, *(HOUR_TRACES if traces else ())]
 
 
-_KEY = [name for name, _ in _KEYS]
-NEEDED = {
-    "hours": {*HOURS.names},
-    "passages": {*PASSAGES.names} - {*_MEASURES} | {"delay_s"},
-    "queues": {*QUEUES.names},
-    "episodes": {*_KEY, *_FACTS, "delay_s", "stops", "stopped_s", "avoidable"}
-    | {"min_ttc_s", "pet_s", "min_time_advantage_s"},
-    "pedestrians": {*_KEY, "index", "arrival_s", "start_s", "side", "quantile", "speed_mps"}
-    | {"range_m", "vehicle_speed_mps", "cleared_s", "legs"},
-    "pairs": {"cell", "pair", "av_time_s", "human_time_s", "tau"},
-    "walks": {*PEDESTRIANS.names},
-    "traces": {*_KEY, "time_s", "object", "x_m", "y_m", "speed_mps", "acceleration_mps2"},
-    "audit": {*_KEY, "difference"},
-}
-"""Columns without which a run cannot be read.
-
-A run from before another column was added can still be read: what rests on that column is left
-out, and ``harness score`` adds it.
-"""
-
 _ROW_GROUP = 100_000
 
 
-Columns = dict[str, list[Any]]
-"""A table's values by column."""
+def table_of(name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
+    """Rows as the table of that name in ``TABLES``; a value that a row does not have is null."""
+    return pa.Table.from_pylist([*rows], schema=TABLES[name])
 
 
-def columns_of(schema: pa.Schema, rows: Iterable[Mapping[str, Any]]) -> Columns:
-    """Rows as columns; a value that a row does not have is null."""
-    columns: Columns = {name: [] for name in schema.names}
-    for row in rows:
-        for name, column in columns.items():
-            column.append(row.get(name))
-    return columns
+Motion = tuple[FloatArray | Sequence[float | None], ...]
+"""Aligned columns of one object: time, x, y, speed and acceleration, in the units of ``TRACES``."""
 
 
-def table_of(name: str, rows: Mapping[str, Sequence[Any]]) -> pa.Table:
-    """Columns as the table of that name in ``TABLES``."""
-    schema = TABLES[name]
-    columns = [pa.array(rows[field.name], type=field.type) for field in schema]
-    return pa.table(columns, schema=schema)
+def traces_table(objects: Iterable[tuple[Mapping[str, Any], str, Motion]]) -> pa.Table:
+    """The table ``traces``.
+
+    Args:
+        objects: for each the columns ``cell``, ``pair`` and ``arm``, its name, and its motion.
+    """
+    numbers = [field.name for field in TRACES if field.type == pa.float64()]
+    parts = [TRACES.empty_table()]
+    for keys, name, motion in objects:
+        same = {**keys, "object": name}
+        columns = {
+            key: pa.repeat(pa.scalar(value, TRACES.field(key).type), len(motion[0]))
+            for key, value in same.items()
+        }
+        for number, values in zip(numbers, motion, strict=True):
+            columns[number] = pa.array(values, pa.float64())
+        parts.append(pa.table(columns).select(TRACES.names))
+    return pa.concat_tables(parts).combine_chunks()
 
 
 def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str] = ()) -> pa.Table:
     """A table that somebody else may have written, with the columns and types of its schema.
 
-    Args:
-        table: as read.
-        name: of the table, in ``TABLES``.
-        where: the file, for messages.
-        optional: columns of ``NEEDED`` that may be missing.
-
-    Returns:
-        The schema's columns that the table has; others are left out.
-
     Raises:
-        InputError: a column is missing.
+        InputError: a column is missing that is not ``optional``; ``where`` names the file.
         ValueError: values do not fit their column's type.
     """
+    missing = {*TABLES[name].names} - {*table.column_names}
     for column in TABLES[name].names:
-        if column in NEEDED[name] and column not in optional and column not in table.column_names:
+        if column in missing and column not in optional:
             wanted = "a run of this version, or `harness score` of one that kept its traces"
             raise InputError(where, f"lacks {column}", wanted)
-    held = pa.schema([field for field in TABLES[name] if field.name in table.column_names])
-    return table.select(held.names).cast(held)
+    schema = pa.schema([field for field in TABLES[name] if field.name not in missing])
+    return table.select(schema.names).cast(schema)
 
 
 def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> None:

@@ -28,7 +28,7 @@ from harness.results.summaries import (
     pair_columns,
 )
 from harness.results.summary_table import read_summary
-from harness.results.tables import TABLES, table_of
+from harness.results.tables import TABLES
 from harness.runs.notebook import run_html
 from harness.runs.run_tables import RunTables
 from harness.scenario import Cell, EngineName, Scenario, Study
@@ -165,9 +165,7 @@ class RunData:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
             return _frame(self._tables.read("pairs"))
-        parts = [
-            table_of("pairs", pair_rows(cell.number, rows)) for cell, rows in self._rows_by_cell()
-        ]
+        parts = [pair_rows(cell.number, rows) for cell, rows in self._rows_by_cell()]
         return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
 
     @cached_property
@@ -274,11 +272,9 @@ class RunData:
         ``tie_s`` where they do not differ by a tie of the strategy (docs/batches.md).  An episode
         that several cells share has a row in each of them.
         """
-        empty = TABLES["audit"].empty_table()
         if self.engine == "sumo":
-            return _frame(empty)
-        # A run from before ties were told apart has no column of them.
-        return _frame(self._tables.read("audit")).reindex(columns=empty.column_names)
+            return _frame(TABLES["audit"].empty_table())
+        return _frame(self._tables.read("audit"))
 
     @cached_property
     def audited(self) -> pd.DataFrame:

@@ -107,8 +107,6 @@ def _refuse_other_humans(one: tuple[RunData, int], other: tuple[RunData, int]) -
     a, b = episodes
     common = a.index.intersection(b.index)
     for name in _OF_THE_HUMAN:
-        if name not in a or name not in b:
-            continue  # a run from before it was kept
         before, after = a.loc[common, name], b.loc[common, name]
         if name == "ending":
             same = (before == after).to_numpy()

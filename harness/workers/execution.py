@@ -14,7 +14,7 @@ from typing import Any
 
 from harness.encounter import Arm, Ending, FailedIn
 from harness.errors import HarnessError
-from harness.results.tables import TABLES, columns_of, encounter_tables, hour_tables
+from harness.results.tables import encounter_tables, hour_tables, table_of
 from harness.workers.tasks import (
     Argument,
     Executor,
@@ -199,5 +199,5 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
         }
         arms = task.scenario.arms.model_dump().items()
         known = {"episodes": [failed | {"arm": arm, "strategy": of} for arm, of in arms]}
-    rows = {name: columns_of(TABLES[name], known.get(name, ())) for name in names}
-    return TaskResult(rows, took_s=task.hang_after_s)
+    tables = {name: table_of(name, known.get(name, ())) for name in names}
+    return TaskResult(tables, took_s=task.hang_after_s)

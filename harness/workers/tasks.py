@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from harness.errors import HarnessError
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from harness.encounter import Arm
     from harness.interaction import InteractionModel
     from harness.scenario import EngineName, Scenario
@@ -71,12 +73,12 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """Columns of the tables, by table name, and what the log is told of failed episodes.
+    """The tables by name, and what the log says of failed episodes.
 
     ``took_s`` is how long its worker was busy with it.
     """
 
-    rows: dict[str, dict[str, list[Any]]]
+    tables: "dict[str, pa.Table]"
     failures: tuple[dict[str, Any], ...] = ()
     took_s: float = 0.0
 

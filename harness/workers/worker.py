@@ -112,24 +112,24 @@ def _run_hours(task: Task) -> TaskResult:
         for outcome in outcomes
         if outcome.reason is not None
     )
-    rows = hour_rows(task.cell, outcomes)
+    tables = hour_rows(task.cell, outcomes)
     if task.traces:
-        rows |= hour_trace_rows(task.cell, outcomes)
-    return TaskResult(rows, failures)
+        tables |= hour_trace_rows(task.cell, outcomes)
+    return TaskResult(tables, failures)
 
 
 def _result_of(
     task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, Finding]]
 ) -> TaskResult:
-    rows = {
+    tables = {
         "episodes": episode_rows(task.cell, outcomes),
         "pedestrians": pedestrian_rows(task.cell, outcomes),
     }
     if task.traces:
-        rows["traces"] = trace_rows(task.cell, outcomes)
+        tables["traces"] = trace_rows(task.cell, outcomes)
     if task.audit is not None:
-        rows["audit"] = audit_rows(task.cell, audited)
-    return TaskResult(rows, tuple(_failures(task.cell, outcomes)))
+        tables["audit"] = audit_rows(task.cell, audited)
+    return TaskResult(tables, tuple(_failures(task.cell, outcomes)))
 
 
 def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[dict[str, Any]]:

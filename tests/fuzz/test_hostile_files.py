@@ -42,7 +42,7 @@ experiment = {pairs = 2}
 """
 
 FIT = "fit {file} --components 1 --starts 1 --folds 0 --workers 1 --out out/model.json"
-RUN = "earlier_run"
+RUN = "run"
 ONE = "--pair 0 --arm av --out out"
 KINDS: dict[str, tuple[int, tuple[str, ...]]] = {
     "scenario": (10_000, ("run {file} --out out", "run {file} --vary experiment.seed=1,2")),
@@ -78,7 +78,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """Where the commands are given, with good files; a run ends when it has a manifest."""
     close_all()
     folder = tmp_path_factory.mktemp("fuzz") / "here"
-    shutil.copytree(DATA / RUN, folder / RUN)
     shutil.copytree(DATA / "encounter", folder / "encounter")
     shutil.copy(shipped_directory("scenarios") / "cctc.toml", folder)
     shutil.copy(shipped_directory("models") / f"{Scenario().model.name}.json", folder)
@@ -90,6 +89,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "site.toml").write_text(SITE, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        sweep = "run cctc_flow --vary arms.av=soft_yield,gap_yield --pairs 2 --traces"
+        assert done_or_refused(*sweep.split(), "--set", "pedestrians.max_count=3", "--out", RUN)
+        (folder / RUN / "log.jsonl").unlink()  # it has a clock in it
         assert done_or_refused("run", "hours.toml", "--traces", "--out", "hours")
         risk = "risk cctc --set arms.av=constant_speed --most-episodes 100 --out risk"
         assert done_or_refused(*risk.split())

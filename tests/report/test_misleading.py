@@ -254,14 +254,6 @@ def test_a_missed_target_and_its_level_are_said(told: Any, monkeypatch: pytest.M
     assert set(run.conflicts["confidence"]) == {found.number("confidence")}
 
 
-def test_an_old_run_cannot_tell_mu_of_all_pairs() -> None:
-    # Its crashes' passages were not kept: an equal of μ would look like an answer.
-    run = harness.load_run(Path(__file__).parents[1] / "data" / "earlier_run")
-    for result in run.results:
-        assert result.summary.mu.value is not None
-        assert result.summary.mu_all.value is None
-
-
 def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
     study = sweep("cctc", {"experiment.pairs": 10}, "arms.av=soft_yield,hard_yield")
 

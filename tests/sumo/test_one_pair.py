@@ -29,7 +29,7 @@ def test_the_records_are_those_of_a_run(tmp_path: Path) -> None:
     run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
     settings = {"experiment.pairs": 4}
     found = harness.run_pair("cctc_flow", 3, settings=settings)
-    rows = episode_rows(0, [found.av.outcome, found.human.outcome])
+    rows = episode_rows(0, [found.av.outcome, found.human.outcome]).to_pydict()
     stored = run.rows_of("episodes", 0, 3).to_pydict()
     assert rows == stored
     plain = harness.run_pair("cctc_flow", 3, settings=settings, engine="plain")

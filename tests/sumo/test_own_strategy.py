@@ -4,6 +4,7 @@ import json
 import os
 import shutil
 import subprocess
+import sys
 import sysconfig
 from pathlib import Path
 
@@ -13,8 +14,12 @@ import pytest
 from harness.batch.experiment import resume, run_study
 from harness.engine.shared import close_engine
 from harness.errors import InputError
+from harness.report.page import write_report
+from harness.runs.compare import compare
+from harness.runs.export import export_csv
+from harness.runs.opening import load_run
 from harness.scenario import Options
-from tests.batches import QUICK, Inline, here, one_cell, options_of, shell
+from tests.batches import QUICK, Inline, here, one_cell, options_of, shell, sweep
 
 CHECKOUT = Path(__file__).parents[2]
 
@@ -127,3 +132,21 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     assert page.returncode == 0
     assert f"cell 0 pair 0: {edited}" in page.stderr
     assert edited in (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+
+
+def test_to_look_at_a_run_imports_no_strategy_that_its_manifest_names(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run, module = tmp_path / "run", "named_in_a_manifest"
+    study = sweep("cctc_flow", {"experiment.pairs": 2}, "arms.av=soft_yield,gap_yield")
+    run_study(study, Options(traces=True), out=run, make_executor=Inline)
+    manifest = run / "manifest.json"
+    text = manifest.read_text(encoding="utf-8")
+    assert '"gap_yield"' in text
+    manifest.write_text(text.replace('"gap_yield"', f'"{module}:S"'), encoding="utf-8")
+    (tmp_path / f"{module}.py").write_text("class S:\n    def decide(self, _): return 0.0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    compare(run)
+    export_csv(run)
+    write_report(load_run(run))
+    assert module not in sys.modules

@@ -291,7 +291,7 @@ def test_sumos_own_seed_decides_nothing(model) -> None:
         finally:
             engine.close()
         tables = (episode_rows, pedestrian_rows, trace_rows)
-        return [repr(make(0, outcomes)) for make in tables]
+        return [repr(make(0, outcomes).to_pydict()) for make in tables]
 
     assert content(1) == content(987_654)
 

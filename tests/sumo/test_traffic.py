@@ -18,7 +18,6 @@ from harness.interaction import load_model
 from harness.measures import measure
 from harness.results.hour_columns import HourColumns, hour_columns
 from harness.results.hour_tables import hour_rows
-from harness.results.tables import table_of
 from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
 from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
 from harness.traffic.demand import Scheduled, scheduled_vehicles
@@ -192,7 +191,11 @@ def run_pair(scenario: Scenario, pair: int = 0) -> dict[str, Any]:
     """Both arms' outcomes of a pair, and their rows."""
     runner = HourRunner(scenario, MODEL, lambda: road_for(scenario))
     outcomes = {outcome.arm: outcome for outcome in runner.run([pair])}
-    return {"outcomes": outcomes, "rows": hour_rows(0, outcomes.values())}
+    tables = hour_rows(0, outcomes.values())
+    return {
+        "outcomes": outcomes,
+        "rows": {name: table.to_pydict() for name, table in tables.items()},
+    }
 
 
 def busy(**traffic: Any) -> dict[str, Any]:
@@ -312,7 +315,7 @@ def test_ten_minutes_below_and_beyond_capacity(flow: float, saturated: bool) -> 
 def columns_of(scenario: Scenario, hours: int) -> HourColumns:
     """The columns of both arms of so many hours."""
     outcomes = HourRunner(scenario, MODEL, lambda: road_for(scenario)).run(range(hours))
-    return hour_columns(table_of("hours", hour_rows(0, outcomes)["hours"]), scenario, 0.95)
+    return hour_columns(hour_rows(0, outcomes)["hours"], scenario, 0.95)
 
 
 @pytest.mark.slow

@@ -19,7 +19,6 @@ from harness.comparison import (
     student_ratio,
 )
 from harness.encounter import Arm
-from harness.results import tables
 from harness.results.hour_catalogue import HOURS as CATALOGUE
 from harness.results.hour_columns import HourColumns
 from harness.results.hour_tables import _delays, _late, passage_counts
@@ -46,8 +45,7 @@ def summary_of(
             row = dict.fromkeys(HOURS.names[4:], 0) | common | own
             values = {key: v[pair] if isinstance(v, list) else v for key, v in row.items()}
             rows.append({"cell": 0, "pair": pair, "arm": arm.value} | values)
-    hours = table_of("hours", tables.columns_of(HOURS, rows))
-    return HourKind().findings(hours, Cell(0, {}, of), 0.95)
+    return HourKind().findings(table_of("hours", rows), Cell(0, {}, of), 0.95)
 
 
 def passage(edge_s: float | None, ending: str = "crossed", **values: float) -> dict[str, Any]:

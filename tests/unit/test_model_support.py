@@ -13,7 +13,6 @@ from harness.interaction import Asked, check_support
 from harness.measures import Outcome
 from harness.results.episode_tables import episode_rows
 from harness.results.summaries import summarise_cell
-from harness.results.tables import table_of
 from harness.runs.notes import encounter_notes
 from harness.scenario import Cell, Scenario, load_scenario
 from tests.scenes import on_plain, scenario
@@ -88,7 +87,7 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
             assert record.clamped_range_excess_m >= max(r for r, _ in outside) - 60.0 - 1e-9
         else:
             assert outcome.arm is Arm.HUMAN or record.clamped_speed_excess_mps is None
-    episodes = table_of("episodes", episode_rows(0, outcomes))
+    episodes = episode_rows(0, outcomes)
     summary = summarise_cell(episodes, Cell(0, {}, scene), 0.95)
     assert summary.clamped_share is not None
     assert summary.clamped_share > 0.5

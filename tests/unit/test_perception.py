@@ -434,7 +434,7 @@ def test_given_uniforms_are_the_first_errors_and_the_wait_after_the_first_loss()
 def test_what_was_shown_is_kept_in_the_traces() -> None:
     walkers = [(0.0, Side.NEAR, 1.0)]
     seen, trace = play(scenario(perception={"latency_s": 0.5}), walkers)
-    rows = trace_rows(0, [outcome_of(trace)])
+    rows = trace_rows(0, [outcome_of(trace)]).to_pydict()
     shown = [i for i, name in enumerate(rows["object"]) if name == "shown-0"]
     told = {o.time_s: o.pedestrians[0] for o in seen if o.pedestrians}
     end_s = measure([trace])[0].end_s

@@ -74,7 +74,7 @@ def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
     assert [leg.y_m for leg in walk.legs] == pytest.approx([0.0, 1.0, 3.0, 3.5])
     assert [leg.y_mps for leg in walk.legs] == [1.0, 2.0, 0.5, 1.5]
     assert (walk.speed_mps, walk.start_s) == (1.0, 0.234)
-    rows = pedestrian_rows(0, [outcome_of(trace)])
+    rows = pedestrian_rows(0, [outcome_of(trace)]).to_pydict()
     assert rows["cleared_s"] == [pytest.approx(3.234 + 5.5 / 1.5)]
 
 
@@ -88,7 +88,7 @@ def test_seen_and_kept_at_his_present_speed() -> None:
         assert view.remaining_m == pytest.approx(9 - walked)
         assert view.lateral_m == pytest.approx(6.75 - walked)
         assert (view.speed_mps, view.on_crossing) == (speed, True)
-    rows = trace_rows(0, [outcome_of(trace)])
+    rows = trace_rows(0, [outcome_of(trace)]).to_pydict()
     places = {
         round(time, 1): y
         for name, time, y in zip(rows["object"], rows["time_s"], rows["y_m"], strict=True)
@@ -138,7 +138,7 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     assert {(view.speed_mps, view.on_crossing) for view in standing} == {(0.0, True)}
     # The car's rear is 0.25 m past the line at 7.05 s, they enter its way at 7.1 s.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, pytest.approx(0.05, abs=1e-9))
-    assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [None]
+    assert pedestrian_rows(0, [outcome_of(trace)]).to_pydict()["cleared_s"] == [None]
 
 
 def test_who_stands_for_good_never_clears() -> None:
@@ -164,7 +164,7 @@ def test_walks_on_in_front_of_one_that_has_stopped() -> None:
     # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, they are long past.
     assert times == pytest.approx([0.5, 2.5])
     assert [leg.y_mps for leg in walk.legs] == [-1.5, -1.0]
-    assert pedestrian_rows(0, [outcome_of(trace)])["cleared_s"] == [pytest.approx(8.5)]
+    assert pedestrian_rows(0, [outcome_of(trace)]).to_pydict()["cleared_s"] == [pytest.approx(8.5)]
 
 
 def test_standing_still_he_looks_again() -> None:

@@ -174,10 +174,10 @@ def test_he_walks_to_the_other_kerb_and_is_gone() -> None:
     # They waited for their time, not for the car.
     assert record.pedestrian_delay_s is None
     # From y = −0.75 at 5.139 s to y = 9 at 25/18 m/s: 7.02 s.
-    rows = pedestrian_rows(0, [outcome_of(trace)])
+    rows = pedestrian_rows(0, [outcome_of(trace)]).to_pydict()
     assert rows["cleared_s"] == [pytest.approx(12.159)]
     assert rows["quantile"] == [None]
-    traces = trace_rows(0, [outcome_of(trace)])
+    traces = trace_rows(0, [outcome_of(trace)]).to_pydict()
     mine = [i for i, name in enumerate(traces["object"]) if name == "pedestrian-0"]
     times, places = ([traces[c][i] for i in mine] for c in ("time_s", "y_m"))
     assert (times[0], times[-1]) == pytest.approx((3.7, 12.1))

@@ -1,17 +1,12 @@
 """Nothing in a file is unpickled or evaluated, nor imported to look at a run (docs/files.md)."""
 
 import ast
-import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 import harness
-from harness.report.page import write_report
-from harness.runs.compare import compare
-from harness.runs.export import export_csv
 
 PACKAGE = Path(harness.__file__).parent
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -81,20 +76,3 @@ def test_nothing_unpickles_or_evaluates(path: Path) -> None:
 )
 def test_this_file_would_notice(source: str) -> None:
     assert list(strange(source, "anywhere.py"))
-
-
-def test_to_look_at_a_run_imports_no_strategy_that_its_manifest_names(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run, module = tmp_path / "run", "named_in_a_manifest"
-    shutil.copytree(Path(__file__).parents[1] / "data" / "earlier_run", run)
-    manifest = run / "manifest.json"
-    text = manifest.read_text(encoding="utf-8")
-    assert '"gap_yield"' in text
-    manifest.write_text(text.replace('"gap_yield"', f'"{module}:S"'), encoding="utf-8")
-    (tmp_path / f"{module}.py").write_text("class S:\n    def decide(self, _): return 0.0\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    compare(run)
-    export_csv(run)
-    write_report(harness.load_run(run))
-    assert module not in sys.modules
