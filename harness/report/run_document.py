@@ -3,8 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from harness.comparison import ENCOUNTERS, CellFindings, row_of
-from harness.results.measure_tables import conflict_row
+from harness.comparison import Catalogue, CellFindings, row_of
 from harness.runs.reported import reported
 from harness.runs.run_data import CellResult, RunData
 from harness.runs.targets import missed_targets
@@ -40,17 +39,20 @@ def _cells(run: RunData) -> list[Document]:
             for result in run.results
         ]
     findings = reported(run)
-    return [_cell(cell, result) for cell, result in zip(findings.cells, run.results, strict=True)]
+    return [
+        _cell(findings.catalogue, cell, result)
+        for cell, result in zip(findings.cells, run.results, strict=True)
+    ]
 
 
-def _cell(cell: CellFindings, result: CellResult) -> Document:
+def _cell(catalogue: Catalogue, cell: CellFindings, result: CellResult) -> Document:
     return {
         "varied": dict(cell.varied),
         "av": cell.av,
         "caveats": [note.text for note in cell.notes],
-        "summary": row_of(ENCOUNTERS, cell.findings),
+        "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
-        "conflicts": [conflict_row(rate) for rate in result.conflicts],
+        "conflicts": result.conflicts,
         "indicative": [name for name, of in cell.findings.items() if not of.reliable],
     }
 

@@ -17,7 +17,6 @@ from harness.comparison import (
     Finding,
     Findings,
     Plain,
-    Summary,
     count,
     findings_of,
 )
@@ -25,7 +24,7 @@ from harness.encounter import Ending
 from harness.results.episode_tables import pair_rows
 from harness.results.hour_catalogue import HOURS
 from harness.results.hour_columns import hour_columns
-from harness.results.measure_tables import conflict_rates, conflict_row, measure_rows
+from harness.results.measure_tables import conflict_rows, measure_rows
 from harness.results.summaries import columns_of_cell
 from harness.results.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables, hour_tables
 from harness.scenario import Cell, Scenario, Study
@@ -114,9 +113,8 @@ class EncounterKind:
 
     def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
         """See ``Kind``."""
-        confidence = findings["confidence"].number or 0.0
-        rates = conflict_rates(Summary(findings), cell.scenario.conflicts, confidence)
-        return {"measures": measure_rows(rows), "conflicts": [*map(conflict_row, rates)]}
+        conflicts = conflict_rows(findings, cell.scenario.conflicts)
+        return {"measures": measure_rows(rows), "conflicts": conflicts}
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""

@@ -3,34 +3,18 @@
 Rows of ``measures.csv`` and ``conflicts.csv`` (docs/files.md).
 """
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.comparison import CONFLICTS, Proportion, Summary
+from harness.comparison import CONFLICTS, Findings, Plain
 from harness.encounter import Arm, Ending, FloatArray
 from harness.measures import MEASURES
 from harness.scenario import ConflictsSection
 
 QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
-
-
-@dataclass(frozen=True, slots=True)
-class ConflictRate:
-    """Share of an arm's episodes with a conflict, with its interval and that one's confidence.
-
-    ``rate_met_someone`` is that over the pairs in which either arm met somebody.
-    """
-
-    arm: Arm
-    conflict: str
-    threshold: float
-    rate: Proportion
-    rate_met_someone: Proportion
-    confidence: float
 
 
 def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
@@ -67,48 +51,31 @@ def _statistics(values: FloatArray) -> dict[str, Any]:
     return found
 
 
-def conflict_rates(
-    summary: Summary, thresholds: ConflictsSection, confidence: float
-) -> tuple[ConflictRate, ...]:
-    """How often each conflict arose in each arm, of all episodes that did not fail.
-
-    Args:
-        summary: of a cell.
-        thresholds: of its scenario.
-        confidence: of the intervals, two-sided.
-    """
-    return tuple(
-        ConflictRate(
-            arm,
-            conflict.name,
-            getattr(thresholds, conflict.threshold),
-            getattr(summary, f"conflict_{conflict.name}{end}"),
-            getattr(summary, f"conflict_{conflict.name}_met_someone{end}"),
-            confidence,
-        )
-        for arm, end in ((Arm.AV, ""), (Arm.HUMAN, "_human"))
-        for conflict in CONFLICTS
-    )
-
-
-def conflict_row(rate: ConflictRate) -> dict[str, Any]:
-    """A rate as the columns of ``conflicts.csv``."""
-    return {
-        "arm": rate.arm.value,
-        "conflict": rate.conflict,
-        "threshold": rate.threshold,
-        "episodes": rate.rate.trials,
-        "conflicts": rate.rate.successes,
-        "rate": rate.rate.value,
-        "ci_low": rate.rate.low,
-        "ci_high": rate.rate.high,
-        "confidence": rate.confidence,
-        "episodes_met_someone": rate.rate_met_someone.trials,
-        "conflicts_met_someone": rate.rate_met_someone.successes,
-        "rate_met_someone": rate.rate_met_someone.value,
-        "rate_met_someone_ci_low": rate.rate_met_someone.low,
-        "rate_met_someone_ci_high": rate.rate_met_someone.high,
-    }
+def conflict_rows(findings: Findings, thresholds: ConflictsSection) -> list[dict[str, Plain]]:
+    """The rows of ``conflicts.csv`` of a cell, by arm and kind of conflict, but for its keys."""
+    rows = []
+    for arm, end in ((Arm.AV, ""), (Arm.HUMAN, "_human")):
+        for conflict in CONFLICTS:
+            rate = findings[f"conflict_{conflict.name}{end}"]
+            met = findings[f"conflict_{conflict.name}_met_someone{end}"]
+            row: dict[str, Plain] = {
+                "arm": arm.value,
+                "conflict": conflict.name,
+                "threshold": getattr(thresholds, conflict.threshold),
+                "episodes": rate.n,
+                "conflicts": rate.events,
+                "rate": rate.value,
+                "ci_low": rate.low,
+                "ci_high": rate.high,
+                "confidence": findings["confidence"].value,
+                "episodes_met_someone": met.n,
+                "conflicts_met_someone": met.events,
+                "rate_met_someone": met.value,
+                "rate_met_someone_ci_low": met.low,
+                "rate_met_someone_ci_high": met.high,
+            }
+            rows.append(row)
+    return rows
 
 
 def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:

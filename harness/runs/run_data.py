@@ -14,14 +14,14 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.comparison import Findings, PairColumns, Summary, columns_of, row_of
+from harness.comparison import Findings, PairColumns, Plain, Summary, columns_of, row_of
 from harness.errors import InputError
 from harness.interaction import InteractionModel, load_model
 from harness.results.episode_tables import pair_rows
 from harness.results.hour_summaries import HoursSummary, hours_summary
 from harness.results.kinds import Kind, kind_of_study
 from harness.results.manifest import options_of
-from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
+from harness.results.measure_tables import conflict_rows, measure_rows
 from harness.results.shards import Shard
 from harness.results.summaries import (
     confidence_of,
@@ -37,11 +37,10 @@ from harness.workers.tasks import Failure
 
 @dataclass(frozen=True)
 class CellResult:
-    """The findings of one cell of encounters; ``confidence`` is that of each interval."""
+    """The findings of one cell."""
 
     cell: Cell
     findings: Findings
-    confidence: float
 
     @property
     def summary(self) -> Summary:
@@ -49,9 +48,9 @@ class CellResult:
         return Summary(self.findings)
 
     @property
-    def conflicts(self) -> tuple[ConflictRate, ...]:
-        """How often each kind of conflict arose in each arm."""
-        return conflict_rates(self.summary, self.cell.scenario.conflicts, self.confidence)
+    def conflicts(self) -> list[dict[str, Plain]]:
+        """How often each kind of conflict arose in each arm: rows of ``conflicts.csv``."""
+        return conflict_rows(self.findings, self.cell.scenario.conflicts)
 
 
 @dataclass(frozen=True)
@@ -195,9 +194,9 @@ class RunData:
         kind, cells = self.kind, self.study.cells
         stored = read_summary(self.path, kind.catalogue, cells) if self.finished else None
         if stored is not None:
-            return tuple(CellResult(cell, stored[cell.number], self.confidence) for cell in cells)
+            return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
         return tuple(
-            CellResult(cell, kind.findings(rows, cell, self.confidence), self.confidence)
+            CellResult(cell, kind.findings(rows, cell, self.confidence))
             for cell, rows in self._rows_by_cell()
         )
 
@@ -225,9 +224,9 @@ class RunData:
         """
         return pd.DataFrame(
             [
-                {"cell": result.cell.number, **result.cell.varied, **conflict_row(rate)}
+                {"cell": result.cell.number, **result.cell.varied, **row}
                 for result in self.results
-                for rate in result.conflicts
+                for row in result.conflicts
             ]
         )
 

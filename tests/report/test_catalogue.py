@@ -10,7 +10,10 @@ import pytest
 import harness
 from docs.hooks import reference
 from harness.comparison import ENCOUNTERS, EncounterColumns, Entry, Interval, student_mean
+from harness.report.result_tables import full_tables
+from harness.report.run_document import run_document
 from harness.results import kinds
+from harness.runs.reported import reported
 from tests.batches import one_cell
 from tests.made_up import Fate, made_up
 
@@ -52,3 +55,24 @@ def test_it_is_in_the_reference_of_columns() -> None:
         "s",
         "The shortest time to cross. The AV's arm.",
     ]
+
+
+def test_it_is_in_the_json_document(run: Path) -> None:
+    """8, 9, 10 and 11 s against 10 s; Student's t of three degrees of freedom is 3.1824."""
+    (cell,) = run_document(harness.load_run(run))["cells"]
+    assert cell["findings"]["fastest_s"]["value"] == 8.0
+    difference = cell["findings"]["fastest_s_difference"]
+    reach = 3.1824 * (5 / 3) ** 0.5 / 2
+    limits = [difference[key] for key in ("low", "value", "high")]
+    assert limits == pytest.approx([-0.5 - reach, -0.5, -0.5 + reach], abs=1e-3)
+    assert cell["summary"]["fastest_s_human"] == 10.0
+
+
+def test_it_is_in_the_full_tables_of_terminal_and_page(run: Path) -> None:
+    texts = [
+        cell.text
+        for table in full_tables(reported(harness.load_run(run)))
+        for row in table.rows
+        for cell in row
+    ]
+    assert "fastest passage, s" in texts

@@ -1,12 +1,14 @@
 """Statistics of measures and conflict rates, from episodes counted by hand."""
 
+from typing import Any
+
 import pyarrow as pa
 import pytest
 from scipy import stats
 
 from harness.comparison import CONFLICTS
 from harness.measures import MEASURES
-from harness.results.measure_tables import ConflictRate, conflict_rates, conflict_row, measure_rows
+from harness.results.measure_tables import conflict_rows, measure_rows
 from harness.results.summaries import summarise_cell
 from harness.results.tables import EPISODES
 from harness.scenario import Cell, ConflictsSection, Scenario
@@ -70,18 +72,16 @@ def test_a_measure_defined_nowhere() -> None:
 
 def rates_of(
     episodes: pa.Table, thresholds: ConflictsSection, confidence: float = 0.95
-) -> tuple[ConflictRate, ...]:
+) -> list[dict[str, Any]]:
     """The rates of a cell with these thresholds."""
     scenario = Scenario(conflicts=thresholds)
     summary = summarise_cell(episodes, Cell(0, {}, scenario), confidence)
-    return conflict_rates(summary, thresholds, confidence)
+    return conflict_rows(summary.findings, thresholds)
 
 
 def counted(thresholds: ConflictsSection) -> dict[tuple[str, str], tuple[int, int]]:
     rates = rates_of(table(AV, HUMAN), thresholds)
-    return {
-        (rate.arm.value, rate.conflict): (rate.rate.successes, rate.rate.trials) for rate in rates
-    }
+    return {(row["arm"], row["conflict"]): (row["conflicts"], row["episodes"]) for row in rates}
 
 
 def test_conflicts_by_hand() -> None:
@@ -112,7 +112,7 @@ def test_those_who_met_somebody_are_told_apart() -> None:
     # 1.49, 1.5 and 0.05 of five.
     assert (ttc["defined"], ttc["defined_met_someone"], ttc["p50_met_someone"]) == (5, 3, 1.49)
     assert ttc["mean_met_someone"] == pytest.approx((1.49 + 1.5 + 0.05) / 3)
-    rows = map(conflict_row, rates_of(episodes, ConflictsSection()))
+    rows = rates_of(episodes, ConflictsSection())
     (row,) = [row for row in rows if (row["arm"], row["conflict"]) == ("av", "ttc")]
     assert (row["conflicts_met_someone"], row["episodes_met_someone"]) == (2, 3)
     assert row["rate_met_someone_ci_low"] == pytest.approx(stats.beta.ppf(0.025, 2, 2))
@@ -128,7 +128,7 @@ def test_thresholds_are_the_scenarios() -> None:
 
 def test_interval_of_a_rate() -> None:
     rates = rates_of(table(AV, HUMAN), ConflictsSection(), 0.9)
-    row = conflict_row(rates[0])
+    row = rates[0]
     assert (row["arm"], row["conflict"], row["threshold"]) == ("av", "ttc", 1.5)
     assert (row["episodes"], row["conflicts"], row["rate"]) == (7, 3, 3 / 7)
     assert row["ci_low"] == pytest.approx(stats.beta.ppf(0.05, 3, 5))
@@ -138,9 +138,7 @@ def test_interval_of_a_rate() -> None:
 def test_nothing_ran() -> None:
     failed = [("engine_failed", None, None, None, None)]
     rates = rates_of(table(failed, failed), ConflictsSection())
-    assert {(rate.rate.value, rate.rate.low, rate.rate.trials) for rate in rates} == {
-        (None, None, 0)
-    }
+    assert {(row["rate"], row["ci_low"], row["episodes"]) for row in rates} == {(None, None, 0)}
 
 
 def test_every_threshold_belongs_to_a_conflict_on_a_measure() -> None:
