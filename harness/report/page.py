@@ -3,7 +3,7 @@
 import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +144,7 @@ def _context(run: RunData) -> dict[str, Any]:
 def _results(run: RunData) -> tuple[list[str], list[Table]]:
     """The first screen, and the tables of everything, folded."""
     findings = reported(run)
-    screen = screen_lines(screen_of(findings))
+    *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
         return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
     statistics = [] if run.in_traffic else [statistics_table(run)]

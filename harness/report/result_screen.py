@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from harness.comparison import zero_bound
 from harness.comparison.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
 from harness.report.screen import Screen
 from harness.report.tables import (
@@ -11,6 +12,7 @@ from harness.report.tables import (
     entry_limits,
     entry_value,
     named_values,
+    per_cent,
 )
 from harness.runs.notes import short_name
 from harness.scenario import as_written
@@ -72,14 +74,14 @@ def with_limits(entry: Entry[Any], both: Finding) -> str:
 
 
 def _both(entry: Entry[Any], av: Finding | None, reference: Finding | None) -> str:
-    """The intervals of both arms' shares; nothing of other numbers."""
+    """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
         return ""
     limits = [entry_limits(entry, finding) for finding in (av, reference)]
     if not all(limits):
         return ""
-    if av.events == reference.events == 0 and limits[0] == limits[1]:
-        return f"each below {limits[0].split(' … ')[1]} %"
+    if av.events == reference.events == 0 and av.n == reference.n and av.n:
+        return f"each below {per_cent(zero_bound(av.n), 1)} %"
     return f"{limits[0]} / {limits[1]} %"
 
 

@@ -53,7 +53,9 @@ class Told:
         assert len(self.screen) <= 16
         assert words in " ".join(" ".join(self.screen).replace("\n", " ").split())
         page = html.unescape(self.page)
-        assert page.index("\n".join(self.screen)) < page.index("<table")
+        rows = [line for line in self.screen if not line.startswith(("!", " "))][:-1]
+        assert all(page.index(line) < page.index("<table") for line in rows)
+        assert words in " ".join(page.partition("<table")[0].split())
         assert any(words in caveat for caveat in self.cell["caveats"])
 
     def shows_the_worst(self, *values: str) -> None:

@@ -77,9 +77,9 @@ def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
     first = page.words.partition("every measure")[0]
     assert f"μ, mean ratio of times {summary.mu.value:.3f} (" in " ".join(first.split())
     assert f"{summary.mu.value:.4f} *" in page.words
-    # 0 of 12, two-sided: 1 − 0.025^(1/12).
-    assert "each below 26.5 %" in first
-    assert "unreliable below 1,000 informative pairs" in first
+    # 0 of 12, one-sided: 1 − 0.05^(1/12).
+    assert "each below 22.1 %" in first
+    assert "Few pairs: intervals are unreliable below" in first
     assert "0.7044" in first  # the paper's
 
 

@@ -118,7 +118,7 @@ def test_in_the_shell(runs: tuple[Path, Path]) -> None:
         (["--by", "arrivals"], "--by: neither end of arrivals is the bad one"),
         (["--cell", "1"], "--cell: 1; allowed: 0 to 0"),
         (["-n", "0"], "-n: 0; allowed: 1 or more"),
-        (["--arm", "car"], "--arm: unknown arm 'car'"),
+        (["--arm", "car"], "'--arm': 'car' is not one of 'av', 'human'"),
         (["--diff", "nowhere"], "nowhere: is no run folder"),
     ],
 )

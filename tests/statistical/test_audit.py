@@ -115,8 +115,8 @@ def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
     with (run.path / "conflicts.csv").open() as conflicts:
         for row in csv.DictReader(conflicts):
             end = "_human" if row["arm"] == "human" else ""
-            name = [*CELLS][int(row["cell"])]
-            printed[f"{name}: {row['conflict']}{end}"] = limits(row, "ci_")
+            name = f"{[*CELLS][int(row['cell'])]}: conflict_{row['conflict']}{end}"
+            assert printed[name] == limits(row, "ci_")
     (group,) = comparison_document(compare(run.path))["groups"]
     for item in json.loads(json.dumps(group["comparisons"])):
         a, b = ([*CELLS][item[f"cell_{which}"]] for which in "ab")

@@ -458,7 +458,7 @@ def test_a_study_from_the_command_line(tmp_path: Path) -> None:
     )
     done = here("run", scenario, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    for word in ("μ", "κ", "delay", "200", "400", "runs/mine-1"):
+    for word in ("μ", "crashes", "delay", "200", "400", "runs/mine-1"):
         assert word in done.stdout
     rows = csv_rows(tmp_path / "runs" / "mine-1")
     assert [dict(row)[LAMBDA] for row in rows] == ["200", "400"]

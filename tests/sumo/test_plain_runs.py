@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import pytest
 
 from harness.batch.experiment import resume, run_study
@@ -64,9 +63,7 @@ def test_a_share_and_every_crash_are_repeated(both: tuple[RunData, RunData]) -> 
     assert {*zip(run.audit["pair"], run.audit["arm"], strict=True)} == wanted
     assert run.disagreements == ()
     count = len(wanted)
-    assert audit_lines(run) == [
-        f"Plain engine, without SUMO's verdict: {count} of {count} records repeated in SUMO agree."
-    ]
+    assert audit_lines(run) == [f"Plain engine: {count} of {count} records repeated in SUMO agree."]
     assert audit_lines(both[1]) == []
 
 
@@ -100,7 +97,7 @@ def test_a_record_that_is_not_sumos_is_named(
     assert len(run.disagreements) == 6
     assert run.ties == ()
     assert "0 of 6 records repeated in SUMO agree" in audit_lines(run)[0]
-    assert "Cell 0 pair 0 human: pass_time_s" in audit_lines(run)[1]
+    assert any("Cell 0 pair 0 human: pass_time_s" in line for line in audit_lines(run))
 
 
 @pytest.mark.usefixtures("no_simulation")
@@ -123,10 +120,6 @@ def test_a_tie_of_the_strategy_is_counted_and_named_and_no_failure(tmp_path: Pat
     agree = 16 - len(run.ties)
     assert f"{agree} of 16 records repeated in SUMO agree, {len(run.ties)} differ by a tie" in first
     assert named[0].startswith(f"Cell 0 pair {pair} av: tie at ")
-    # A run of before has no such column: what differed there still counts as before.
-    old = pq.read_table(run.path / "audit.parquet").drop_columns("tie_s")
-    pq.write_table(old, run.path / "audit.parquet")
-    assert len(load_run(run.path).disagreements) == len(run.ties)
 
 
 @pytest.mark.usefixtures("no_simulation")

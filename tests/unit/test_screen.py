@@ -87,7 +87,7 @@ cctc: soft_yield against human_gmm                                              
 time to cross, s           8.9      11.9       0.75 (0.71 … 0.80)
 μ, mean ratio of times                         0.755 (0.720 … 0.810)  0.7044
 c_v, spread of that ratio                      21 % (15 … 29)         4.54 %
-crashes                    0 of 50  0 of 50    each below 7.1 %       0
+crashes                    0 of 50  0 of 50    each below 5.8 %       0
 delay, s                   1.5      4.5        −3.0 (−3.5 … −2.2)
 people's wait, s           0.0      0.0
 PET below 1.5 s            30 %     4.0 %      18 … 45 / 0.50 … 14 %
