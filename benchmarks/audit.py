@@ -18,9 +18,11 @@ from benchmarks import known_truth, pairing_worth
 from benchmarks.coverage import LEVEL, Named, holds, names_with_intervals
 from benchmarks.known_truth import CELLS, COMPARED, SWEPT
 from benchmarks.tally import BAND, Tally
-from harness.batch.plan import Plan
-from harness.batch.until import reach_precision
-from harness.comparison import (
+from harness.core.encounter import FloatArray
+from harness.core.seeding import resampling
+from harness.report.tau_figures import running_mean
+from harness.scenario import Cell, Options, Precision, Study
+from harness.statistics import (
     CONFIDENCE,
     Interval,
     mcnemar,
@@ -28,11 +30,9 @@ from harness.comparison import (
     swept_value,
     zero_bound,
 )
-from harness.encounter import FloatArray
-from harness.report.tau_figures import running_mean
-from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
-from harness.scenario import Cell, Options, Precision, Study
-from harness.seeding import resampling
+from harness.store.summaries import confidence_of, looks, pair_columns, summarise_cell
+from harness.studies.batch.plan import Plan
+from harness.studies.batch.until import reach_precision
 
 SUMMARISED = ("soft", "constant")
 """Cells of which every interval is tried: the paper's AV, which never crashes, and one that does.

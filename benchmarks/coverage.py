@@ -14,7 +14,12 @@ from multiprocessing import get_context
 import numpy as np
 import pyarrow as pa
 
-from harness.comparison import (
+from harness.core.encounter import FloatArray
+from harness.engine.plain import PlainEngine
+from harness.episode.pairing import PairRunner
+from harness.model.interaction import load_model
+from harness.scenario import Scenario, Setting, load_scenario
+from harness.statistics import (
     ENCOUNTERS,
     EncounterColumns,
     Interval,
@@ -24,13 +29,8 @@ from harness.comparison import (
     summarise,
     swept_value,
 )
-from harness.encounter import FloatArray
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
-from harness.interaction import load_model
-from harness.results.episode_tables import episode_rows
-from harness.results.summaries import pair_columns
-from harness.scenario import Scenario, Setting, load_scenario
+from harness.store.episode_tables import episode_rows
+from harness.store.summaries import pair_columns
 
 SWEPT = 8
 """Values of the parameter sweep whose upper bound of μ is tried."""

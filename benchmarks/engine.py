@@ -24,17 +24,17 @@ import pyarrow.parquet as pq
 from rich.console import Console
 from rich.table import Table
 
-from harness.encounter import Arm, Trace
+from harness.core.encounter import Arm, Trace
+from harness.engine.network import place_of
 from harness.engine.protocol import Engine
 from harness.engine.sumo import libsumo_engine
 from harness.engine.traci import traci_engine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import CHUNK_PAIRS, PairRunner
-from harness.interaction import InteractionModel, load_model
 from harness.measures import measure
-from harness.network import place_of
-from harness.roads import read_site
+from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.site import read_site
 
 TURN = CHUNK_PAIRS
 """Episodes of a turn: measured together, as in a run."""

@@ -12,7 +12,8 @@ from itertools import combinations
 
 import numpy as np
 
-from harness.comparison import (
+from harness.core.encounter import FloatArray
+from harness.statistics import (
     Place,
     Relation,
     holm,
@@ -23,7 +24,6 @@ from harness.comparison import (
     relation_of_times,
     sign_flip_p,
 )
-from harness.encounter import FloatArray
 
 LEVEL = 0.05
 FREE_S = 7.4

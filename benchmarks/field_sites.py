@@ -14,13 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 from harness.engine.shared import road_for
-from harness.interaction import load_model
-from harness.results.hour_tables import hour_rows
+from harness.episode.traffic.closed_forms import (
+    critical_headway_s,
+    group_headway_s,
+    revised_hcm_delay_s,
+)
+from harness.episode.traffic.pairing import HourRunner
+from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario, parse_setting
-from harness.traffic.closed_forms import critical_headway_s, group_headway_s, revised_hcm_delay_s
-from harness.traffic.pairing import HourRunner
+from harness.store.hour_tables import hour_rows
 
 SITES = Path(__file__).parent / "data" / "field_sites.csv"
 FOOT_M, MPH_MPS = 0.3048, 0.44704

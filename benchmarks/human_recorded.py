@@ -15,17 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from harness.calibration import vehicle_folds
-from harness.encounter import Strategy, Trace
+from harness.core.encounter import Strategy, Trace
+from harness.model.trajectories import read_clips
 from harness.scenario import load_scenario
 from harness.strategies.human_recorded import HumanRecorded
 from harness.strategies.human_yield import HumanYield
-from harness.trajectories import read_clips
-from harness.validation.closed_loop import drive, recorded_trace
-from harness.validation.figures import pass_time_score
-from harness.validation.finding import find_passages
-from harness.validation.outcomes import order_of, pass_time_of
-from harness.validation.passages import Passage
+from harness.studies.calibration import vehicle_folds
+from harness.studies.validation.closed_loop import drive, recorded_trace
+from harness.studies.validation.figures import pass_time_score
+from harness.studies.validation.finding import find_passages
+from harness.studies.validation.outcomes import order_of, pass_time_of
+from harness.studies.validation.passages import Passage
 
 SETS, FOLDS, SEED = 60, 5, 1
 DRAWS = 4

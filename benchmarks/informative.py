@@ -17,19 +17,19 @@ import numpy as np
 import pyarrow as pa
 
 from benchmarks.coverage import Named, holds, of_a_cell, plain_engine
-from harness.comparison import (
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.pairing import PairRunner
+from harness.model.interaction import load_model
+from harness.scenario import Scenario, Setting, load_scenario
+from harness.statistics import (
     PairColumns,
     Resampled,
     bootstrap,
     paired_difference,
     ratio_difference,
 )
-from harness.episode.arrivals import planned_arrivals
-from harness.episode.pairing import PairRunner
-from harness.interaction import load_model
-from harness.results.episode_tables import episode_rows
-from harness.results.summaries import pair_columns
-from harness.scenario import Scenario, Setting, load_scenario
+from harness.store.episode_tables import episode_rows
+from harness.store.summaries import pair_columns
 
 EMPTIEST = 2
 

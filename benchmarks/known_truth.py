@@ -3,7 +3,7 @@
 Its one pedestrian steps off at the trigger, so an episode is a function of his side and of his
 quantile u, which is uniform.  Expectations are integrals over u: here sums over the midpoints of
 equal parts of (0, 1), for either side, each driven through the program's own episode.  There is no
-sampling in them, and nothing of ``harness.comparison``.
+sampling in them, and nothing of ``harness.statistics``.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -12,16 +12,16 @@ import numpy as np
 import pyarrow as pa
 
 from benchmarks.coverage import plain_engine
-from harness.encounter import Arm, Arrival, FloatArray, Side
+from harness.core.encounter import Arm, Arrival, FloatArray, Side
 from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome, measure
-from harness.results.episode_tables import episode_rows
+from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, Setting, load_scenario
+from harness.store.episode_tables import episode_rows
 
 SCENARIO = "cctc"
 

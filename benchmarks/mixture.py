@@ -13,11 +13,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.calibration import Sample, Settings, calibrate
-from harness.interaction import load_model
-from harness.mixture import TruncatedGaussianMixture, fit_mixture
-from harness.mixture.climbing import start
-from harness.mixture.em import Problem
+from harness.model.interaction import load_model
+from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.model.mixture.climbing import start
+from harness.model.mixture.em import Problem
+from harness.studies.calibration import Sample, Settings, calibrate
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 from sklearn.mixture import GaussianMixture
 
-from harness.calibration import (
+from harness.model.interaction import PEDESTRIAN_SPEED, load_model
+from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.model.trajectories import extract
+from harness.studies.calibration import (
     HeldOut,
     Sample,
     by_vehicle,
@@ -24,9 +27,6 @@ from harness.calibration import (
     vehicle_folds,
     walking_log_scores,
 )
-from harness.interaction import PEDESTRIAN_SPEED, load_model
-from harness.mixture import TruncatedGaussianMixture, fit_mixture
-from harness.trajectories import extract
 
 Array = NDArray[np.float64]
 Recipe = Callable[[Sample, NDArray[np.bool_], NDArray[np.bool_], int], Array]

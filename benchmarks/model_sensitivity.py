@@ -12,15 +12,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from harness.calibration import make_sample
-from harness.comparison import Interval, bootstrap_mean
-from harness.encounter import Arm, Ending
+from harness.core.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.interaction import InteractionModel, load_model
-from harness.mixture import fit_mixture
+from harness.model.interaction import InteractionModel, load_model
+from harness.model.mixture import fit_mixture
+from harness.model.trajectories import extract
 from harness.scenario import Setting, load_scenario
-from harness.trajectories import extract
+from harness.statistics import Interval, bootstrap_mean
+from harness.studies.calibration import make_sample
 
 SEED, PAIRS, REFITS, STARTS = 1, 100, 20, 1
 HUMANS = ("human_gmm", "human_recorded")

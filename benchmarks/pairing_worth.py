@@ -14,10 +14,10 @@ import pyarrow as pa
 from benchmarks import known_truth
 from benchmarks.coverage import plain_engine
 from benchmarks.known_truth import columns_of, model_of
-from harness.encounter import FloatArray
+from harness.core.encounter import FloatArray
 from harness.episode.pairing import PairRunner
-from harness.results.episode_tables import episode_rows
 from harness.scenario import Setting, load_scenario
+from harness.store.episode_tables import episode_rows
 
 SEEDS = (101, 102)
 """Root seeds of the pedestrians, and of those whom the other side meets without pairing."""

@@ -31,18 +31,18 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks.faults import BLIND_FROM_MPS, BLIND_TO_MPS
-from harness.encounter import Arm, Arrival, Ending, Side
+from harness.core.encounter import Arm, Arrival, Ending, Side
+from harness.core.seeding import Given, resampling
+from harness.core.versions import versions_of_runs
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.episode.walking_speeds import WalkingSpeeds
-from harness.interaction import load_model
-from harness.risk.asking import Settings, question_of
-from harness.risk.estimation import estimate_probability
-from harness.risk.running import Evaluation
+from harness.model.interaction import load_model
 from harness.scenario import Scenario, Setting, load_scenario
-from harness.seeding import Given, resampling
-from harness.versions import versions_of_runs
-from harness.workers.this_process import ThisProcess
+from harness.studies.risk.asking import Settings, question_of
+from harness.studies.risk.estimation import estimate_probability
+from harness.studies.risk.running import Evaluation
+from harness.studies.workers.this_process import ThisProcess
 
 DATA = Path(__file__).parent / "data"
 REFERENCE, SEEDS = DATA / "risk_reference.csv", DATA / "risk_seeds.csv"

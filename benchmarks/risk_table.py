@@ -20,11 +20,11 @@ from benchmarks.risk import (
     runner_of,
     scenario_of,
 )
-from harness.encounter import Arm, FloatArray
-from harness.risk.event import parse_event
-from harness.risk.layout import Layout
-from harness.risk.outcomes import Evaluate, Outcomes
-from harness.seeding import Given
+from harness.core.encounter import Arm, FloatArray
+from harness.core.seeding import Given
+from harness.studies.risk.event import parse_event
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Evaluate, Outcomes
 
 BINS = 100
 """Of the quantiles of the walking speed."""

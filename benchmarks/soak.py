@@ -27,9 +27,9 @@ from rich.table import Table
 
 from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
-from harness.interaction import load_model
-from harness.results.shards import shards_of
+from harness.model.interaction import load_model
 from harness.scenario import load_scenario
+from harness.store.shards import shards_of
 
 COMMAND = "command"
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.coverage import Named, holds
-from harness.comparison import Interval, Proportion, proportion
+from harness.statistics import Interval, Proportion, proportion
 
 BAND = "band of the running mean, n = "
 """Begins the names of intervals that are for μ at a point of the running mean."""

@@ -18,12 +18,12 @@ from typing import Any
 
 import psutil
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 from harness.engine.shared import close_engine, road_for
-from harness.interaction import load_model
-from harness.results.hour_tables import hour_rows
+from harness.episode.traffic.pairing import HourRunner
+from harness.model.interaction import load_model
 from harness.scenario import Scenario, validate
-from harness.traffic.pairing import HourRunner
+from harness.store.hour_tables import hour_rows
 
 Call = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 

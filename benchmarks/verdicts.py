@@ -20,16 +20,16 @@ import pyarrow.compute as pc
 from rich.console import Console
 from rich.table import Table
 
-from harness.encounter import Arm, Crossing, Ending, Side, Trace, Vehicle, Walk
+from harness.core.encounter import Arm, Crossing, Ending, Side, Trace, Vehicle, Walk
 from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
-from harness.interaction import load_model
 from harness.measures import Outcome
-from harness.motion.walking import states_at
-from harness.replay.stored import differences_of
-from harness.results.episode_tables import episode_rows
-from harness.results.reading import MANIFEST, read_finished_manifest, read_table
+from harness.measures.motion.walking import states_at
+from harness.model.interaction import load_model
 from harness.scenario import Cell, study_from
+from harness.store.episode_tables import episode_rows
+from harness.store.reading import MANIFEST, read_finished_manifest, read_table
+from harness.studies.replay.stored import differences_of
 
 # The rule, by SUMO's sources (MSVehicle::getBoundingPoly, MSTransportable::getBoundingBox,
 # MSLane::detectCollisions): a car is an octagon, its nose and tail tapered to 0.6 of the width

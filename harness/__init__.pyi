@@ -1,9 +1,7 @@
 # The public interface (docs/python.md), each name with its module: read by type checkers, and by
 # harness/__init__.py for what it imports when it is first asked for.
 
-from .batch.experiment import resume as resume, run_study as run_study
-from .conformance import check_strategy as check_strategy
-from .encounter import (
+from .core.encounter import (
     Arm as Arm,
     Crossing as Crossing,
     EgoView as EgoView,
@@ -13,20 +11,15 @@ from .encounter import (
     Strategy as Strategy,
     Vehicle as Vehicle,
 )
-from .errors import HarnessError as HarnessError, InputError as InputError
-from .interaction import InteractionModel as InteractionModel, load_model as load_model
-from .one_pair import (
+from .core.errors import HarnessError as HarnessError, InputError as InputError
+from .model.interaction import InteractionModel as InteractionModel, load_model as load_model
+from .report import figures as figures
+from .report.one_pair import (
     EpisodeOutcome as EpisodeOutcome,
     PairOutcome as PairOutcome,
     run_pair as run_pair,
 )
-from .report import figures as figures
 from .rl import CrosswalkEnv as CrosswalkEnv, Transition as Transition
-from .runs.compare import compare as compare
-from .runs.comparisons import RunComparison as RunComparison
-from .runs.opening import load_run as load_run
-from .runs.run_data import RunData as RunData
-from .runs.worst import WorstEpisode as WorstEpisode, got_worse as got_worse, worst as worst
 from .scenario import (
     Options as Options,
     Precision as Precision,
@@ -43,3 +36,10 @@ from .strategies.vector import (
     acceleration_of as acceleration_of,
     observation_vector as observation_vector,
 )
+from .studies.batch.experiment import resume as resume, run_study as run_study
+from .studies.conformance import check_strategy as check_strategy
+from .studies.runs.compare import compare as compare
+from .studies.runs.comparisons import RunComparison as RunComparison
+from .studies.runs.opening import load_run as load_run
+from .studies.runs.run_data import RunData as RunData
+from .studies.runs.worst import WorstEpisode as WorstEpisode, got_worse as got_worse, worst as worst

@@ -21,7 +21,7 @@ from harness.scenario import (
     read_scenario_file,
     study_of,
 )
-from harness.workers.tasks import Argument, Result
+from harness.studies.workers.tasks import Argument, Result
 
 CHECKOUT = Path(__file__).parents[1]
 
@@ -88,12 +88,12 @@ def options_of(changes: dict[str, object]) -> list[str]:
 
 def here(*arguments: object, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
     """Run ``harness`` to its end in this process, its tasks too, which saves starting Python."""
-    from harness.batch import showing
-    from harness.calibration import jobs
     from harness.cli import app
     from harness.engine.shared import close_engine
-    from harness.replay import rerun, sumo_outputs
-    from harness.workers import executors
+    from harness.studies.batch import showing
+    from harness.studies.calibration import jobs
+    from harness.studies.replay import rerun, sumo_outputs
+    from harness.studies.workers import executors
     from tests.conftest import close_all
 
     close_all()

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from harness.engine.network import place_of
 from harness.engine.protocol import Engine
-from harness.interaction import InteractionModel, load_model
-from harness.network import place_of
+from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario
 
 MakeEngine = Callable[[Scenario], Engine]

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from harness.encounter import Observation
-from harness.seeding import stream
+from harness.core.encounter import Observation
+from harness.core.seeding import stream
 
 NAME = "tests.faulty:Faulty"
 

@@ -5,11 +5,11 @@ from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
-from harness.batch.experiment import run_study
-from harness.encounter import Arm
-from harness.results.tables import PEDESTRIANS, table_of
+from harness.core.encounter import Arm
 from harness.scenario import Options, Study
-from harness.workers.tasks import Task, TaskResult
+from harness.store.tables import PEDESTRIANS, table_of
+from harness.studies.batch.experiment import run_study
+from harness.studies.workers.tasks import Task, TaskResult
 
 HUMAN_S = 10.0
 FREE_S = 7.4

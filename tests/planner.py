@@ -1,6 +1,6 @@
 """A strategy whose choice hangs on the last bit of the ego's place: ``tests.planner:Planner``."""
 
-from harness.encounter import Observation
+from harness.core.encounter import Observation
 
 NAME = "tests.planner:Planner"
 GRID_M = 0.005

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.encounter import Arrival, Leg, Side, Vehicle
+from harness.core.encounter import Arrival, Leg, Side, Vehicle
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.loop import run_episode
@@ -13,8 +13,8 @@ from harness.scenario import load_scenario
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.validation import Validation, validate
-from harness.validation.finding import crossing_about
+from harness.studies.validation import Validation, validate
+from harness.studies.validation.finding import crossing_about
 
 RATE_HZ = 10.0
 LENGTH_M = 4.5

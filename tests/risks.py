@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 from scipy import stats
 
-from harness.risk.layout import Layout
-from harness.risk.outcomes import Evaluate, Outcomes
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Evaluate, Outcomes
 
 DIMENSIONS = 18
 

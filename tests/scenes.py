@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
+from harness.core.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
-from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
+from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 
 Walker = tuple[float, Side, float]

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from harness.network import plain_sources
-from harness.resources import shipped_directory
+from harness.core.resources import shipped_directory
+from harness.engine.network import plain_sources
 from harness.scenario import Scenario, load_scenario
 from harness.scenario.sections import CrossingSection
 

@@ -13,11 +13,11 @@ from pydantic import BaseModel
 
 import harness
 from harness.cli.app import app
-from harness.comparison import ENCOUNTERS, Entry
 from harness.measures import MEASURES
-from harness.results import tables
-from harness.results.hour_catalogue import HOURS
 from harness.scenario import Scenario, people, sections
+from harness.statistics import ENCOUNTERS, Entry
+from harness.store import tables
+from harness.store.hour_catalogue import HOURS
 
 UNITS = {
     "_per_hour": "1/h",

@@ -1,1 +1,1 @@
-"""The command line: thin; what a command calls is imported when it is called."""
+"""Arguments of the command line in; calls of the rooms, output and exit codes out."""

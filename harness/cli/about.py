@@ -16,10 +16,10 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import emit, print_json, print_line
-from harness.errors import InputError
+from harness.core.errors import InputError
 
 if TYPE_CHECKING:
-    from harness.conformance import RuleResult
+    from harness.studies.conformance import RuleResult
 
 _LIMIT_S = 60.0
 
@@ -45,7 +45,7 @@ def network(
 
     file = read_scenario_file(scenario, settings_of(settings))
     crossing = file.scenario().crossing
-    from harness.network import build_network
+    from harness.engine.network import build_network
 
     with unwinding():
         net = build_network(crossing, out, file.name).net
@@ -88,7 +88,7 @@ def strategies(
         names = [document.get("problem") or document["name"] for document in documents]
         emit(documents, names, lambda: _list_strategies(documents), quiet=quiet, as_json=as_json)
         return
-    from harness.conformance import check_strategy
+    from harness.studies.conformance import check_strategy
 
     if not limit > 0:
         raise InputError("--limit", f"{limit:g} s", "above 0")
@@ -114,8 +114,8 @@ def doctor(
     as_json: JsonOption = False,
 ) -> None:
     """Check this installation: versions, SUMO, a network, a pair."""
+    from harness.core.versions import versions_of_runs
     from harness.report.listings import installation_checks
-    from harness.versions import versions_of_runs
 
     try:
         versions = versions_of_runs()

@@ -12,7 +12,7 @@ from typer.exceptions import Abort, Exit, TyperException
 from harness.cli import about, batch, crossings, model, reporting, review, risk, validation
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
-from harness.errors import HarnessError, InputError, one_line
+from harness.core.errors import HarnessError, InputError, one_line
 
 COMMANDS = (
     batch.run,

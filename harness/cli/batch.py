@@ -28,12 +28,12 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import emit, progress_bar, say
-from harness.errors import InputError, one_line
+from harness.core.errors import InputError, one_line
 
 if TYPE_CHECKING:
-    from harness.runs.run_data import RunData
     from harness.scenario import Options, Precision, Study
-    from harness.workers.cluster import DaskCluster
+    from harness.studies.runs.run_data import RunData
+    from harness.studies.workers.cluster import DaskCluster
 
 
 def run(
@@ -81,13 +81,13 @@ def run(
     )
     if settle:
         study = _settled(study, options, quiet or as_json)
-    from harness.workers.executors import executor_for
+    from harness.studies.workers.executors import executor_for
 
     # Local workers import while this process still does; a wrong address is refused before there
     # is a run folder.
     executor = executor_for(study, options, dask)
     try:
-        from harness.batch.experiment import run_study
+        from harness.studies.batch.experiment import run_study
 
         with progress_bar("pairs", quiet or as_json) as advance, unwinding():
             finished = run_study(
@@ -99,7 +99,7 @@ def run(
 
 
 def _settled(study: "Study", options: "Options", quiet: bool) -> "Study":
-    from harness.batch.settling import settled
+    from harness.studies.batch.settling import settled
 
     with progress_bar("pilots", quiet) as advance, unwinding():
         study = settled(study, options, advance)
@@ -118,8 +118,8 @@ def resume(
     as_json: JsonOption = False,
 ) -> None:
     """Continue a run, or a risk, that was interrupted."""
-    from harness.batch.experiment import resume as resume_run
     from harness.cli.risk import is_risk, resume_risk
+    from harness.studies.batch.experiment import resume as resume_run
 
     if is_risk(run_folder):
         resume_risk(run_folder, workers, dask, quiet, as_json, full)
@@ -142,7 +142,7 @@ def _refuse_workers_with_dask(workers: int | None, dask: str | None) -> None:
 
 
 def _cluster(address: str) -> "DaskCluster":
-    from harness.workers.cluster import DaskCluster
+    from harness.studies.workers.cluster import DaskCluster
 
     return DaskCluster(address)
 

@@ -10,10 +10,10 @@ import typer
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption
 from harness.cli.output import print_json, print_line, say
-from harness.errors import InputError, nearest_name, one_line
+from harness.core.errors import InputError, nearest_name, one_line
 
 if TYPE_CHECKING:
-    from harness.network.crossings import CrossingRow
+    from harness.engine.network.crossings import CrossingRow
 
 _NONE_IN_NETWORK = (
     "no crossing is in it: netconvert -s THIS --sidewalks.guess --crossings.guess -o NEW adds "
@@ -55,10 +55,10 @@ def crossings(
     as_json: JsonOption = False,
 ) -> None:
     """List the crosswalks of a network or a map, usable ones first."""
-    from harness.network.crossings import list_crossings, scenario_text
-    from harness.network.osm import convert, is_osm
+    from harness.engine.network.crossings import list_crossings, scenario_text
+    from harness.engine.network.osm import convert, is_osm
     from harness.report.tables import counted
-    from harness.roads import read_network
+    from harness.site import read_network
 
     if (write is None) != (edge is None):
         given, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")

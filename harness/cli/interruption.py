@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from harness.errors import HarnessError, InterruptedRunError
+from harness.core.errors import HarnessError, InterruptedRunError
 
 LINE = "harness: interrupted"
 

@@ -13,10 +13,10 @@ from harness.cli import model_options
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import emit, progress_bar
-from harness.errors import InputError
+from harness.core.errors import InputError
 
 if TYPE_CHECKING:
-    from harness.trajectories import Extraction
+    from harness.model.trajectories import Extraction
 
 _STATE = "30,5"
 
@@ -54,7 +54,7 @@ def extract(
     """Extract rows of the model's variables from raw trajectories."""
     model_options.check_target(out, "--out", ".parquet")
     model_options.check_folder(plots)
-    from harness import trajectories
+    from harness.model import trajectories
     from harness.report.model_terminal import print_extraction
     from harness.scenario import parse_setting
 
@@ -137,11 +137,11 @@ def fit(
     ks, state = model_options.components(components), model_options.state(near)
     box = model_options.bounds(bounds)
     model_options.check_target(out, "--out", ".json")
-    from harness import calibration
-    from harness.calibration.calibrate import job_count
-    from harness.interaction import write_model
+    from harness.model.interaction import write_model
     from harness.report.model_terminal import fit_document, print_fit
-    from harness.workers.pool import default_workers
+    from harness.studies import calibration
+    from harness.studies.calibration.calibrate import job_count
+    from harness.studies.workers.pool import default_workers
 
     file = calibration.read_rows(rows)
     sample = calibration.make_sample(
@@ -181,7 +181,7 @@ def show(
     model_options.check_folder(plots)
     if rows is not None and plots is None:
         raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
-    from harness.interaction import load_model
+    from harness.model.interaction import load_model
     from harness.report.model_terminal import check_card, model_document, print_model
 
     is_file = Path(model).suffix == ".json" or Path(model).exists()
@@ -189,8 +189,8 @@ def show(
     check_card(loaded, model)
     figures: list[Path] = []
     if plots is not None:
-        from harness.calibration import make_sample, read_rows
         from harness.report.plots import plot_model
+        from harness.studies.calibration import make_sample, read_rows
 
         sample = None
         if rows is not None:

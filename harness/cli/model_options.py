@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from harness.errors import InputError, unknown_name
+from harness.core.errors import InputError, unknown_name
 
 MOST_COMPONENTS = 100
 
@@ -40,8 +40,8 @@ def bounds(texts: list[str] | None) -> tuple[Any, Any]:
     """The box (4,), (4,): the default with the given variables' bounds in place."""
     import numpy as np
 
-    from harness.calibration import BOX_LOWER, BOX_UPPER
-    from harness.interaction import VARIABLES
+    from harness.model.interaction import VARIABLES
+    from harness.studies.calibration import BOX_LOWER, BOX_UPPER
 
     lower, upper = np.array(BOX_LOWER), np.array(BOX_UPPER)
     for text in texts or []:
@@ -77,7 +77,7 @@ def number(value: float) -> str:
 
 def as_options(box: tuple[Any, Any]) -> list[str]:
     """A box as the ``--bounds`` that give it again."""
-    from harness.interaction import VARIABLES
+    from harness.model.interaction import VARIABLES
 
     return [
         word

@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from harness.errors import InputError
-from harness.resources import shipped_directory
+from harness.core.errors import InputError
+from harness.core.resources import shipped_directory
 
 _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios").glob("*.toml")))
 

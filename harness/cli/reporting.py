@@ -8,7 +8,7 @@ import typer
 from harness.cli.interruption import unwinding
 from harness.cli.options import JsonOption, QuietOption
 from harness.cli.output import emit, print_line, say
-from harness.errors import InputError, one_line
+from harness.core.errors import InputError, one_line
 
 
 def report(
@@ -55,10 +55,10 @@ def report(
 def _report_run(
     run_folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
 ) -> Path:
-    from harness.batch.showing import write_shown
     from harness.report.page import write_report
     from harness.report.tables import counted
-    from harness.runs.opening import load_run
+    from harness.studies.batch.showing import write_shown
+    from harness.studies.runs.opening import load_run
 
     run = load_run(run_folder)
     with unwinding():

@@ -17,7 +17,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import emit, print_line, progress_bar, say
-from harness.errors import InputError, one_line
+from harness.core.errors import InputError, one_line
 
 
 def replay(
@@ -53,7 +53,7 @@ def replay(
     as_json: JsonOption = False,
 ) -> None:
     """Run one episode again: with SUMO's outputs, or in sumo-gui."""
-    from harness.encounter import Arm
+    from harness.core.encounter import Arm
 
     arms = list(Arm) if arm == "both" else [Arm(arm)]
     if gui and out is not None:
@@ -66,7 +66,7 @@ def replay(
     refuse_without("--gui", gui, pace=pace, screenshots=screenshots)
     refuse_without("--screenshots DIR", screenshots is not None, every=every)
     if gui:
-        from harness.replay.watch import watch
+        from harness.studies.replay.watch import watch
 
         with unwinding():
             watched = watch(
@@ -81,7 +81,7 @@ def replay(
         shown = [(f"pair {pair}, arm {item.arm}", item.differences) for item in watched]
         _report_replays(shown, [], quiet, as_json)
     elif in_this_process:
-        from harness.replay.rerun import debug
+        from harness.studies.replay.rerun import debug
 
         repeated = debug(run_folder, pair, arms, cell)
         _say_tracebacks(item.traceback for item in repeated.values())
@@ -91,7 +91,7 @@ def replay(
         allowed = "a new folder for SUMO's files, --gui or --debug"
         raise InputError("--out", "is missing", allowed)
     else:
-        from harness.replay.rerun import replay as run_again
+        from harness.studies.replay.rerun import replay as run_again
 
         with unwinding():
             replayed = run_again(run_folder, pair, arms, cell, out)
@@ -151,7 +151,7 @@ def score(
     as_json: JsonOption = False,
 ) -> None:
     """Recompute measures from kept traces, or count other conflicts."""
-    from harness.batch.scoring import score as recompute
+    from harness.studies.batch.scoring import score as recompute
 
     with unwinding():
         folder = recompute(run_folder, out, settings_of(settings))
@@ -184,7 +184,7 @@ def compare(
     """
     from harness.report.comparison_document import comparison_document, comparison_rows
     from harness.report.terminal import print_comparison
-    from harness.runs.compare import compare as compare_runs
+    from harness.studies.runs.compare import compare as compare_runs
 
     if out is not None:
         if out.exists():
@@ -194,7 +194,7 @@ def compare(
     with progress_bar("comparisons", hidden=quiet or as_json) as advance:
         result = compare_runs(*run_folders, mu0=mu0, kappa0=kappa0, progress=advance)
     if out is not None:
-        from harness.files import write_csv
+        from harness.core.files import write_csv
 
         write_csv(out, comparison_rows(result))
     emit(
@@ -229,7 +229,7 @@ def worst(
 ) -> None:
     """List the worst episodes, with commands that replay them."""
     from harness.report.worst_tables import worst_document, worst_tables
-    from harness.runs.worst import got_worse, worst as worst_of
+    from harness.studies.runs.worst import got_worse, worst as worst_of
 
     if diff is None:
         episodes = worst_of(run_folder, by, most, arm, cell)
@@ -255,7 +255,7 @@ def export(
     as_json: JsonOption = False,
 ) -> None:
     """Write the tables of a run folder as CSV, beside the originals."""
-    from harness.runs.export import export_csv
+    from harness.studies.runs.export import export_csv
 
     if not csv:
         raise InputError("export", "no format given", "--csv")

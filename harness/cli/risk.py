@@ -19,7 +19,7 @@ from harness.cli.options import (
     settings_of,
 )
 from harness.cli.output import emit, progress_bar, say
-from harness.errors import InputError
+from harness.core.errors import InputError
 
 
 def risk(
@@ -54,7 +54,7 @@ def risk(
     full: FullOption = False,
 ) -> None:
     """Estimate the probability of a rare event of an episode."""
-    from harness.encounter import Arm
+    from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
 
     study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
@@ -65,8 +65,8 @@ def risk(
         raise InputError(scenario, f"has {len(study.cells)} cells", allowed)
     if study.remark is not None:
         say(f"harness: {study.remark}")
-    from harness.risk.asking import Settings
-    from harness.risk.folder import estimate_risk
+    from harness.studies.risk.asking import Settings
+    from harness.studies.risk.folder import estimate_risk
 
     question = Settings(
         study.name,
@@ -84,7 +84,7 @@ def risk(
 
 def is_risk(folder: Path) -> bool:
     """Whether a folder holds a risk, not a run."""
-    from harness.risk.folder import ASKED
+    from harness.studies.risk.folder import ASKED
 
     return (folder / ASKED).is_file()
 
@@ -93,7 +93,7 @@ def resume_risk(
     folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool, full: bool
 ) -> None:
     """Continue a risk that was interrupted; a finished one is only shown."""
-    from harness.risk.folder import resume_risk as resume
+    from harness.studies.risk.folder import resume_risk as resume
 
     if dask is not None:
         raise InputError("--dask", "is not supported with a risk", "this machine's workers")
@@ -116,8 +116,8 @@ def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
         typer.Exit: with code 1 where episodes failed, or differed between the engines.
     """
     from harness.report.risk_terminal import print_risk
-    from harness.risk.folder import read_risk
-    from harness.risk.writing import risk_document
+    from harness.studies.risk.folder import read_risk
+    from harness.studies.risk.writing import risk_document
 
     findings = read_risk(folder)
     emit(

@@ -57,7 +57,7 @@ def validate(
     model_options.check_folder(out, "--out")
     from harness.report.validation_tables import print_validation
     from harness.scenario import load_scenario, parse_setting
-    from harness.validation import validate as run_validation
+    from harness.studies.validation import validate as run_validation
 
     changes = [parse_setting(text) for text in settings or []]
     scenario = load_scenario("cctc", [setting for setting in changes if "." in setting.key])

@@ -1,1 +1,1 @@
-"""Engines: what moves the ego and the pedestrians.  libsumo is imported in ``sumo`` alone."""
+"""Commands in; moved vehicles and held pedestrians out, in SUMO or plain Python."""

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
 
-from harness.encounter import Arrival, Crossing, Side, Vehicle
+from harness.core.encounter import Arrival, Crossing, Side, Vehicle
+from harness.core.errors import EngineError
 from harness.engine.people import HeldPeople
 from harness.engine.shown import Shown
-from harness.errors import EngineError
-from harness.roads import Site
-from harness.roads.site import Signal
+from harness.site import Site
+from harness.site.site import Signal
 
 SPEED_MODE_EXTERNAL = 32
 """SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""

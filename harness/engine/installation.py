@@ -2,7 +2,7 @@
 
 from importlib import metadata
 
-from harness.errors import InputError
+from harness.core.errors import InputError
 
 _PACKAGES = ("libsumo", "eclipse-sumo", "sumolib", "traci")
 

@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from harness.encounter import Arrival, Crossing, Side
+from harness.core.encounter import Arrival, Crossing, Side
 from harness.engine.shown import Shown
-from harness.roads import Site
+from harness.site import Site
 
 WALKER = "walker"
 """SUMO's type of a pedestrian."""

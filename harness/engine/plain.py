@@ -6,8 +6,8 @@ against it.  It cannot drive the ego by itself and sees no collisions.
 
 from collections.abc import Sequence
 
-from harness.encounter import Arrival, Side, Vehicle
-from harness.errors import EngineError
+from harness.core.encounter import Arrival, Side, Vehicle
+from harness.core.errors import EngineError
 
 _NO_PEDESTRIANS = (
     'the plain engine has no pedestrians of its own: pedestrians.behaviour = "sumo" needs SUMO'

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from harness.encounter import Arrival, Side
+from harness.core.encounter import Arrival, Side
 
 
 class Engine(Protocol):

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from harness.encounter import Arrival, Crossing
+from harness.core.encounter import Arrival, Crossing
+from harness.core.errors import EngineError
 from harness.engine.control import SPEED_MODE_OWN, limit_speed, set_green
 from harness.engine.people import WALKER, HeldPeople
 from harness.engine.shown import Shown
-from harness.errors import EngineError
-from harness.roads import Site, streams_of
+from harness.site import Site, streams_of
 
 SPEED_MODE_FOLLOWING = 33
 """SUMO keeps the vehicle from its leader, and from nothing else: it knows no pedestrian."""

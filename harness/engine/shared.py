@@ -4,11 +4,11 @@ from collections.abc import Callable
 from typing import TypeVar, cast
 
 from harness.engine.control import SumoEngine
+from harness.engine.network import place_of
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import Following
-from harness.network import place_of
 from harness.scenario import EngineName, Scenario
 
 _engine: tuple[str, SumoEngine | SumoRoad] | None = None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from harness.encounter import Side
+from harness.core.encounter import Side
 
 WAITING_M = 0.3
 """Someone who waits is shown this far behind the kerb, off the crossing."""

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-from harness.encounter import Crossing, Vehicle
-from harness.roads import Place, Site, read_site
+from harness.core.encounter import Crossing, Vehicle
+from harness.site import Place, Site, read_site
 
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 

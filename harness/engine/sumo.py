@@ -12,7 +12,8 @@ from tempfile import TemporaryDirectory
 import libsumo
 from libsumo import _libsumo
 
-from harness.encounter import Crossing, Vehicle
+from harness.core.encounter import Crossing, Vehicle
+from harness.core.errors import EngineError
 from harness.engine.control import Calls, SumoEngine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
@@ -23,8 +24,7 @@ from harness.engine.starting import (
     start_command,
     write_additional,
 )
-from harness.errors import EngineError
-from harness.roads import Place, streams_of
+from harness.site import Place, streams_of
 
 _COMPILED = Calls(
     _libsumo.simulation_step,

@@ -14,7 +14,8 @@ from tempfile import TemporaryDirectory
 import sumo
 import traci
 
-from harness.encounter import Crossing, Vehicle
+from harness.core.encounter import Crossing, Vehicle
+from harness.core.errors import EngineError
 from harness.engine.control import SumoEngine
 from harness.engine.road import SumoRoad
 from harness.engine.starting import (
@@ -24,8 +25,7 @@ from harness.engine.starting import (
     write_additional,
 )
 from harness.engine.view import view_settings
-from harness.errors import EngineError
-from harness.roads import Place, Site
+from harness.site import Place, Site
 
 _VIEW = "View #0"
 _PIXELS = (1280, 860)

@@ -1,1 +1,1 @@
-"""One pair: who comes, how they walk, what the ego does; both arms, step by step."""
+"""A scenario and a pair's number in; the traces of an encounter or an hour out."""

@@ -5,11 +5,11 @@ from types import MappingProxyType
 
 import numpy as np
 
-from harness.encounter import Arm, Strategy
-from harness.errors import InputError, in_one_line
-from harness.interaction import InteractionModel, check_support
+from harness.core.encounter import Arm, Strategy
+from harness.core.errors import InputError, in_one_line
+from harness.core.seeding import Given, Purpose, beginning_with, stream
+from harness.model.interaction import InteractionModel, check_support
 from harness.scenario import Scenario
-from harness.seeding import Given, Purpose, beginning_with, stream
 from harness.strategies.human_gmm import HumanDriver
 from harness.strategies.parameters import check_complete, check_parameters, needs
 from harness.strategies.registry import find_strategy, prepare, table_key

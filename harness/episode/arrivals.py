@@ -7,9 +7,9 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.encounter import Arrival, Leg, Side
+from harness.core.encounter import Arrival, Leg, Side
+from harness.core.seeding import Given, Purpose, stream
 from harness.scenario import GapAcceptanceSection, PedestriansSection, Scenario
-from harness.seeding import Given, Purpose, stream
 
 SECONDS_PER_HOUR = 3600.0
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from harness.encounter import Behaviour, Crossing, Vehicle
+from harness.core.encounter import Behaviour, Crossing, Vehicle
 from harness.scenario import Scenario
 
 

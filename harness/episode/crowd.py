@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from operator import methodcaller
 from typing import Protocol
 
-from harness.encounter import Arrival, PedestrianView, Side
+from harness.core.encounter import Arrival, PedestrianView, Side
 from harness.episode.cell_constants import CellConstants
 from harness.episode.deciding import keeps_waiting
 from harness.episode.walkers import (

@@ -3,8 +3,8 @@
 import math
 from numbers import Real
 
-from harness.encounter import Vehicle
-from harness.errors import StrategyError, place_of
+from harness.core.encounter import Vehicle
+from harness.core.errors import StrategyError, place_of
 
 ROUNDING_M = 1e-9
 """A vehicle this near a threshold is on it: engines differ in the last bits of their sums."""

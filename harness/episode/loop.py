@@ -9,7 +9,7 @@ from collections.abc import Generator, Sequence
 
 import numpy as np
 
-from harness.encounter import (
+from harness.core.encounter import (
     Arrival,
     Crossing,
     EgoView,
@@ -21,13 +21,13 @@ from harness.encounter import (
     Trace,
     quick_tuple,
 )
+from harness.core.errors import EngineError, StrategyError
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import CellConstants
 from harness.episode.crowd import VIEW, Crowd
 from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
 from harness.episode.walkers import ChooseSpeed, NativeWalker
-from harness.errors import EngineError, StrategyError
-from harness.perception.perception import Perception
+from harness.strategies.perception.perception import Perception
 
 Steps = Generator[Observation, float | None, Ending]
 """An episode from the driver's side: observations out, wanted accelerations in."""

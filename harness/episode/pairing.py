@@ -8,7 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.encounter import Arm, Arrival, Ending, Trace
+from harness.core.encounter import Arm, Arrival, Ending, Trace
+from harness.core.errors import StrategyError, in_one_line
+from harness.core.seeding import Given, Purpose
 from harness.engine.protocol import Engine
 from harness.episode.arms import check_arms, draws, draws_from, draws_of, named_strategy
 from harness.episode.arrivals import already_walking, planned_arrivals
@@ -16,14 +18,12 @@ from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
 from harness.episode.ties import Asked, Witness
 from harness.episode.walking_speeds import WalkingSpeeds
-from harness.errors import StrategyError, in_one_line
-from harness.interaction import InteractionModel
 from harness.measures import Outcome, measure
-from harness.perception.perception import Perception
-from harness.perception.sensor import sensor_of
+from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
-from harness.seeding import Given, Purpose
 from harness.strategies.human_gmm import HumanDriver
+from harness.strategies.perception.perception import Perception
+from harness.strategies.perception.sensor import sensor_of
 
 CHUNK_PAIRS = 50
 """Pairs measured together; results do not depend on it."""

@@ -7,9 +7,9 @@ or compares with a threshold, may then choose otherwise: no engine is wrong.
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from harness.encounter import Observation, Strategy
+from harness.core.encounter import Observation, Strategy
+from harness.core.errors import StrategyError
 from harness.episode.deciding import limited
-from harness.errors import StrategyError
 
 SAME = 1e-9
 """Values that differ by no more were shown, or asked for, alike."""

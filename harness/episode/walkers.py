@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from harness.encounter import (
+from harness.core.encounter import (
     PEDESTRIAN_RADIUS_M,
     Arrival,
     Crossing,
@@ -16,8 +16,8 @@ from harness.encounter import (
     Walk,
     quick_tuple,
 )
-from harness.motion.contact import time_to_collision
-from harness.motion.walking import cleared_s
+from harness.measures.motion.contact import time_to_collision
+from harness.measures.motion.walking import cleared_s
 
 LOOK_EVERY_S = 1.0
 """How often a reactive pedestrian looks again after stepping off."""

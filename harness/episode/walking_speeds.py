@@ -4,8 +4,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from harness.encounter import Arrival, Side
-from harness.interaction import Asked, InteractionModel
+from harness.core.encounter import Arrival, Side
+from harness.model.interaction import Asked, InteractionModel
 from harness.scenario import Scenario
 
 _REMEMBERED = 64

@@ -1,4 +1,4 @@
-"""From traces to measures: contact, surrogate safety measures, time.  Pure functions.
+"""Traces in; measures of safety and delay out.
 
 All traces of a chunk are worked through together, because numpy's cost is per call.  Every value
 of an episode depends on that episode alone, to the last bit: which others are in the chunk makes

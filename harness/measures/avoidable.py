@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from harness.encounter import FloatArray
+from harness.core.encounter import FloatArray
 from harness.measures.chunk import Chunk
 from harness.measures.contacts import Strike
 from harness.measures.ego import ego_state
-from harness.motion.contact import Motion, first_contact_in_step
+from harness.measures.motion.contact import Motion, first_contact_in_step
 
 
 def avoidable(chunk: Chunk) -> FloatArray:

@@ -7,7 +7,7 @@ flank it is not the ego that avoids the contact by braking.
 
 import numpy as np
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 from harness.measures.chunk import Chunk
 
 _ROUNDING_M = 1e-9

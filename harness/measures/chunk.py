@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
+from harness.core.encounter import Crossing, Ending, FloatArray, Trace, Vehicle
 from harness.measures.contacts import Strike, strikes_of
 from harness.measures.ego import EgoStates, IntArray, body_of, crossing_time, ego_states
+from harness.measures.motion.contact import time_to_collision
 from harness.measures.steps import Legs, Rows, legs_of, rows_of
-from harness.motion.contact import time_to_collision
 
 
 @dataclass(frozen=True, slots=True)

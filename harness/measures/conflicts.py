@@ -6,11 +6,11 @@ moment at which someone steps off.
 
 import numpy as np
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Side
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray, Side
 from harness.measures.chunk import Chunk
 from harness.measures.ego import crossing_time
+from harness.measures.motion.contact import gap
 from harness.measures.steps import time_at, x_range
-from harness.motion.contact import gap
 
 
 def contact_speed_mps(chunk: Chunk) -> FloatArray:

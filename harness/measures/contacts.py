@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, Trace
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Contact, Ending, Trace
 from harness.measures.ego import body_of, ego_state
+from harness.measures.motion.contact import Motion, first_contact_in_step
 from harness.measures.steps import Rows
-from harness.motion.contact import Motion, first_contact_in_step
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from harness.encounter import FloatArray, Walk
+from harness.core.encounter import FloatArray, Walk
 from harness.measures.chunk import Chunk
 
 STANDING_MPS = 0.1

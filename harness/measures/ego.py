@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.encounter import FloatArray, Trace
+from harness.core.encounter import FloatArray, Trace
 
 IntArray = NDArray[np.int64]
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.encounter import Arm, Contact, Ending, FailedIn, Trace
+from harness.core.encounter import Arm, Contact, Ending, FailedIn, Trace
 from harness.measures.catalogue import COLUMNS, MEASURES, Measure, Measured
 from harness.measures.chunk import Chunk, chunk_of
 from harness.measures.contacts import strikes_of

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.encounter import FloatArray, Leg, Side, Trace, Walk
+from harness.core.encounter import FloatArray, Leg, Side, Trace, Walk
 from harness.measures.ego import EgoStates, IntArray
-from harness.motion import walking
+from harness.measures.motion import walking
 
 
 @dataclass(frozen=True, slots=True)

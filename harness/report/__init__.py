@@ -1,4 +1,4 @@
-"""Everything that people read: words and tables on the terminal, figures, pages."""
+"""Findings and traces in; screens, figures and pages out."""
 
 import lazy_loader
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
-from harness.comparison import ENCOUNTERS, Standing, Summary, row_of
-from harness.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
-from harness.runs.notes import av_label, encounter_notes
-from harness.runs.strategy_groups import StrategyCell
+from harness.statistics import ENCOUNTERS, Standing, Summary, row_of
+from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.studies.runs.notes import av_label, encounter_notes
+from harness.studies.runs.strategy_groups import StrategyCell
 
 Document = Mapping[str, object]
 

@@ -1,14 +1,5 @@
 """The tables and sentences of a comparison, for the terminal and the page alike."""
 
-from harness.comparison import (
-    DIFFERENCES,
-    ENCOUNTERS,
-    Findings,
-    Place,
-    Standing,
-    SweepVerdict,
-    Verdict,
-)
 from harness.report.result_screen import joined_notes, with_limits
 from harness.report.tables import (
     Table,
@@ -24,9 +15,18 @@ from harness.report.tables import (
     share_cell,
     value_cell,
 )
-from harness.runs.comparisons import GroupResult, RunComparison, SweepResult
-from harness.runs.notes import av_label, encounter_notes
 from harness.scenario import as_written
+from harness.statistics import (
+    DIFFERENCES,
+    ENCOUNTERS,
+    Findings,
+    Place,
+    Standing,
+    SweepVerdict,
+    Verdict,
+)
+from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
+from harness.studies.runs.notes import av_label, encounter_notes
 
 _NAMED = 4
 """Cells named in a word about another; the JSON document has all."""

@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from harness.encounter import Arrival, Crossing, FloatArray, Side
+from harness.core.encounter import Arrival, Crossing, FloatArray, Side
 from harness.report.style import (
     ARM_LOOKS,
     BLUE,

@@ -5,16 +5,16 @@ from itertools import islice
 import pandas as pd
 from matplotlib.axes import Axes
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.episode.traffic.demand import scheduled_vehicles
+from harness.episode.traffic.lanes import Direction, Lane, lanes_of
 from harness.report import style
 from harness.report.player import pair_title
 from harness.report.style import Picture
 from harness.report.tables import ARM_NAMES
-from harness.runs.run_data import RunData
-from harness.runs.shown import ShownPair
 from harness.scenario import Scenario
-from harness.traffic.demand import scheduled_vehicles
-from harness.traffic.lanes import Direction, Lane, lanes_of
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
 
 _BACK_M = 150.0
 _BEYOND_M = 40.0

@@ -11,10 +11,10 @@ from harness.report.style import Picture
 from harness.report.sweep_figures import Line, draw_over
 from harness.report.sweep_pictures import across_key, axis_label
 from harness.report.tables import ARM_NAMES
-from harness.results.hour_summaries import HoursSummary
-from harness.runs.run_data import RunData
-from harness.runs.shown import ShownPair
 from harness.scenario import Cell, as_written
+from harness.store.hour_summaries import HoursSummary
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
 
 _OVER = (
     ("vehicle_delay_s", "delay of vehicles (s)", "Delay of vehicles"),

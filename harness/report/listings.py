@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from harness.conformance import RuleResult
-from harness.encounter import Observation, StrategyFactory
+from harness.core.encounter import Observation, StrategyFactory
+from harness.core.errors import HarnessError, InputError, InterruptedRunError
 from harness.engine.installation import check_packages
-from harness.errors import HarnessError, InputError, InterruptedRunError
 from harness.report.tables import counted
 from harness.strategies.parameters import describe, knows_the_model, parameters_of
 from harness.strategies.registry import available
+from harness.studies.conformance import RuleResult
 
 _SHOWN = 5
 """Pedestrians of an observation that are told."""
@@ -102,7 +102,7 @@ def installation_checks() -> Iterator[tuple[str, str | None]]:
 
 
 def _check_library() -> None:
-    from harness.workers.pool import LocalPool
+    from harness.studies.workers.pool import LocalPool
 
     # In a process of its own: a broken library may take its process with it.
     pool = LocalPool(1)
@@ -113,7 +113,7 @@ def _check_library() -> None:
 
 
 def _check_network() -> None:
-    from harness.network import build_network
+    from harness.engine.network import build_network
     from harness.scenario.sections import CrossingSection
 
     with tempfile.TemporaryDirectory() as folder:
@@ -121,8 +121,8 @@ def _check_network() -> None:
 
 
 def _check_episode() -> None:
-    from harness.batch.experiment import run_study
     from harness.scenario import Options, Setting, read_scenario_file, study_of
+    from harness.studies.batch.experiment import run_study
 
     study = study_of(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
     with tempfile.TemporaryDirectory() as folder:

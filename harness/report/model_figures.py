@@ -13,9 +13,9 @@ from matplotlib.collections import QuadMesh
 from matplotlib.colors import Normalize, PowerNorm
 from matplotlib.ticker import MaxNLocator
 
-from harness.encounter import FloatArray
-from harness.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
-from harness.mixture import TruncatedGaussianMixture
+from harness.core.encounter import FloatArray
+from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
+from harness.model.mixture import TruncatedGaussianMixture
 from harness.report.style import BLUE, MUTED, SERIES, VERMILLION, finish
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")

@@ -10,13 +10,13 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from harness.documents import check_form
-from harness.encounter import FloatArray
-from harness.errors import one_line
-from harness.interaction import VARIABLES, InteractionModel
+from harness.core.documents import check_form
+from harness.core.encounter import FloatArray
+from harness.core.errors import one_line
+from harness.model.interaction import VARIABLES, InteractionModel
+from harness.model.trajectories import REASONS
 from harness.report.console import make_console
 from harness.report.tables import counted
-from harness.trajectories import REASONS
 
 _SYMBOLS = ("1/R (1/m)", "v (m/s)", "v_p (m/s)", "1/T_adv (1/s)")
 _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness.encounter import Arm
-from harness.errors import HarnessError, InputError, resume_command
-from harness.network import place_of
+from harness.core.encounter import Arm
+from harness.core.errors import HarnessError, InputError, resume_command
+from harness.engine.network import place_of
 from harness.report import style
 from harness.report.comparison_tables import comparison_lines, comparison_tables
 from harness.report.hour_pictures import hour_pictures
@@ -22,14 +22,14 @@ from harness.report.screen import screen_lines
 from harness.report.style import Picture
 from harness.report.tables import Table, counted
 from harness.report.template import drawn, flat, page_in, write_page
-from harness.runs.compare import compare
-from harness.runs.model_use import model_cells
-from harness.runs.notes import sentence
-from harness.runs.reported import remarks as remarks_on, reported
-from harness.runs.run_data import RunData
-from harness.runs.shown import ShownPair, shown_pairs
-from harness.runs.strategy_groups import strategy_groups
 from harness.scenario import as_written, remarks
+from harness.studies.runs.compare import compare
+from harness.studies.runs.model_use import model_cells
+from harness.studies.runs.notes import sentence
+from harness.studies.runs.reported import remarks as remarks_on, reported
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair, shown_pairs
+from harness.studies.runs.strategy_groups import strategy_groups
 
 _MOST_FAILURES = 20
 _MOST_VALUES = 12

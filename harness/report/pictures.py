@@ -6,9 +6,9 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from harness.encounter import Arm, Ending, FloatArray, Side
+from harness.core.encounter import Arm, Ending, FloatArray, Side
 from harness.episode.arrivals import planned_arrivals
-from harness.interaction import InteractionModel
+from harness.model.interaction import InteractionModel
 from harness.report import (
     episode_figures as episodes_drawn,
     model_figures,
@@ -21,12 +21,12 @@ from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
 from harness.report.tables import counted, level
 from harness.report.words import pair_name
-from harness.roads import Place, read_network, site_at
-from harness.runs.model_use import model_cells
-from harness.runs.reported import PAPER_MU, is_the_papers
-from harness.runs.run_data import RunData
-from harness.runs.shown import ShownPair
 from harness.scenario import Scenario
+from harness.site import Place, read_network, site_at
+from harness.studies.runs.model_use import model_cells
+from harness.studies.runs.reported import PAPER_MU, is_the_papers
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
 
 ARRIVALS_S = 60.0
 _MOST_CONDITIONS = 300

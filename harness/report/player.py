@@ -10,13 +10,13 @@ import numpy as np
 import pandas as pd
 from jinja2.utils import htmlsafe_json_dumps
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray, Vehicle
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Arm, Crossing, Ending, FloatArray, Vehicle
+from harness.episode.traffic.lanes import Direction, lanes_of
 from harness.report.episode_figures import time_advantage
 from harness.report.tables import ARM_NAMES, counted, named_values
 from harness.report.words import pair_name
-from harness.runs.run_data import RunData
-from harness.runs.shown import Key, ShownPair, choose_pairs
-from harness.traffic.lanes import Direction, lanes_of
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import Key, ShownPair, choose_pairs
 
 MOST_STATES = 1_500
 """States of one arm of an encounter; longer ones are thinned evenly."""

@@ -9,14 +9,14 @@ from pathlib import Path
 import pandas as pd
 from matplotlib.figure import Figure
 
-from harness.calibration import Sample
-from harness.calibration.choice import RULE_SHARE, relative_gain
-from harness.files import cannot_write, write_file
-from harness.interaction import InteractionModel
+from harness.core.files import cannot_write, write_file
+from harness.model.interaction import InteractionModel
+from harness.model.trajectories import Clip
 from harness.report import model_figures as draw
 from harness.report.style import caption, new_figure, without_glyph_warnings
 from harness.report.trajectory_figures import draw_map, draw_passing_event
-from harness.trajectories import Clip
+from harness.studies.calibration import Sample
+from harness.studies.calibration.choice import RULE_SHARE, relative_gain
 
 _DPI = 150
 # The authors' public scripts draw these conditions.

@@ -3,8 +3,6 @@
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from harness.comparison import zero_bound
-from harness.comparison.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
 from harness.report.screen import Screen
 from harness.report.tables import (
     counted,
@@ -14,8 +12,10 @@ from harness.report.tables import (
     named_values,
     per_cent,
 )
-from harness.runs.notes import short_name
 from harness.scenario import as_written
+from harness.statistics import zero_bound
+from harness.statistics.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
+from harness.studies.runs.notes import short_name
 
 MOST_CELLS = 2_000
 """Cells of a sweep that a screen lists; the others are in the run folder's files."""

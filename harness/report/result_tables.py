@@ -2,7 +2,6 @@
 
 import re
 
-from harness.comparison.findings import CellFindings, Finding, RunFindings
 from harness.measures import MEASURES
 from harness.report.result_screen import MOST_CELLS, cell_labels, cell_name
 from harness.report.tables import (
@@ -15,7 +14,8 @@ from harness.report.tables import (
     sort_key,
     value_cell,
 )
-from harness.runs.run_data import RunData
+from harness.statistics.findings import CellFindings, Finding, RunFindings
+from harness.studies.runs.run_data import RunData
 
 STAR = "; * unreliable: too few informative pairs (n)"
 """What the star behind a value says, in a caption."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from harness.report.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screen import screen_lines
 from harness.report.template import flat, page_in, write_page
-from harness.risk.asking import SettingsDocument
-from harness.risk.folder import read_risk, read_settings
 from harness.scenario import as_written
+from harness.studies.risk.asking import SettingsDocument
+from harness.studies.risk.folder import read_risk, read_settings
 
 
 def write_risk_page(folder: Path, out: Path | None = None) -> Path:

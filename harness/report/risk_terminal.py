@@ -7,7 +7,7 @@ from pathlib import Path
 from harness.report.console import make_console, print_table
 from harness.report.screen import Screen, screen_lines
 from harness.report.tables import Table, TableCell, counted, level, per_cent
-from harness.risk.findings import ENTRIES, Person, RiskFindings
+from harness.studies.risk.findings import ENTRIES, Person, RiskFindings
 
 _PEOPLE_SHOWN = 2
 

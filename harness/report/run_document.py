@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
-from harness.comparison import Catalogue, CellFindings, row_of
-from harness.runs.reported import reported
-from harness.runs.run_data import CellResult, RunData
-from harness.runs.targets import missed_targets
-from harness.workers.tasks import Failure
+from harness.statistics import Catalogue, CellFindings, row_of
+from harness.studies.runs.reported import reported
+from harness.studies.runs.run_data import CellResult, RunData
+from harness.studies.runs.targets import missed_targets
+from harness.studies.workers.tasks import Failure
 
 SCHEMA = 2
 """Number of the document's layout; 2 is the first that has ``findings``."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from matplotlib.axes import Axes
 
-from harness.encounter import FloatArray
+from harness.core.encounter import FloatArray
 from harness.report.style import AV, HUMAN, INK, VERMILLION, finish, legend_below
 
 _MOST_STEPS = 400

@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from harness.comparison.findings import Note, Rank
+from harness.statistics.findings import Note, Rank
 
 WIDEST = 100
 """Columns of a line, however wide the terminal is."""

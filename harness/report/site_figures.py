@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from harness.encounter import Crossing, Vehicle
+from harness.core.encounter import Crossing, Vehicle
 from harness.report.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish, legend_below
-from harness.roads import RoadNetwork, Site
-from harness.roads.road_network import allows
+from harness.site import RoadNetwork, Site
+from harness.site.road_network import allows
 
 if TYPE_CHECKING:
     from sumolib.net.edge import Edge

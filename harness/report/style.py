@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 
 INK = "#1b1f24"
 MUTED = "#57606a"

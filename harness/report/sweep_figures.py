@@ -11,7 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.transforms import ScaledTranslation
 
-from harness.encounter import FloatArray
+from harness.core.encounter import FloatArray
 from harness.report.style import (
     AV,
     GREEN,

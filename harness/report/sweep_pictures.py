@@ -5,21 +5,21 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from harness.comparison import Limits, Verdict
 from harness.report import style, sweep_figures as draw
 from harness.report.comparison_tables import allowed_lines
 from harness.report.style import Picture
 from harness.report.tables import level as words_of_level
-from harness.runs.compare import allowed_values
-from harness.runs.comparisons import SweepResult
-from harness.runs.run_data import RunData
-from harness.runs.strategy_groups import (
+from harness.scenario import as_written
+from harness.statistics import Limits, Verdict
+from harness.studies.runs.compare import allowed_values
+from harness.studies.runs.comparisons import SweepResult
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.strategy_groups import (
     ParameterSweep,
     StrategyGroup,
     parameter_sweeps,
     strategy_groups,
 )
-from harness.scenario import as_written
 
 _FLOW = "pedestrians.flow_per_hour"
 _MEASURES = (

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from harness.comparison import Interval
-from harness.comparison.findings import Entry, Finding, Findings, Form, Plain
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 from harness.scenario import as_written
+from harness.statistics import Interval
+from harness.statistics.findings import Entry, Finding, Findings, Form, Plain
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 from scipy import special
 
-from harness.comparison import CONFIDENCE
-from harness.encounter import FloatArray
+from harness.core.encounter import FloatArray
 from harness.report.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend_below
 from harness.report.tables import level
+from harness.statistics import CONFIDENCE
 
 _MOST_POINTS = 400
 _MOST_DOTS = 1_000

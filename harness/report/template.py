@@ -8,12 +8,12 @@ from typing import Any
 
 import jinja2
 
-from harness.errors import InputError
-from harness.files import write_file
+from harness.core.errors import InputError
+from harness.core.files import write_file
+from harness.core.versions import versions_of_runs
 from harness.report import style
 from harness.report.svg import inline_svg
 from harness.scenario import as_written
-from harness.versions import versions_of_runs
 
 _TEMPLATES = Path(__file__).parent / "templates"
 

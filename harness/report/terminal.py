@@ -11,10 +11,10 @@ from harness.report.console import make_console, print_table
 from harness.report.result_screen import screen_of
 from harness.report.result_tables import full_tables
 from harness.report.screen import Screen, screen_lines
-from harness.runs.comparisons import RunComparison
-from harness.runs.references import reference_lines
-from harness.runs.reported import remarks, reported
-from harness.runs.run_data import RunData
+from harness.studies.runs.comparisons import RunComparison
+from harness.studies.runs.references import reference_lines
+from harness.studies.runs.reported import remarks, reported
+from harness.studies.runs.run_data import RunData
 
 
 def print_run(run: RunData, full: bool = False) -> None:

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import PathCollection
 
-from harness.encounter import FloatArray
-from harness.errors import unknown_name
+from harness.core.encounter import FloatArray
+from harness.core.errors import unknown_name
+from harness.model.trajectories import Clip, ExtractionRules, Track, conflict_point
 from harness.report.style import BLUE, MUTED, VERMILLION, figure_text, finish, legend_below
-from harness.trajectories import Clip, ExtractionRules, Track, conflict_point
 
 # Positions are drawn at this interval: the model's rows are as far apart, and dots stay apart.
 DRAWN_EVERY_S = 0.2

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 
 from harness.report import style
-from harness.validation import DriverOutcome, Validation
+from harness.studies.validation import DriverOutcome, Validation
 
 
 def draw_errors(axes: Axes, validation: Validation) -> None:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from harness.encounter import Arm, Trace, Walk
-from harness.files import write_file
-from harness.motion.walking import cleared_s, states_at
+from harness.core.encounter import Arm, Trace, Walk
+from harness.core.files import write_file
+from harness.measures.motion.walking import cleared_s, states_at
 from harness.report import style
 from harness.report.player import Player, scene_of, shown_arm
 from harness.report.screen import screen_lines
@@ -22,7 +22,7 @@ from harness.report.validation_tables import (
     validation_screen,
     validation_tables,
 )
-from harness.validation import DriverOutcome, Passage, Validation
+from harness.studies.validation import DriverOutcome, Passage, Validation
 
 PAGE, DOCUMENT = "validation.html", "validation.json"
 _MOST_PASSAGES = 40

@@ -3,7 +3,6 @@
 from collections.abc import Iterable
 from typing import Any
 
-from harness.comparison.findings import Entry
 from harness.report.console import make_console, print_table
 from harness.report.screen import MOST_LINES, Screen, screen_lines
 from harness.report.tables import (
@@ -16,7 +15,8 @@ from harness.report.tables import (
     entry_value,
     sort_key,
 )
-from harness.validation import ENTRIES, LEFT_OUT, DriverFindings, ValidationFindings
+from harness.statistics.findings import Entry
+from harness.studies.validation import ENTRIES, LEFT_OUT, DriverFindings, ValidationFindings
 
 READING = (
     "Drivers are ranked by the mean score of the pass time; without randomness it is the mean "

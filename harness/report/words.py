@@ -1,6 +1,6 @@
 """Names of what a page shows."""
 
-from harness.runs.run_data import RunData
+from harness.studies.runs.run_data import RunData
 
 
 def pair_name(run: RunData, cell: int, pair: int) -> str:

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-from harness.encounter import Ending
+from harness.core.encounter import Ending
 from harness.report.tables import Table, TableCell, count_cell, number, sort_key
-from harness.runs.worst import WorstEpisode
 from harness.scenario import as_written
+from harness.studies.runs.worst import WorstEpisode
 
 
 def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:

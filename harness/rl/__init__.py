@@ -1,4 +1,4 @@
-"""The AV's arm as a Gymnasium environment (extra ``rl``).
+"""Actions in; observations and rewards of a Gymnasium environment out.
 
 ``gymnasium.make("harness.rl:harness/Crosswalk-v0", scenario="cctc_flow")``.  The same seed and pair
 give the same pedestrians as in the harness, and a policy goes back into the harness as a strategy

@@ -12,14 +12,14 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, EgoView, Ending, Observation, Trace
+from harness.core.errors import EngineError, InputError, unknown_name
 from harness.engine.protocol import Engine
 from harness.engine.shared import close_engine, open_engine
 from harness.episode.loop import Episode, Steps
 from harness.episode.pairing import PairRunner
-from harness.errors import EngineError, InputError, unknown_name
-from harness.interaction import load_model
 from harness.measures import EpisodeRecord, has_contact, measure
+from harness.model.interaction import load_model
 from harness.rl.picture import Picture, top_view
 from harness.rl.reward import Reward, Transition, check_reward, time_speeding_and_crash
 from harness.scenario import EngineName, Scenario, engine_named, scenario_of_encounters

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Vehicle
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Vehicle
 
 PIXELS_PER_M = 10
 BESIDE_M = 2.0

@@ -4,8 +4,8 @@ import inspect
 from collections.abc import Callable
 from typing import NamedTuple
 
-from harness.encounter import Observation
-from harness.errors import InputError
+from harness.core.encounter import Observation
+from harness.core.errors import InputError
 
 CRASH_PENALTY = 100.0
 

@@ -1,4 +1,4 @@
-"""Scenario files, the cells of a study, and how a run is carried out."""
+"""Scenario files in; checked scenarios and the cells of a study out."""
 
 from harness.scenario.consistency import remarks
 from harness.scenario.file import (

@@ -2,9 +2,8 @@
 
 import math
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
-from harness.errors import InputError, unknown_name
-from harness.roads.site import Passed
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Side
+from harness.core.errors import InputError, unknown_name
 from harness.scenario.people import TimedSection
 from harness.scenario.scenario import Scenario, path_of
 from harness.scenario.sections import (
@@ -14,6 +13,7 @@ from harness.scenario.sections import (
     TrafficSection,
 )
 from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
+from harness.site.site import Passed
 
 MAX_BEFORE_KERB_M = 8.0
 """How far before their kerb a timed pedestrian may start: a footpath is 10 m long."""

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple, get_args
 import numpy as np
 from pydantic import ValidationError
 
-from harness.documents import parse_toml, shortened
-from harness.errors import InputError, nearest_name, unknown_name
-from harness.resources import shipped_directory
+from harness.core.documents import parse_toml, shortened
+from harness.core.errors import InputError, nearest_name, unknown_name
+from harness.core.resources import shipped_directory
 from harness.scenario.consistency import check_consistency, check_time_out
 from harness.scenario.own_network import with_own_network
 from harness.scenario.scenario import Scenario

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Literal, get_args
 
-from harness.errors import InputError, unknown_name
+from harness.core.errors import InputError, unknown_name
 from harness.scenario.scenario import Scenario
 
 EngineName = Literal["sumo", "plain"]

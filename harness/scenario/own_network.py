@@ -5,10 +5,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness.errors import InputError
-from harness.roads import Place, Site, Stream, Survey, streams_of, survey
-from harness.roads.site import TOLERANCE_M
+from harness.core.errors import InputError
 from harness.scenario.scenario import Scenario
+from harness.site import Place, Site, Stream, Survey, streams_of, survey
+from harness.site.site import TOLERANCE_M
 
 _READ: Mapping[str, Callable[[Survey], Any]] = {
     "latitude_deg": lambda facts: facts.where and facts.where.latitude_deg,

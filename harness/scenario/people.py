@@ -5,9 +5,9 @@ from typing import Annotated, Literal, cast
 
 from pydantic import Field
 
-from harness.encounter import Behaviour
+from harness.core.encounter import Behaviour
+from harness.core.seeding import GIVEN_DRAWS, Given
 from harness.scenario.sections import NonNegative, Positive, Section, Share
-from harness.seeding import GIVEN_DRAWS, Given
 
 SLOWEST_MPS = 0.3
 """Nobody who is drawn from ``[pedestrians.walking_speed]`` walks slower."""

@@ -4,8 +4,8 @@ import math
 
 from pydantic import Field, JsonValue
 
-from harness.encounter import Crossing, Leg, Side, Vehicle
-from harness.motion.walking import timed_path
+from harness.core.encounter import Crossing, Leg, Side, Vehicle
+from harness.measures.motion.walking import timed_path
 from harness.scenario.people import PedestriansSection, TimedSection
 from harness.scenario.sections import (
     ArmsSection,

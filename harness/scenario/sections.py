@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 from pydantic_core import PydanticCustomError
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 
 MAX_TRIGGER_RANGE_M = 300.0
 """Longest range at which the ego can be inserted: the approach road of every network is as long."""

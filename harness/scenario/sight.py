@@ -1,7 +1,7 @@
 """Whether perception and obstacles fit the rest of a scenario."""
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Side
-from harness.errors import InputError, unknown_name
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Side
+from harness.core.errors import InputError, unknown_name
 from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ROUNDING_M, ObstacleSection
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
 
-from harness.errors import InputError, nearest_name
+from harness.core.errors import InputError, nearest_name
 from harness.scenario.file import (
     ScenarioFile,
     Setting,

@@ -5,8 +5,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from harness.documents import shortened
-from harness.errors import InputError
+from harness.core.documents import shortened
+from harness.core.errors import InputError
 
 UNITS = {
     "m/s": (1.0, 1.0),

@@ -8,8 +8,8 @@ from datetime import time
 from decimal import Decimal, InvalidOperation
 from typing import Any
 
-from harness.documents import parse_toml
-from harness.errors import InputError
+from harness.core.documents import parse_toml
+from harness.core.errors import InputError
 from harness.scenario.file import ScenarioFile, as_plain, toml_value
 
 MAX_CELLS = 100_000

@@ -1,1 +1,1 @@
-"""Strategies: one file per family, one table (``registry``), nothing of the engine."""
+"""Observations of a vehicle's surroundings in; acceleration commands out."""

@@ -2,7 +2,7 @@
 
 import math
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
 
 ROUNDING = 1e-9
 """An ego this near a threshold (m, s) is on it: engines differ in the last bits of their sums."""

@@ -1,7 +1,7 @@
 """An emergency brake alone (AEB): nothing before a collision is near, then everything."""
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
-from harness.errors import InputError
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
+from harness.core.errors import InputError
 from harness.strategies.driving import ROUNDING, half_path, resume, time_in_path
 
 

@@ -3,7 +3,7 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,

@@ -1,6 +1,6 @@
 """Hard-Yield: stop before the crosswalk and wait until it is clear."""
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
     anybody_waits,
     can_stop_at_line,

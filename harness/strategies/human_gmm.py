@@ -4,9 +4,9 @@ from typing import Literal
 
 import numpy as np
 
-from harness.encounter import Observation, PedestrianView
-from harness.errors import InputError
-from harness.interaction import Asked, InteractionModel
+from harness.core.encounter import Observation, PedestrianView
+from harness.core.errors import InputError
+from harness.model.interaction import Asked, InteractionModel
 
 
 class HumanDriver:

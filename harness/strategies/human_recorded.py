@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
-from harness.errors import InputError
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.errors import InputError
 from harness.strategies.driving import (
     ROUNDING,
     full_braking_distance,

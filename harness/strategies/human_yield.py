@@ -5,8 +5,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from harness.encounter import PEDESTRIAN_RADIUS_M, Observation
-from harness.errors import InputError
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
+from harness.core.errors import InputError
 from harness.strategies.driving import (
     CLEARANCE_M,
     COMFORTABLE_MPS2,

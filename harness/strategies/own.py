@@ -9,8 +9,8 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 
-from harness.encounter import StrategyFactory
-from harness.errors import InputError, in_one_line, nearest_name
+from harness.core.encounter import StrategyFactory
+from harness.core.errors import InputError, in_one_line, nearest_name
 
 GROUP = "harness.strategies"
 """The entry point group in which an installed package names its strategies."""

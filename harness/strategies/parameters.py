@@ -10,8 +10,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.errors import PydanticUserError
 
-from harness.encounter import StrategyFactory
-from harness.errors import InputError, unknown_name
+from harness.core.encounter import StrategyFactory
+from harness.core.errors import InputError, unknown_name
 
 GIVEN_BY_HARNESS = ("model", "rng", "step_s")
 """Constructor arguments that the harness fills in; never keys of a scenario."""

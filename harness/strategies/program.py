@@ -15,8 +15,8 @@ from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
 
-from harness.encounter import Crossing, Observation, StrategyFactory, Vehicle
-from harness.errors import InputError
+from harness.core.encounter import Crossing, Observation, StrategyFactory, Vehicle
+from harness.core.errors import InputError
 
 PREFIX = "exec:"
 

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from harness.encounter import StrategyFactory
-from harness.errors import InputError, nearest_name
+from harness.core.encounter import StrategyFactory
+from harness.core.errors import InputError, nearest_name
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield

@@ -3,7 +3,7 @@
 import math
 from typing import ClassVar, NamedTuple
 
-from harness.encounter import Observation, PedestrianView
+from harness.core.encounter import Observation, PedestrianView
 from harness.strategies.driving import clearing_time, resume
 from harness.strategies.hard_yield import HardYield
 

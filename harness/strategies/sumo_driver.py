@@ -1,6 +1,6 @@
 """SUMO's own driver: what a SUMO user has today."""
 
-from harness.encounter import Observation
+from harness.core.encounter import Observation
 
 
 class SumoDriver:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.encounter import Observation, Vehicle
+from harness.core.encounter import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
 PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_crossing")

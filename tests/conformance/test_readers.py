@@ -17,9 +17,8 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from harness.errors import InputError
-from harness.report.plots import plot_trajectories
-from harness.trajectories import (
+from harness.core.errors import InputError
+from harness.model.trajectories import (
     FORMATS,
     ROW_COLUMNS,
     Extraction,
@@ -28,6 +27,7 @@ from harness.trajectories import (
     read_clips,
     summary,
 )
+from harness.report.plots import plot_trajectories
 from tests.fuzz.hostile import accepted_or_refused_in_one_line, cut_and_flipped
 
 ENCOUNTER = Path(__file__).parents[1] / "data" / "encounter"

@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from hypothesis import settings, strategies as st
 
-from harness.errors import InputError
+from harness.core.errors import InputError
 
 full = False
 """Whether all cases are run, not a sample; set before the tests are read."""

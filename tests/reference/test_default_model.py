@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.calibration import Settings, calibrate, make_sample
-from harness.interaction import VARIABLES, load_model
-from harness.resources import shipped_directory
+from harness.core.resources import shipped_directory
+from harness.model.interaction import VARIABLES, load_model
+from harness.model.trajectories import extract
 from harness.scenario import Scenario, load_scenario
-from harness.trajectories import extract
+from harness.studies.calibration import Settings, calibrate, make_sample
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 needs_dut = pytest.mark.skipif(
@@ -45,7 +45,7 @@ def test_card_names_commands_and_what_it_rests_on(name):
         "harness extract ../shared/data/dut --format vci --out runs/dut-rows.parquet"
     )
     assert fit.startswith("harness fit runs/dut-rows.parquet ")
-    assert option(fit, "--out") == f"harness/models/{name}.json"
+    assert option(fit, "--out") == f"harness/model/shipped/{name}.json"
     assert option(fit, "--weigh") == card["weigh"] == "encounter"
     assert card["components"] == model.mixture.weights.size
     # The data page: 532 pairs from 35 vehicles, about 16 % of the rows outside the box, 7 or 8

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.calibration import make_sample
-from harness.trajectories import extract, row_weights, summary
+from harness.model.trajectories import extract, row_weights, summary
+from harness.studies.calibration import make_sample
 
 DUT = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dut"
 pytestmark = pytest.mark.skipif(

@@ -11,14 +11,14 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-from harness.batch import experiment
-from harness.batch.experiment import run_study
-from harness.batch.showing import write_shown
+from harness.core.errors import InterruptedRunError
 from harness.engine.shared import close_engine
-from harness.errors import InterruptedRunError
 from harness.report.page import Written, write_report
 from harness.scenario import Options, Study
-from harness.workers.tasks import Argument, Result
+from harness.studies.batch import experiment
+from harness.studies.batch.experiment import run_study
+from harness.studies.batch.showing import write_shown
+from harness.studies.workers.tasks import Argument, Result
 from tests.batches import Inline, one_cell, sweep
 from tests.conftest import close_all
 

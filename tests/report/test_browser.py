@@ -16,11 +16,11 @@ import harness
 import harness.report.page as page_module
 from harness.report.risk_page import write_risk_page
 from harness.report.validation_page import write_validation
-from harness.risk.asking import Settings
-from harness.risk.folder import estimate_risk
-from harness.runs.run_data import RunData
 from harness.scenario import Options, Scenario
 from harness.strategies.hard_yield import HardYield
+from harness.studies.risk.asking import Settings
+from harness.studies.risk.folder import estimate_risk
+from harness.studies.runs.run_data import RunData
 from tests.batches import Inline, one_cell
 from tests.recordings import held, write_set
 from tests.report.conftest import HOSTILE, report, simulate

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.comparison import Place, SweepVerdict, Verdict
-from harness.errors import InputError
+from harness.core.errors import InputError
 from harness.report.comparison_tables import best_lines
-from harness.results import summaries
-from harness.runs.compare import compare
-from harness.runs.comparisons import RunComparison
 from harness.scenario import Options, Precision
-from harness.workers.tasks import Task
+from harness.statistics import Place, SweepVerdict, Verdict
+from harness.store import summaries
+from harness.studies.runs.compare import compare
+from harness.studies.runs.comparisons import RunComparison
+from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import FREE_S, Fate, Fates, made_up
 

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 import harness
-from harness.encounter import Arrival, Crossing, Side
-from harness.network import place_of
+from harness.core.encounter import Arrival, Crossing, Side
+from harness.engine.network import place_of
 from harness.report import (
     episode_figures,
     safety_figures,
@@ -27,9 +27,9 @@ from harness.report import (
 from harness.report.pictures import pictures_of
 from harness.report.style import Picture
 from harness.report.sweep_pictures import sweep_pictures
-from harness.roads import read_network, read_site
-from harness.runs.run_data import RunData
-from harness.runs.shown import shown_pairs
+from harness.site import read_network, read_site
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import shown_pairs
 from tests.batches import sweep
 from tests.report.conftest import simulate
 

@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 
-from harness.comparison import Interval, proportion
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.episode.traffic.handbook import Handbook
+from harness.episode.traffic.saturation import Growth
 from harness.report import style
 from harness.report.hour_pictures import hour_pictures
-from harness.results.hour_catalogue import HOURS
-from harness.results.hour_summaries import ArmOfHours, HoursSummary
 from harness.scenario import parse_variation, read_scenario_file, study_of
-from harness.traffic.handbook import Handbook
-from harness.traffic.saturation import Growth
+from harness.statistics import Interval, proportion
+from harness.store.hour_catalogue import HOURS
+from harness.store.hour_summaries import ArmOfHours, HoursSummary
 
 CALM = ArmOfHours(
     not_through=0,

@@ -10,19 +10,19 @@ from typing import Any
 import pytest
 
 import harness
-from harness.encounter import Observation
-from harness.errors import InputError
-from harness.interaction import InteractionModel
+from harness.core.encounter import Observation
+from harness.core.errors import InputError
+from harness.model.interaction import InteractionModel
 from harness.report.page import write_report
 from harness.report.result_screen import screen_of
 from harness.report.run_document import run_document
 from harness.report.screen import screen_lines
 from harness.report.terminal import print_run
-from harness.results import summaries
-from harness.runs.reported import knowledge_lines, reported
-from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision
-from harness.workers.tasks import Task
+from harness.store import summaries
+from harness.studies.runs.reported import knowledge_lines, reported
+from harness.studies.runs.run_data import RunData
+from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, printed, scenario_file, sweep
 from tests.made_up import Fate, made_up
 from tests.report.conftest import simulate

@@ -17,13 +17,13 @@ import pytest
 
 import harness
 import harness.report.page as page_module
-from harness.batch import showing
+from harness.core.resources import shipped_directory
 from harness.report import player
 from harness.report.page import write_report
 from harness.report.player import run_player
-from harness.resources import shipped_directory
-from harness.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs
 from harness.scenario import Cell, Options, Study, validate
+from harness.studies.batch import showing
+from harness.studies.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs
 from tests.batches import here, one_cell, printed, refusal, sweep
 from tests.report.conftest import HOSTILE, report, simulate
 

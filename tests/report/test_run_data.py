@@ -14,11 +14,11 @@ import pytest
 from pandas.testing import assert_frame_equal
 
 import harness
-from harness.errors import InputError
-from harness.results.summaries import summarise_cell
-from harness.results.tables import SCHEMA
-from harness.runs.run_data import RunData
+from harness.core.errors import InputError
 from harness.scenario import Options
+from harness.store.summaries import summarise_cell
+from harness.store.tables import SCHEMA
+from harness.studies.runs.run_data import RunData
 from tests.batches import here, one_cell
 from tests.report.conftest import simulate
 
@@ -89,7 +89,7 @@ def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Pa
 
 
 def test_an_unfinished_run_is_read_while_another_process_holds_it(unfinished: Path) -> None:
-    from harness.results.run_folder import RunFolder
+    from harness.store.run_folder import RunFolder
 
     folder = RunFolder(unfinished)
     try:

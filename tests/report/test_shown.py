@@ -8,9 +8,9 @@ import pytest
 
 from harness.report.episode_figures import time_advantage
 from harness.report.player import run_player
-from harness.runs.opening import load_run
-from harness.runs.shown import shown_pairs
 from harness.scenario import Options
+from harness.studies.runs.opening import load_run
+from harness.studies.runs.shown import shown_pairs
 from tests.batches import one_cell
 from tests.report.conftest import simulate
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.comparison import ENCOUNTERS, Rank
-from harness.encounter import Observation
-from harness.runs.notes import encounter_notes
+from harness.core.encounter import Observation
 from harness.scenario import Options
+from harness.statistics import ENCOUNTERS, Rank
+from harness.studies.batch.experiment import run_study
+from harness.studies.runs.notes import encounter_notes
 from tests.batches import Inline, one_cell
 
 

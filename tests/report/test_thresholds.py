@@ -6,11 +6,11 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.batch.scoring import score
-from harness.errors import InputError
-from harness.runs.export import export_csv
+from harness.core.errors import InputError
 from harness.scenario import Setting
-from harness.workers.tasks import Task
+from harness.studies.batch.scoring import score
+from harness.studies.runs.export import export_csv
+from harness.studies.workers.tasks import Task
 from tests.batches import one_cell, sweep
 from tests.made_up import Fate, made_up
 

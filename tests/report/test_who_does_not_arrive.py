@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.comparison import Place, Verdict
-from harness.encounter import Observation, PedestrianView
-from harness.runs.compare import compare
-from harness.runs.run_data import RunData
+from harness.core.encounter import Observation, PedestrianView
 from harness.scenario import Options
+from harness.statistics import Place, Verdict
 from harness.strategies.hard_yield import HardYield
+from harness.studies.batch.experiment import run_study
+from harness.studies.runs.compare import compare
+from harness.studies.runs.run_data import RunData
 from tests.batches import Inline, sweep
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.encounter import Arm, Ending
-from harness.errors import InputError
-from harness.runs.worst import got_worse, worst
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError
+from harness.studies.runs.worst import got_worse, worst
 from tests.batches import one_cell, printed, refusal, sweep
 from tests.made_up import Fate, made_up
 

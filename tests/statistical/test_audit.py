@@ -19,16 +19,16 @@ from scipy.optimize import brentq
 from benchmarks import audit, known_truth
 from benchmarks.known_truth import CELLS, COMPARED
 from benchmarks.tally import BAND, Tally
-from harness.batch.experiment import run_study
-from harness.calibration.scores import HeldOut
-from harness.encounter import FloatArray, Side
+from harness.core.encounter import FloatArray, Side
 from harness.episode import pairing
 from harness.episode.arrivals import planned_arrivals
 from harness.report.comparison_document import comparison_document
-from harness.results.reading import read_table
-from harness.runs.compare import compare
 from harness.scenario import Options, Scenario, study_of
 from harness.scenario.file import Setting, apply_setting
+from harness.store.reading import read_table
+from harness.studies.batch.experiment import run_study
+from harness.studies.calibration.scores import HeldOut
+from harness.studies.runs.compare import compare
 from tests.batches import Inline, scenario_file
 
 PER_SIDE = 200

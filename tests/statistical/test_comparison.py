@@ -8,7 +8,7 @@ from scipy import stats
 
 from benchmarks.coverage import INTERVALS, holds, population, times_of
 from benchmarks.equal_cells import equal_cells, verdicts
-from harness.comparison import (
+from harness.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
     MU_BOUND_FROM,
@@ -21,8 +21,8 @@ from harness.comparison import (
     proportion,
     sign_flip_p,
 )
-from harness.comparison.findings import ALIKE_FROM
-from harness.results.summaries import pair_columns
+from harness.statistics.findings import ALIKE_FROM
+from harness.store.summaries import pair_columns
 
 
 def least_coverage(low: np.ndarray, high: np.ndarray, n: int) -> float:

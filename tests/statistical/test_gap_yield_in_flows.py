@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
 from harness.scenario import Setting, load_scenario

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from harness.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
 from tests.unit.test_mixture_fitting import truth
 
 PARAMETERS = 44  # 2 weights, 12 locations, 30 of the scale matrices

@@ -15,8 +15,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from harness.interaction import InteractionModel, load_model
-from harness.mixture import TruncatedGaussianMixture
+from harness.model.interaction import InteractionModel, load_model
+from harness.model.mixture import TruncatedGaussianMixture
 
 ROWS = 4_000
 
@@ -316,7 +316,7 @@ def test_curve_gives_the_same_bits_in_any_batch(drawn):
 DRAWS = """
 import hashlib
 import numpy as np
-from harness.interaction import load_model
+from harness.model.interaction import load_model
 model, rng = load_model("dut-k10"), np.random.default_rng(7)
 rows = model.mixture.sample(2_000, rng)
 conditional = model.mixture.conditional(2, (0, 1, 3))

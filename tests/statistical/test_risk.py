@@ -6,16 +6,16 @@ from scipy import stats
 
 from benchmarks.risk import TRUTH
 from benchmarks.risk_table import LAYOUT as FAULTY, Tables
-from harness.encounter import Arm, Ending
+from harness.core.encounter import Arm, Ending
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.interaction import load_model
-from harness.risk.estimation import Estimation, _pilot, estimate_probability
-from harness.risk.interval import Tally
-from harness.risk.layout import Layout
-from harness.risk.outcomes import Evaluate
-from harness.risk.space import space_of
+from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
+from harness.studies.risk.estimation import Estimation, _pilot, estimate_probability
+from harness.studies.risk.interval import Tally
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Evaluate
+from harness.studies.risk.space import space_of
 from tests.risks import CROWD, LAYOUT, crowd, fault, half_space, scored, union
 
 REPETITIONS = 400

@@ -14,13 +14,13 @@ import pytest
 from scipy import stats
 
 from benchmarks.coverage import population
-from harness.batch.plan import Plan
-from harness.batch.until import reach_precision
-from harness.comparison import ENCOUNTERS, Interval, bootstrap, summary
-from harness.results import summaries as looking
-from harness.results.summaries import confidence_of, looks, pair_columns, summarise_cell
-from harness.results.tables import EPISODES
 from harness.scenario import Options, Precision, Study
+from harness.statistics import ENCOUNTERS, Interval, bootstrap, summary
+from harness.store import summaries as looking
+from harness.store.summaries import confidence_of, looks, pair_columns, summarise_cell
+from harness.store.tables import EPISODES
+from harness.studies.batch.plan import Plan
+from harness.studies.batch.until import reach_precision
 from tests.batches import one_cell
 
 

@@ -12,8 +12,8 @@ import pytest
 from scipy import integrate, stats
 
 from harness.episode.arrivals import planned_arrivals
-from harness.interaction import InteractionModel
-from harness.mixture import TruncatedGaussianMixture
+from harness.model.interaction import InteractionModel
+from harness.model.mixture import TruncatedGaussianMixture
 from harness.scenario import load_scenario
 
 R, V, VP, W = range(4)

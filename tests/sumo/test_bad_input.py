@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.resources import shipped_directory
+from harness.core.resources import shipped_directory
 from harness.scenario import Options, Setting, parse_variation, read_scenario_file, study_of
+from harness.studies.batch.experiment import run_study
 from tests.batches import here, printed, refusal
 
 Refuse = Callable[..., str]

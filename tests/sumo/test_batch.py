@@ -16,19 +16,19 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from harness.batch.experiment import resume, run_study
-from harness.encounter import Trace
+from harness.core.encounter import Trace
+from harness.core.errors import HarnessError, InputError, InterruptedRunError
 from harness.engine.shared import close_engine
 from harness.episode import pairing
 from harness.episode.loop import Episode, drive
-from harness.errors import HarnessError, InputError, InterruptedRunError
-from harness.results import summaries
-from harness.results.reading import read_manifest
-from harness.results.run_folder import claim_folder
-from harness.runs.run_data import RunData
 from harness.scenario import Options, Precision, Study
-from harness.workers.pool import LocalPool
-from harness.workers.tasks import Argument, Result, Task
+from harness.store import summaries
+from harness.store.reading import read_manifest
+from harness.store.run_folder import claim_folder
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.runs.run_data import RunData
+from harness.studies.workers.pool import LocalPool
+from harness.studies.workers.tasks import Argument, Result, Task
 from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, options_of, sweep
 
 LAMBDA = "pedestrians.flow_per_hour"
@@ -303,7 +303,7 @@ def holder_of(folder: Path) -> "subprocess.Popen[str]":
     code = (
         "import sys, time\n"
         "from pathlib import Path\n"
-        "from harness.results.run_folder import RunFolder\n"
+        "from harness.store.run_folder import RunFolder\n"
         "folder = RunFolder(Path(sys.argv[1]))\n"
         "print('held', flush=True)\n"
         "time.sleep(300)\n"
@@ -438,7 +438,7 @@ def test_a_file_system_that_refuses_is_one_error(
     def full(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("harness.files.os.fsync", full)
+    monkeypatch.setattr("harness.core.files.os.fsync", full)
     with pytest.raises(HarnessError, match="No space left on device"):
         run(study, tmp_path / "run")
 

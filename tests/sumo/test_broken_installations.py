@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from harness.core.errors import InputError
 from harness.engine import installation
-from harness.errors import InputError
 from tests.batches import CHECKOUT, QUICK, here, options_of, shell
 from tests.sumo.test_faults import mount
 

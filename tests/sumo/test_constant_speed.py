@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pytest
 
 from benchmarks.verdicts import Passage
-from harness.encounter import Side, Trace
+from harness.core.encounter import Side, Trace
 from harness.measures import measure
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import play, scenario

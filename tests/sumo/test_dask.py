@@ -16,9 +16,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.errors import InputError
+from harness.core.errors import InputError
 from harness.scenario import Options
+from harness.studies.batch.experiment import run_study
 from tests.batches import (
     CHECKOUT,
     QUICK,
@@ -129,7 +129,7 @@ def test_same_bytes_as_in_one_process(
 
 
 def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> None:
-    from harness.workers.cluster import DaskCluster
+    from harness.studies.workers.cluster import DaskCluster
 
     study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.length_m=4,4.5,5")
     run_study(study, Options(workers=1), out=tmp_path / "here")
@@ -215,7 +215,7 @@ def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
 def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Path) -> None:
     from distributed import Client
 
-    from harness.workers.cluster import DaskCluster
+    from harness.studies.workers.cluster import DaskCluster
 
     def workers() -> dict[str, int]:
         with Client(cluster, set_as_default=False) as client:
@@ -239,7 +239,7 @@ def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Pa
 def test_workers_with_several_threads_are_refused(
     launch: Launch, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
 ) -> None:
-    from harness.workers.cluster import DaskCluster
+    from harness.studies.workers.cluster import DaskCluster
 
     _, address = scheduler(launch, tmp_path_factory.mktemp("threads"))
     with pytest.raises(InputError, match="no workers"):

@@ -13,8 +13,8 @@ import pytest
 
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.interaction import InteractionModel
 from harness.measures import MEASURES, EpisodeRecord, Outcome
+from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
 from harness.strategies import registry
 

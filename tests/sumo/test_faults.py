@@ -15,13 +15,13 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 
-from harness.batch.experiment import resume, run_study
-from harness.encounter import Arrival
+from harness.core.encounter import Arrival
+from harness.core.errors import EngineError, HarnessError
+from harness.core.seeding import stream
 from harness.engine.plain import PlainEngine
 from harness.engine.shared import close_engine
-from harness.errors import EngineError, HarnessError
 from harness.scenario import Options
-from harness.seeding import stream
+from harness.studies.batch.experiment import resume, run_study
 from tests.batches import QUICK, Inline, content, here, one_cell, options_of, shell
 from tests.faulty import NAME, struck
 
@@ -190,7 +190,7 @@ def test_summary_counts_the_failed_apart(batch: Path) -> None:
 
 
 def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
-    from harness.batch.scoring import score
+    from harness.studies.batch.scoring import score
 
     score(batch / "faulty", batch / "scored")
     assert content(batch / "scored") == content(batch / "faulty")
@@ -221,7 +221,7 @@ class NoStart(PlainEngine):
 def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NoStart, "episodes", 0)
     monkeypatch.setattr(
-        "harness.workers.worker.open_engine",
+        "harness.studies.workers.worker.open_engine",
         lambda scenario, _name: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})

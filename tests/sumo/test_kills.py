@@ -13,9 +13,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.results.reading import read_manifest
 from harness.scenario import Options
+from harness.store.reading import read_manifest
+from harness.studies.batch.experiment import run_study
 from tests.batches import (
     QUICK,
     Inline,

@@ -6,12 +6,12 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.engine.network import build_network
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
-from harness.network import build_network
-from harness.roads import Place, read_site
 from harness.scenario import Scenario, validate
+from harness.site import Place, read_site
 from tests.scenes import on_plain
 from tests.sumo.test_engines_agree import assert_same_episode
 

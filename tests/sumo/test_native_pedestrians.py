@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.encounter import Arrival, Ending, Observation, Side
+from harness.core.encounter import Arrival, Ending, Observation, Side
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode

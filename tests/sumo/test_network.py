@@ -15,18 +15,18 @@ from pathlib import Path
 import libsumo
 import pytest
 
-from harness.encounter import Ending
-from harness.errors import EngineError, InputError
-from harness.network import (
+from harness.core.encounter import Ending
+from harness.core.errors import EngineError, InputError
+from harness.engine.network import (
     build,
     build_network,
     network_for,
     plain_sources,
     sources,
 )
-from harness.roads import Place, Site, read_site
 from harness.scenario import load_scenario
 from harness.scenario.sections import CrossingSection
+from harness.site import Place, Site, read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.conftest import MakeEngine
 from tests.scenes import play, scenario

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 
 import harness
-from harness.batch.experiment import run_study
-from harness.encounter import Ending
-from harness.errors import InputError
+from harness.core.encounter import Ending
+from harness.core.errors import InputError
 from harness.measures.agreement import difference
-from harness.results.episode_tables import episode_rows
 from harness.scenario import Options
+from harness.store.episode_tables import episode_rows
+from harness.studies.batch.experiment import run_study
 from tests.batches import Inline, one_cell
 from tests.notebooks import as_main, run_cell, run_notebook
 

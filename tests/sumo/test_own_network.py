@@ -16,16 +16,16 @@ from pathlib import Path
 import pytest
 import sumo as sumo_package
 
+from harness.core.errors import InputError
+from harness.engine.network import build_network, network_of
+from harness.engine.network.build import run_netconvert
+from harness.engine.network.crossings import list_crossings, scenario_text
+from harness.engine.network.osm import convert
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.errors import InputError
-from harness.network import build_network, network_of
-from harness.network.build import run_netconvert
-from harness.network.crossings import list_crossings, scenario_text
-from harness.network.osm import convert
-from harness.roads import Place, read_network, read_site, road_network
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.sections import CrossingSection
+from harness.site import Place, read_network, read_site, road_network
 from tests.batches import CHECKOUT, here, printed, refusal
 from tests.sites import NETWORKS
 from tests.sumo.test_engines_agree import assert_same_episode

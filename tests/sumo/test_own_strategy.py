@@ -11,14 +11,14 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from harness.batch.experiment import resume, run_study
+from harness.core.errors import InputError
 from harness.engine.shared import close_engine
-from harness.errors import InputError
 from harness.report.page import write_report
-from harness.runs.compare import compare
-from harness.runs.export import export_csv
-from harness.runs.opening import load_run
 from harness.scenario import Options
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.runs.compare import compare
+from harness.studies.runs.export import export_csv
+from harness.studies.runs.opening import load_run
 from tests.batches import QUICK, Inline, here, one_cell, options_of, shell, sweep
 
 CHECKOUT = Path(__file__).parents[2]

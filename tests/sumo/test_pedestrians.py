@@ -4,14 +4,14 @@ import libsumo
 import numpy as np
 import pytest
 
-from harness.encounter import Side
+from harness.core.encounter import Side
+from harness.core.resources import shipped_directory
 from harness.engine.control import SumoEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.measures import measure
-from harness.resources import shipped_directory
-from harness.roads import Place, read_site
+from harness.site import Place, read_site
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario

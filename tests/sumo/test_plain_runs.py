@@ -7,21 +7,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.batch.experiment import resume, run_study
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.core.errors import InputError, InterruptedRunError
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.errors import InputError, InterruptedRunError
 from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
-from harness.one_pair import run_pair
-from harness.replay.rerun import debug
-from harness.results.run_folder import RunFolder
-from harness.runs.opening import load_run
-from harness.runs.reported import audit_lines
-from harness.runs.run_data import RunData
+from harness.report.one_pair import run_pair
 from harness.scenario import Options, Scenario, Study
-from harness.workers.audit import audit_of
+from harness.store.run_folder import RunFolder
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.replay.rerun import debug
+from harness.studies.runs.opening import load_run
+from harness.studies.runs.reported import audit_lines
+from harness.studies.runs.run_data import RunData
+from harness.studies.workers.audit import audit_of
 from tests import planner
 from tests.batches import FLOW, Inline, one_cell, sweep
 from tests.conftest import close_all

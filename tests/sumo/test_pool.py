@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.batch.experiment import run_study
-from harness.errors import HarnessError
+from harness.core.errors import HarnessError
 from harness.scenario import Options
-from harness.workers import pool as pools
-from harness.workers.executors import executor_for
-from harness.workers.pool import LocalPool
-from harness.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
+from harness.studies.batch.experiment import run_study
+from harness.studies.workers import pool as pools
+from harness.studies.workers.executors import executor_for
+from harness.studies.workers.pool import LocalPool
+from harness.studies.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
 from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell
 
 
@@ -137,7 +137,7 @@ def test_what_a_strategy_prints_is_no_result(tmp_path: Path) -> None:
 
 
 SCRIPT = """
-from harness.batch.experiment import run_study
+from harness.studies.batch.experiment import run_study
 from harness.scenario.options import Options
 from harness.scenario import Setting, read_scenario_file
 from harness.scenario.study import study_of

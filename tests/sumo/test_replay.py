@@ -13,13 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 import sumo as sumo_package
 
-from harness.batch.experiment import resume, run_study
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.core.errors import InputError, InterruptedRunError
 from harness.engine.shared import close_engine
-from harness.errors import InputError, InterruptedRunError
-from harness.replay.rerun import SUMO_FILES, replay
-from harness.roads import Place, read_site
 from harness.scenario import Options
+from harness.site import Place, read_site
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.replay.rerun import SUMO_FILES, replay
 from tests.batches import CHECKOUT, FLOW, QUICK, Inline, here, one_cell, options_of, shell, sweep
 from tests.faulty import NAME, struck
 
@@ -273,7 +273,7 @@ def test_outputs_that_were_interrupted_are_remembered(
     def nobody(*_: object) -> None:
         raise AssertionError("nothing is left to do")
 
-    monkeypatch.setattr("harness.replay.sumo_outputs.LocalPool", nobody)
+    monkeypatch.setattr("harness.studies.replay.sumo_outputs.LocalPool", nobody)
     assert resume(tmp_path / "run").output_failures == ()
 
 

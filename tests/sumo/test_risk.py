@@ -10,14 +10,14 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-from harness.comparison.findings import Rank
-from harness.encounter import Arm
-from harness.errors import InputError, InterruptedRunError
-from harness.risk.asking import Settings, question_of
-from harness.risk.folder import estimate_risk, read_risk, resume_risk
-from harness.risk.running import Evaluation
-from harness.risk.writing import RESULT
+from harness.core.encounter import Arm
+from harness.core.errors import InputError, InterruptedRunError
 from harness.scenario import read_scenario_file, validate
+from harness.statistics.findings import Rank
+from harness.studies.risk.asking import Settings, question_of
+from harness.studies.risk.folder import estimate_risk, read_risk, resume_risk
+from harness.studies.risk.running import Evaluation
+from harness.studies.risk.writing import RESULT
 from tests import planner
 from tests.batches import CHECKOUT, HARNESS, Inline, here, printed, refusal
 

@@ -4,11 +4,11 @@ import pytest
 
 pytest.importorskip("gymnasium")
 
-from harness.encounter import Arm, Ending
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import EngineError
 from harness.engine.shared import close_engine, engine_for
 from harness.episode.pairing import PairRunner
-from harness.errors import EngineError
-from harness.interaction import load_model
+from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
 from tests.unit.test_rl import BUSY, drive, environment, measured
 

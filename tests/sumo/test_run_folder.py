@@ -13,11 +13,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from harness.engine.network import place_of
 from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
-from harness.network import place_of
-from harness.results.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from harness.scenario import validate
+from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
 from tests.batches import here
 
 FLOW = [

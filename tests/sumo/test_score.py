@@ -10,18 +10,18 @@ from types import ModuleType
 import pyarrow.parquet as pq
 import pytest
 
-from harness.batch import experiment, scoring
-from harness.batch.experiment import resume, run_study
-from harness.batch.scoring import score
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.core.versions import versions_of_runs
 from harness.engine.shared import close_engine
-from harness.errors import InputError
-from harness.replay.rerun import replay
-from harness.results import summaries
 from harness.scenario import Options, Precision, Study
+from harness.store import summaries
 from harness.strategies import own
 from harness.strategies.constant_speed import ConstantSpeed
-from harness.versions import versions_of_runs
+from harness.studies.batch import experiment, scoring
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.scoring import score
+from harness.studies.replay.rerun import replay
 from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, sweep
 
 STUDIES = {

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import Side
+from harness.core.encounter import Side
 from harness.measures import crossing_time, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, Contact, Ending, Side
+from harness.core.encounter import Arm, Contact, Ending, Side
+from harness.engine.network import network_of
 from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.network import network_of
 from harness.scenario import Scenario
 from harness.strategies.sumo_driver import SumoDriver
 from tests.scenes import play, scenario

@@ -8,24 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, Arrival, Side
+from harness.core.encounter import Arm, Arrival, Side
 from harness.engine.shared import close_engine, engine_for, road_for
 from harness.episode.arms import make_strategy
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
+from harness.episode.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
+from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
+from harness.episode.traffic.hour import Hour
+from harness.episode.traffic.lanes import lanes_of
+from harness.episode.traffic.pairing import SUMO_DRIVER, HourOutcome, HourRunner
+from harness.episode.traffic.passages import Passage, passages_of
+from harness.episode.traffic.vehicles import HourLog, LaneOnRoad
 from harness.episode.walking_speeds import WalkingSpeeds
-from harness.interaction import load_model
 from harness.measures import measure
-from harness.results.hour_columns import HourColumns, hour_columns
-from harness.results.hour_tables import hour_rows
+from harness.model.interaction import load_model
 from harness.scenario import PedestriansSection, Scenario, Setting, load_scenario, validate
-from harness.traffic.closed_forms import gap_wait_s, priority_capacity_per_s
-from harness.traffic.demand import Scheduled, scheduled_vehicles
-from harness.traffic.hour import Hour
-from harness.traffic.lanes import lanes_of
-from harness.traffic.pairing import SUMO_DRIVER, HourOutcome, HourRunner
-from harness.traffic.passages import Passage, passages_of
-from harness.traffic.vehicles import HourLog, LaneOnRoad
+from harness.store.hour_columns import HourColumns, hour_columns
+from harness.store.hour_tables import hour_rows
 
 MODEL = load_model("dut", None)
 pytestmark = pytest.mark.usefixtures("no_simulation")
@@ -242,7 +242,7 @@ def test_people_drive_alike_in_a_mixed_fleet_and_in_the_reference(monkeypatch) -
             made.setdefault(key[-1], []).append(strategy._yields)  # type: ignore[attr-defined]
         return strategy
 
-    monkeypatch.setattr("harness.traffic.pairing.make_strategy", watched)
+    monkeypatch.setattr("harness.episode.traffic.pairing.make_strategy", watched)
     run_pair(
         scenario_of(
             busy(av_share=0.5, duration_s=60.0), arms={"av": "human_gmm", "human": "human_yield"}

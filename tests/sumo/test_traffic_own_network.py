@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, Arrival, Side
+from harness.core.encounter import Arm, Arrival, Side
+from harness.core.errors import InputError
+from harness.engine.network.build import run_netconvert
 from harness.engine.shared import close_engine, road_for
-from harness.errors import InputError
-from harness.network.build import run_netconvert
-from harness.roads import Place, read_site, streams_of
+from harness.episode.traffic.hour import Hour
+from harness.episode.traffic.lanes import Direction
+from harness.episode.traffic.pairing import HourOutcome, HourRunner
+from harness.episode.traffic.vehicles import HourVehicle, LaneOnRoad
 from harness.scenario import Scenario, remarks, validate
-from harness.traffic.hour import Hour
-from harness.traffic.lanes import Direction
-from harness.traffic.pairing import HourOutcome, HourRunner
-from harness.traffic.vehicles import HourVehicle, LaneOnRoad
+from harness.site import Place, read_site, streams_of
 from tests.sumo.test_own_network import CCTC, Road, built, random_road
 from tests.sumo.test_traffic import MODEL, check_everybody, hour_of
 

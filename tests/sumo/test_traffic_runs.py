@@ -13,23 +13,23 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.batch.experiment import resume, run_study
-from harness.batch.plan import plan_of
-from harness.batch.scoring import score
-from harness.batch.settling import settled
-from harness.batch.showing import write_shown
-from harness.encounter import Arm
-from harness.errors import InputError, InterruptedRunError
-from harness.replay.rerun import replay
+from harness.core.encounter import Arm
+from harness.core.errors import InputError, InterruptedRunError
+from harness.episode.traffic.lanes import lanes_of
 from harness.report.hour_figures import _is_automated, time_space
 from harness.report.page import write_report
 from harness.report.player import run_player
-from harness.results.tables import HOUR_TABLES
-from harness.runs.reported import reported
-from harness.runs.shown import shown_pairs
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
-from harness.traffic.lanes import lanes_of
-from harness.workers.pool import LocalPool
+from harness.store.tables import HOUR_TABLES
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.plan import plan_of
+from harness.studies.batch.scoring import score
+from harness.studies.batch.settling import settled
+from harness.studies.batch.showing import write_shown
+from harness.studies.replay.rerun import replay
+from harness.studies.runs.reported import reported
+from harness.studies.runs.shown import shown_pairs
+from harness.studies.workers.pool import LocalPool
 from tests.batches import HARNESS, Inline, here, printed, shell, start
 from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels
 
@@ -379,8 +379,8 @@ def test_a_pilot_gives_each_cell_its_warm_up(
         looked_at.append((len(due_s), end_s))
         return [10.0, 50.0, 5.0, 0.0][len(looked_at) - 1]
 
-    monkeypatch.setattr("harness.batch.settling.longest_queue_s", longest_queue_s)
-    monkeypatch.setattr("harness.batch.settling.ROUND_S", 5.0)
+    monkeypatch.setattr("harness.studies.batch.settling.longest_queue_s", longest_queue_s)
+    monkeypatch.setattr("harness.studies.batch.settling.ROUND_S", 5.0)
     file = read_scenario_file(runs[0].parent / "busy.toml")
     study = study_of(file, [("arms.av", ["gap_yield", "hard_yield"])])
     found = settled(study, Options(workers=0))

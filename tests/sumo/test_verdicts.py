@@ -24,12 +24,12 @@ from benchmarks.verdicts import (
     explained,
     verdicts_of,
 )
-from harness.batch.experiment import run_study
-from harness.encounter import Side, Trace
+from harness.core.encounter import Side, Trace
 from harness.measures import has_contact
-from harness.results.reading import read_table
 from harness.scenario import Options
+from harness.store.reading import read_table
 from harness.strategies.constant_speed import ConstantSpeed
+from harness.studies.batch.experiment import run_study
 from tests.batches import one_cell
 from tests.scenes import drive, play, scenario
 

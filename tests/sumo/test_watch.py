@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.batch.experiment import run_study
-from harness.encounter import Arm
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
 from harness.engine.shared import close_engine
 from harness.engine.starting import Following, vehicle_types
 from harness.engine.view import view_settings
-from harness.errors import InputError
-from harness.replay.watch import watch
 from harness.scenario import Options, Scenario
+from harness.studies.batch.experiment import run_study
+from harness.studies.replay.watch import watch
 from tests.batches import FLOW, HARNESS, Inline, one_cell
 
 needs_xvfb = pytest.mark.skipif(

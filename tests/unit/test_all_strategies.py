@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, EgoView, Observation, Side, Strategy
+from harness.core.encounter import Arm, EgoView, Observation, Side, Strategy
+from harness.core.errors import InputError
 from harness.episode.arms import make_strategy
-from harness.errors import InputError
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import Arrival, Side
+from harness.core.encounter import Arrival, Side
 from harness.episode.arrivals import planned_arrivals
 from harness.scenario import Scenario, validate
 

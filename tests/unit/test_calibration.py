@@ -5,7 +5,9 @@ import pandas as pd
 import pytest
 from scipy.stats import multivariate_normal, norm, sem
 
-from harness.calibration import (
+from harness.core.errors import InputError
+from harness.model.mixture import TruncatedGaussianMixture
+from harness.studies.calibration import (
     HeldOut,
     RowFile,
     Settings,
@@ -17,10 +19,8 @@ from harness.calibration import (
     vehicle_folds,
     walking_log_scores,
 )
-from harness.calibration.card import card, near_state
-from harness.calibration.choice import relative_gain
-from harness.errors import InputError
-from harness.mixture import TruncatedGaussianMixture
+from harness.studies.calibration.card import card, near_state
+from harness.studies.calibration.choice import relative_gain
 
 
 def made_up(count: int = 240, seed: int = 3) -> pd.DataFrame:

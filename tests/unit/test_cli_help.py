@@ -7,7 +7,7 @@ from typer.main import get_command
 
 from harness.cli.app import app
 from harness.cli.output import print_line
-from harness.resources import shipped_directory
+from harness.core.resources import shipped_directory
 
 
 def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.interaction import read_model
+from harness.model.interaction import read_model
 from harness.report import model_figures
 from tests.batches import here
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.traffic import closed_forms as forms
+from harness.episode.traffic import closed_forms as forms
 
 
 def hcm_sum(v: float, t: float, lanes: int, rate: float, headway: float, events: int) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.comparison import (
+from harness.statistics import (
     Limits,
     SweepVerdict,
     SweptValue,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.comparison import (
+from harness.statistics import (
     holm,
     mcnemar,
     paired_difference,

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from harness.comparison import (
+from harness.statistics import (
     CrashTest,
     Interval,
     Place,

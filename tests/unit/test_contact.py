@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.motion.contact import Motion, first_contact_in_step
+from harness.measures.motion.contact import Motion, first_contact_in_step
 
 RADIUS_M = 0.25
 STEP_S = 2.0

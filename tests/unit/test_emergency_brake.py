@@ -7,9 +7,9 @@ is 1.1 to 3.4 m from there.  It is at R = 30 âˆ’ 5 t until it brakes at 4.5 m/sÂ
 import numpy as np
 import pytest
 
-from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures import measure
-from harness.motion.contact import time_to_collision
+from harness.measures.motion.contact import time_to_collision
 from harness.strategies.driving import half_path
 from harness.strategies.emergency_brake import EmergencyBrake, _time_to_collision
 from tests.scenes import play, scenario
@@ -118,7 +118,7 @@ def test_no_collision_course_with_who_comes_after_the_rear() -> None:
 
 
 def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
-    # harness.motion.contact has the exact rounded rectangle, worked out in another way.
+    # harness.measures.motion.contact has the exact rounded rectangle, worked out in another way.
     rng = np.random.default_rng(3)
     scene = scenario()
     vehicle, half = scene.vehicle(), half_path(scene.vehicle())

@@ -6,11 +6,11 @@ import re
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Ending, Observation, Side
+from harness.core.encounter import Arrival, Ending, Observation, Side
+from harness.core.errors import EngineError
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.errors import EngineError
 from harness.measures import measure
 from harness.scenario import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import Arrival, Observation, Side, Walk
+from harness.core.encounter import Arrival, Observation, Side, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import critical_gap_s, planned_arrivals
 from harness.episode.cell_constants import constants_of

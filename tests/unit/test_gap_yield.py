@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield

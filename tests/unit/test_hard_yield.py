@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import Ending, Side
+from harness.core.encounter import Ending, Side
 from harness.measures import measure
 from harness.strategies.hard_yield import HardYield
 from tests.scenes import play, scenario

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.comparison import (
+from harness.core.encounter import Arm
+from harness.scenario import Cell, ConflictsSection, Scenario, validate
+from harness.statistics import (
     CONFLICTS,
     Finding,
     Interval,
@@ -18,13 +20,11 @@ from harness.comparison import (
     student_mean,
     student_ratio,
 )
-from harness.encounter import Arm
-from harness.results.hour_catalogue import HOURS as CATALOGUE
-from harness.results.hour_columns import HourColumns
-from harness.results.hour_tables import _delays, _late, passage_counts
-from harness.results.kinds import HourKind
-from harness.results.tables import HOURS, table_of
-from harness.scenario import Cell, ConflictsSection, Scenario, validate
+from harness.store.hour_catalogue import HOURS as CATALOGUE
+from harness.store.hour_columns import HourColumns
+from harness.store.hour_tables import _delays, _late, passage_counts
+from harness.store.kinds import HourKind
+from harness.store.tables import HOURS, table_of
 
 AUTOMATED = {"av": "hard_yield", "human": "human_yield"}
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import (
+from harness.core.encounter import (
     Arm,
     Crossing,
     EgoView,
@@ -15,7 +15,7 @@ from harness.encounter import (
     Vehicle,
 )
 from harness.episode.arms import make_strategy
-from harness.interaction import InteractionModel
+from harness.model.interaction import InteractionModel
 from harness.strategies.human_gmm import HumanDriver
 from tests.scenes import on_plain, play, scenario
 from tests.statistical.test_walking_speeds import Joint, V

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import (
+from harness.core.encounter import (
     Arm,
     EgoView,
     Ending,
@@ -20,9 +20,9 @@ from harness.encounter import (
     Strategy,
     Trace,
 )
+from harness.core.seeding import stream
 from harness.measures import measure
 from harness.measures.ego import crossing_time
-from harness.seeding import stream
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield

@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-from harness.encounter import Arm, Side
+from harness.core.encounter import Arm, Side
+from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.episode.pairing import PairRunner
-from harness.errors import InputError
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.scenario import (

@@ -19,27 +19,14 @@ LEVELS = {
     name: level
     for level, names in enumerate(
         (
-            (
-                "encounter",
-                "errors",
-                "seeding",
-                "resources",
-                "files",
-                "documents",
-                "versions",
-            ),
-            ("mixture", "comparison", "motion", "roads", "scenario", "network"),
-            ("interaction", "trajectories", "strategies", "measures", "perception"),
-            ("engine", "episode"),
-            ("traffic",),
-            ("results", "conformance", "rl"),
-            ("workers",),
-            ("calibration", "replay", "risk"),
-            ("validation",),
-            ("runs",),
-            ("batch",),
+            ("core",),
+            ("statistics", "site", "measures", "model"),
+            ("scenario",),
+            ("engine", "strategies"),
+            ("episode",),
+            ("store", "rl"),
+            ("studies",),
             ("report",),
-            ("one_pair",),
             ("cli", "__main__"),
         )
     )
@@ -71,7 +58,7 @@ def imports_of(path: Path) -> set[str]:
 
 
 def level_of(module: str) -> int | None:
-    """The level of a room or of a module in it; the face of the whole package has none."""
+    """The level of a room and of every module in it; the face of the whole package has none."""
     _, _, inside = module.partition(".")
     return LEVELS.get(inside.partition(".")[0])
 
@@ -96,17 +83,28 @@ def test_lower_levels_never_import_higher_ones(module: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "module", [name for name in MODULES if ".report." in name and "listings" not in name]
+    "module",
+    [
+        name
+        for name in MODULES
+        if ".report." in name and not name.endswith(("listings", "one_pair"))
+    ],
 )
 def test_a_page_simulates_nothing(module: str) -> None:
-    simulating = ("harness.batch", "harness.engine", "harness.replay.rerun", "harness.workers.pool")
+    simulating = (
+        "harness.studies.batch",
+        "harness.engine.shared",
+        "harness.engine.sumo",
+        "harness.studies.replay.rerun",
+        "harness.studies.workers.pool",
+    )
     assert not [name for name in imports_of(MODULES[module]) if name.startswith(simulating)]
 
 
 def test_rooms_in_between_ask_the_kind_of_a_run() -> None:
-    """Not whether it has traffic: that is asked in ``results/kinds.py``, once."""
+    """Not whether it has traffic: that is asked in ``store/kinds.py``, once."""
     asking = re.compile(r"in_traffic|traffic is (not )?None|is_risk")
-    for room, besides in (("results", {"kinds.py"}), ("batch", {"plan.py", "settling.py"})):
+    for room, besides in (("store", {"kinds.py"}), ("studies/batch", {"plan.py", "settling.py"})):
         for path in (PACKAGE / room).glob("*.py"):
             assert path.name in besides or not asking.search(path.read_text("utf-8")), path
 
@@ -165,13 +163,13 @@ def importers_of(package: str) -> set[str]:
 def test_libsumo_and_traci_have_one_importer_each() -> None:
     assert importers_of("libsumo") == {"harness.engine.sumo"}
     assert importers_of("traci") <= {"harness.engine.traci"}
-    # SUMO's programs are started by these two rooms alone; sumolib reads networks in one module.
+    # SUMO's programs are started by this room alone; sumolib reads networks in one module.
     rooms = {name.split(".")[1] for name in importers_of("sumo")}
-    assert rooms <= {"engine", "network"}
-    assert "harness.roads.road_network" in importers_of("sumolib")
+    assert rooms <= {"engine"}
+    assert "harness.site.road_network" in importers_of("sumolib")
     assert {name.split(".")[1] for name in importers_of("sumolib")} <= {
-        "roads",
-        "network",
+        "site",
+        "engine",
         "report",
     }
 
@@ -181,19 +179,18 @@ def test_strategies_measures_and_statistics_know_no_engine() -> None:
     for package in (
         "strategies",
         "measures",
-        "comparison",
-        "interaction",
-        "mixture",
-        "encounter",
-        "perception",
+        "statistics",
+        "model",
+        "core",
+        "site",
     ):
         assert not any(name.startswith(f"harness.{package}") for name in engine)
 
 
 def test_the_mixture_knows_no_traffic() -> None:
-    known = {"harness.mixture", "harness.errors"}
+    known = {"harness.model.mixture", "harness.core.errors"}
     for module, path in MODULES.items():
-        if module.startswith("harness.mixture"):
+        if module.startswith("harness.model.mixture"):
             own = {name for name in imports_of(path) if name in MODULES}
             assert all(any(name.startswith(base) for base in known) for name in own), module
 
@@ -212,7 +209,7 @@ def test_the_comparison_needs_numpy_and_scipy_alone() -> None:
         "typing",
     }
     for module, path in MODULES.items():
-        if module.startswith("harness.comparison"):
+        if module.startswith("harness.statistics"):
             assert {name.split(".")[0] for name in imports_of(path)} <= known, module
 
 

@@ -6,12 +6,12 @@ import pyarrow as pa
 import pytest
 from scipy import stats
 
-from harness.comparison import CONFLICTS
 from harness.measures import MEASURES
-from harness.results.measure_tables import conflict_rows, measure_rows
-from harness.results.summaries import summarise_cell
-from harness.results.tables import EPISODES
 from harness.scenario import Cell, ConflictsSection, Scenario
+from harness.statistics import CONFLICTS
+from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.summaries import summarise_cell
+from harness.store.tables import EPISODES
 
 # ending, min_ttc_s, pet_s, max_drac_mps2, avoidable
 AV = [

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Ending, Leg, Side, Walk
+from harness.core.encounter import Arrival, Ending, Leg, Side, Walk
 from harness.measures import EpisodeRecord, crossing_time, measure
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.hard_yield import HardYield

@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import Ending, Side
+from harness.core.encounter import Ending, Side
 from harness.measures import EpisodeRecord, measure
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import Walker, drive, play, scenario

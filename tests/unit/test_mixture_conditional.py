@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from harness.errors import InputError
-from harness.mixture import TruncatedGaussianMixture
+from harness.core.errors import InputError
+from harness.model.mixture import TruncatedGaussianMixture
 
 LOWER, UPPER = np.array([0.0, 0.3, 0.2, 0.0]), np.array([1.0, 8.0, 3.0, 2.0])
 CASES = [(2, (0, 1, 3)), (1, (0, 2, 3)), (2, (0, 1)), (1, (0, 2)), (2, (0,)), (2, ())]

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from harness.errors import InputError
-from harness.mixture import TruncatedGaussianMixture
+from harness.core.errors import InputError
+from harness.model.mixture import TruncatedGaussianMixture
 
 PARTS = {
     "weights": [0.4, 0.6],

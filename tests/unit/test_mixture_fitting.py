@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from harness.errors import InputError
-from harness.mixture import TruncatedGaussianMixture, fit_mixture
-from harness.mixture.climbing import climb
-from harness.mixture.coordinates import Coordinates
-from harness.mixture.em import Parameters, Problem
+from harness.core.errors import InputError
+from harness.model.mixture import TruncatedGaussianMixture, fit_mixture
+from harness.model.mixture.climbing import climb
+from harness.model.mixture.coordinates import Coordinates
+from harness.model.mixture.em import Parameters, Problem
 
 INF = np.inf
 
@@ -260,7 +260,7 @@ def test_same_seed_same_numbers(rows):
 DIGEST = """
 import hashlib
 import numpy as np
-from harness.mixture import fit_mixture
+from harness.model.mixture import fit_mixture
 from tests.unit.test_mixture_fitting import truth
 box = truth()
 rows = box.sample(6_000, np.random.default_rng(1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
-from harness.mixture import truncation
+from harness.model.mixture import truncation
 
 INF = np.inf
 

@@ -4,17 +4,17 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.comparison import ENCOUNTERS
-from harness.encounter import Arm, Arrival, Side
+from harness.core.encounter import Arm, Arrival, Side
+from harness.core.errors import InputError
 from harness.episode.arms import check_arms
 from harness.episode.walking_speeds import WalkingSpeeds
-from harness.errors import InputError
-from harness.interaction import Asked, check_support
 from harness.measures import Outcome
-from harness.results.episode_tables import episode_rows
-from harness.results.summaries import summarise_cell
-from harness.runs.notes import encounter_notes
+from harness.model.interaction import Asked, check_support
 from harness.scenario import Cell, Scenario, load_scenario
+from harness.statistics import ENCOUNTERS
+from harness.store.episode_tables import episode_rows
+from harness.store.summaries import summarise_cell
+from harness.studies.runs.notes import encounter_notes
 from tests.scenes import on_plain, scenario
 
 FAST = {"initial_speed_mps": 13.89, "trigger_range_m": 80.0}
@@ -135,7 +135,7 @@ def test_the_unconditional_reading_is_the_models_marginal(model) -> None:
     ("range_m", "speed_mps"), [(30.0, 0.29), (30.0, 8.01), (1.99, 5.0), (60.1, 5.0)]
 )
 def test_the_box_ends_where_the_model_says(range_m: float, speed_mps: float, model) -> None:
-    # v in 0.3 … 8 m/s, 1/R in 1/60 … 1/2 m⁻¹ (harness/models/dut.json).
+    # v in 0.3 … 8 m/s, 1/R in 1/60 … 1/2 m⁻¹ (harness/model/shipped/dut.json).
     check_support(model, 30.0, 0.3)
     check_support(model, 30.0, 8.0)
     check_support(model, 2.0, 5.0)

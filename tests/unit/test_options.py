@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.errors import InputError, InterruptedRunError
+from harness.core.errors import InputError, InterruptedRunError
 from harness.scenario import Options, Precision, load_scenario, read_scenario_file, study_of
 
 

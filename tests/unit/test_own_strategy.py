@@ -8,10 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.conformance import CHECKS
-from harness.encounter import Arm, Ending
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError
 from harness.episode.arms import check_arms
-from harness.errors import InputError
 from harness.scenario import (
     Scenario,
     load_scenario,
@@ -21,6 +20,7 @@ from harness.scenario import (
 )
 from harness.strategies import own, registry
 from harness.strategies.registry import find_strategy
+from harness.studies.conformance import CHECKS
 from tests.batches import here
 from tests.scenes import on_plain
 
@@ -37,7 +37,7 @@ class Steady:
     def __init__(self, *, gap_s: float = 3.0, side: str | None = None):
         assert self.prepared, "made before it was prepared"
         if gap_s < 0:
-            from harness.errors import InputError
+            from harness.core.errors import InputError
             raise InputError("gap_s", f"{gap_s!r} s", "0 or more")
         if gap_s == 99:
             raise LookupError("no such gap")

@@ -7,13 +7,13 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, Side
+from harness.core.encounter import Arm, Side
+from harness.core.seeding import stream
 from harness.episode.arms import make_strategy
 from harness.episode.arrivals import planned_arrivals
-from harness.interaction import InteractionModel, load_model
 from harness.measures import Outcome
+from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Scenario, load_scenario, validate
-from harness.seeding import stream
 from harness.strategies.human_yield import HumanYield
 from tests.scenes import on_plain
 

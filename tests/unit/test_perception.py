@@ -8,21 +8,21 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.encounter import Arm, Arrival, Observation, Side, Trace
+from harness.core.encounter import Arm, Arrival, Observation, Side, Trace
+from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.errors import InputError
-from harness.interaction import load_model
 from harness.measures import measure
-from harness.perception.occlusion import Rectangle, is_hidden
-from harness.perception.perception import Perception
-from harness.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
-from harness.perception.track import Track, updates_until_found
-from harness.results.episode_tables import trace_rows
+from harness.model.interaction import load_model
 from harness.scenario import Scenario, load_scenario, remarks, validate
 from harness.scenario.file import Setting
+from harness.store.episode_tables import trace_rows
+from harness.strategies.perception.occlusion import Rectangle, is_hidden
+from harness.strategies.perception.perception import Perception
+from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
+from harness.strategies.perception.track import Track, updates_until_found
 from tests.scenes import on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}

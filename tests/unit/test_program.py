@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from examples import driver
-from harness.batch.plan import plan_of
-from harness.encounter import Arm, Ending, Trace
-from harness.errors import InputError
+from harness.core.encounter import Arm, Ending, Trace
+from harness.core.errors import InputError
 from harness.scenario import Options, load_scenario
 from harness.strategies import program
 from harness.strategies.registry import find_strategy, source_digests
 from harness.strategies.vector import observation_vector
+from harness.studies.batch.plan import plan_of
 from tests.batches import one_cell
 from tests.scenes import on_plain
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from harness.encounter import Ending, Side, Strategy, Trace
+from harness.core.encounter import Ending, Side, Strategy, Trace
 from harness.measures import MEASURES, measure
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield

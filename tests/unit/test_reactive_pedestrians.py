@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Contact, Ending, Observation, Side, Walk
+from harness.core.encounter import Arrival, Contact, Ending, Observation, Side, Walk
 from harness.engine.plain import PlainEngine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
 from harness.measures import measure
-from harness.results.episode_tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, validate
+from harness.store.episode_tables import pedestrian_rows, trace_rows
 from tests.scenes import outcome_of
 
 

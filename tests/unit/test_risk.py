@@ -8,29 +8,36 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.comparison.findings import Note, Rank
-from harness.encounter import Arm, Ending
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import InputError
+from harness.core.seeding import has_drawn_more
 from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
-from harness.errors import InputError
-from harness.interaction import load_model
 from harness.measures import MEASURES, EpisodeRecord, Measure
+from harness.model.interaction import load_model
 from harness.report.risk_terminal import person_words, risk_screen
 from harness.report.screen import screen_lines
-from harness.risk.estimation import estimate_probability
-from harness.risk.event import parse_event
-from harness.risk.findings import RiskFindings
-from harness.risk.fitting import first_components, spread
-from harness.risk.interval import Tally, estimate_of
-from harness.risk.layout import Layout
-from harness.risk.outcomes import Outcomes
-from harness.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal, cases_of, nominal
-from harness.risk.space import space_of
-from harness.risk.ways import drawn_of, people_of
 from harness.scenario import Scenario, load_scenario, validate
-from harness.seeding import has_drawn_more
+from harness.statistics.findings import Note, Rank
+from harness.studies.risk.estimation import estimate_probability
+from harness.studies.risk.event import parse_event
+from harness.studies.risk.findings import RiskFindings
+from harness.studies.risk.fitting import first_components, spread
+from harness.studies.risk.interval import Tally, estimate_of
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Outcomes
+from harness.studies.risk.proposal import (
+    NOMINAL_SHARE,
+    Cases,
+    Component,
+    Proposal,
+    cases_of,
+    nominal,
+)
+from harness.studies.risk.space import space_of
+from harness.studies.risk.ways import drawn_of, people_of
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
 
 DATA = Path(__file__).parents[1] / "data" / "risk"

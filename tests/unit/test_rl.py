@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from examples import vector_environments  # noqa: E402
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness import rl  # noqa: E402
-from harness.encounter import (  # noqa: E402
+from harness.core.encounter import (  # noqa: E402
     Arm,
     Crossing,
     EgoView,
@@ -25,11 +25,11 @@ from harness.encounter import (  # noqa: E402
     PedestrianView,
     Side,
 )
+from harness.core.errors import EngineError, InputError  # noqa: E402
+from harness.core.resources import shipped_directory  # noqa: E402
 from harness.engine.plain import PlainEngine  # noqa: E402
 from harness.episode.pairing import PairRunner  # noqa: E402
-from harness.errors import EngineError, InputError  # noqa: E402
-from harness.interaction import load_model  # noqa: E402
-from harness.resources import shipped_directory  # noqa: E402
+from harness.model.interaction import load_model  # noqa: E402
 from harness.rl import time_speeding_and_crash  # noqa: E402
 from harness.rl.picture import EGO, PERSON  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402

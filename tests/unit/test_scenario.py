@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from harness.encounter import Crossing, Vehicle
-from harness.errors import InputError
-from harness.resources import shipped_directory
+from harness.core.encounter import Crossing, Vehicle
+from harness.core.errors import InputError
+from harness.core.resources import shipped_directory
 from harness.scenario import Scenario, load_scenario, parse_setting, read_scenario_file, validate
 
 # Table II of the paper and the choices beside it: what an empty scenario runs.

@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from harness.comparison import ENCOUNTERS, CellFindings, Finding, Form, Note, Rank, RunFindings
 from harness.report.result_screen import screen_of
 from harness.report.screen import Screen, screen_lines
 from harness.report.tables import per_cent
-from harness.results.hour_catalogue import HOURS
-from harness.runs.notes import av_label, encounter_notes, hour_notes
-from harness.runs.references import agreement, disagreement, reference_lines
-from harness.runs.reported import is_the_papers, walker_lines
 from harness.scenario import load_scenario, parse_setting
+from harness.statistics import ENCOUNTERS, CellFindings, Finding, Form, Note, Rank, RunFindings
+from harness.store.hour_catalogue import HOURS
+from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
+from harness.studies.runs.references import agreement, disagreement, reference_lines
+from harness.studies.runs.reported import is_the_papers, walker_lines
 
 FEW = "unreliable below 1,000 informative pairs (has 50)"
 CALM: dict[str, Finding] = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.seeding import beginning_with, has_drawn_more, stream
+from harness.core.seeding import beginning_with, has_drawn_more, stream
 
 PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import EgoView, Observation, PedestrianView, Side
 from harness.measures.ego import crossing_time
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario

@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.encounter import Side
+from harness.core.encounter import Side
 from harness.measures import EpisodeRecord, measure
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed

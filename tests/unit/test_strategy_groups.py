@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from harness.runs.strategy_groups import parameter_sweeps, strategy_groups
 from harness.scenario import Cell, Setting, Study
+from harness.studies.runs.strategy_groups import parameter_sweeps, strategy_groups
 from tests.batches import one_cell, scenario_file, sweep
 
 
@@ -117,7 +117,7 @@ def test_words_are_no_sweep() -> None:
 
 
 def test_aggressiveness_is_the_margin_turned_round() -> None:
-    from harness.runs.strategy_groups import ParameterSweep
+    from harness.studies.runs.strategy_groups import ParameterSweep
 
     line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))
     assert line.aggressiveness == (0.0, -1.5, -3.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from harness.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import EgoView, Observation, PedestrianView, Side
 from harness.episode.ties import Asked, tie_s
 from tests.scenes import scenario
 

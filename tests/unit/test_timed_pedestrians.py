@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import pytest
 
-from harness.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
+from harness.core.encounter import Arrival, Contact, Ending, Leg, Observation, Side, Trace, Walk
+from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
-from harness.errors import InputError
 from harness.measures import measure
-from harness.results.episode_tables import pedestrian_rows, trace_rows
 from harness.scenario import Scenario, read_scenario_file, study_of, validate
+from harness.store.episode_tables import pedestrian_rows, trace_rows
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import drive, outcome_of
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from harness.traffic.saturation import longest_queue_s
+from harness.episode.traffic.saturation import longest_queue_s
 from tests.queues import BEHIND_S, due_and_left
 
 END_S = 7200.0

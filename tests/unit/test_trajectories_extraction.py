@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.trajectories import (
+from harness.model.trajectories import (
     REASONS,
     ROW_COLUMNS,
     ExtractionRules,
@@ -19,7 +19,7 @@ from harness.trajectories import (
     read_clips,
     summary,
 )
-from harness.trajectories.paths import build_path
+from harness.model.trajectories.paths import build_path
 
 MADE_UP = Path(__file__).parents[1] / "data" / "vci_made_up"
 RATE = 4.0  # frames per second of the made-up clip, frames 0–32

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.errors import InputError
-from harness.trajectories import read_clips
+from harness.core.errors import InputError
+from harness.model.trajectories import read_clips
 
 matplotlib = pytest.importorskip("matplotlib")
 matplotlib.use("Agg")

@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.errors import InputError
-from harness.trajectories import FORMATS, extract, read_clips
-from harness.trajectories.counting import Tally
+from harness.core.errors import InputError
+from harness.model.trajectories import FORMATS, extract, read_clips
+from harness.model.trajectories.counting import Tally
 
 DATA = Path(__file__).parents[1] / "data"
 MADE_UP = DATA / "vci_made_up"

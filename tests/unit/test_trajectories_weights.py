@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.errors import InputError
-from harness.trajectories import WEIGHINGS, row_weights
+from harness.core.errors import InputError
+from harness.model.trajectories import WEIGHINGS, row_weights
 
 # Vehicle a: encounters 1 (2 rows), 2 (1 row), 3 (1 row); vehicle b of the same clip: encounter 1
 # (4 rows); a vehicle also called a in another clip: 1 encounter, 2 rows. 5 encounters, 10 rows.

@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.comparison.findings import Finding, Note, Rank
-from harness.errors import InputError
-from harness.interaction import load_model
+from harness.core.errors import InputError
+from harness.model.interaction import load_model
+from harness.model.trajectories import Clip, Track, VehicleTrack
 from harness.report.validation_tables import print_validation
 from harness.scenario import load_scenario
+from harness.statistics.findings import Finding, Note, Rank
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from harness.trajectories import Clip, Track, VehicleTrack
-from harness.validation import (
+from harness.studies.validation import (
     ENTRIES,
     LEFT_OUT,
     DriverFindings,
@@ -26,9 +26,9 @@ from harness.validation import (
     find_passages,
     validate,
 )
-from harness.validation.bootstrap import few_vehicles
-from harness.validation.drivers import DRAWS, FoldModels, outcomes_of
-from harness.validation.figures import pass_time_score
+from harness.studies.validation.bootstrap import few_vehicles
+from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
+from harness.studies.validation.figures import pass_time_score
 from tests.batches import printed
 from tests.recordings import (
     DRIVERS,
@@ -332,7 +332,7 @@ def test_recordings_that_a_model_was_fitted_on_are_known_whatever_they_are_calle
     assert len(card["tracks"]) == card["vehicles"] == len(SCENES)
     drivers = ("human_gmm", "human_recorded", "hard_yield")
     model = load_model("own", own["model.path"])
-    module = import_module("harness.validation.validate")
+    module = import_module("harness.studies.validation.validate")
     monkeypatch.setattr(module, "load_model", lambda *_: model)
     other = renamed(recordings, tmp_path / "elsewhere", noise_m=9e-4)
     for folder, options in (

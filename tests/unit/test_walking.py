@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
+from harness.core.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
 from harness.measures import measure
-from harness.motion.walking import cleared_s, states_at
+from harness.measures.motion.walking import cleared_s, states_at
 from tests.scenes import drive
 
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)

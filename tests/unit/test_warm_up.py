@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.encounter import Arm, Observation, Side
+from harness.core.encounter import Arm, Observation, Side
+from harness.core.errors import InputError
 from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.walking_speeds import WalkingSpeeds
-from harness.errors import InputError
 from harness.scenario import Scenario
 from harness.strategies.constant_speed import ConstantSpeed
 from tests.scenes import on_plain, scenario

@@ -1,0 +1,1 @@
+"""What every room shares: the vocabulary of an encounter, errors, random streams, files."""

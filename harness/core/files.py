@@ -1,0 +1,80 @@
+"""Files: read if they are regular ones; written beside, synced, then renamed, so never by half."""
+
+import csv
+import errno
+import io
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import HarnessError, InputError
+
+
+def read_file(path: Path) -> bytes:
+    """The content of a file.
+
+    Raises:
+        InputError: it is missing, cannot be read, or is a folder, a pipe or a device, which may
+            never end.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError(str(path), "cannot be read (no regular file)")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        # ValueError: a name no file can have.
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(str(path), f"cannot be read ({why})") from None
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Gives the place beside ``path`` that becomes it at the end, if nothing goes wrong.
+
+    Raises:
+        OSError: the file system refuses (full, read-only); nothing is left behind.
+    """
+    beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    try:
+        yield beside
+        with beside.open("rb+") as file:
+            os.fsync(file.fileno())
+        beside.replace(path)
+    finally:
+        beside.unlink(missing_ok=True)
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file whole.
+
+    Raises:
+        HarnessError: the file system refuses.
+    """
+    try:
+        with whole_file(path) as beside:
+            beside.write_bytes(content)
+    except OSError as error:
+        raise cannot_write(path, error) from None
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write a CSV file whole; undefined values are empty."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, fieldnames=list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_file(path, text.getvalue().encode())
+
+
+_NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR)
+"""Another place would have to be chosen; anything else, a full disk say, may be mended."""
+
+
+def cannot_write(path: Path, error: OSError) -> HarnessError:
+    """The error of a file system that refuses."""
+    why = f"cannot be written ({error.strerror})"
+    if error.errno in _NOT_THERE:
+        return InputError(str(path), why, "a writable place")
+    return HarnessError(f"{path}: {why}")

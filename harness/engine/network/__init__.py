@@ -1,0 +1,14 @@
+"""A crosswalk's SUMO network: from the scenario's geometry, of the user's own, or from a map."""
+
+from harness.engine.network.build import NetworkFiles, build_network, network_for
+from harness.engine.network.place import network_of, place_of
+from harness.engine.network.sources import plain_sources
+
+__all__ = [
+    "NetworkFiles",
+    "build_network",
+    "network_for",
+    "network_of",
+    "place_of",
+    "plain_sources",
+]

@@ -1,0 +1,194 @@
+"""From a crosswalk's geometry to its SUMO network, shipped or built by netconvert.
+
+`harness.site.site` reads the network back.
+"""
+
+import hashlib
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+
+from harness.core.errors import EngineError, InputError
+from harness.engine.network.sources import APPROACH_M, plain_sources
+from harness.scenario.sections import CrossingSection
+from harness.site import Place, read_site
+from harness.site.site import TOLERANCE_M
+
+CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
+
+_TOLERANCE_DEG = 1e-5
+_NETCONVERT_LIMIT_S = 600.0
+_LAST_WORDS = 3
+"""So many lines of what netconvert said are repeated."""
+
+
+@dataclass(frozen=True)
+class NetworkFiles:
+    """The files of one built network: SUMO's network and the plain-XML sources it came from."""
+
+    net: Path
+    sources: tuple[Path, ...]
+
+
+def build_network(crossing: CrossingSection, directory: Path, name: str) -> NetworkFiles:
+    """Write a site's sources into a folder and let netconvert make its network there.
+
+    The same arguments give the same bytes: netconvert's header, which holds the date and the
+    machine's paths, is taken out. Every file appears complete or not at all, the network last.
+
+    Args:
+        crossing: the crosswalk.
+        directory: the folder; made if missing.
+        name: stem of the files' names.
+
+    Raises:
+        InputError: a bad name, or a folder that cannot be written.
+        EngineError: netconvert is missing, failed, or built another geometry than asked for.
+    """
+    sources = plain_sources(crossing, name)
+    net_name = f"{name}.net.xml"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(
+            prefix=f".{name}-", dir=directory, ignore_cleanup_errors=True
+        ) as folder:
+            workshop = Path(folder)
+            for file_name, text in sources.items():
+                (workshop / file_name).write_bytes(text.encode())
+            run_netconvert(["-c", f"{name}.netccfg"], workshop)
+            _strip_comments(workshop / net_name)
+            _check(workshop / net_name, crossing)
+            for file_name in (*sources, net_name):
+                (workshop / file_name).replace(directory / file_name)
+    except OSError as error:
+        raise InputError(str(directory), f"cannot be written ({error.strerror})") from error
+    return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
+
+
+def network_for(crossing: CrossingSection, shipped: Path) -> Path:
+    """The network of a geometry: a shipped one, one built earlier, or one built now.
+
+    A shipped network is taken if its sources are, character for character, those this geometry
+    gives. Any other network is kept in ``$CROSSWALK_HARNESS_CACHE``, else
+    ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else ``~/.cache/crosswalk-harness/networks``,
+    under a hash of its sources and of netconvert's version. Processes may build at the same time.
+
+    Args:
+        crossing: the crosswalk.
+        shipped: folder of the shipped sites, each a folder as `build_network` writes it.
+
+    Returns:
+        Path of the ``.net.xml``.
+
+    Raises:
+        InputError: the cache folder cannot be written.
+        EngineError: see `build_network`.
+    """
+    for net in sorted(shipped.glob("*/*.net.xml")):
+        sources = plain_sources(crossing, net.name.removesuffix(".net.xml"))
+        if all(_text(net.with_name(file)) == text for file, text in sources.items()):
+            return net
+    digest = hashlib.sha256(_netconvert_version().encode())
+    for file_name, text in sorted(plain_sources(crossing, "site").items()):
+        digest.update(f"\0{file_name}\0{text}".encode())
+    directory = _cache_dir() / digest.hexdigest()[:24]
+    net = directory / "site.net.xml"
+    if net.is_file():  # it is put in place last, hence everything is there
+        return net
+    return build_network(crossing, directory, "site").net
+
+
+def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
+    """Run netconvert in a process of its own, in a folder.
+
+    Raises:
+        EngineError: it is missing, failed or crashed; with its last words.
+    """
+    try:
+        import sumo
+    except ImportError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+    home = Path(sumo.SUMO_HOME)
+    program = home / "bin" / f"netconvert{'.exe' if os.name == 'nt' else ''}"
+    # PROJ_DATA: the bare binary looks for proj.db where it was built.
+    places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}
+    try:
+        done = subprocess.run(
+            [str(program), *arguments],
+            cwd=directory,
+            env={**os.environ, **places},
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=_NETCONVERT_LIMIT_S,
+            check=False,
+        )
+    except FileNotFoundError:
+        again = "pip install --force-reinstall eclipse-sumo"
+        raise EngineError(f"netconvert: there is no {program}; {again}") from None
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
+    if done.returncode != 0:
+        words = [line for line in done.stderr.splitlines() if line.strip()][-_LAST_WORDS:]
+        how = f"exit code {done.returncode}" if done.returncode > 0 else "it crashed"
+        raise EngineError(f"netconvert: {' '.join('; '.join(words).split()) or how}")
+
+
+def _strip_comments(net: Path) -> None:
+    """Take netconvert's header out of its network."""
+    text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
+    net.write_bytes(text.encode())
+
+
+def _netconvert_version() -> str:
+    try:
+        return metadata.version("eclipse-sumo")
+    except metadata.PackageNotFoundError as error:
+        raise EngineError("netconvert: not found; install eclipse-sumo") from error
+
+
+def _check(net: Path, crossing: CrossingSection) -> None:
+    """Raise unless netconvert built the geometry asked for."""
+    try:
+        sites = [read_site(Place(net, lane=lane)) for lane in range(crossing.lanes)]
+    except InputError as error:  # no fault of the user, who has not seen this file
+        raise EngineError(f"netconvert: {error.problem} for {crossing!r}") from error
+    site = sites[0]
+    turn = (site.bearing_deg - crossing.bearing_deg + 180.0) % 360.0 - 180.0
+    errors = {
+        "length_m": abs(site.length_m - crossing.length_m) / TOLERANCE_M,
+        "width_m": abs(site.width_m - crossing.width_m) / TOLERANCE_M,
+        "lane centre": max(
+            abs(each.ego.centre_m - crossing.lane_centre_m(lane)) / TOLERANCE_M
+            for lane, each in enumerate(sites)
+        ),
+        "bearing_deg": abs(turn) / _TOLERANCE_DEG,
+        "max_range_m": abs(site.ego.straight_before_m - APPROACH_M) / TOLERANCE_M,
+    }
+    wrong = [what for what, error in errors.items() if not error <= 1.0]
+    if wrong:
+        raise EngineError(
+            f"netconvert: the network differs in {', '.join(wrong)} from {crossing!r}"
+        )
+
+
+def _cache_dir() -> Path:
+    """The folder of built networks; environment variables that are empty do not count."""
+    folder = os.environ.get(CACHE_VARIABLE)
+    if folder:
+        return Path(folder).expanduser()
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "crosswalk-harness" / "networks"
+
+
+def _text(path: Path) -> str | None:
+    """A file's text, None if it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return None

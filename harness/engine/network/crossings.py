@@ -1,0 +1,206 @@
+"""Every pedestrian crossing of a network, and whether a scenario can take place there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.core.encounter import PEDESTRIAN_RADIUS_M
+from harness.core.errors import InputError
+from harness.scenario.own_network import CLEAR_M
+from harness.scenario.sections import CrossingSection, EgoSection
+from harness.site import RoadNetwork, Site, site_at
+from harness.site.road_network import junction_of
+
+RANGE_M = EgoSection().trigger_range_m
+"""A crosswalk is called usable if the default trigger range fits its approach."""
+
+
+@dataclass(frozen=True)
+class CrossingRow:
+    """One crossing; what is unknown is None, and ``problem`` says why it cannot be used."""
+
+    edge: str
+    junction: str
+    streets: tuple[str, ...]
+    problem: str | None
+    approach: str | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    lanes: int | None = None
+    oncoming_lanes: int | None = None
+    length_m: float | None = None
+    width_m: float | None = None
+    angle_deg: float | None = None
+    speed_limit_mps: float | None = None
+    pedestrian_priority: bool | None = None
+    signal: str | None = None
+    straight_m: float | None = None
+    trigger_range_m: float | None = None
+    passed: tuple[str, ...] = ()
+
+    @property
+    def usable(self) -> bool:
+        """Whether a scenario can take place there."""
+        return self.problem is None
+
+
+def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list[CrossingRow]:
+    """All crossings of a network: usable ones first, then in the order of their ids.
+
+    Args:
+        network: as read.
+        ignore_signal: whether one that a traffic light rules is usable: green for everybody.
+    """
+    rows = []
+    for edge in network.crossings.values():
+        roads = edge.getCrossingEdges()
+        streets = tuple(dict.fromkeys(road.getName() or road.getID() for road in roads))
+        names = (edge.getID(), junction_of(edge), streets)
+        try:
+            site = site_at(network, edge.getID(), all_ways=False)
+        except InputError as error:
+            problem = error.problem + (f", not {error.allowed}" if error.allowed else "")
+            rows.append(CrossingRow(*names, problem))
+            continue
+        rows.append(_row(network, site, names, ignore_signal=ignore_signal))
+    return sorted(rows, key=lambda row: (not row.usable, row.edge))
+
+
+def _row(
+    network: RoadNetwork,
+    site: Site,
+    names: tuple[str, str, tuple[str, ...]],
+    *,
+    ignore_signal: bool,
+) -> CrossingRow:
+    centre = site.frame.to_network(0.0, site.length_m / 2)
+    longitude, latitude = network.on_the_ground(*centre) or (None, None)
+    # The paper's trigger is six seconds away at v0.
+    range_m = site.ego.longest_range_m(max(RANGE_M, 6.0 * site.ego.speed_limit_mps))
+    last_m = EgoSection().length_m + site.width_m / 2
+    before = [stretch for stretch in site.ego.stretches if stretch.start_m < 0][-1]
+    return CrossingRow(
+        *names,
+        problem=_problem(site, ignore_signal=ignore_signal),
+        approach=f"{before.edge}_{before.lane}",
+        longitude_deg=longitude,
+        latitude_deg=latitude,
+        lanes=site.lanes,
+        oncoming_lanes=site.oncoming_lanes,
+        length_m=site.length_m,
+        width_m=site.width_m,
+        angle_deg=site.angle_deg,
+        speed_limit_mps=site.ego.speed_limit_mps,
+        pedestrian_priority=site.pedestrian_priority,
+        signal=None if site.signal is None else site.signal.id,
+        straight_m=site.ego.straight_before_m,
+        trigger_range_m=range_m,
+        passed=tuple(str(each) for each in site.passed if -range_m <= each.x_m <= last_m),
+    )
+
+
+def _problem(site: Site, *, ignore_signal: bool) -> str | None:
+    """Why the default scenario cannot take place there, with the figure and what would do."""
+    ego, way = EgoSection(), site.ego
+    if site.signal is not None and not ignore_signal:
+        return (
+            f"traffic light {site.signal.id} rules it; crossing.ignore_signal = true (here "
+            "--ignore-signal) keeps it green for everybody"
+        )
+    for name, word, value in (
+        ("length_m", "long", site.length_m),
+        ("width_m", "wide", site.width_m),
+    ):
+        low, high = _bounds(name)
+        if not low <= value <= high:
+            return f"it is {value:.2f} m {word}, not {low:g} to {high:g} m"
+    if way.width_m < ego.width_m:
+        return f"the ego's lane is {way.width_m:.2f} m wide, the ego {ego.width_m:g} m"
+    room = min(way.centre_m, site.length_m - way.centre_m) - ego.width_m / 2
+    if room < PEDESTRIAN_RADIUS_M:
+        least = f"{PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian"
+        return f"the ego leaves {room:.2f} m to a kerb, less than {least}"
+    try:
+        way.departure(RANGE_M)
+    except InputError as error:
+        return f"a trigger range of {error.problem}; possible: {error.allowed}"
+    needed = ego.length_m + site.width_m / 2 + CLEAR_M
+    if way.straight_after_m < needed:
+        figure = f"straight for {way.straight_after_m:.1f} m beyond it, where it {way.ends_after}"
+        return f"its road is {figure}, not for the {needed:.1f} m that a car needs to leave it"
+    return None
+
+
+def _bounds(name: str) -> tuple[float, float]:
+    low, high = CrossingSection.model_fields[name].metadata
+    return float(low.ge), float(high.le)
+
+
+def scenario_text(net: Path, row: CrossingRow) -> str:
+    """A commented scenario file for a crossing, at the road's own speed limit.
+
+    Args:
+        net: the network, as the scenario file is to name it.
+        row: a usable crossing.
+    """
+    assert row.speed_limit_mps is not None
+    assert row.straight_m is not None
+    speed = row.speed_limit_mps
+    where = ""
+    if row.longitude_deg is not None:
+        where = f" at {row.latitude_deg:.6f}°, {row.longitude_deg:.6f}°"
+    fast = speed > _MODELLED_MPS
+    return _SCENARIO.format(
+        streets=" / ".join(row.streets).replace("\n", " "),
+        where=where,
+        net=_quoted(net.as_posix()),
+        edge=_quoted(row.edge),
+        approach=_quoted(row.approach or ""),
+        signal=_GREEN if row.signal else "",
+        speed=f"{speed:.6g}",
+        kmh=f"{3.6 * speed:.4g}",
+        range=f"{row.trigger_range_m:.6g}",
+        length=f"{row.length_m:.2f}",
+        lanes=row.lanes,
+        oncoming=row.oncoming_lanes,
+        straight=f"{row.straight_m:.1f}",
+        pedestrians=_WALKERS if fast else "",
+        human="human_yield" if fast else "human_gmm",
+        why=_FAST if fast else "the driver of the interaction model",
+    )
+
+
+_MODELLED_MPS = 8.0
+"""Vehicles of the interaction model's data drive up to this speed."""
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+_FAST = "above 8 m/s the interaction model knows no driver"
+_GREEN = """
+ignore_signal = true   # its traffic light stays green for vehicles and pedestrians"""
+_WALKERS = """
+[pedestrians.walking_speed]   # above 8 m/s the interaction model says nothing of how fast they walk
+mean_mps = 1.34
+std_mps = 0.26
+"""
+_SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s) the ego's way, {oncoming} the other.
+# Written by `harness crossings`; its geometry is read from the network.
+
+[crossing]
+net = {net}
+edge = {edge}
+approach = {approach}   # the ego's lane, straight for {straight} m{signal}
+
+[ego]
+initial_speed_mps = {speed}   # the road's limit, {kmh} km/h
+trigger_range_m = {range}     # six seconds away, as far as the approach is straight
+
+[pedestrians]
+flow_per_hour = 250.0
+{pedestrians}
+[arms]
+av = "gap_yield"
+human = "{human}"             # {why}
+"""

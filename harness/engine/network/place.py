@@ -1,0 +1,39 @@
+"""From a scenario to its place."""
+
+from pathlib import Path
+
+from harness.core.errors import InputError
+from harness.core.resources import shipped_directory
+from harness.engine.network.build import network_for
+from harness.scenario import Scenario
+from harness.site import Place
+from harness.site.reading import sha256_of
+
+
+def network_of(scenario: Scenario) -> Path:
+    """The SUMO network of a scenario: its own, a shipped one, or one built into the cache.
+
+    Raises:
+        InputError: its own network is not the one that the scenario's geometry was read from.
+    """
+    crossing = scenario.crossing
+    if crossing.net is None:
+        return network_for(crossing, shipped_directory("networks"))
+    net = Path(crossing.net)
+    digest = sha256_of(net)
+    if crossing.read is not None and digest != crossing.read.sha256:
+        problem = f"{net} has changed (sha256 {digest[:12]}…)"
+        raise InputError("crossing.net", problem, f"the file of sha256 {crossing.read.sha256}")
+    return net
+
+
+def place_of(scenario: Scenario) -> Place:
+    """The crosswalk of a scenario in its SUMO network.
+
+    Raises:
+        InputError: see ``network_of``.
+    """
+    crossing, net = scenario.crossing, network_of(scenario)
+    if crossing.net is None or crossing.edge is None:
+        return Place(net, lane=scenario.ego.lane)
+    return Place(net, crossing.edge, crossing.approach, scenario.ego.lane)

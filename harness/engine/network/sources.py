@@ -1,0 +1,208 @@
+"""The plain-XML sources of a crosswalk's SUMO network.
+
+A site is one straight road, of one direction or two, with one unsignalized crosswalk across it.
+What the lanes leave of its width is a median in the middle, or on a one-way road a strip at each
+kerb: a lane of SUMO for a class of vehicles that is never there. Its nodes are metres east and
+north of the crosswalk's centre.  Where the scenario says its place, their file names the projection
+whose origin lies there. In it one metre of the network is one metre on the ground and the network's
+north is true north: neither a UTM zone's scale (up to 0.1 %) nor its grid convergence (1.8° in Ann
+Arbor) enters.
+"""
+
+import math
+import re
+
+from harness.core.errors import InputError
+from harness.scenario.sections import MAX_TRIGGER_RANGE_M, CrossingSection
+
+APPROACH_M = MAX_TRIGGER_RANGE_M
+"""Road before the crosswalk's centre line: the largest trigger range a site offers."""
+EXIT_M = APPROACH_M
+"""Road after the crosswalk's centre line: what oncoming vehicles come from."""
+FOOTPATH_M = 10.0
+"""From a kerb to the outer end of its footpath."""
+
+
+def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
+    """The plain-XML sources of a site, netconvert's configuration among them.
+
+    The text is a function of the arguments alone; it names its files by relative paths, so
+    ``netconvert -c <name>.netccfg`` rebuilds the network in any folder.
+
+    Args:
+        crossing: the crosswalk.
+        name: stem of every file's name: letters, digits, ``-`` and ``_``.
+
+    Returns:
+        File name → text.
+
+    Raises:
+        InputError: the name cannot be a file's stem.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
+        raise InputError("network name", repr(name), "letters, digits, - and _")
+    values = {
+        "name": name,
+        "bearing": repr(crossing.bearing_deg),
+        "location": _location(crossing),
+        "nodes": "\n".join(_nodes(crossing)),
+        "edges": "\n".join(_edges(crossing)),
+        "connections": "\n".join(_connections(crossing)),
+        "crossed": "approach oncoming_exit" if crossing.oncoming_lanes else "approach",
+        "lane": repr(crossing.width_of_lane_m),
+        "width": repr(crossing.width_m),
+        "right_of_way": (
+            "A marked crosswalk: vehicles yield."
+            if crossing.pedestrian_priority
+            else "An unmarked one: pedestrians yield."
+        ),
+        "priority": f'priority="{str(crossing.pedestrian_priority).lower()}"',
+    }
+    return {f"{name}.{kind}": text.format_map(values) for kind, text in _TEMPLATES.items()}
+
+
+def _location(crossing: CrossingSection) -> str:
+    """Where the network lies on the ground; nowhere, if the scenario does not say."""
+    boundary, projection = "0,0,0,0", "!"
+    if crossing.latitude_deg is not None:
+        latitude, longitude = f"{crossing.latitude_deg:.9f}", f"{crossing.longitude_deg:.9f}"
+        boundary = f"{longitude},{latitude},{longitude},{latitude}"
+        projection = (
+            f"+proj=tmerc +lat_0={latitude} +lon_0={longitude}"
+            " +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m +no_defs"
+        )
+    return f'origBoundary="{boundary}"\n              projParameter="{projection}"'
+
+
+_TEMPLATES = {
+    "nod.xml": """<nodes>
+    <!-- The ego drives along bearing {bearing}. x: metres east, y: metres north of the centre. -->
+    <location netOffset="0,0" convBoundary="0,0,0,0"
+              {location}/>
+{nodes}
+</nodes>
+""",
+    "edg.xml": """<edges>
+    <!-- Right-hand traffic: both directions lie right of the axis between the nodes. -->
+{edges}
+    <!-- Centred on their axis, they put the crosswalk onto the node. -->
+    <edge id="near" from="near" to="crosswalk" type="footpath" spreadType="center"/>
+    <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
+</edges>
+""",
+    # The speed limits only keep SUMO from refusing or changing a speed.
+    "typ.xml": """<types>
+    <type id="road" numLanes="1" speed="100" width="{lane}" priority="2" disallow="pedestrian"/>
+    <type id="footpath" numLanes="1" speed="10" width="{width}" priority="1" allow="pedestrian"/>
+</types>
+""",
+    "con.xml": """<connections>
+{connections}
+    <!-- {right_of_way} It binds SUMO's own driver only; the pedestrians and
+         strategies of the harness follow their own rules. -->
+    <crossing node="crosswalk" edges="{crossed}" {priority} width="{width}"/>
+</connections>
+""",
+    # Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9.
+    "netccfg": """<configuration>
+    <input>
+        <node-files value="{name}.nod.xml"/>
+        <edge-files value="{name}.edg.xml"/>
+        <connection-files value="{name}.con.xml"/>
+        <type-files value="{name}.typ.xml"/>
+    </input>
+    <output>
+        <output-file value="{name}.net.xml"/>
+        <precision value="9"/>
+        <precision.geo value="8"/>
+    </output>
+    <processing>
+        <no-turnarounds value="true"/>
+        <offset.disable-normalization value="true"/>
+    </processing>
+</configuration>
+""",
+}
+
+
+def _nodes(crossing: CrossingSection) -> list[str]:
+    """Nodes to a micrometre, which is what netconvert keeps of them."""
+    reach = FOOTPATH_M + crossing.length_m / 2
+    axis = 0.0 if _median_m(crossing) else _left_border_m(crossing)
+    places = {
+        "start": (-APPROACH_M, axis),
+        "crosswalk": (0.0, axis),
+        "end": (EXIT_M, axis),
+        "near": (0.0, -reach),
+        "far": (0.0, reach),
+    }
+    lines = []
+    for node, place in places.items():
+        x, y = _placed(crossing, *place)
+        lines.append(f'    <node id="{node}" x="{x}" y="{y}" type="priority"/>')
+    return lines
+
+
+def _edges(crossing: CrossingSection) -> list[str]:
+    """The road's edges; beside a median each is drawn along its own left border."""
+    forward, oncoming = _left_border_m(crossing), _left_border_m(crossing) + _median_m(crossing)
+    directions = [("", crossing.lanes, "start", "end", -APPROACH_M, EXIT_M, forward)]
+    if crossing.oncoming_lanes:
+        lanes = crossing.oncoming_lanes
+        directions.append(("oncoming_", lanes, "end", "start", EXIT_M, -APPROACH_M, oncoming))
+    lines = []
+    for prefix, lanes, first, last, begin, end, border in directions:
+        more = "" if lanes == 1 else f' numLanes="{lanes}"'
+        inside = "/>"
+        if crossing.kerb_strip_m:
+            more = f' numLanes="{lanes + 2}"'
+            strips = [
+                f'        <lane index="{index}" width="{crossing.kerb_strip_m!r}" allow="custom1"/>'
+                for index in (0, lanes + 1)
+            ]
+            inside = "\n".join([">", *strips, "    </edge>"])
+        stretches = (
+            ("approach", first, "crosswalk", begin, 0.0),
+            ("exit", "crosswalk", last, 0.0, end),
+        )
+        for name, source, target, since, until in stretches:
+            shape = ""
+            if _median_m(crossing):
+                points = (_placed(crossing, along, border) for along in (since, until))
+                shape = f' shape="{" ".join(",".join(point) for point in points)}"'
+            lines.append(
+                f'    <edge id="{prefix}{name}" from="{source}" to="{target}" type="road"'
+                f' spreadType="right"{more}{shape}{inside}'
+            )
+    return lines
+
+
+def _connections(crossing: CrossingSection) -> list[str]:
+    """Straight on, from lane to lane."""
+    strip = int(crossing.kerb_strip_m > 0)
+    lines = []
+    for prefix, lanes in (("", crossing.lanes), ("oncoming_", crossing.oncoming_lanes)):
+        for lane in range(strip, strip + lanes):
+            lines.append(
+                f'    <connection from="{prefix}approach" to="{prefix}exit"'
+                f' fromLane="{lane}" toLane="{lane}"/>'
+            )
+    return lines
+
+
+def _median_m(crossing: CrossingSection) -> float:
+    return crossing.beside_lanes_m if crossing.oncoming_lanes else 0.0
+
+
+def _left_border_m(crossing: CrossingSection) -> float:
+    """The left end of the ego's direction, in m left of the crosswalk's centre."""
+    width = crossing.lanes * crossing.width_of_lane_m + 2 * crossing.kerb_strip_m
+    return width - crossing.length_m / 2
+
+
+def _placed(crossing: CrossingSection, along_m: float, left_m: float) -> tuple[str, str]:
+    """A point of the road, in m from the crosswalk's centre, as metres east and north."""
+    bearing = math.radians(crossing.bearing_deg)
+    east, north = math.sin(bearing), math.cos(bearing)
+    x, y = along_m * east - left_m * north, along_m * north + left_m * east
+    return f"{x:.6f}", f"{y:.6f}"

@@ -1,0 +1,72 @@
+"""The handbooks' delay of pedestrians at the road of a scenario."""
+
+import inspect
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from harness.episode.traffic.closed_forms import (
+    critical_headway_s,
+    group_headway_s,
+    hcm_delay_s,
+    revised_hcm_delay_s,
+)
+from harness.episode.traffic.lanes import lanes_of
+from harness.scenario import Scenario
+from harness.strategies.registry import find_strategy
+
+
+@dataclass(frozen=True, slots=True)
+class Handbook:
+    """Mean delays of pedestrians by the HCM 2010 and by NCHRP 17-87; else why there are none."""
+
+    yield_rate: float | None = None
+    hcm_s: float | None = None
+    nchrp_s: float | None = None
+    reason: str | None = None
+
+
+def handbook(
+    scenario: Scenario,
+    av_share: float,
+    vehicles_per_s: float,
+    pedestrians_per_s: float,
+    walking_mps: float | None,
+) -> Handbook:
+    """The handbooks' delays with t_c = L/S_p, t_s = 0 and the rates that the drivers declare.
+
+    Args:
+        scenario: of the cell.
+        av_share: share of vehicles that ``arms.av`` drives; 0 in the reference's arm.
+        vehicles_per_s: v, that came.
+        pedestrians_per_s: v_p, who came.
+        walking_mps: S_p, the mean speed at which they walked.
+    """
+    rate = 0.0
+    for name, share in ((scenario.arms.av, av_share), (scenario.arms.human, 1 - av_share)):
+        declared = _declared_rate(scenario, name) if share > 0 else 0.0
+        if declared is None:
+            return Handbook(reason=f"{name} declares no yield rate")
+        rate += share * declared
+    if scenario.known_traffic.saturated:
+        return Handbook(rate, reason="a permanent queue")
+    if vehicles_per_s == 0 or walking_mps is None:
+        return Handbook(rate, reason="nobody met")
+    crossing = scenario.crosswalk()
+    headway_s = critical_headway_s(crossing.length_m, walking_mps, 0.0)
+    group_s = group_headway_s(vehicles_per_s, pedestrians_per_s, headway_s, crossing.width_m)
+    lanes = len(lanes_of(scenario))
+    hcm_s = hcm_delay_s(vehicles_per_s, group_s, lanes, rate)
+    nchrp_s = revised_hcm_delay_s(vehicles_per_s, group_s, lanes, rate)
+    if not (math.isfinite(hcm_s) and math.isfinite(nchrp_s)):
+        return Handbook(rate, reason="infinite")
+    return Handbook(rate, hcm_s, nchrp_s)
+
+
+def _declared_rate(scenario: Scenario, name: str) -> float | None:
+    """The parameter ``yield_rate`` of a strategy; None where it has none."""
+    given: Any = scenario.strategies.get(name, {}).get("yield_rate")
+    if given is None:
+        parameter = inspect.signature(find_strategy(name, "arms")).parameters.get("yield_rate")
+        given = None if parameter is None else parameter.default
+    return None if given is None else float(given)

@@ -1,0 +1,252 @@
+"""Runs one hour of one arm: every vehicle its strategy, everybody the same road.
+
+The encounter has a loop of its own (``harness.episode.loop``): with one ego it reads and sets one
+state and knows all of the step beforehand, which is what makes it fast.  Pedestrians
+(``harness.episode.crowd``), strategies and the limits of a command are the same in both.
+"""
+
+import math
+from collections.abc import Sequence
+
+from harness.core.encounter import Arrival, EgoView, Observation
+from harness.core.errors import StrategyError
+from harness.engine.control import COLLISION_REACH_M
+from harness.engine.road import SumoRoad
+from harness.episode.cell_constants import CellConstants
+from harness.episode.crowd import Crowd
+from harness.episode.deciding import ROUNDING_M, limited, strategy_raised
+from harness.episode.traffic.entrance import Entrance, MakeStrategy
+from harness.episode.traffic.vehicles import HourLog, HourVehicle, LaneOnRoad, clearing_s, state_of
+from harness.episode.walkers import ChooseSpeed
+from harness.measures.efficiency import STANDING_MPS
+from harness.scenario import TrafficSection
+
+QUEUED_MPS = 5 / 3.6
+"""Slower than this counts as queued (SUMO's queue output: 5 km/h)."""
+
+SAMPLE_S = 1.0
+"""How often the queues are looked at."""
+
+
+class Hour:
+    """One arm of one pair on the road.
+
+    Args:
+        road: SUMO, bound to the same site, vehicle and step.
+        lanes: with their schedules, by number.
+        arrivals: everyone who comes, by time from the beginning of the warm-up.
+        choose_speed: see ``Episode``.
+        make: the name and a fresh object of a vehicle's strategy.
+        rules: the cell's constants.
+        traffic: durations and following.
+        sumo_drives: whether a strategy may leave the driving to SUMO.
+        paths: whether to note where vehicles are outside of their passages.
+    """
+
+    def __init__(
+        self,
+        road: SumoRoad,
+        lanes: Sequence[LaneOnRoad],
+        arrivals: Sequence[Arrival],
+        choose_speed: ChooseSpeed,
+        make: MakeStrategy,
+        rules: CellConstants,
+        traffic: TrafficSection,
+        *,
+        sumo_drives: bool = False,
+        paths: bool = False,
+    ) -> None:
+        self.road, self.lanes, self.rules, self.traffic = road, lanes, rules, traffic
+        self.arrivals, self.sumo_drives, self.paths = arrivals, sumo_drives, paths
+        vehicle, self.step_s = rules.vehicle, rules.step_s
+        self.begin_step = round(traffic.warm_up_s / self.step_s)
+        self.end_step = self.begin_step + round(traffic.duration_s / self.step_s)
+        self.sample_steps = max(1, round(SAMPLE_S / self.step_s))
+        self.trigger_x_m = -vehicle.trigger_range_m - ROUNDING_M
+        self.detection_m = vehicle.detection_range_m + ROUNDING_M
+        self.hits_from_m = -rules.crossing.width_m / 2 - COLLISION_REACH_M
+        self.entrance = Entrance(road, vehicle, traffic, self.step_s, make)
+        self.crowd = Crowd(arrivals, lanes, choose_speed, rules, road.remove)
+        self.log = HourLog(let_go=self.crowd.let_go)
+        self.on_road: dict[str, HourVehicle] = {}
+
+    def run(self) -> HourLog:
+        """Simulate warm-up, counted time, and whatever it takes until the road is empty.
+
+        A vehicle that has not passed ``clearing_s`` after the counted time never passes.
+
+        Raises:
+            EngineError: SUMO lost the hour; StrategyError: a strategy failed in one vehicle.
+        """
+        road = self.road
+        last = self.end_step + round(clearing_s(self.traffic) / self.step_s)
+        lanes = self.lanes
+        centres_m = [lane.centre_m for lane in lanes] if self.sumo_drives else None
+        with road.watched():
+            road.begin(self.arrivals, centres_m)
+            for n in range(last):
+                if n >= self.end_step and not self.on_road and not any(lane.due for lane in lanes):
+                    break
+                self._step(n)
+        road.end()
+        for lane in lanes:
+            for vehicle in lane.driven:
+                vehicle.came_until = len(self.crowd.came)
+            if not self.traffic.saturated:
+                self.log.vehicles += lane.due
+        self.log.walks = [walker.walk for walker in self.crowd.came]
+        return self.log
+
+    def _step(self, n: int) -> None:
+        now, then, after = n * self.step_s, (n + 1) * self.step_s, n + 1
+        crowd, road, lanes = self.crowd, self.road, self.lanes
+        if crowd.walkers:
+            crowd.begin_step(now)
+        self._drive(now, n)
+        for lane in lanes:
+            if lane.due or lane.next_step <= after:
+                self._let_in(lane, after)
+        gone = road.step(crowd.walk_until(then))
+        if gone:
+            for name in gone:
+                self.on_road.pop(name).gone_step = after
+        self._read()
+        if crowd.walkers:
+            self._note_collisions()
+        if crowd.next_s <= then:
+            crowd.advance(now, then)
+        for lane in lanes:
+            if lane.driven or lane.coming:
+                self._move(lane, after)
+        self.log.last_step = after
+        if (after - self.begin_step) % self.sample_steps == 0:
+            self._sample(after)
+
+    def _drive(self, now: float, n: int) -> None:
+        """Every strategy decides on what it sees at the beginning of the step."""
+        step, vehicle, drive = self.step_s, self.rules.vehicle, self.road.drive
+        detection, everyone = self.detection_m, None
+        for lane in self.lanes:
+            if not lane.driven:
+                continue
+            if everyone is None:
+                everyone = self.crowd.views()
+            seen, crossing = lane.seen_from(everyone), lane.lane.crossing
+            for car in lane.driven:
+                x, speed = car.x_m, car.speed_mps
+                time_s = (n - car.first_step) * step  # type: ignore[operator]  # it is driven
+                view = EgoView(-x, speed, car.acceleration_mps2)
+                visible = seen if -detection <= x <= detection else ()
+                observation = Observation(time_s, step, view, vehicle, crossing, visible)
+                try:
+                    answer = car.strategy.decide(observation)
+                except (Exception, SystemExit) as error:
+                    raise _of_vehicle(car, now, strategy_raised(error, time_s)) from error
+                if answer is None and self.sumo_drives:
+                    if not car.by_engine:
+                        self.road.hand_over(car.name)
+                        car.by_engine = True
+                    continue
+                try:
+                    target = speed + limited(answer, vehicle, time_s) * step
+                except StrategyError as error:
+                    raise _of_vehicle(car, now, error) from None
+                if car.by_engine:
+                    self.road.release(car.name)
+                    car.by_engine = False
+                drive(car.name, target if target > 0 else 0.0)
+
+    def _let_in(self, lane: LaneOnRoad, step: int) -> None:
+        car = self.entrance.let_in(lane, step, self.end_step)
+        if car is not None:
+            self.on_road[car.name] = car
+            self.log.vehicles.append(car)
+
+    def _read(self) -> None:
+        """Read the states at the step's end of all vehicles that somebody may look at."""
+        step, distance_of, speed_of = self.step_s, self.road.distance_of, self.road.speed_of
+        for lane in self.lanes:
+            for car in (*lane.driven, lane.coming[0]) if lane.coming else lane.driven:
+                name = car.name
+                car.next_x_m = car.insert_x_m + distance_of(name)
+                speed = car.next_speed_mps = speed_of(name)
+                car.acceleration_mps2 = (speed - car.speed_mps) / step
+
+    def _move(self, lane: LaneOnRoad, step: int) -> None:
+        """After a step: vehicles that have passed leave, those at R0 are taken over."""
+        driven, coming = lane.driven, lane.coming
+        for car in driven:
+            x = car.x_m = car.next_x_m
+            speed = car.speed_mps = car.next_speed_mps
+            car.xs.append(x)
+            car.speeds.append(speed)
+        while driven and driven[0].x_m >= lane.passed_at_m:
+            car = driven.pop(0)
+            car.passed = True
+            car.came_until = len(self.crowd.came)
+            self.road.release(car.name)
+        if not coming:
+            return
+        head = coming[0]
+        head.x_m, head.speed_mps = head.next_x_m, head.next_speed_mps
+        while head.x_m >= self.trigger_x_m:
+            self._take_over(coming.popleft(), lane, step)
+            if not coming:
+                return
+            head = coming[0]
+            head.x_m, head.speed_mps = state_of(self.road, head)
+
+    def _take_over(self, car: HourVehicle, lane: LaneOnRoad, step: int) -> None:
+        car.first_step = step
+        over = max(0.0, car.x_m + self.rules.vehicle.trigger_range_m)
+        speed, gain = car.speed_mps, car.acceleration_mps2
+        if over > ROUNDING_M:
+            # Back in time to R0: over = v t − a t²/2.
+            root = math.sqrt(max(0.0, speed**2 - 2 * gain * over))
+            car.trace_offset_s = min(2 * over / (speed + root), self.step_s)
+        car.xs.append(car.x_m)
+        car.speeds.append(speed)
+        car.met = list(self.crowd.walkers)
+        car.came_from = len(self.crowd.came)
+        lane.driven.append(car)
+
+    def _note_collisions(self) -> None:
+        """SUMO reports hits only of vehicles whose front is on the junction, or beyond."""
+        for lane in self.lanes:
+            if lane.driven and lane.driven[0].next_x_m > self.hits_from_m:
+                break
+        else:
+            return
+        for name in self.road.collided():
+            if name in self.on_road:
+                self.on_road[name].collided = True
+
+    def _sample(self, step: int) -> None:
+        """Every second: queues, stops before R0, and where the vehicles are."""
+        queues = [self._queued_in(lane) for lane in self.lanes]
+        if self.begin_step < step <= self.end_step:
+            self.log.queues.append(queues)
+        if self.paths:
+            for car in self.on_road.values():
+                # Those that a strategy drives are noted at every step anyway.
+                if car.first_step is None or car.passed:
+                    car.path.append((step, *state_of(self.road, car)))
+
+    def _queued_in(self, lane: LaneOnRoad) -> int:
+        """The number of queued vehicles of a lane, with those upstream of the road."""
+        queued = len(lane.due) + sum(car.speed_mps < QUEUED_MPS for car in lane.driven)
+        for car in lane.coming:
+            speed = self.road.speed_of(car.name)
+            queued += speed < QUEUED_MPS
+            standing = speed < STANDING_MPS
+            car.stops += standing and not car.standing
+            car.standing = standing
+        return queued
+
+
+def _of_vehicle(car: HourVehicle, now: float, error: StrategyError) -> StrategyError:
+    """The same error, with the vehicle and the hour's time."""
+    what = f"vehicle {car.plan.number}, {now:.3f} s into the hour: {error}"
+    named = StrategyError(what)
+    named.traceback = error.traceback
+    return named

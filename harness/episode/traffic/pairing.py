@@ -1,0 +1,118 @@
+"""Runs pairs of hours of one cell: both arms meet the same people and the same vehicles."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from harness.core.encounter import Arm, Strategy
+from harness.core.errors import EngineError, StrategyError, in_one_line
+from harness.engine.road import SumoRoad
+from harness.episode.arms import check_arms, make_strategy
+from harness.episode.arrivals import planned_arrivals
+from harness.episode.cell_constants import constants_of
+from harness.episode.traffic.demand import Scheduled, scheduled_vehicles
+from harness.episode.traffic.hour import Hour
+from harness.episode.traffic.lanes import lanes_of
+from harness.episode.traffic.passages import Passage, passages_of
+from harness.episode.traffic.vehicles import HourLog, LaneOnRoad, clearing_s
+from harness.episode.walking_speeds import WalkingSpeeds
+from harness.model.interaction import InteractionModel
+from harness.scenario import Scenario
+
+SUMO_DRIVER = "sumo_driver"
+"""The strategy that leaves the driving to SUMO."""
+
+
+@dataclass(frozen=True, slots=True)
+class HourOutcome:
+    """One arm of a pair: its log and passages, or why there are none."""
+
+    pair: int
+    arm: Arm
+    scenario: Scenario
+    log: HourLog
+    passages: tuple[Passage, ...]
+    reason: str | None = None
+    traceback: str | None = None
+
+
+class HourRunner:
+    """Runs pairs of one cell with ``[traffic]``, one after another.
+
+    Args:
+        scenario: the cell.
+        model: the interaction model.
+        get_road: gives an open road for this scenario; asked for each arm.
+        paths: whether to note where vehicles are outside of their passages.
+
+    Raises:
+        InputError: an arm names no strategy, or its parameters are refused.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        model: InteractionModel,
+        get_road: Callable[[], SumoRoad],
+        paths: bool = False,
+    ) -> None:
+        self._scenario, self._model, self._get_road = scenario, model, get_road
+        self._traffic, self._paths = scenario.known_traffic, paths
+        self._rules = constants_of(scenario)
+        self._speeds = WalkingSpeeds(scenario, model)
+        check_arms(scenario, model)
+
+    def run(
+        self, pairs: Iterable[int], on_arm: Callable[[], None] = lambda: None
+    ) -> Iterator[HourOutcome]:
+        """Both arms of every pair, AV first; ``on_arm`` is called after each."""
+        for pair in pairs:
+            for arm in Arm:
+                yield self.run_arm(pair, arm)
+                on_arm()
+
+    def run_arm(self, pair: int, arm: Arm) -> HourOutcome:
+        """One arm of a pair.  A strategy that fails in one vehicle fails the whole arm.
+
+        Its vehicle would stand in the way of all others for the rest of the hour, and whatever
+        came out would be of that, not of the strategy.
+        """
+        scenario, traffic, rules = self._scenario, self._traffic, self._rules
+        horizon_s = traffic.warm_up_s + traffic.duration_s + clearing_s(traffic)
+        arrivals = planned_arrivals(scenario, pair, horizon_s=horizon_s)
+        road = self._get_road()
+        lanes = [
+            LaneOnRoad(number, lane, scheduled_vehicles(scenario, pair, lane), rules)
+            for number, lane in enumerate(lanes_of(scenario))
+        ]
+
+        def make(planned: Scheduled) -> tuple[bool, str, Strategy]:
+            automated = arm is Arm.AV and planned.uniform < traffic.av_share
+            driver = Arm.AV if automated else Arm.HUMAN
+            try:
+                strategy = make_strategy(scenario, driver, pair, self._model, planned.number)
+                return automated, scenario.arms.driver(driver), strategy
+            except (Exception, SystemExit) as error:
+                what = f"the strategy could not be made: {in_one_line(error)}"
+                raise StrategyError(what, error) from None
+
+        hour = Hour(
+            road,
+            lanes,
+            arrivals,
+            self._speeds,
+            make,
+            rules,
+            traffic,
+            sumo_drives=SUMO_DRIVER in (scenario.arms.av, scenario.arms.human),
+            paths=self._paths,
+        )
+        try:
+            log = hour.run()
+        except EngineError as error:
+            # Nothing of a broken hour may reach the next one.
+            road.close()
+            text = error.traceback if isinstance(error, StrategyError) else None
+            return HourOutcome(pair, arm, scenario, HourLog(), (), str(error), text)
+        ends = {number: lane.ends_x_m for number, lane in enumerate(road.lanes)}
+        passages = passages_of(log, rules, ends, traffic.saturated)
+        return HourOutcome(pair, arm, scenario, log, tuple(passages))

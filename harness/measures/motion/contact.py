@@ -1,0 +1,201 @@
+"""When the ego's rectangle first meets a pedestrian's disc: exact, inside steps too.
+
+Seen from the ego (front bumper at 0, body over −length … 0, y across), the pedestrian's centre is
+a point and the ego grown by the disc's radius a rounded rectangle: two rectangles and four
+circles.  A contact is the first time the point enters it.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
+
+_EPSILON_M = 1e-12
+_MARGIN_M = 1e-6
+_REAL_S = 1e-7
+"""A root whose imaginary part is below that is real: rounding parts a double one."""
+
+
+class Motion(NamedTuple):
+    """A coordinate over a step: place and speed at its beginning, constant acceleration."""
+
+    place_m: float
+    speed_mps: float
+    acceleration_mps2: float = 0.0
+
+    def at(self, time_s: float) -> float:
+        """The place after that time."""
+        return self.place_m + self.speed_mps * time_s + self.acceleration_mps2 * time_s**2 / 2
+
+
+def first_contact_in_step(
+    ego: Motion,
+    walker_x: Motion,
+    walker_y: Motion,
+    duration_s: float,
+    body: tuple[float, float, float],
+) -> float | None:
+    """Time into the step at which contact begins, or None.
+
+    Candidates are all roots of the boundary's pieces (at most quartic); the earliest at which
+    the distance is within the radius counts.
+
+    Args:
+        ego: of the front bumper, along the road.
+        walker_x: the pedestrian along the road, without acceleration.
+        walker_y: across it.
+        duration_s: length of the step.
+        body: (length of the ego, y of its right side, y of its left side) in m.
+    """
+    length, right, left = body
+    radius = PEDESTRIAN_RADIUS_M
+    front = Motion(  # pedestrian ahead of bumper
+        walker_x.place_m - ego.place_m,
+        walker_x.speed_mps - ego.speed_mps,
+        -ego.acceleration_mps2,
+    )
+    ahead_range, across_range = _range(front, duration_s), _range(walker_y, duration_s)
+    # Only pieces that the path comes near can have a root; finding roots is what costs.
+    candidates = [0.0]
+    for path, span, edges in (
+        (front, ahead_range, (radius, -length - radius)),
+        (walker_y, across_range, (right - radius, left + radius)),
+    ):
+        for edge in edges:
+            if _near(span, edge, 0.0):
+                candidates += _times_at(path, edge)
+    for corner_x in (0.0, -length):
+        for corner_y in (right, left):
+            if _near(ahead_range, corner_x, radius) and _near(across_range, corner_y, radius):
+                candidates += _times_at_circle(front, walker_y, corner_x, corner_y)
+    for time in sorted(candidates):
+        if not 0 <= time <= duration_s:
+            continue
+        y = walker_y.at(time)
+        # A root is found to about 1e-9; a grazing one counts as contact.
+        if gap(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
+            return time
+    return None
+
+
+def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
+    """When a coordinate is at an edge; a path that misses it by rounding only touches it."""
+    square, slope, constant = path.acceleration_mps2 / 2, path.speed_mps, path.place_m - edge_m
+    if square == 0:
+        return () if slope == 0 else (-constant / slope,)
+    discriminant = slope * slope - 4 * square * constant
+    if discriminant < 0:
+        touches = math.sqrt(-discriminant) < 2 * abs(square) * _REAL_S
+        return (-slope / (2 * square),) if touches else ()
+    # The sum of equal signs: the other one loses digits.
+    larger = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
+    return (larger / square, constant / larger) if larger != 0 else ()  # from the start on
+
+
+def _times_at_circle(
+    ahead: Motion, across: Motion, corner_x: float, corner_y: float
+) -> list[float]:
+    """When a point that moves so is at the circle of the disc's radius around a corner."""
+    dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x)
+    dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y)
+    circle = np.convolve(dx, dx) + np.convolve(dy, dy)
+    circle[-1] -= PEDESTRIAN_RADIUS_M**2
+    roots = np.roots(circle)
+    times: list[float] = roots.real[np.abs(roots.imag) < _REAL_S].tolist()
+    return times
+
+
+def _range(path: Motion, duration_s: float) -> tuple[float, float]:
+    """Smallest and largest place over 0 … duration."""
+    values = [path.place_m, path.at(duration_s)]
+    if path.acceleration_mps2 != 0:
+        values.append(path.at(min(max(-path.speed_mps / path.acceleration_mps2, 0.0), duration_s)))
+    return min(values), max(values)
+
+
+def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
+    """Whether a range of places comes within reach of one, rounding included."""
+    reach_m += _MARGIN_M
+    return span[0] - reach_m <= place_m <= span[1] + reach_m
+
+
+def gap(
+    ahead_m: FloatArray | float, y_m: FloatArray | float, body: tuple[float, float, float]
+) -> FloatArray:
+    """Distance between the ego's rectangle and the disc's edge in m, negative inside."""
+    length, right, left = body
+    dx = np.maximum(np.maximum(ahead_m, -length - np.asarray(ahead_m)), 0.0)
+    dy = np.maximum(np.maximum(right - np.asarray(y_m), np.asarray(y_m) - left), 0.0)
+    distance: FloatArray = np.hypot(dx, dy) - PEDESTRIAN_RADIUS_M
+    return distance
+
+
+def time_to_collision(
+    ahead_m: FloatArray,
+    y_m: FloatArray,
+    ahead_mps: FloatArray,
+    y_mps: FloatArray,
+    body: tuple[float, float, float],
+) -> FloatArray:
+    """TTC: time until rectangle and disc meet if both keep their velocities, in s.
+
+    Args:
+        ahead_m: pedestrian's distance ahead of the front bumper (negative beside the body).
+        y_m: the pedestrian's y.
+        ahead_mps: rate of ``ahead_m``: their velocity along the road less the ego's speed.
+        y_mps: their velocity across the road.
+        body: (length, y of the right side, y of the left side) of the ego in m.
+
+    Returns:
+        Array of the same shape, ≥ 0; infinite where they are not on a collision course.
+    """
+    length, right, left = body
+    radius = PEDESTRIAN_RADIUS_M
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = [
+            _enters_rectangle(
+                (ahead_m, y_m), (ahead_mps, y_mps), (-length - radius, radius), (right, left)
+            ),
+            _enters_rectangle(
+                (ahead_m, y_m),
+                (ahead_mps, y_mps),
+                (-length, 0.0),
+                (right - radius, left + radius),
+            ),
+        ]
+        for corner_x in (0.0, -length):
+            for corner_y in (right, left):
+                times.append(_enters_circle(ahead_m - corner_x, y_m - corner_y, ahead_mps, y_mps))
+    result: FloatArray = np.minimum.reduce(times)
+    return result
+
+
+def _enters_rectangle(
+    place: tuple[FloatArray, FloatArray],
+    velocity: tuple[FloatArray, FloatArray],
+    x_bounds: tuple[float, float],
+    y_bounds: tuple[float, float],
+) -> FloatArray:
+    """Slab method; infinite where the ray misses."""
+    enter, leave = np.zeros_like(place[0]), np.full_like(place[0], np.inf)
+    for position, speed, (low, high) in zip(place, velocity, (x_bounds, y_bounds), strict=True):
+        first, second = (low - position) / speed, (high - position) / speed
+        still = speed == 0
+        outside = still & ((position < low) | (position > high))
+        near = np.where(still, np.where(outside, np.inf, -np.inf), np.minimum(first, second))
+        far = np.where(still, np.inf, np.maximum(first, second))
+        enter, leave = np.maximum(enter, near), np.minimum(leave, far)
+    return np.where(enter <= leave, enter, np.inf)
+
+
+def _enters_circle(x: FloatArray, y: FloatArray, vx: FloatArray, vy: FloatArray) -> FloatArray:
+    """First time ≥ 0 at which the point is within the radius of the origin; infinite if never."""
+    a = vx * vx + vy * vy
+    b = x * vx + y * vy
+    c = x * x + y * y - PEDESTRIAN_RADIUS_M**2
+    discriminant = b * b - a * c
+    time = (-b - np.sqrt(discriminant)) / a
+    hit = (discriminant >= 0) & (a > 0) & (time >= 0)
+    return np.where(c <= 0, 0.0, np.where(hit, time, np.inf))

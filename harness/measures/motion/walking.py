@@ -1,0 +1,134 @@
+"""Walks in the road frame: where a pedestrian is when, and the path of a timed one."""
+
+import math
+
+import numpy as np
+
+from harness.core.encounter import (
+    PEDESTRIAN_RADIUS_M,
+    Crossing,
+    FloatArray,
+    Leg,
+    Side,
+    Vehicle,
+    Walk,
+)
+
+
+def timed_path(
+    side: Side,
+    start_lateral_m: float,
+    acceleration_distance_m: float,
+    speed_mps: float,
+    impact_share: float,
+    vehicle: Vehicle,
+    crossing: Crossing,
+) -> tuple[Leg, ...]:
+    """The walk of a pedestrian whom a car that never brakes hits at a share of its width.
+
+    From rest they accelerate evenly over d_a to v_p and keep that speed.  The front touches their
+    disc at T = (R0 − radius)/v0; their centre is then at L = width · (½ − share) from the car's
+    centre line.  So they start at T − t, where t is the time they need for d = start − L:
+    sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
+
+    Args:
+        side: the side they come from.
+        start_lateral_m: from where, in m from the car's centre line.
+        acceleration_distance_m: d_a ≥ 0.
+        speed_mps: v_p > 0.
+        impact_share: 0 at the edge of the car they reach first, 1 at the other one.
+        vehicle: the ego, which meets them at its initial speed v0.
+        crossing: where the lane lies.
+
+    Returns:
+        One leg, or two where they accelerate.  The first one's time is negative where they would
+        have to start before the trigger.  Source of the case: Euro NCAP, Test Protocol AEB/LSS
+        VRU Systems (v4.5.1, 2024): CPNA and CPFA.
+    """
+    contact_s = (vehicle.trigger_range_m - PEDESTRIAN_RADIUS_M) / vehicle.initial_speed_mps
+    distance_m = start_lateral_m - vehicle.width_m * (0.5 - impact_share)
+    direction = 1.0 if side is Side.NEAR else -1.0
+    y_m = crossing.lane_centre_m - direction * start_lateral_m
+    velocity = direction * speed_mps
+    if acceleration_distance_m == 0:
+        return (Leg(contact_s - distance_m / speed_mps, 0.0, y_m, 0.0, velocity, 0.0),)
+    acceleration = speed_mps**2 / (2 * acceleration_distance_m)
+    accelerating_s = speed_mps / acceleration
+    if distance_m <= acceleration_distance_m:
+        walking_s = math.sqrt(2 * distance_m / acceleration)
+    else:
+        walking_s = accelerating_s + (distance_m - acceleration_distance_m) / speed_mps
+    start_s = contact_s - walking_s
+    steady_y_m = y_m + direction * acceleration_distance_m
+    return (
+        Leg(start_s, 0.0, y_m, 0.0, 0.0, direction * acceleration),
+        Leg(start_s + accelerating_s, 0.0, steady_y_m, 0.0, velocity, 0.0),
+    )
+
+
+def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
+    """The legs of someone who stepped off."""
+    if walk.legs is not None:
+        return walk.legs
+    assert walk.start_s is not None
+    assert walk.speed_mps is not None
+    if walk.arrival.side is Side.NEAR:
+        return (Leg(walk.start_s, 0.0, 0.0, 0.0, walk.speed_mps, 0.0),)
+    return (Leg(walk.start_s, 0.0, crossing.length_m, 0.0, -walk.speed_mps, 0.0),)
+
+
+def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
+    """When someone reaches the other kerb; None if they never stepped off, or stand for good."""
+    if walk.start_s is None or walk.speed_mps is None:
+        return None
+    if walk.legs is None:
+        return walk.start_s + crossing.length_m / walk.speed_mps
+    kerb_m = crossing.length_m if walk.arrival.side is Side.NEAR else 0.0
+    ends = [leg.time_s for leg in walk.legs[1:]] + [math.inf]
+    for leg, end_s in zip(walk.legs, ends, strict=True):
+        time_s = leg.time_s + time_over(leg, kerb_m - leg.y_m)
+        # The kerb may lie a rounding beyond the leg's end.
+        if math.isfinite(time_s) and time_s <= end_s + 1e-9:
+            return time_s
+    return None
+
+
+def time_over(leg: Leg, across_m: float) -> float:
+    """Time on a leg until y has changed by ``across_m``; infinite if it never does."""
+    reach = leg.y_mps**2 + 2 * leg.y_mps2 * across_m
+    if across_m == 0:
+        return 0.0
+    if reach < 0:
+        return math.inf
+    speed = leg.y_mps + math.copysign(math.sqrt(reach), across_m)
+    time_s = 2 * across_m / speed if speed else math.inf
+    return time_s if time_s >= 0 else math.inf
+
+
+def states_at(
+    walk: Walk, crossing: Crossing, times_s: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """(x, y, speed, acceleration along the way) of someone who stepped off, at given times.
+
+    Args:
+        walk: their walk.
+        crossing: the crosswalk.
+        times_s: shape (n,), none before they stepped off.
+
+    Returns:
+        Four arrays of shape (n,), in m, m, m/s and m/s².
+    """
+    legs = legs_of(walk, crossing)
+    columns = np.array(legs, dtype=float).T
+    number = np.searchsorted(columns[0], times_s, side="right") - 1
+    time, x, y, x_mps, y_mps, y_mps2 = columns[:, np.maximum(number, 0)]
+    walked_s = times_s - time
+    velocity = y_mps + y_mps2 * walked_s
+    # 0 − 0 is 0, where −0 would be another number in a file.
+    forward = y_mps2 if walk.arrival.side is Side.NEAR else 0.0 - y_mps2
+    return (
+        x + x_mps * walked_s,
+        y + y_mps * walked_s + y_mps2 * walked_s**2 / 2,
+        np.hypot(x_mps, velocity),
+        forward,
+    )

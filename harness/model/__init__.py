@@ -1,0 +1,1 @@
+"""Recorded trajectories in; the fitted model of walking and driving speeds out."""

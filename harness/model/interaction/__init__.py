@@ -1,0 +1,26 @@
+"""The interaction model: a mixture with a meaning, the file it is kept in, and its readings."""
+
+from harness.model.interaction.file import load_model, read_model, write_model
+from harness.model.interaction.model import (
+    INVERSE_RANGE,
+    INVERSE_TIME_ADVANTAGE,
+    PEDESTRIAN_SPEED,
+    VARIABLES,
+    VEHICLE_SPEED,
+    InteractionModel,
+)
+from harness.model.interaction.support import Asked, check_support
+
+__all__ = [
+    "INVERSE_RANGE",
+    "INVERSE_TIME_ADVANTAGE",
+    "PEDESTRIAN_SPEED",
+    "VARIABLES",
+    "VEHICLE_SPEED",
+    "Asked",
+    "InteractionModel",
+    "check_support",
+    "load_model",
+    "read_model",
+    "write_model",
+]

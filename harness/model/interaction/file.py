@@ -1,0 +1,129 @@
+"""The model file: JSON with a fitted mixture and its card (format: docs/files.md)."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from harness.core.documents import check_form, parse_json
+from harness.core.errors import InputError, unknown_name
+from harness.core.files import read_file, write_file
+from harness.model.interaction.model import (
+    INVERSE_RANGE,
+    PEDESTRIAN_SPEED,
+    VARIABLES,
+    InteractionModel,
+)
+from harness.model.mixture import TruncatedGaussianMixture
+
+SHIPPED = Path(__file__).parents[1] / "shipped"
+"""The folder of the shipped models."""
+
+_Number = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""No speed in m/s, and no inverse of a distance or a time, is larger; products would overflow."""
+
+
+class _ModelFile(BaseModel):
+    """The form of a model file; whether its arrays make a mixture is the mixture's business."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+    format_version: Literal[1] = Field(alias="schema")
+    name: str
+    variables: list[str]
+    lower: list[_Number]
+    upper: list[_Number]
+    weights: list[_Number]
+    locations: list[list[_Number]]
+    scale_matrices: list[list[list[_Number]]]
+    provenance: dict[str, Any] = {}
+
+
+def load_model(name: str, path: str | None = None) -> InteractionModel:
+    """A shipped model by name, or a model file by path.
+
+    Raises:
+        InputError: no such model, or the file is no valid model.
+    """
+    if path is None:
+        shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
+        if name not in shipped:
+            raise unknown_name("model.name", "model", name, shipped)
+        return read_model(shipped[name])
+    return read_model(Path(path))
+
+
+def read_model(path: Path) -> InteractionModel:
+    """Read and check a model file (format: docs/files.md).
+
+    Raises:
+        InputError: missing, no JSON, another format version or other variables, wrong shapes,
+            weights that do not sum to 1, scale matrices that are not positive definite, empty or
+            infinite bounds.
+    """
+    content = read_file(path)
+    try:
+        document = parse_json(content)
+    except ValueError as error:
+        wanted = "a model file as `harness fit` writes"
+        raise InputError(str(path), f"not a JSON file ({error})", wanted) from None
+    return _model(document, str(path), hashlib.sha256(content).hexdigest())
+
+
+def write_model(
+    path: Path, mixture: TruncatedGaussianMixture, name: str, provenance: Mapping[str, Any]
+) -> InteractionModel:
+    """Write a model file, complete or not at all.
+
+    Args:
+        path: written beside and renamed; an earlier file of that name is replaced.
+        mixture: of dimension 4, variables in the order of ``VARIABLES``.
+        name: what to call it.
+        provenance: its card, plain data.
+
+    Returns:
+        The model, as it is read from the file.
+
+    Raises:
+        InputError: the place cannot be written, or a model file must not say this (see
+            ``read_model``).
+    """
+    document = {
+        "schema": 1,
+        "name": name,
+        "variables": list(VARIABLES),
+        "lower": mixture.lower.tolist(),
+        "upper": mixture.upper.tolist(),
+        "weights": mixture.weights.tolist(),
+        "locations": mixture.locations.tolist(),
+        "scale_matrices": mixture.scale_matrices.tolist(),
+        "provenance": dict(provenance),
+    }
+    text = json.dumps(document, indent=1, ensure_ascii=False) + "\n"
+    try:
+        parse_json(text)
+    except ValueError as error:
+        raise InputError(str(path), f"could not be read again ({error})") from None
+    model = _model(document, str(path), hashlib.sha256(text.encode()).hexdigest())
+    write_file(path, text.encode())
+    return model
+
+
+def _model(document: Any, where: str, sha256: str) -> InteractionModel:
+    """The model of a document whose variables and bounds mean what they must."""
+    file = check_form(_ModelFile, document, where)
+    if file.variables != list(VARIABLES):
+        raise InputError(where, f"variables {file.variables!r}", ", ".join(VARIABLES))
+    if len(file.lower) != len(VARIABLES):
+        raise InputError(where, f"lower has {len(file.lower)} entries", str(len(VARIABLES)))
+    arrays = {"weights", "locations", "scale_matrices", "lower", "upper"}
+    try:
+        mixture = TruncatedGaussianMixture(**file.model_dump(include=arrays))
+    except InputError as error:
+        raise InputError(where, str(error)) from None
+    if mixture.lower[INVERSE_RANGE] <= 0 or mixture.lower[PEDESTRIAN_SPEED] <= 0:
+        raise InputError(where, "lower bounds of 1/R and v_p must be positive")
+    return InteractionModel(mixture, file.name, file.provenance, sha256)

@@ -1,0 +1,248 @@
+"""The interaction model: a truncated Gaussian mixture and what its four variables mean.
+
+The one place that knows their order: 1/R, v, v_p, 1/T_adv (paper, section II).  It answers two
+questions: how fast does a pedestrian walk who sees this vehicle, and how fast would a driver go
+who sees this pedestrian.
+
+T_adv = |R/v − L/v_p| holds v_p, so "v_p given (R, v, T_adv)" can be read in three ways: with T_adv
+integrated out (``marginal``), given (``given_time_advantage``: the paper's figures), or tied to
+v_p by the pedestrian's L (``curve``).
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.model.interaction.curve import CurveReading
+from harness.model.mixture import Conditional, TruncatedGaussianMixture
+
+VARIABLES = (
+    "inverse_range_per_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "inverse_time_advantage_per_s",
+)
+INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE = range(4)
+
+
+_WALKING_GIVEN = (INVERSE_RANGE, VEHICLE_SPEED, INVERSE_TIME_ADVANTAGE)
+_DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+
+
+class InteractionModel:
+    """A fitted mixture with its name, provenance and identity.
+
+    Conditions are clamped to the model's support: it says nothing outside the box it was fitted
+    in.
+
+    Args:
+        mixture: of dimension 4, variables in the order of ``VARIABLES``.
+        name: what it is called.
+        provenance: where it comes from, free form.
+        sha256: of the file it was read from.
+    """
+
+    def __init__(
+        self,
+        mixture: TruncatedGaussianMixture,
+        name: str,
+        provenance: Mapping[str, Any],
+        sha256: str,
+    ) -> None:
+        self.mixture = mixture
+        self.name = name
+        self.provenance = dict(provenance)
+        self.sha256 = sha256
+        self._limits = list(zip(mixture.lower.tolist(), mixture.upper.tolist(), strict=True))
+        self._conditionals: dict[tuple[int, ...], Conditional] = {}
+
+    def walking_speed(
+        self, quantile: FloatArray, range_m: FloatArray, vehicle_speed_mps: FloatArray
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | 1/R, v), 1/T_adv integrated out (reading ``marginal``).
+
+        Args:
+            quantile: shape (n,), in [0, 1].
+            range_m: R, shape (n,); R ≤ 0 has no condition: see ``walking_speed_unconditional``.
+            vehicle_speed_mps: v, shape (n,).
+
+        Returns:
+            Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
+            last bit whatever else is asked in the same call.
+        """
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
+        return conditional.ppf(np.asarray(quantile, dtype=float), given)
+
+    def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
+        """``walking_speed`` of one pedestrian, to the last bit: plain numbers are quicker."""
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        return conditional.ppf_at(
+            quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))
+        )
+
+    def walking_speed_unconditional(self, quantile: float) -> float:
+        """v_p at a quantile of its marginal, for someone who meets no vehicle."""
+        return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
+
+    def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
+        """Density of the marginal of v_p in s/m, (n,): 0 outside the box."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        return self._conditional(PEDESTRIAN_SPEED).pdf(speeds, np.empty((len(speeds), 0)))
+
+    def walking_speed_on_curve(
+        self,
+        quantile: FloatArray,
+        range_m: FloatArray,
+        lateral_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+    ) -> FloatArray:
+        """v_p at a quantile of f(v_p | R, v, L) (reading ``curve``, see ``CurveReading``).
+
+        Args:
+            quantile: (n,) in [0, 1].
+            range_m, vehicle_speed_mps: (n,), clamped; T_adv is computed from the clamped values.
+            lateral_m: L > 0, (n,).
+
+        Returns:
+            Walking speeds in m/s, (n,).  *Undefined* (NaN) where no v_p of the box gives a T_adv
+            of the box.
+        """
+        return self._curve.ppf(quantile, *self._curve_state(range_m, lateral_m, vehicle_speed_mps))
+
+    def walking_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v_p in s/m, (n,): 0 outside the box.
+
+        Args:
+            speed_mps: where, (n,).
+            range_m, vehicle_speed_mps: (n,) or one value, clamped.
+            inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
+            lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
+        """
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        return self._walking("pdf", speed_mps, *state)
+
+    def walking_speed_cdf(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        *,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+        lateral_m: FloatArray | None = None,
+    ) -> FloatArray:
+        """Distribution function of v_p, (n,) in [0, 1]; arguments as ``walking_speed_density``."""
+        state = (range_m, vehicle_speed_mps, inverse_time_advantage_per_s, lateral_m)
+        return self._walking("cdf", speed_mps, *state)
+
+    def driver_speed_density(
+        self,
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        pedestrian_speed_mps: FloatArray,
+        inverse_time_advantage_per_s: FloatArray | None = None,
+    ) -> FloatArray:
+        """Density of v in s/m, (n,), given (1/R, v_p) and 1/T_adv unless that is None."""
+        columns = [_inverse(range_m), pedestrian_speed_mps]
+        if inverse_time_advantage_per_s is not None:
+            columns.append(inverse_time_advantage_per_s)
+        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(columns)])
+        return conditional.pdf(
+            np.asarray(speed_mps, dtype=float), self._clamped(conditional, *columns)
+        )
+
+    def driver_speed(
+        self,
+        range_m: float,
+        pedestrian_speed_mps: float,
+        inverse_time_advantage_per_s: float | None = None,
+        *,
+        quantile: float | None = None,
+    ) -> float:
+        """The speed v a driver goes at who sees this pedestrian, in m/s.
+
+        Args:
+            range_m: R > 0.
+            pedestrian_speed_mps: v_p.
+            inverse_time_advantage_per_s: 1/T_adv with the present v (reading
+                ``given_time_advantage``); None leaves it out (``marginal``).
+            quantile: of the conditional distribution; None takes its mode.
+        """
+        values = [1 / range_m, pedestrian_speed_mps]
+        if inverse_time_advantage_per_s is not None:
+            values.append(inverse_time_advantage_per_s)
+        conditional = self._conditional(VEHICLE_SPEED, *_DRIVING_GIVEN[: len(values)])
+        y = self._clamped_row(conditional, values)
+        return conditional.mode_at(y) if quantile is None else conditional.ppf_at(quantile, y)
+
+    def _walking(
+        self,
+        function: Literal["pdf", "cdf"],
+        speed_mps: FloatArray,
+        range_m: FloatArray,
+        vehicle_speed_mps: FloatArray,
+        inverse_time: FloatArray | None,
+        lateral_m: FloatArray | None,
+    ) -> FloatArray:
+        """A function of v_p under the reading that the given variables call for."""
+        speeds = np.asarray(speed_mps, dtype=float)
+        result: FloatArray
+        if lateral_m is not None:
+            state = self._curve_state(range_m, lateral_m, vehicle_speed_mps)
+            result = getattr(self._curve, function)(speeds, *state)
+            return result
+        columns = [_inverse(range_m), vehicle_speed_mps]
+        if inverse_time is not None:
+            columns.append(inverse_time)
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[: len(columns)])
+        result = getattr(conditional, function)(speeds, self._clamped(conditional, *columns))
+        return result
+
+    def _curve_state(
+        self, range_m: FloatArray, lateral_m: FloatArray, vehicle_speed_mps: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """R, L and v with the clamped R and v, one of each per pedestrian."""
+        conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
+        given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
+        return 1 / given[:, 0], np.asarray(lateral_m), given[:, 1]
+
+    def _conditional(self, target: int, *given: int) -> Conditional:
+        key = (target, *given)
+        if key not in self._conditionals:
+            self._conditionals[key] = self.mixture.conditional(target, given)
+        return self._conditionals[key]
+
+    def _clamped(self, conditional: Conditional, *columns: FloatArray) -> FloatArray:
+        """The given variables, one row per pedestrian, within the box."""
+        rows = np.column_stack(np.broadcast_arrays(*map(np.atleast_1d, columns)))
+        chosen = list(conditional.given)
+        within: FloatArray = np.clip(rows, self.mixture.lower[chosen], self.mixture.upper[chosen])
+        return within
+
+    def _clamped_row(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
+        """``_clamped`` of one pedestrian: plain numbers are quicker, and every episode asks."""
+        limits = [self._limits[variable] for variable in conditional.given]
+        return np.array(
+            [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]
+        )
+
+    @cached_property
+    def _curve(self) -> CurveReading:
+        order = (INVERSE_RANGE, VEHICLE_SPEED, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
+        return CurveReading(self.mixture, order)
+
+
+def _inverse(range_m: FloatArray) -> FloatArray:
+    with np.errstate(divide="ignore"):
+        return 1 / np.asarray(range_m, dtype=float)

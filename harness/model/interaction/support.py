@@ -1,0 +1,61 @@
+"""Where the interaction model has no data: its box, and how often it is asked outside of it."""
+
+from harness.core.encounter import NOTHING_ASKED, Conditionings
+from harness.core.errors import InputError
+from harness.model.interaction.model import INVERSE_RANGE, VEHICLE_SPEED, InteractionModel
+
+# Relative: 1/(1/60) may differ from 60 in its last bit.
+_ROUNDING = 1e-9
+
+
+class Asked:
+    """Counts for what states of the ego the model is asked in one episode.
+
+    The model's conditions are clamped to its box: of an ego that is farther away or faster, it
+    answers for another one.  One that stands, or is nearer than any in the data, is clamped too;
+    that is counted apart, as an answer for the slowest or nearest ego is what is wanted there.
+    """
+
+    def __init__(self, model: InteractionModel) -> None:
+        lower, upper = model.mixture.lower, model.mixture.upper
+        self.ranges_m = 1 / float(upper[INVERSE_RANGE]), 1 / float(lower[INVERSE_RANGE])
+        self.speeds_mps = float(lower[VEHICLE_SPEED]), float(upper[VEHICLE_SPEED])
+        self.begin()
+
+    def begin(self) -> None:
+        """A new episode."""
+        self.counts = NOTHING_ASKED
+
+    def note(self, range_m: float, speed_mps: float) -> None:
+        """The model is asked with the ego in this state."""
+        (nearest, farthest), (slowest, fastest) = self.ranges_m, self.speeds_mps
+        asked, clamped, near, speed_excess, range_excess = self.counts
+        beyond_m, beyond_mps = range_m - farthest, speed_mps - fastest
+        if beyond_m > _ROUNDING * farthest or beyond_mps > _ROUNDING * fastest:
+            clamped += 1
+            speed_excess = max(speed_excess, beyond_mps)
+            range_excess = max(range_excess, beyond_m)
+        elif nearest - range_m > _ROUNDING * nearest or slowest - speed_mps > _ROUNDING * fastest:
+            near += 1
+        self.counts = Conditionings(asked + 1, clamped, near, speed_excess, range_excess)
+
+
+def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> None:
+    """Refuse a state of the ego at the trigger that the model says nothing about.
+
+    Raises:
+        InputError: v0 or R0 lies outside the model's box.
+    """
+    asked = Asked(model)
+    for key, value, unit, (low, high) in (
+        ("ego.initial_speed_mps", speed_mps, "m/s", asked.speeds_mps),
+        ("ego.trigger_range_m", range_m, "m", asked.ranges_m),
+    ):
+        if not low * (1 - _ROUNDING) <= value <= high * (1 + _ROUNDING):
+            raise InputError(
+                key,
+                f"{value:g} {unit} is outside the box of model {model.name!r}",
+                f"{low:g} to {high:g} {unit}; [pedestrians.walking_speed] or "
+                'model.pedestrian_reading = "unconditional" and an arm other than human_gmm; '
+                "or model.extrapolate = true, which clamps",
+            )

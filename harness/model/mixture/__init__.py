@@ -1,0 +1,7 @@
+"""A truncated Gaussian mixture: arrays and bounds only."""
+
+from harness.model.mixture.conditional import Conditional
+from harness.model.mixture.distribution import TruncatedGaussianMixture
+from harness.model.mixture.fitting import FitResult, fit_mixture
+
+__all__ = ["Conditional", "FitResult", "TruncatedGaussianMixture", "fit_mixture"]

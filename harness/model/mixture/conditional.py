@@ -1,0 +1,253 @@
+"""One variable of a truncated mixture, given some of the others."""
+
+from collections.abc import Iterable, Sequence
+from itertools import count
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import log_ndtr
+
+from harness.core.errors import InputError
+from harness.model.mixture.boxes import box_probability, interval
+from harness.model.mixture.components import Components, Given, Regression
+from harness.model.mixture.modes import Normal, highest_point
+from harness.model.mixture.tabulated import TabulatedDensity, panel_edges
+
+Array = NDArray[np.float64]
+
+# An infinite bound of the target is replaced by one this many spreads beyond every component.
+_BEYOND = 12.0
+# A total probability below this has lost its digits: of one variable, and of several.
+_SMALLEST_TOTAL = (1e-200, 1e-7)
+_LOWEST = 1e-300
+# A mode is found on ever finer grids about the highest node of a table, which are at most a fifth
+# of the narrowest part's spread apart.
+_LOOKS = np.linspace(-1.0, 1.0, 33)
+_NARROWING = 0.2 * 16.0 ** -np.arange(4)
+# Tables that are kept for states that come again, such as the one at the trigger.
+_KEPT = 64
+
+
+class Conditional:
+    """Distribution of variable ``target`` given the values of variables ``given``.
+
+    With y the given values, component k has weight π_k N_k(y)/α_k, the target is normal with the
+    paper's (a1) and (a2) inside its bounds, and every remaining variable is integrated out over
+    its bounds: the density is multiplied by the probability that it lies inside them.
+
+    The methods take y of shape (n, len(given)), columns in the order of ``given``, and one value
+    per point (n,); a single row of y, or a single value, is used for all. y outside its bounds is
+    not refused: the formula is simply evaluated there. ``ppf`` and ``mode`` of a point are the
+    same to the last bit whatever else is in the batch.
+
+    Args:
+        components: of the joint distribution.
+        target: index of the wanted variable.
+        given: indices of the known variables, in the order of y's columns; may be empty.
+    """
+
+    def __init__(self, components: Components, target: int, given: Sequence[int]) -> None:
+        rest = [i for i in range(components.lower.size) if i != target and i not in given]
+        self.target, self.given = target, tuple(given)
+        self.lower, self.upper = float(components.lower[target]), float(components.upper[target])
+        self._rest_lower, self._rest_upper = components.lower[rest], components.upper[rest]
+        self._regression = Regression(components, target, given, rest)
+        # The narrowest part of the density: a component at known values of everything else.
+        precisions = np.linalg.inv(components.scale_matrices)[:, target, target]
+        self._narrowest = float(precisions.max() ** -0.5)
+        spread = self._regression.spread
+        self._log_units = np.log(spread * np.sqrt(2.0 * np.pi))[:, None]
+        heights = self._regression.log_constant - np.log(spread)
+        self._heights = np.stack((heights, spread**-2.0, spread), axis=1).tolist()
+        self._edges: Array | None = None
+        if isfinite(self.lower) and isfinite(self.upper):
+            self._edges = panel_edges(self.lower, self.upper, self._narrowest)
+        self._tables: dict[tuple[float, ...], TabulatedDensity] = {}
+
+    def logpdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Log density at x (n,) given y (n, g), (n,); −inf outside the bounds."""
+        values, points = self._aligned(x, y)
+        inside = (values >= self.lower) & (values <= self.upper)
+        given = self._regression.at(points)
+        logs = self._log_unnormalised(values, given)
+        total, weak = self._total(given)
+        with np.errstate(divide="ignore"):
+            log_total = np.log(total)
+        for i in weak:
+            log_total[i] = self._table(points[i]).log_total
+        return np.where(inside, logs - log_total, -np.inf)
+
+    def pdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Density at x (n,) given y (n, g), (n,), ≥ 0; 0 outside the bounds."""
+        density: Array = np.exp(self.logpdf(x, y))
+        return density
+
+    def cdf(self, x: ArrayLike, y: ArrayLike) -> Array:
+        """Distribution function at x (n,) given y (n, g), (n,) in [0, 1]."""
+        values, points = self._aligned(x, y)
+        given = self._regression.at(points)
+        total, weak = self._total(given)
+        result = np.empty(values.size)
+        if weak.size < values.size:
+            with np.errstate(divide="ignore", invalid="ignore"):
+                result = self._mass(given, np.maximum(values, self.lower)) / total
+        for i in weak:
+            result[i] = self._table(points[i]).cdf(float(values[i]))
+        result = np.clip(result, 0.0, 1.0)
+        return np.where(values <= self.lower, 0.0, np.where(values >= self.upper, 1.0, result))
+
+    def ppf(self, u: ArrayLike, y: ArrayLike) -> Array:
+        """Inverse of `cdf`: x (n,) inside the bounds with cdf(x, y) = u to 1e-9.
+
+        u = 0 and u = 1 give the bounds themselves.
+
+        Raises:
+            InputError: u outside [0, 1] or nan.
+        """
+        values, points = self._aligned(u, y)
+        for wrong in values[~((values >= 0.0) & (values <= 1.0))]:
+            raise InputError("ppf", f"probability {wrong}", "0 to 1")
+        pairs = zip(values.tolist(), points, strict=True)
+        return np.array([self.ppf_at(value, point) for value, point in pairs])
+
+    def ppf_at(self, u: float, y: Array) -> float:
+        """`ppf` of one u in [0, 1] given one y (g,) of finite numbers."""
+        if u in (0.0, 1.0):
+            return self.upper if u else self.lower
+        return self._table(y).ppf(u)
+
+    def mode(self, y: ArrayLike) -> Array:
+        """Position (n,) of the highest density given y (n, g); it may lie on a bound."""
+        return np.array([self.mode_at(point) for point in self._points(y)])
+
+    def mode_at(self, y: Array) -> float:
+        """`mode` given one y (g,) of finite numbers."""
+        if not self._rest_lower.size:
+            normals = self._normals(y)
+            return highest_point(normals, *self._bounds((of[1], of[3]) for of in normals))
+        given = self._regression.at(y[None])
+        x = self._table(y).highest
+        for reach in _NARROWING * self._narrowest:
+            grid = np.clip(x + reach * _LOOKS, self.lower, self.upper)
+            x = float(grid[self._log_unnormalised(grid, given).argmax()])
+        return x
+
+    def _normals(self, y: Array) -> list[Normal]:
+        """The components given y."""
+        numbers = (self._regression.matrix @ y + self._regression.offset).tolist()
+        step = len(self.given) + 1
+        return [
+            (
+                constant - sum([z * z for z in numbers[at : at + step - 1]]),
+                numbers[at + step - 1],
+                *width,
+            )
+            for at, (constant, *width) in zip(count(0, step), self._heights, strict=False)
+        ]
+
+    def sample(self, y: ArrayLike, rng: np.random.Generator) -> Array:
+        """One draw (n,) per row of y (n, g), from one uniform each."""
+        points = self._points(y)
+        return self.ppf(rng.random(points.shape[0]), points)
+
+    def _table(self, y: Array) -> TabulatedDensity:
+        """The density given one y (g,)."""
+        key = tuple(y.tolist())
+        if key not in self._tables:
+            if len(self._tables) >= _KEPT:
+                self._tables.clear()
+            given = self._regression.at(y[None])
+            edges = self._edges
+            if edges is None:
+                normals = zip(given.means[:, 0, 0], self._regression.spread, strict=True)
+                edges = panel_edges(*self._bounds(normals), self._narrowest)
+            self._tables[key] = TabulatedDensity(lambda x: self._log_unnormalised(x, given), edges)
+        return self._tables[key]
+
+    def _bounds(self, normals: Iterable[tuple[float, float]]) -> tuple[float, float]:
+        """Finite bounds for components of these means and spreads."""
+        lower, upper = self.lower, self.upper
+        if lower == -inf:
+            lower = min(mean - _BEYOND * spread for mean, spread in normals)
+        if upper == inf:
+            upper = max(mean + _BEYOND * spread for mean, spread in normals)
+        return lower, upper
+
+    def _log_unnormalised(self, x: Array, given: Given) -> Array:
+        """Log density, but for the total, at x (n,) for n given points, or for one."""
+        regression = self._regression
+        away = x - given.means[:, 0]
+        z = away / regression.spread[:, None]
+        logs = given.log_weights - self._log_units - 0.5 * z * z
+        if self._rest_lower.size:
+            centre = given.means[:, 1:] + regression.rest_slopes[:, :, None] * away[:, None]
+            logs += self._log_inside(np.swapaxes(centre, 1, 2))
+        largest = logs.max(axis=0)
+        result: Array = largest + np.log(np.exp(logs - largest).sum(axis=0))
+        return result
+
+    def _log_inside(self, centre: Array) -> Array:
+        """Log probability that the rest, centred at (K, n, r), lies inside its bounds, (K, n)."""
+        covariances = self._regression.rest_covariances
+        lower, upper = self._rest_lower - centre, self._rest_upper - centre
+        if centre.shape[2] == 1:
+            spread = np.sqrt(covariances[:, :, 0])
+            return _log_interval(lower[:, :, 0] / spread, upper[:, :, 0] / spread)
+        inside = _boxes(covariances, lower, upper)
+        log_inside: Array = np.log(np.maximum(inside, _LOWEST))
+        return log_inside
+
+    def _total(self, given: Given) -> tuple[Array, NDArray[np.intp]]:
+        """Integral over the target's bounds, (n,), and the points that are for a table instead.
+
+        Those are where the integral has lost its digits, and all where nothing is given.
+        """
+        if not self.given:
+            points = np.arange(given.means.shape[2])
+            return np.ones(points.size), points
+        total = self._mass(given, np.full(given.means.shape[2], self.upper))
+        smallest = _SMALLEST_TOTAL[self._rest_lower.size > 0]
+        return total, np.flatnonzero(~(total > smallest))
+
+    def _mass(self, given: Given, x: Array) -> Array:
+        """Integral of the density from the target's lower bound to x (n,)."""
+        centre = np.swapaxes(given.means, 1, 2)
+        lower, upper = np.empty_like(centre), np.empty_like(centre)
+        lower[..., 0], upper[..., 0] = self.lower, x
+        lower[..., 1:], upper[..., 1:] = self._rest_lower, self._rest_upper
+        inside = _boxes(self._regression.covariances, lower - centre, upper - centre)
+        mass: Array = (np.exp(given.log_weights) * inside).sum(axis=0)
+        return mass
+
+    def _points(self, y: ArrayLike) -> Array:
+        points = np.asarray(y, dtype=np.float64)
+        if not np.isfinite(points).all():
+            raise InputError("conditional", "y has values that are not finite", "finite numbers")
+        return points
+
+    def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+        """x (n,) and y (n, g), a single row or value of either repeated to fit the other."""
+        values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), self._points(y)
+        size = max(values.size, len(points)) if values.size and len(points) else 0
+        return np.broadcast_to(values, size), np.broadcast_to(points, (size, points.shape[1]))
+
+
+def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
+    """Probabilities (K, n) of boxes (K, n, d) under centred normals of (K, d, d)."""
+    shape = lower.shape
+    every = np.repeat(covariances, shape[1], axis=0)
+    flat = (-1, shape[2])
+    return box_probability(every, lower.reshape(flat), upper.reshape(flat)).reshape(shape[:2])
+
+
+def _log_interval(a: Array, b: Array) -> Array:
+    """log(Φ(b) − Φ(a)), a < b, finite however far out the interval lies."""
+    inside = interval(a, b)
+    if inside.min() > _LOWEST:
+        log_inside: Array = np.log(inside)
+        return log_inside
+    flip = a > -b
+    a, b = np.where(flip, -b, a), np.where(flip, -a, b)
+    outer: Array = log_ndtr(b)
+    return outer + np.log(-np.expm1(log_ndtr(a) - outer))

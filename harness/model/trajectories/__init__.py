@@ -1,0 +1,36 @@
+"""Raw trajectories to rows of the interaction model's variables."""
+
+from harness.model.trajectories.counting import REASONS, Counts
+from harness.model.trajectories.encounters import conflict_point
+from harness.model.trajectories.extraction import (
+    Extraction,
+    extract,
+    read_clips,
+    summary,
+    write_rows,
+)
+from harness.model.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
+from harness.model.trajectories.formats import FORMATS, Format
+from harness.model.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
+from harness.model.trajectories.weights import WEIGHINGS, row_weights
+
+__all__ = [
+    "FORMATS",
+    "REASONS",
+    "ROW_COLUMNS",
+    "WEIGHINGS",
+    "Clip",
+    "Counts",
+    "Extraction",
+    "ExtractionRules",
+    "Format",
+    "Sighting",
+    "Track",
+    "VehicleTrack",
+    "conflict_point",
+    "extract",
+    "read_clips",
+    "row_weights",
+    "summary",
+    "write_rows",
+]

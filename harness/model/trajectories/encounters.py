@@ -1,0 +1,305 @@
+"""From the tracks of a clip to candidate rows: one per pair and sampling instant."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from harness.core.encounter import FloatArray
+from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.extraction_rules import ROW_COLUMNS, ExtractionRules
+from harness.model.trajectories.fingerprints import fingerprint
+from harness.model.trajectories.paths import (
+    TravelPath,
+    arc_of_records,
+    build_path,
+    first_crossing,
+    travel_m,
+)
+from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
+
+# Corner spacing and the chord that gives a direction: a few times the recording jitter (about
+# 2 cm in drone video), well under the curvature of a turning car or a walker's detour.
+VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
+PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
+
+LONG_PAUSE_S = 10.0
+
+# The columns of one pair's candidate rows: arrays of one length, or one value for all of them.
+Columns = dict[str, FloatArray | str | float | None]
+CANDIDATE_COLUMNS = tuple(
+    name for name in ROW_COLUMNS if name not in ("arrival_time_s", "time_advantage_s")
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Mover:
+    """A track with its path and the path length of every record."""
+
+    track: Track
+    path: TravelPath
+    arc_m: FloatArray
+
+
+def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[pd.DataFrame]:
+    """The candidate rows of a clip, pair by pair, in the order of its tracks.
+
+    Pairs come from the crossing of their paths, or from the sensor's sightings where the clip has
+    them. What is left out is counted in ``tally``.
+
+    Yields:
+        Frames with ``CANDIDATE_COLUMNS``. A speed is NaN *when
+        undefined* (gap in the track, or a track shorter than half the speed window).
+    """
+    find = _from_paths if clip.sightings is None else _from_sightings
+    tracks = {name: fingerprint(track) for name, track in clip.vehicles.items()}
+    for columns in find(clip, rules, tally):
+        track = tracks[str(columns["vehicle"])]
+        yield pd.DataFrame({"source": clip.source, "clip": clip.name, "track": track, **columns})
+
+
+def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> FloatArray | None:
+    """(2,) where the two paths first cross, along the vehicle's; None when they do not.
+
+    Args:
+        vehicle, pedestrian: tracks of one clip.
+        rules: how far paths go on straight; the angle of the crossing is not looked at.
+    """
+    car, walker = car_of(vehicle, rules), walker_of(pedestrian, rules)
+    if car is None or walker is None:
+        return None
+    crossing = first_crossing(car.path, walker.path)
+    return None if crossing is None else car.path.at(crossing[0])
+
+
+def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
+    """Candidate rows of the pairs whose paths cross."""
+    walkers = {}
+    for name, track in clip.pedestrians.items():
+        walker = walker_of(track, rules)
+        if walker is None:
+            tally.drop("tracks", "standing_pedestrian")
+        else:
+            walkers[name] = walker
+    for vehicle, vehicle_track in clip.vehicles.items():
+        car = car_of(vehicle_track, rules)
+        if car is None:
+            tally.drop("tracks", "parked_vehicle")
+            continue
+        for pedestrian, walker in walkers.items():
+            columns = _pair_rows(vehicle_track, car, walker, rules, tally)
+            if columns is not None:
+                yield {"vehicle": vehicle, "pedestrian": pedestrian, **columns}
+
+
+def walker_of(track: Track, rules: ExtractionRules) -> Mover | None:
+    """A pedestrian with their path; None when they stand."""
+    shape = (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m)
+    return _mover(track, shape, rules.min_pedestrian_travel_m)
+
+
+def car_of(track: Track, rules: ExtractionRules) -> Mover | None:
+    """A vehicle with its path; None when it is parked."""
+    shape = (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m)
+    return _mover(track, shape, rules.min_vehicle_travel_m)
+
+
+def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> Mover | None:
+    """The track with its path; None for an object that stays where it is."""
+    if travel_m(track.position_m) < least_m:
+        return None
+    path = build_path(track.position_m, *shape)
+    if path is None:
+        return None
+    return Mover(track, path, arc_of_records(path, track.position_m))
+
+
+def _pair_rows(
+    vehicle: VehicleTrack, car: Mover, walker: Mover, rules: ExtractionRules, tally: Tally
+) -> Columns | None:
+    """R, L and their rates at the sampling instants of one pair; None when it is no encounter."""
+    times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
+    if len(times) == 0:
+        tally.drop("pairs", "no_common_time")
+        return None
+    crossing = first_crossing(car.path, walker.path)
+    if crossing is None:
+        tally.drop("pairs", "paths_do_not_cross")
+        return None
+    on_car = crossing[0]
+    driving, walking = directions(car, walker, crossing)
+    angle = angle_deg(driving, walking)
+    if not rules.min_angle_deg <= angle <= rules.max_angle_deg:
+        tally.drop("pairs", "crossing_angle")
+        return None
+    range_m = on_car - car.arc_m - vehicle.front_offset_m
+    # L is the distance from the line of the vehicle's path at the conflict point, positive on
+    # the side the pedestrian comes from.
+    across = np.array([-driving[1], driving[0]])
+    if across @ walking < 0:
+        across = -across
+    lateral_m = (car.path.at(on_car) - walker.track.position_m) @ across
+    return {
+        **_common_rows(
+            times, vehicle.length_m, vehicle.time_s, range_m, walker.track.time_s, lateral_m
+        ),
+        "vehicle_speed_mps": -rate(vehicle.time_s, range_m, times, rules),
+        "pedestrian_speed_mps": -rate(walker.track.time_s, lateral_m, times, rules),
+        "crossing_angle_deg": angle,
+    }
+
+
+def directions(
+    car: Mover, walker: Mover, crossing: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """(2,) unit directions of driving and of walking where the two paths cross."""
+    on_car, on_walker = crossing
+    driving = car.path.direction(on_car, VEHICLE_CHORD_M / 2)
+    return driving, walker.path.direction(on_walker, PEDESTRIAN_CHORD_M / 2)
+
+
+def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
+    """Between two unit directions, 0–180."""
+    return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
+
+
+def _from_sightings(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
+    """Candidate rows of the pairs that a sensor measured itself."""
+    for sighting in clip.sightings or ():
+        times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
+        if len(times) == 0:
+            tally.drop("pairs", "no_common_time")
+        elif not rules.min_angle_deg <= sighting.crossing_angle_deg <= rules.max_angle_deg:
+            tally.drop("pairs", "crossing_angle")
+        else:
+            speed = np.interp(times, sighting.time_s, sighting.vehicle_speed_mps)
+            speed[spans_gap(sighting.time_s, times, times, rules.max_gap_s)] = np.nan
+            length_m = clip.vehicles[sighting.vehicle].length_m
+            distances = sighting.range_m, sighting.time_s, sighting.lateral_m
+            yield {
+                "vehicle": sighting.vehicle,
+                "pedestrian": sighting.pedestrian,
+                **_common_rows(times, length_m, sighting.time_s, *distances),
+                "vehicle_speed_mps": speed,
+                "pedestrian_speed_mps": sighting.pedestrian_speed_mps,
+                "crossing_angle_deg": sighting.crossing_angle_deg,
+            }
+
+
+def _common_rows(
+    times: FloatArray,
+    length_m: float,
+    vehicle_time_s: FloatArray,
+    range_m: FloatArray,
+    pedestrian_time_s: FloatArray,
+    lateral_m: FloatArray,
+) -> Columns:
+    """R and L at the sampling instants, and who passed first."""
+    passed_first, pet_s = order_of_passing(
+        vehicle_time_s, range_m, length_m, pedestrian_time_s, lateral_m
+    )
+    return {
+        "time_s": times,
+        "range_m": np.interp(times, vehicle_time_s, range_m),
+        "lateral_m": np.interp(times, pedestrian_time_s, lateral_m),
+        "passed_first": passed_first,
+        "pet_s": math.nan if pet_s is None else pet_s,
+    }
+
+
+def sampling_instants(one: FloatArray, other: FloatArray, sample_s: float) -> FloatArray:
+    """Multiples of the sampling interval within the time that two tracks have in common.
+
+    Args:
+        one, other: increasing times of the two tracks, s.
+        sample_s: interval, s.
+
+    Returns:
+        Increasing times; empty when there is none. An end that is a multiple up to rounding counts.
+        None lie within a pause of the first track longer than ``LONG_PAUSE_S``, so that one wrong
+        clock reading cannot call for millions of instants.
+    """
+    pauses = np.flatnonzero(np.diff(one) > LONG_PAUSE_S)
+    starts = np.maximum(one[np.concatenate([[0], pauses + 1])], other[0])
+    ends = np.minimum(one[np.concatenate([pauses, [len(one) - 1]])], other[-1])
+    stretches = []
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        first = math.ceil(start / sample_s - 1e-9)
+        last = math.floor(end / sample_s + 1e-9)
+        if end >= start:
+            stretches.append(np.clip(np.arange(first, last + 1) * sample_s, start, end))
+    return np.concatenate([np.empty(0), *stretches])
+
+
+def spans_gap(
+    time_s: FloatArray, start: FloatArray, end: FloatArray, max_gap_s: float
+) -> np.ndarray:
+    """(n,) bool: whether a recording gap longer than ``max_gap_s`` lies within [start, end]."""
+    gaps_before = np.concatenate([[0], np.cumsum(np.diff(time_s) > max_gap_s)])
+    left = np.clip(np.searchsorted(time_s, start, side="right") - 1, 0, None)
+    right = np.clip(np.searchsorted(time_s, end, side="left"), None, len(time_s) - 1)
+    return np.asarray(gaps_before[right] > gaps_before[left])
+
+
+def rate(
+    time_s: FloatArray, value: FloatArray, at: FloatArray, rules: ExtractionRules
+) -> FloatArray:
+    """Rate of change over the speed window about each instant, cut at the track's ends.
+
+    Undefined (NaN) across a gap, and where less than half the window was recorded.
+    """
+    half = rules.speed_window_s / 2
+    start, end = np.maximum(at - half, time_s[0]), np.minimum(at + half, time_s[-1])
+    known = (end - start >= half - 1e-9) & ~spans_gap(time_s, start, end, rules.max_gap_s)
+    change = np.interp(end, time_s, value) - np.interp(start, time_s, value)
+    return np.where(known, change / np.where(known, end - start, 1.0), np.nan)
+
+
+def order_of_passing(
+    vehicle_time_s: FloatArray,
+    range_m: FloatArray,
+    length_m: float,
+    pedestrian_time_s: FloatArray,
+    lateral_m: FloatArray,
+) -> tuple[str | None, float | None]:
+    """Who passed the conflict point first, and the post-encroachment time.
+
+    The vehicle is on the point from R = 0 (front bumper) to R = −length (rear bumper); the
+    pedestrian is a point that passes at L = 0.
+
+    Returns:
+        ``"vehicle"``, ``"pedestrian"`` or None, and the time from the first one's leaving to the
+        second one's arrival, ≥ 0. Who passed first is *undefined* when neither record shows it;
+        the post-encroachment time also when only one of the two was seen to pass, or when the
+        pedestrian passed the line while the vehicle stood on it.
+    """
+    front = _passing(vehicle_time_s, range_m)
+    rear = _passing(vehicle_time_s, range_m + length_m)
+    walker = _passing(pedestrian_time_s, lateral_m)
+    if front[1] <= walker[0]:
+        pet = walker[0] - rear[0]
+        return "vehicle", pet if _exact(rear) and _exact(walker) and pet >= 0 else None
+    if walker[1] <= front[0]:
+        return "pedestrian", front[0] - walker[0] if _exact(front) and _exact(walker) else None
+    return None, None
+
+
+def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:
+    """Bounds of the time at which the remaining distance first reaches 0; equal when observed."""
+    past = np.flatnonzero(remaining_m <= 0)
+    if len(past) == 0:
+        return float(time_s[-1]), math.inf
+    if past[0] == 0:
+        return -math.inf, float(time_s[0])
+    after = int(past[0])
+    left, right = remaining_m[after - 1], remaining_m[after]
+    share = left / (left - right)
+    when = float(time_s[after - 1] + share * (time_s[after] - time_s[after - 1]))
+    return when, when
+
+
+def _exact(bounds: tuple[float, float]) -> bool:
+    """Whether the passing itself was observed."""
+    return bounds[0] == bounds[1]

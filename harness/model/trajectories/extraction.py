@@ -1,0 +1,214 @@
+"""From raw trajectories to rows of the model's variables."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from harness.core.errors import InputError, unknown_name
+from harness.core.files import write_file
+from harness.model.trajectories.counting import Counts, Tally, freeze
+from harness.model.trajectories.csv_input import as_paths
+from harness.model.trajectories.encounters import CANDIDATE_COLUMNS, candidate_rows
+from harness.model.trajectories.extraction_rules import (
+    ROW_COLUMNS,
+    TEXT_COLUMNS,
+    kept_rows,
+    split_options,
+    with_times,
+)
+from harness.model.trajectories.formats import FORMATS, Format
+from harness.model.trajectories.tracks import Clip
+
+VEHICLE_KEY = ("source", "clip", "vehicle")
+ENCOUNTER_KEY = (*VEHICLE_KEY, "pedestrian")
+EXTRACTION_KEY = b"harness.extraction"
+"""Key of the command and the counts in the metadata of a Parquet file of rows."""
+
+SUMMARISED = (
+    "range_m",
+    "lateral_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "arrival_time_s",
+    "time_advantage_s",
+    "crossing_angle_deg",
+    "pet_s",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Extraction:
+    """The rows of an extraction and the record of what was left out.
+
+    Attributes:
+        rows: one row per encounter and sampling instant, columns ``ROW_COLUMNS``, ordered by
+            source path, clip, vehicle, pedestrian and time. Missing values are null.
+        counts: see ``Counts``.
+    """
+
+    rows: pd.DataFrame
+    counts: Counts
+
+
+def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
+    """Read raw data and give the rows of the model's variables.
+
+    For each vehicle–pedestrian pair whose paths cross at an allowed angle, the conflict point is
+    the first crossing along the vehicle's path. R is the path length from the front bumper to it;
+    L the pedestrian's distance from the line of the vehicle's path there, positive before they
+    pass it; v and v_p are the rates at which R and L shrink; the arrival time is R / v, the
+    time advantage T_adv = |R/v − L/v_p| (the paper's section on variables). The ``mobileye``
+    format takes R, L, v and v_p from the sensor, ``table`` from the file.
+
+    Args:
+        paths: files or folders; what is looked for depends on the format.
+        format: a key of ``FORMATS``.
+        **options: fields of ``ExtractionRules``, or of the format's own options.
+
+    Returns:
+        Rows and counts; ``rows`` may be empty when nothing passes the rules.
+
+    Raises:
+        InputError: unknown format or option, no data there, or data of another format.
+    """
+    known = _known_format(format)
+    rules, reader = split_options(options, known.options, f"format {format}")
+    tally, files = Tally(), as_paths(paths)
+    if known.rows is not None:
+        candidates = _typed(known.rows(files, reader, tally))
+    else:
+        clips = known.clips(files, reader, tally) if known.clips else iter(())
+        frames = [rows for clip in clips for rows in candidate_rows(clip, rules, tally)]
+        candidates = _typed(with_times(_joined(frames)))
+    rows = kept_rows(candidates, rules, tally)
+    vehicles, pairs = _groups(rows, VEHICLE_KEY), _groups(rows, ENCOUNTER_KEY)
+    candidate_pairs = _groups(candidates, ENCOUNTER_KEY)
+    if pairs is not None and candidate_pairs is not None:
+        tally.drop("pairs", "no_row_kept", candidate_pairs - pairs)
+    return Extraction(rows, freeze(tally, len(rows), vehicles, pairs))
+
+
+def write_rows(path: Path, extraction: Extraction, command: str) -> None:
+    """Write the rows as Parquet, with where they come from in its metadata.
+
+    Args:
+        path: the file; it appears whole.
+        extraction: rows and counts.
+        command: what a card will say the rows were made with.
+
+    Raises:
+        HarnessError: the file cannot be written.
+    """
+    table = pa.Table.from_pandas(extraction.rows, preserve_index=False)
+    about = {"command": command, "counts": extraction.counts.as_dict()}
+    metadata = {**(table.schema.metadata or {}), EXTRACTION_KEY: json.dumps(about).encode()}
+    buffer = pa.BufferOutputStream()
+    pq.write_table(table.replace_schema_metadata(metadata), buffer)
+    write_file(path, buffer.getvalue().to_pybytes())
+
+
+def read_clips(
+    paths: str | Path | Sequence[str | Path],
+    format: str,
+    tally: Tally | None = None,
+    **options: Any,
+) -> list[Clip]:
+    """The tracks behind an extraction, for figures.
+
+    Args:
+        paths, format, **options: as for ``extract``.
+        tally: is told what is left out and what is assumed.
+
+    Returns:
+        The usable clips in their fixed order.
+
+    Raises:
+        InputError: as ``extract``, and for ``table``, which has no tracks.
+    """
+    known = _known_format(format)
+    if known.clips is None:
+        raise InputError(f"format {format}", "holds rows, not tracks")
+    _, reader = split_options(options, known.options, f"format {format}")
+    return list(known.clips(as_paths(paths), reader, Tally() if tally is None else tally))
+
+
+def summary(extraction: Extraction) -> dict[str, Any]:
+    """Figures of an extraction as plain data (JSON-ready).
+
+    Returns:
+        ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,
+        max over its rows (null where a column is empty); ``rows_per_vehicle``: min, median, max;
+        ``five_busiest_vehicles``: their share of the rows and of the encounters, 0–1;
+        ``passed_first``: encounters by who passed first; ``counts``: all that was left out. What
+        needs identifiers is null where the rows have none.
+    """
+    rows, counts = extraction.rows, extraction.counts
+    encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))
+    rows_each = rows.groupby(list(VEHICLE_KEY)).size()
+    encounters_each = encounters.groupby(list(VEHICLE_KEY)).size()
+    first = encounters["passed_first"].fillna("unknown").value_counts()
+    by_vehicle: dict[str, Any] = {
+        "rows_per_vehicle": rows_each.agg(["min", "median", "max"]).astype(float).to_dict(),
+        "five_busiest_vehicles": {
+            "rows": float(rows_each.nlargest(5).sum() / max(len(rows), 1)),
+            "encounters": float(encounters_each.nlargest(5).sum() / max(len(encounters), 1)),
+        },
+        "passed_first": {
+            name: int(first.get(name, 0)) for name in ("vehicle", "pedestrian", "unknown")
+        },
+    }
+    if counts.vehicles is None or counts.pairs is None or rows.empty:
+        by_vehicle = dict.fromkeys(by_vehicle)
+    return {
+        "rows": counts.rows,
+        "vehicles": counts.vehicles,
+        "encounters": counts.pairs,
+        "quartiles": {name: _quartiles(rows[name]) for name in SUMMARISED},
+        **by_vehicle,
+        "counts": counts.as_dict(),
+    }
+
+
+def _known_format(name: str) -> Format:
+    """The format of that name, or a refusal with the nearest one."""
+    if name not in FORMATS:
+        raise unknown_name("format", "format", name, FORMATS)
+    return FORMATS[name]
+
+
+def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
+    """All candidates in one frame; no pair gives no rows."""
+    if not frames:
+        return pd.DataFrame({name: [] for name in CANDIDATE_COLUMNS})
+    return pd.concat(frames, ignore_index=True)
+
+
+def _typed(rows: pd.DataFrame) -> pd.DataFrame:
+    """The columns of the common form with their types, so that empty results look the same."""
+    types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
+    return rows[list(ROW_COLUMNS)].astype(types).reset_index(drop=True)
+
+
+def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
+    """Distinct vehicles or encounters; None where a row does not say which one it is of."""
+    if rows[list(key)].isna().any(axis=None):
+        return None
+    return len(rows[list(key)].drop_duplicates())
+
+
+def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
+    """Number of values, smallest, quartiles and largest of a column; null where it is empty."""
+    values = column.dropna()
+    shares = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
+    return {
+        "n": len(values),
+        **{name: float(values.quantile(q)) if len(values) else None for name, q in shares.items()},
+    }

@@ -1,0 +1,151 @@
+"""The thresholds of an extraction, and the rules that turn candidate rows into rows."""
+
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Self, TypeVar
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from harness.core.documents import check_form
+from harness.core.errors import InputError, unknown_name
+from harness.model.trajectories.counting import Tally
+
+ROW_COLUMNS = (
+    "source",
+    "clip",
+    "vehicle",
+    "pedestrian",
+    "time_s",
+    "range_m",
+    "lateral_m",
+    "vehicle_speed_mps",
+    "pedestrian_speed_mps",
+    "arrival_time_s",
+    "time_advantage_s",
+    "crossing_angle_deg",
+    "passed_first",
+    "pet_s",
+    "track",
+)
+TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first", "track")
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+
+
+class Options(BaseModel):
+    """Numbers and names that an extraction can be given by keyword."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+ReaderOptions = TypeVar("ReaderOptions", bound=Options)
+
+
+class ExtractionRules(Options):
+    """Which pairs and instants become rows; SI units, defaults from the project's data page.
+
+    Attributes:
+        sample_s: rows stand at multiples of this on the clip's clock (5 Hz).
+        speed_window_s: speeds are differences over this window, centred, cut at a track's ends.
+        max_gap_s: no speed across a longer gap between two records.
+        vehicle_extension_m, pedestrian_extension_m: a path goes on straight for at most this
+            beyond the last record.
+        min_angle_deg, max_angle_deg: allowed angle between the two paths where they cross.
+        min_range_m … min_time_advantage_s: bounds of a row, both ends included.
+        min_vehicle_travel_m: a vehicle that never gets this far from where it was first seen is
+            parked (its recorded jitter would make a path of its own).
+        min_pedestrian_travel_m: the same for a standing pedestrian.
+    """
+
+    sample_s: Positive = 0.2
+    speed_window_s: Positive = 0.5
+    max_gap_s: Positive = 0.5
+    vehicle_extension_m: NotNegative = 12.0
+    pedestrian_extension_m: NotNegative = 3.0
+    min_angle_deg: NotNegative = 50.0
+    max_angle_deg: NotNegative = 130.0
+    min_range_m: NotNegative = 0.5
+    max_range_m: NotNegative = 60.0
+    min_lateral_m: NotNegative = 0.3
+    max_lateral_m: NotNegative = 15.0
+    min_vehicle_speed_mps: NotNegative = 0.3
+    min_pedestrian_speed_mps: NotNegative = 0.3
+    min_time_advantage_s: NotNegative = 0.02
+    min_vehicle_travel_m: NotNegative = 3.0
+    min_pedestrian_travel_m: NotNegative = 1.0
+
+    @model_validator(mode="after")
+    def _bounds_are_in_order(self) -> Self:
+        for low, high in (
+            ("min_angle_deg", "max_angle_deg"),
+            ("min_range_m", "max_range_m"),
+            ("min_lateral_m", "max_lateral_m"),
+        ):
+            if getattr(self, low) > getattr(self, high):
+                raise InputError(low, f"{getattr(self, low)} is above {high}", f"at most {high}")
+        return self
+
+
+def split_options(
+    options: Mapping[str, Any], reader_options: type[ReaderOptions], where: str
+) -> tuple[ExtractionRules, ReaderOptions]:
+    """Sort keyword options into the rules and the reader's own.
+
+    Raises:
+        InputError: an unknown option, or a value that is not allowed.
+    """
+    names = set(ExtractionRules.model_fields)
+    known = names | set(reader_options.model_fields)
+    for name in options:
+        if name not in known:
+            raise unknown_name(where, "option", name, known)
+    rules = {name: value for name, value in options.items() if name in names}
+    reader = {name: value for name, value in options.items() if name not in names}
+    return check_form(ExtractionRules, rules, where), check_form(reader_options, reader, where)
+
+
+Mask = Callable[[pd.DataFrame, ExtractionRules], "pd.Series[bool]"]
+
+# Each rule says which rows it drops. Comparisons are written so that a missing L (ready-made rows
+# may lack it) passes, and the bounds themselves pass.
+ROW_RULES: Mapping[str, Mask] = {
+    "speed_undefined": lambda rows, _: (
+        rows["vehicle_speed_mps"].isna() | rows["pedestrian_speed_mps"].isna()
+    ),
+    "range_below_min": lambda rows, rule: rows["range_m"] < rule.min_range_m,
+    "range_above_max": lambda rows, rule: rows["range_m"] > rule.max_range_m,
+    "lateral_below_min": lambda rows, rule: rows["lateral_m"] < rule.min_lateral_m,
+    "lateral_above_max": lambda rows, rule: rows["lateral_m"] > rule.max_lateral_m,
+    "vehicle_too_slow": lambda rows, rule: rows["vehicle_speed_mps"] < rule.min_vehicle_speed_mps,
+    "pedestrian_too_slow": lambda rows, rule: (
+        rows["pedestrian_speed_mps"] < rule.min_pedestrian_speed_mps
+    ),
+    "time_advantage_below_min": lambda rows, rule: (
+        ~(rows["time_advantage_s"] >= rule.min_time_advantage_s)
+    ),
+}
+
+
+def with_times(rows: pd.DataFrame) -> pd.DataFrame:
+    """Add the arrival time R/v and T_adv = |R/v − L/v_p| (paper, eq. for T_Adv) to candidates.
+
+    Undefined (NaN) where a speed is zero or missing.
+    """
+    speed = rows["vehicle_speed_mps"].where(rows["vehicle_speed_mps"] != 0)
+    walking = rows["pedestrian_speed_mps"].where(rows["pedestrian_speed_mps"] != 0)
+    arrival = rows["range_m"] / speed
+    advantage = (arrival - rows["lateral_m"] / walking).abs()
+    return rows.assign(arrival_time_s=arrival, time_advantage_s=advantage)
+
+
+def kept_rows(candidates: pd.DataFrame, rules: ExtractionRules, tally: Tally) -> pd.DataFrame:
+    """The candidates that break no rule; each one dropped is charged to its first broken rule."""
+    tally.candidates += len(candidates)
+    alive = np.ones(len(candidates), dtype=bool)
+    for reason, breaks in ROW_RULES.items():
+        broken = alive & breaks(candidates, rules).to_numpy()
+        tally.drop("candidates", reason, int(broken.sum()))
+        alive &= ~broken
+    return candidates.loc[alive].reset_index(drop=True)

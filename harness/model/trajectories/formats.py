@@ -1,0 +1,40 @@
+"""The formats of raw data that can be read: one line each."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from harness.model.trajectories import mobileye, ready_rows, vci
+from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.tracks import Clip
+
+
+@dataclass(frozen=True)
+class Format:
+    """How one kind of file is read.
+
+    Attributes:
+        words: what it is, one line.
+        options: the record of the reader's own options.
+        clips: yields the clips (tracks); None for ready-made rows.
+        rows: gives ready-made rows; None where rows come from tracks.
+    """
+
+    words: str
+    options: type[Any]
+    clips: Callable[[Sequence[Path], Any, Tally], Iterator[Clip]] | None = None
+    rows: Callable[[Sequence[Path], Any, Tally], pd.DataFrame] | None = None
+
+
+FORMATS: Mapping[str, Format] = {
+    "vci": Format("fixed camera, DUT and sets like it", vci.VciOptions, clips=vci.read_clips),
+    "mobileye": Format(
+        "the paper's bus-mounted sensor", mobileye.MobileyeOptions, clips=mobileye.read_clips
+    ),
+    "table": Format(
+        "ready-made rows, csv or parquet", ready_rows.TableOptions, rows=ready_rows.read_rows
+    ),
+}

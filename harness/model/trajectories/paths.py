@@ -1,0 +1,139 @@
+"""Plane geometry of observed paths: thinning, extending, positions along, crossings."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.encounter import FloatArray
+from harness.model.trajectories.tracks import read_only
+
+
+@dataclass(frozen=True, eq=False)
+class TravelPath:
+    """A path as a chain of straight pieces, the last one being its straight extension.
+
+    Attributes:
+        points: (m, 2) corner points, m ≥ 2.
+        arc_m: (m,) path length up to each corner.
+        record: (m − 1,) index of the track record behind each observed corner.
+    """
+
+    points: FloatArray
+    arc_m: FloatArray
+    record: NDArray[np.intp]
+
+    def at(self, arc_m: float) -> FloatArray:
+        """(2,) the point at a path length, ends held."""
+        x = np.interp(arc_m, self.arc_m, self.points[:, 0])
+        y = np.interp(arc_m, self.arc_m, self.points[:, 1])
+        return np.array([x, y])
+
+    def direction(self, arc_m: float, half_chord_m: float) -> FloatArray:
+        """(2,) unit direction of motion about a path length, over a chord of the path.
+
+        Where the path turns back on itself and the chord has no length, the piece there counts.
+        """
+        chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
+        if np.hypot(*chord) <= 1e-9 * half_chord_m:
+            piece = int(np.searchsorted(self.arc_m, arc_m, side="right")) - 1
+            piece = min(max(piece, 0), len(self.points) - 2)
+            chord = self.points[piece + 1] - self.points[piece]
+        return np.asarray(chord / np.hypot(*chord))
+
+
+def travel_m(position_m: FloatArray) -> float:
+    """The farthest an object gets from where it was first seen."""
+    return float(np.hypot(*(position_m - position_m[0]).T).max())
+
+
+def thinned(position_m: FloatArray, step_m: float) -> NDArray[np.intp]:
+    """Indices of records at least a step apart, so that recording jitter adds no path length."""
+    kept = [0]
+    x, y = position_m[:, 0].tolist(), position_m[:, 1].tolist()
+    x0, y0, least = x[0], y[0], step_m * step_m
+    for index in range(1, len(x)):
+        if (x[index] - x0) ** 2 + (y[index] - y0) ** 2 >= least:
+            kept.append(index)
+            x0, y0 = x[index], y[index]
+    return np.array(kept, dtype=np.intp)
+
+
+def build_path(
+    position_m: FloatArray, step_m: float, chord_m: float, extension_m: float
+) -> TravelPath | None:
+    """The path through an object's records, extended straight ahead.
+
+    Args:
+        position_m: (n, 2) positions in order of time.
+        step_m: corners are at least this far apart.
+        chord_m: the extension keeps the direction of the last ``chord_m`` of the path.
+        extension_m: how far beyond the last record the path goes on.
+
+    Returns:
+        The path; None *when undefined*: the object never moves a step away.
+    """
+    kept = thinned(position_m, step_m)
+    if len(kept) < 2:
+        return None
+    corners = position_m[kept]
+    last = corners[-1]
+    away = np.hypot(*(corners - last).T)
+    far = np.flatnonzero(away >= chord_m)
+    start = corners[far[-1]] if len(far) else corners[0]
+    if np.hypot(*(last - start)) == 0.0:  # a short closed loop: use its last piece
+        start = corners[-2]
+    ahead = (last - start) / np.hypot(*(last - start))
+    # The last record lies up to a step beyond the last corner; the extension starts there.
+    beyond = max(0.0, float((position_m[-1] - last) @ ahead))
+    points = np.vstack([corners, last + ahead * (beyond + max(extension_m, 1e-3))])
+    pieces = np.hypot(*np.diff(points, axis=0).T)
+    return TravelPath(
+        read_only(points), read_only(np.concatenate([[0.0], np.cumsum(pieces)])), kept
+    )
+
+
+def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
+    """(n,) path length of every record of the track the path was built from.
+
+    A record is put onto the nearest of the pieces around its own place in time, so that a path
+    that comes back near itself is never left for its other branch.
+    """
+    pieces = np.diff(path.points, axis=0)
+    lengths = np.diff(path.arc_m)
+    here = np.searchsorted(path.record, np.arange(len(position_m)), side="right") - 1
+    best = np.full(len(position_m), np.inf)
+    arc = np.zeros(len(position_m))
+    for offset in range(-2, 3):
+        piece = np.clip(here + offset, 0, len(pieces) - 1)
+        start, along = path.points[piece], pieces[piece]
+        share = ((position_m - start) * along).sum(axis=1) / lengths[piece] ** 2
+        share = np.clip(share, 0.0, 1.0)
+        away = np.hypot(*(position_m - start - share[:, None] * along).T)
+        nearer = away < best
+        best = np.where(nearer, away, best)
+        arc = np.where(nearer, path.arc_m[piece] + share * lengths[piece], arc)
+    return arc
+
+
+def first_crossing(one: TravelPath, other: TravelPath) -> tuple[float, float] | None:
+    """Where ``one`` first meets ``other``, counted along ``one``.
+
+    Returns:
+        Path lengths on ``one`` and on ``other``; None when they have no common point. Pieces that
+        run on top of each other are parallel and do not count.
+    """
+    a, b = np.diff(one.points, axis=0), np.diff(other.points, axis=0)
+    gap = other.points[None, :-1] - one.points[:-1, None]
+    cross = a[:, None, 0] * b[None, :, 1] - a[:, None, 1] * b[None, :, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        on_one = (gap[..., 0] * b[None, :, 1] - gap[..., 1] * b[None, :, 0]) / cross
+        on_other = (gap[..., 0] * a[:, None, 1] - gap[..., 1] * a[:, None, 0]) / cross
+        meets = (on_one >= 0) & (on_one <= 1) & (on_other >= 0) & (on_other <= 1)
+    i, j = np.nonzero(meets)
+    if len(i) == 0:
+        return None
+    arc_one = one.arc_m[i] + on_one[i, j] * np.diff(one.arc_m)[i]
+    arc_other = other.arc_m[j] + on_other[i, j] * np.diff(other.arc_m)[j]
+    first = int(np.lexsort((arc_other, arc_one))[0])
+    return float(arc_one[first]), float(arc_other[first])

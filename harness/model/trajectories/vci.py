@@ -1,0 +1,200 @@
+"""Reader of vehicle–crowd interaction sets in the format of DUT (Yang et al. 2019).
+
+A clip is a pair of files from a fixed camera, one record per object and video frame:
+``<clip>_traj_veh_filtered.csv`` (id, frame, label, x_est, y_est, psi_est, vel_est) and
+``<clip>_traj_ped_filtered.csv`` (id, frame, label, x_est, y_est, vx_est, vy_est); positions in
+metres along the image's axes (y down), vehicles by their centre. Needed are id, frame, x_est and
+y_est: speeds are taken from the positions, so that R, L and their rates belong together.
+
+Beside ``trajectories_filtered`` there may be ``trajectories/<clip>_traj_veh.csv`` (the corner
+points of the vehicles, pixels) and ``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre):
+they give each vehicle's length. Where only a clip's unfiltered pedestrians were published
+(``trajectories/<clip>_traj_ped.csv``: id, x, y, frame, label, pixels), these are used with the
+same ratio, and the counts say so.
+"""
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from harness.core.errors import InputError
+from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.csv_input import (
+    EmptyTableError,
+    contents_of,
+    files_in,
+    identifiers,
+    in_order,
+    numbers,
+    once_each,
+    read_table,
+    require_columns,
+)
+from harness.model.trajectories.extraction_rules import Options, Positive
+from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
+
+VEHICLE_END = "_traj_veh_filtered.csv"
+PEDESTRIAN_END = "_traj_ped_filtered.csv"
+SMALLEST_RATIO, LARGEST_RATIO = 0.01, 1e5
+CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
+
+
+class VciOptions(Options):
+    """Facts that the files do not say.
+
+    Attributes:
+        frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.
+        vehicle_length_m: length of a vehicle without corner points.
+        source: name of the data set; by default the name of the folder given.
+    """
+
+    frame_rate_hz: Positive = 24000 / 1001
+    vehicle_length_m: Positive = 4.5
+    source: str | None = None
+
+
+def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iterator[Clip]:
+    """The clips below the given folders, by name.
+
+    Args:
+        paths: folders (searched with their subfolders) or ``*_traj_veh_filtered.csv`` files.
+        options: frame rate and vehicle length.
+        tally: counts what is left out.
+
+    Returns:
+        Clips with vehicles and pedestrians, time = frame / frame rate.
+
+    Raises:
+        InputError: no clip there, none usable, or a file that is not of this format.
+    """
+    rate, assumed = options.frame_rate_hz, ""
+    if rate == VciOptions().frame_rate_hz:
+        assumed = " (assumed: the files do not say it)"
+    tally.note(f"frame_rate_hz = {rate:.6g} frames per second{assumed}; every speed scales with it")
+    sources: dict[Path, str] = {}
+    files: list[tuple[str, Path]] = []
+    for path in paths:
+        clips = _clip_files(path)
+        folder = path if path.is_dir() else path.parent
+        sources |= dict.fromkeys(dict(clips).values(), options.source or folder.resolve().name)
+        files += clips
+
+    def read(name: str, file: Path) -> list[Clip]:
+        return [_read_clip(sources[file], name, file, options, tally)]
+
+    return contents_of(files, read, tally, "clip")
+
+
+def _clip_files(path: Path) -> list[tuple[str, Path]]:
+    """Clip names and vehicle files; equal names in several subfolders get their folder's."""
+    if path.is_file() and not path.name.endswith(VEHICLE_END):
+        raise InputError(str(path), "not a vehicle file of this format", f"*{VEHICLE_END}")
+    files = files_in(path, f"**/*{VEHICLE_END}")
+    names = [file.name.removesuffix(VEHICLE_END) for file in files]
+    if len(set(names)) < len(names):
+        names = [
+            f"{file.parent.relative_to(path).as_posix()}/{name}"
+            for file, name in zip(files, names, strict=True)
+        ]
+    return sorted(zip(names, files, strict=True))
+
+
+def _read_clip(
+    source: str, name: str, vehicle_file: Path, options: VciOptions, tally: Tally
+) -> Clip:
+    """One clip with its vehicles' lengths."""
+    stem = vehicle_file.name.removesuffix(VEHICLE_END)
+    ratio = _pixels_per_metre(vehicle_file, stem)
+    pedestrian_file = vehicle_file.with_name(stem + PEDESTRIAN_END)
+    pixel_file = _beside(vehicle_file, "trajectories", f"{stem}_traj_ped.csv")
+    if pedestrian_file.exists():
+        walkers = _records(pedestrian_file, ("x_est", "y_est"), 1.0, options, tally)
+    elif pixel_file is None or ratio is None:
+        raise EmptyTableError(str(pedestrian_file), "is missing")
+    else:
+        walkers = _records(pixel_file, ("x", "y"), ratio, options, tally)
+        tally.note(f"{name}: unfiltered pedestrians (pixels) used, filtered ones are missing")
+    cars = _records(vehicle_file, ("x_est", "y_est"), 1.0, options, tally)
+    lengths = _lengths_m(vehicle_file, stem, ratio)
+    vehicles = {}
+    for key, track in cars.items():
+        length = lengths.get(key, options.vehicle_length_m)
+        vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
+    if without := len(cars.keys() - lengths.keys()):
+        tally.default_lengths += without
+        tally.note(
+            f"vehicle_length_m = {options.vehicle_length_m:g} m where a vehicle has no corners"
+        )
+    tally.clips += 1
+    tally.vehicle_tracks += len(vehicles)
+    tally.pedestrian_tracks += len(walkers)
+    # Clips of one site are named alike but for their number: intersection_01, intersection_02.
+    site = re.sub(r"[\W_]*\d*$", "", name)
+    return Clip(source, name, vehicles, walkers, y_down=True, site=site)
+
+
+def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:
+    """A companion file: in the sibling tree of ``trajectories_filtered``, or in the same folder."""
+    parts = list(vehicle_file.parent.parts)
+    places = [vehicle_file.parent]
+    if "trajectories_filtered" in parts:
+        at = len(parts) - 1 - parts[::-1].index("trajectories_filtered")
+        places.insert(0, Path(*parts[:at], folder, *parts[at + 1 :]))
+    return next((place / name for place in places if (place / name).is_file()), None)
+
+
+def _pixels_per_metre(vehicle_file: Path, stem: str) -> float | None:
+    """The clip's scale; None where no ratio file was published."""
+    path = _beside(vehicle_file, "ratios", f"{stem}_ratio_pixel2meter.txt")
+    if path is None:
+        return None
+    text = path.read_text(encoding="utf-8", errors="replace").strip()
+    try:
+        ratio = float(text)
+    except ValueError:
+        ratio = math.nan
+    if not SMALLEST_RATIO <= ratio <= LARGEST_RATIO:
+        allowed = f"one number from {SMALLEST_RATIO:g} to {LARGEST_RATIO:g}, pixels per metre"
+        raise InputError(str(path), f"holds {text[:40]!r}", allowed)
+    return ratio
+
+
+def _lengths_m(vehicle_file: Path, stem: str, ratio: float | None) -> dict[str, float]:
+    """Median length of each vehicle: middle of its front corners to middle of its rear corners."""
+    path = _beside(vehicle_file, "trajectories", f"{stem}_traj_veh.csv")
+    if path is None or ratio is None:
+        return {}
+    table = read_table(path)
+    require_columns(path, table, ("id", *CORNERS))
+    # Records dropped here are no positions, so they stay out of the extraction's counts.
+    table = numbers(path, table, CORNERS, Tally())
+    x = (table["x_fl"] + table["x_fr"] - table["x_rr"] - table["x_rl"]) / 2
+    y = (table["y_fl"] + table["y_fr"] - table["y_rr"] - table["y_rl"]) / 2
+    length = pd.Series(np.hypot(x, y) / ratio, index=table.index)
+    medians = length.groupby(identifiers(table["id"])).median()
+    return {str(key): float(value) for key, value in medians.items() if value > 0}
+
+
+def _records(
+    path: Path, position: tuple[str, str], ratio: float, options: VciOptions, tally: Tally
+) -> dict[str, Track]:
+    """The tracks of one file, by identifier; positions divided by ``ratio``."""
+    table = read_table(path)
+    require_columns(path, table, ("id", "frame", *position))
+    table = numbers(path, table, ("frame", *position), tally)
+    keys = identifiers(table["id"])
+    tally.drop("records", "missing_value", int(keys.isna().sum()))
+    tracks = {}
+    groups = {str(key): records for key, records in table.groupby(keys)}
+    for key in in_order(groups):
+        records = once_each(groups[key], "frame", tally)
+        if len(records) < 2:
+            tally.drop("tracks", "one_record")
+            continue
+        time_s = records["frame"].to_numpy() / options.frame_rate_hz
+        tracks[key] = Track(time_s, records[list(position)].to_numpy() / ratio)
+    return tracks

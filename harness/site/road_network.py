@@ -1,0 +1,147 @@
+"""A SUMO network as sumolib reads it, with the few facts of the file that sumolib leaves out."""
+
+import gzip
+import math
+import xml.etree.ElementTree as ET
+import zlib
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.sax import SAXException
+
+from harness.core.errors import InputError
+
+if TYPE_CHECKING:
+    from sumolib.net import Net
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+
+_MOST_BYTES = 1 << 30
+"""sumolib needs eleven times as much memory; a packed megabyte may unpack to a gigabyte."""
+_MOST = 1e9
+"""Every length, width, speed and coordinate of a network is smaller."""
+
+
+@dataclass(frozen=True)
+class RoadNetwork:
+    """A SUMO network.
+
+    ``net`` has its edges, lanes and connections; ``location`` holds the attributes of the file's
+    element of that name; ``left_hand`` says whether traffic keeps left.
+    """
+
+    net: "Net"
+    location: dict[str, str]
+    left_hand: bool
+
+    @cached_property
+    def crossings(self) -> dict[str, "Edge"]:
+        """The pedestrian crossings by their ids, in the file's order."""
+        edges = self.net.getEdges()
+        return {edge.getID(): edge for edge in edges if edge.getFunction() == "crossing"}
+
+    @cached_property
+    def _projection(self) -> tuple[Any, float, float] | None:
+        """The projection and the offset of the network's coordinates in it."""
+        # sumolib's own conversion changes PROJ's data folder for the whole process if it fails.
+        import pyproj
+
+        try:
+            east_m, north_m = map(float, self.location["netOffset"].split(","))
+            return pyproj.Proj(self.location["projParameter"]), east_m, north_m
+        except (LookupError, ValueError, pyproj.exceptions.ProjError):
+            return None
+
+    def on_the_ground(self, x_m: float, y_m: float) -> tuple[float, float] | None:
+        """Longitude and latitude of a point; None if PROJ knows no projection of the network."""
+        if self._projection is None:
+            return None
+        projection, east_m, north_m = self._projection
+        longitude, latitude = projection(x_m - east_m, y_m - north_m, inverse=True)
+        return float(longitude), float(latitude)
+
+
+def junction_of(edge: "Edge") -> str:
+    """The id of the junction at which an edge ends; that of a crossing is its own junction."""
+    return str(edge.getToNode().getID())
+
+
+def line_of(lane: "Lane") -> tuple[complex, ...]:
+    """A lane's centre line: at least two points, east + i north."""
+    return tuple(complex(*point) for point in lane.getShape())
+
+
+def drawn_m(lane: "Lane") -> float:
+    """The length of a lane's line, which may differ from the length that SUMO counts.
+
+    Where two edges meet without a gap, the lane between them is drawn 0 m long.
+    """
+    return sum(abs(b - a) for a, b in pairwise(line_of(lane)))
+
+
+def allows(lane: "Lane", vehicle_class: str) -> bool:
+    """Whether a vehicle class may use a lane; sumolib takes the word "all" for a class."""
+    return not {"all", vehicle_class}.isdisjoint(lane.getPermissions())
+
+
+def read_network(path: Path) -> RoadNetwork:
+    """Read a SUMO network, packed by gzip or not.
+
+    Raises:
+        InputError: the file cannot be read, is cut off or no XML, or is no SUMO network.
+    """
+    # A scenario without a network does not pay this import's third of a second.
+    import sumolib.net
+
+    try:
+        header, location = _beginning(path)
+        net = sumolib.net.readNet(
+            path, withPedestrianConnections=True, withFoes=False, lxml=False, maxcache=0
+        )
+        _check(net)
+    except FileNotFoundError:
+        raise InputError(str(path), "no such network", "a SUMO network (.net.xml)") from None
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InputError(str(path), f"cannot be read ({reason})") from None
+    except (ET.ParseError, SAXException, EOFError, zlib.error) as error:
+        raise InputError(str(path), f"cut off, or no XML ({error})", "a SUMO network") from None
+    # sumolib takes attributes and references for granted.
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise InputError(str(path), f"no SUMO network ({error})", "a .net.xml file") from None
+    return RoadNetwork(net, location, header.get("lefthand") in ("true", "1"))
+
+
+def _beginning(path: Path) -> tuple[dict[str, str], dict[str, str]]:
+    """The attributes of the elements ``net`` and ``location``, which come before every edge."""
+    with path.open("rb") as file:
+        packed = file.read(2) == b"\x1f\x8b"
+    with gzip.open(path) if packed else path.open("rb") as file:
+        file.seek(_MOST_BYTES)
+        if file.read(1):
+            allowed = "a part of it: netconvert --keep-edges.in-boundary"
+            raise InputError(str(path), f"more than {_MOST_BYTES >> 20} MB unpacked", allowed)
+        file.seek(0)
+        elements = (element for _, element in ET.iterparse(file, ("start",)))
+        root = next(elements)
+        if root.tag != "net":
+            raise ValueError(f"its first element is <{root.tag[:40]}>, not <net>")
+        first = next((each for each in elements if each.tag in ("location", "edge")), root)
+        if first.tag == "edge":
+            raise ValueError("no <location> before its first edge; netconvert -s writes one")
+        return root.attrib, first.attrib
+
+
+def _check(net: "Net") -> None:
+    """Refuse roads that join no junctions, and lanes of no length or of no number."""
+    for edge in net.getEdges():
+        if edge.getFromNode() is None or edge.getToNode() is None:
+            raise ValueError(f"edge {edge.getID()} joins no two junctions")
+        for lane in edge.getLanes():
+            line = lane.getShape()
+            numbers = [lane.getLength(), lane.getWidth(), lane.getSpeed()]
+            numbers += [coordinate for point in line for coordinate in point]
+            if len(line) < 2 or not max(map(abs, numbers)) < _MOST or any(map(math.isnan, numbers)):
+                raise ValueError(f"lane {lane.getID()} has a line or a size of no road")

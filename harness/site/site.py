@@ -1,0 +1,219 @@
+"""A crosswalk's place in a network, in plain numbers, as an engine needs them.
+
+Road frame: x along the ego's direction, 0 where the crosswalk's centre line meets the centre of
+the ego's lane; y along the crosswalk, from the kerb on the side that traffic keeps to (0; on the
+ego's right in right-hand traffic) to the other kerb. Where the crosswalk is oblique, the axes are.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from harness.core.encounter import Side
+from harness.core.errors import InputError
+
+TOLERANCE_M = 2e-6
+"""A built network may differ so much from its geometry: netconvert keeps nodes to a micrometre."""
+
+Point = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class RoadFrame:
+    """The road frame in the network's coordinates: its origin (m) and two unit vectors."""
+
+    origin_x_m: float
+    origin_y_m: float
+    along_x: float
+    along_y: float
+    across_x: float
+    across_y: float
+
+    def to_network(self, x_m: float, y_m: float) -> Point:
+        """Network coordinates (m) of a point of the road frame (m)."""
+        return (
+            self.origin_x_m + x_m * self.along_x + y_m * self.across_x,
+            self.origin_y_m + x_m * self.along_y + y_m * self.across_y,
+        )
+
+    def to_road(self, x_m: float, y_m: float) -> Point:
+        """Road-frame coordinates (m) of a point of the network (m); inverse of `to_network`."""
+        dx, dy = x_m - self.origin_x_m, y_m - self.origin_y_m
+        area = self.along_x * self.across_y - self.along_y * self.across_x
+        return (
+            (dx * self.across_y - dy * self.across_x) / area,
+            (dy * self.along_x - dx * self.along_y) / area,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """A lane of an edge on the way over the crosswalk.
+
+    ``start_m`` and ``end_m`` are where it lies on the way, by SUMO's own lengths: negative before
+    the crosswalk's centre line, positive beyond it.
+    """
+
+    edge: str
+    lane: int
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Departure:
+    """Where SUMO inserts a vehicle: its route, its lane and its position on the first edge (m)."""
+
+    edges: tuple[str, ...]
+    lane: int
+    position_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """One car lane over the crosswalk, with the straight road before and after it.
+
+    Attributes:
+        oncoming: whether its vehicles come towards the ego.
+        index: its place among the car lanes of its direction, from their own near kerb (0).
+        centre_m: y of its centre on the crosswalk.
+        width_m: its width along the crosswalk.
+        speed_limit_mps: the network's own limit on the lane that leads to the crosswalk.
+        stretches: the lanes it consists of, in the direction of travel.
+        straight_before_m: how far before the centre line it is straight within 1°.
+        straight_after_m: the same beyond it.
+        ends_before: why it is not straight for longer, before.
+        ends_after: why it is not straight for longer, after.
+    """
+
+    oncoming: bool
+    index: int
+    centre_m: float
+    width_m: float
+    speed_limit_mps: float
+    stretches: tuple[Stretch, ...]
+    straight_before_m: float
+    straight_after_m: float
+    ends_before: str
+    ends_after: str
+
+    def departure(self, range_m: float) -> Departure:
+        """How to insert a vehicle whose front bumper is `range_m` before the centre line.
+
+        Raises:
+            InputError: there is no lane of a road, or none that is straight from there.
+        """
+        where = "ego.trigger_range_m"
+        # Neither the longest nor the shortest range may fail by the last digit of the file.
+        if not range_m <= self.straight_before_m + TOLERANCE_M:
+            problem = f"{range_m:g} m is more than the approach is straight: it {self.ends_before}"
+            raise InputError(where, problem, f"at most {self.straight_before_m:.6g} m")
+        for number, stretch in enumerate(self.stretches):
+            first_m, last_m = stretch.start_m, stretch.end_m
+            if first_m - TOLERANCE_M <= -range_m <= last_m + TOLERANCE_M and first_m < 0:
+                edges = tuple(each.edge for each in self.stretches[number:])
+                position_m = min(max(first_m, -range_m), last_m) - first_m
+                return Departure(edges, stretch.lane, position_m)
+        possible = ", ".join(
+            f"{-stretch.end_m:.3g} to {min(-stretch.start_m, self.straight_before_m):.6g}"
+            for stretch in reversed(self.stretches)
+            if stretch.start_m < 0
+        )
+        raise InputError(where, f"{range_m:g} m is inside a junction", f"{possible} at this site")
+
+    def longest_range_m(self, range_m: float) -> float:
+        """The longest range up to `range_m`, in tenths of a metre, where a vehicle can depart.
+
+        It is 0 where no lane of a road is straight up to the crosswalk.
+        """
+        longest_m = 0.0
+        for stretch in self.stretches:
+            at_m = math.floor(10 * min(-stretch.start_m, range_m, self.straight_before_m)) / 10
+            if at_m >= -stretch.end_m:
+                longest_m = max(longest_m, at_m)
+        return longest_m
+
+
+@dataclass(frozen=True, slots=True)
+class Footpath:
+    """The footpath on which pedestrians of one side come and go.
+
+    ``edge`` meets the crosswalk's waiting area ``area`` at its position ``end_m``; at ``inside_m``,
+    about 1 m before that, somebody is inserted.
+    """
+
+    edge: str
+    end_m: float
+    inside_m: float
+    area: str
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """A traffic light at the crosswalk, and which of its links are for pedestrians."""
+
+    id: str
+    crossing_links: frozenset[int]
+
+
+@dataclass(frozen=True, slots=True)
+class Passed:
+    """A traffic light or another crosswalk on the ego's way; no strategy is shown it.
+
+    ``x_m`` is its place on the way, negative before the crosswalk's centre line.
+    """
+
+    kind: Literal["traffic light", "crosswalk"]
+    id: str
+    x_m: float
+
+    def __str__(self) -> str:
+        """In words."""
+        where = "before" if self.x_m < 0 else "after"
+        return f"{self.kind} {self.id} {abs(self.x_m):.0f} m {where} the crosswalk"
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A crosswalk's place in a network.
+
+    Attributes:
+        frame: the road frame.
+        ego: the ego's way.
+        ways: every car lane over the crosswalk that is straight there, the ego's direction first.
+        lanes: car lanes of the ego's direction, those of ``ways`` and others.
+        oncoming_lanes: car lanes of the other direction.
+        length_m: from kerb to kerb, along the crosswalk.
+        width_m: the crosswalk's extent along the road.
+        angle_deg: between road and crosswalk, 0 to 90.
+        crossing_edge: SUMO's edge of the crosswalk.
+        crossing_from: the side where that edge begins.
+        footpaths: each side's.
+        pedestrian_priority: whether SUMO's own drivers yield there.
+        signal: the traffic light that rules it, None without one.
+        passed: what else the ego's way leads past.
+    """
+
+    frame: RoadFrame
+    ego: Way
+    ways: tuple[Way, ...]
+    lanes: int
+    oncoming_lanes: int
+    length_m: float
+    width_m: float
+    angle_deg: float
+    crossing_edge: str
+    crossing_from: Side
+    footpaths: tuple[Footpath, Footpath]
+    pedestrian_priority: bool
+    signal: Signal | None
+    passed: tuple[Passed, ...]
+
+    @property
+    def bearing_deg(self) -> float:
+        """The ego's direction, clockwise from the network's north."""
+        return math.degrees(math.atan2(self.frame.along_x, self.frame.along_y)) % 360.0
+
+    def footpath(self, side: Side) -> Footpath:
+        """The footpath of one side."""
+        return self.footpaths[0 if side is Side.NEAR else 1]

@@ -1,0 +1,276 @@
+"""Where a lane leads over a crosswalk, how far it is straight there, and what it leads past."""
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import itemgetter
+from typing import TYPE_CHECKING
+
+from harness.site.road_network import RoadNetwork, allows, drawn_m, line_of
+from harness.site.site import Passed
+
+if TYPE_CHECKING:
+    from sumolib.net.connection import Connection
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+
+STRAIGHT_DEG = 1.0
+"""How much a straight road may bend."""
+REACH_BEFORE_M = 300.0
+REACH_AFTER_M = 120.0
+"""How far a way is followed: the longest trigger range, and what a generated road has beyond."""
+
+_TURNAROUND_DEG = 150.0
+"""A link that turns by more leads back, not on."""
+
+_ROUNDING_M = 0.02
+"""Points of a network's file may be off by so much: most are written with two decimals."""
+_LENGTH_SHARE = 0.01
+_LENGTH_M = 0.1
+"""How much SUMO's length of a lane may differ from that of its shape, the larger of the two."""
+
+
+@dataclass(frozen=True)
+class Path:
+    """Lanes one after another, and the point of them where the crosswalk's centre line is met.
+
+    ``start_m`` of a lane is its place on the path by SUMO's lengths, 0 at that point.
+    """
+
+    lanes: tuple["Lane", ...]
+    start_m: tuple[float, ...]
+    meeting: complex
+    direction: complex
+
+    def pieces(self) -> Iterator[tuple["Lane", float]]:
+        """Each lane and where it starts."""
+        return zip(self.lanes, self.start_m, strict=True)
+
+
+def path_over(
+    network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
+) -> Path | None:
+    """The straightest way on from a lane through its junction that meets a crosswalk."""
+    ways = []
+    for link in lane.getOutgoing():
+        via = _via(network, link)
+        turn_deg = round(_turn_deg(_entering(via[-1]), _leaving(lane)), 3)
+        ways.append((turn_deg, via[-1].getID(), via))
+    for _, _, via in sorted(ways, key=itemgetter(0, 1)):
+        path = _met([lane, *via], crosswalk)
+        if path is not None:
+            return path
+    return None
+
+
+def extended(network: RoadNetwork, path: Path) -> Path:
+    """A path with what leads straight to it and straight on from it."""
+    lanes, starts = list(path.lanes), list(path.start_m)
+    while starts[0] > -REACH_BEFORE_M:
+        before = _straightest(network, lanes[0], backward=True)
+        if before is None or any(each in lanes for each in before):
+            break
+        for each in reversed(before):
+            lanes.insert(0, each)
+            starts.insert(0, starts[0] - each.getLength())
+    while (end := starts[-1] + lanes[-1].getLength()) < REACH_AFTER_M:
+        after = _straightest(network, lanes[-1], backward=False)
+        if after is None or any(each in lanes for each in after):
+            break
+        for each in after:
+            lanes.append(each)
+            starts.append(end)
+            end += each.getLength()
+    return Path(tuple(lanes), tuple(starts), path.meeting, path.direction)
+
+
+@dataclass(frozen=True)
+class Straight:
+    """The straight part of a path about the crosswalk.
+
+    ``direction`` is its unit vector; ``before_m`` and ``after_m`` say how far it reaches,
+    ``ends_before`` and ``ends_after`` what the road does there.
+    """
+
+    direction: complex
+    before_m: float
+    after_m: float
+    ends_before: str
+    ends_after: str
+
+
+def straight(path: Path) -> Straight:
+    """How far a path is straight within 1°, about the crosswalk."""
+    kept = _simplified(_points(path))
+    middle = next(i for i in range(len(kept) - 1) if kept[i][0] <= 0 < kept[i + 1][0])
+    direction = kept[middle + 1][1] - kept[middle][1]
+    before, why_before = 0.0, "begins there"
+    for i in range(middle, -1, -1):
+        turn = _turn_deg(kept[i + 1][1] - kept[i][1], direction)
+        if turn > STRAIGHT_DEG:
+            why_before = f"bends by {turn:.1f}° {-kept[i + 1][0]:.1f} m before the crosswalk"
+            break
+        before = -kept[i][0]
+    after, why_after = 0.0, "ends there"
+    for i in range(middle, len(kept) - 1):
+        turn = _turn_deg(kept[i + 1][1] - kept[i][1], direction)
+        if turn > STRAIGHT_DEG:
+            why_after = f"bends by {turn:.1f}° {kept[i][0]:.1f} m after the crosswalk"
+            break
+        after = kept[i + 1][0]
+    for lane, start_m in path.pieces():
+        length, drawn = lane.getLength(), drawn_m(lane)
+        if abs(length - drawn) <= max(_LENGTH_M, _LENGTH_SHARE * drawn):
+            continue
+        what = f"has a lane {lane.getID()} of {length:.6g} m that is drawn {drawn:.6g} m long"
+        if start_m < 0 and -start_m - length < before:
+            before, why_before = max(0.0, -start_m - length), what
+        if start_m + length > 0 and start_m < after:
+            after, why_after = max(0.0, start_m), what
+    return Straight(direction / abs(direction), before, after, why_before, why_after)
+
+
+def _points(path: Path) -> list[tuple[float, complex]]:
+    """The points of a path, each with its place on it; the crosswalk is one of them."""
+    points: list[tuple[float, complex]] = [(0.0, path.meeting)]
+    for lane, start_m in path.pieces():
+        line, drawn = line_of(lane), drawn_m(lane)
+        scale, done_m = (lane.getLength() / drawn if drawn else 1.0), 0.0
+        points.append((start_m, line[0]))
+        for a, b in pairwise(line):
+            done_m += abs(b - a)
+            points.append((start_m + done_m * scale, b))
+    points.sort(key=itemgetter(0))
+    return points
+
+
+def _via(network: RoadNetwork, link: "Connection") -> list["Lane"]:
+    """The internal lanes of a connection and the lane that it leads to."""
+    lanes: list[Lane] = []
+    via = link.getViaLaneID()
+    while via and len(lanes) < 10:
+        lanes.append(network.net.getLane(via))
+        ahead = (each.getViaLaneID() for each in lanes[-1].getOutgoing())
+        via = next(filter(None, ahead), "")
+    return [*lanes, link.getToLane()]
+
+
+def _met(lanes: list["Lane"], crosswalk: tuple[complex, complex]) -> Path | None:
+    """The path that lanes make, if they meet the crosswalk's centre line."""
+    start, end = crosswalk
+    starts = [0.0]
+    for lane in lanes[:-1]:
+        starts.append(starts[-1] + lane.getLength())
+    for number, lane in enumerate(lanes):
+        line, drawn = line_of(lane), drawn_m(lane)
+        done = 0.0
+        for a, b in pairwise(line):
+            share = _crossed_at(a, b, start, end)
+            if share is not None:
+                at_m = starts[number] + lane.getLength() * (done + share * abs(b - a)) / drawn
+                meeting = a + share * (b - a)
+                direction = (b - a) / abs(b - a)
+                return Path(tuple(lanes), tuple(s - at_m for s in starts), meeting, direction)
+            done += abs(b - a)
+    return None
+
+
+def _crossed_at(a: complex, b: complex, c: complex, d: complex) -> float | None:
+    """Where on a–b the segment c–d cuts it, as a share of a–b; None where it does not."""
+    u, v, w = b - a, d - c, c - a
+    area = (u.conjugate() * v).imag
+    if area == 0:
+        return None
+    share, other = (w.conjugate() * v).imag / area, (w.conjugate() * u).imag / area
+    return share if 0 <= share <= 1 and 0 <= other <= 1 else None
+
+
+def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list["Lane"] | None:
+    """The lanes that lead straight to a lane, or on from it; None where none does."""
+    best: tuple[float, str, list[Lane]] | None = None
+    for link in lane.getIncomingConnections() if backward else lane.getOutgoing():
+        start = link.getFromLane()
+        if start.getEdge().isSpecial():
+            continue
+        lanes = [start, *_via(network, link)]
+        if backward:
+            turn = _turn_deg(_entering(lane), _leaving(start))
+            ways = lanes[:-1]
+        else:
+            turn = _turn_deg(_entering(lanes[-1]), _leaving(lane))
+            ways = lanes[1:]
+        if turn > _TURNAROUND_DEG or not all(allows(each, "passenger") for each in ways):
+            continue
+        name = start.getID() + link.getToLane().getID()
+        if best is None or (turn, name) < best[:2]:
+            best = (turn, name, ways)
+    return None if best is None else best[2]
+
+
+def passed_on(path: Path, road: Straight, crossing: "Edge") -> tuple[Passed, ...]:
+    """The traffic lights and other crosswalks on the straight part of a way, in its order.
+
+    Args:
+        path: the way.
+        road: its straight part.
+        crossing: the crosswalk that is simulated; its own light is ``Site.signal``.
+    """
+    passed = []
+    for (lane, start_m), (after, _) in pairwise(path.pieces()):
+        if lane.getEdge().getToNode() is crossing.getToNode():
+            continue
+        for link in lane.getOutgoing():
+            if link.getTLSID() and after.getID() in (link.getViaLaneID(), link.getToLane().getID()):
+                passed.append(Passed("traffic light", link.getTLSID(), start_m + lane.getLength()))
+    for lane, start_m in path.pieces():
+        road_edge = lane.getEdge()
+        ends = ((road_edge.getFromNode(), 0.0), (road_edge.getToNode(), lane.getLength()))
+        passed += [
+            Passed("crosswalk", other.getID(), start_m + at_m)
+            for node, at_m in ends
+            for other in node.getIncoming()
+            if other is not crossing and road_edge in other.getCrossingEdges()
+        ]
+    inside = [each for each in passed if -road.before_m <= each.x_m <= road.after_m]
+    # A crosswalk may lead over the road on both sides of its junction.
+    return tuple(sorted({each.id: each for each in inside}.values(), key=lambda each: each.x_m))
+
+
+def _leaving(lane: "Lane") -> complex:
+    *_, a, b = line_of(lane)
+    return b - a
+
+
+def _entering(lane: "Lane") -> complex:
+    a, b, *_ = line_of(lane)
+    return b - a
+
+
+def _turn_deg(heading: complex, other: complex) -> float:
+    return math.degrees(abs(cmath.phase(heading * other.conjugate())))
+
+
+def _simplified(points: list[tuple[float, complex]]) -> list[tuple[float, complex]]:
+    """A line without the points that lie within rounding of it (Douglas and Peucker, 1973)."""
+    keep = {0, len(points) - 1}
+    spans = [(0, len(points) - 1)]
+    while spans:
+        low, high = spans.pop()
+        a, b = points[low][1], points[high][1]
+        chord = b - a
+        far, worst = 0, _ROUNDING_M
+        for i in range(low + 1, high):
+            off = points[i][1] - a
+            away = abs((chord.conjugate() * off).imag) / abs(chord) if chord else abs(off)
+            if away > worst:
+                far, worst = i, away
+        if far:
+            keep.add(far)
+            spans += [(low, far), (far, high)]
+    kept = [points[i] for i in sorted(keep)]
+    # Two points of one place have no direction.
+    return [
+        point for i, point in enumerate(kept) if i == 0 or abs(point[1] - kept[i - 1][1]) > 1e-9
+    ]

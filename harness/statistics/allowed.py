@@ -1,0 +1,219 @@
+"""Which values of a strategy's parameter keep μ below μ0 and κ below κ0 (paper, figure of the
+vehicle's aggressiveness), as far as the pairs can tell.
+
+μ is that of all pairs in which the AV crossed, with the human's crashes as if untouched; κ counts
+time-outs and failures of the strategy as crashes: an AV that does not arrive is not allowed.
+
+All bounds of a sweep hold together: m values have 2 m upper bounds, each one-sided at
+1 − level / 2m (Bonferroni), and as many lower ones.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.statistics.bootstrap import Resampled, bootstrap_mean
+from harness.statistics.intervals import Proportion, clopper_pearson, proportion
+
+MOST_PAIRS = 10**9
+"""Numbers of pairs beyond are not worth naming."""
+
+
+class Verdict(StrEnum):
+    """On one value of the parameter."""
+
+    ALLOWED = "allowed"
+    """The upper bounds of μ and κ lie below μ0 and κ0."""
+    DENIED = "denied"
+    """The lower bound of μ or κ is not below its limit."""
+    UNDECIDED = "undecided"
+
+
+class SweepVerdict(StrEnum):
+    """The verdict on the whole sweep."""
+
+    SOME = "allowed"
+    NONE = "none"
+    TOO_FEW_PAIRS = "too few pairs"
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Below which μ and κ have to be: μ0 > 0, 0 < κ0 ≤ 1."""
+
+    mu0: float
+    kappa0: float
+
+
+@dataclass(frozen=True, slots=True)
+class SweptValue:
+    """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep.
+
+    ``defined_pairs`` of the ``pairs`` have a τ.
+    """
+
+    mu: Resampled
+    kappa: Proportion
+    pairs: int
+    defined_pairs: int
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """On one value; ``pairs_needed`` would decide an undecided one at the present estimates."""
+
+    swept: SweptValue
+    verdict: Verdict
+    pairs_needed: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class AllowedInterval:
+    """On a sweep: allowed values, or none, or too few pairs to tell.
+
+    With too few, ``expected`` is what the present estimates point to, and ``pairs_needed`` would
+    show it: the first value allowed, or all of them denied.  None where no number is known.
+    """
+
+    verdict: SweepVerdict
+    expected: SweepVerdict
+    judgements: tuple[Judgement, ...]
+    pairs_needed: int | None
+
+
+def swept_value(
+    tau: FloatArray,
+    missed: np.ndarray,
+    tried: np.ndarray,
+    rng: np.random.Generator,
+    values: int,
+    level: float,
+) -> SweptValue:
+    """μ and κ of one cell with bounds that hold over all values of the sweep.
+
+    Args:
+        tau: ``tau_all`` of each pair, NaN where undefined.
+        missed: whether the AV crashed, timed out, or failed by its strategy's fault.
+        tried: whether its episode did not fail in the engine.
+        rng: draws the resamples.
+        values: m, the number of values swept.
+        level: chance that any upper (or any lower) bound is wrong.
+    """
+    confidence = 1 - 2 * _tail(values, level)
+    defined = tau[~np.isnan(tau)]
+    return SweptValue(
+        bootstrap_mean(defined, rng, confidence),
+        proportion(int((missed & tried).sum()), int(tried.sum()), confidence),
+        len(tau),
+        len(defined),
+    )
+
+
+def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) -> AllowedInterval:
+    """Judge every value of a sweep, and the sweep.
+
+    Args:
+        sweep: see ``swept_value``.
+        limits: μ0 and κ0.
+        level: the same as of the bounds.
+    """
+    tail = _tail(len(sweep), level)
+    judgements = tuple(_judge(swept, limits, tail) for swept in sweep)
+    verdicts = {judgement.verdict for judgement in judgements}
+    if Verdict.ALLOWED in verdicts:
+        return AllowedInterval(SweepVerdict.SOME, SweepVerdict.SOME, judgements, None)
+    if verdicts == {Verdict.DENIED}:
+        return AllowedInterval(SweepVerdict.NONE, SweepVerdict.NONE, judgements, None)
+    undecided = [judgement for judgement in judgements if judgement.verdict is Verdict.UNDECIDED]
+    within = [judgement for judgement in undecided if _within(judgement.swept, limits)]
+    known = [item.pairs_needed for item in within or undecided if item.pairs_needed is not None]
+    if within:
+        expected, pairs = SweepVerdict.SOME, min(known, default=None)
+    else:
+        expected, pairs = SweepVerdict.NONE, max(known) if len(known) == len(undecided) else None
+    return AllowedInterval(SweepVerdict.TOO_FEW_PAIRS, expected, judgements, pairs)
+
+
+def _tail(values: int, level: float) -> float:
+    return level / (2 * values)
+
+
+def _judge(swept: SweptValue, limits: Limits, tail: float) -> Judgement:
+    mu, kappa = swept.mu, swept.kappa
+    below = (_is(mu.high, limits.mu0, below=True), _is(kappa.high, limits.kappa0, below=True))
+    if all(below):
+        return Judgement(swept, Verdict.ALLOWED, None)
+    beyond = (_is(mu.low, limits.mu0, below=False), _is(kappa.low, limits.kappa0, below=False))
+    if any(beyond):
+        return Judgement(swept, Verdict.DENIED, None)
+    return Judgement(swept, Verdict.UNDECIDED, _pairs_needed(swept, limits, tail))
+
+
+def _pairs_needed(swept: SweptValue, limits: Limits, tail: float) -> int | None:
+    """Where both estimates lie below, to show it; else to show one of them beyond."""
+    sides = [
+        (swept.mu.value, limits.mu0, _pairs_for_mu(swept, limits.mu0)),
+        (swept.kappa.value, limits.kappa0, _pairs_for_kappa(swept, limits.kappa0, tail)),
+    ]
+    if _within(swept, limits):
+        known = [pairs for *_, pairs in sides if pairs is not None]
+        return max(known) if len(known) == len(sides) else None
+    beyond = [
+        pairs
+        for estimate, limit, pairs in sides
+        if pairs is not None and estimate is not None and estimate > limit
+    ]
+    return min(beyond, default=None)
+
+
+def _is(bound: float | None, limit: float, *, below: bool) -> bool:
+    return bound is not None and (bound < limit) == below
+
+
+def _within(swept: SweptValue, limits: Limits) -> bool:
+    """Whether both estimates lie below their limits."""
+    return _is(swept.mu.value, limits.mu0, below=True) and _is(
+        swept.kappa.value, limits.kappa0, below=True
+    )
+
+
+def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
+    """At which the bound on the limit's side would reach it: its distance goes with 1/√N."""
+    mu = swept.mu
+    if mu.value is None or mu.low is None or mu.high is None or mu.value == limit:
+        return None
+    distance = mu.high - mu.value if mu.value < limit else mu.value - mu.low
+    return _named(swept.pairs * (distance / (limit - mu.value)) ** 2)
+
+
+def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:
+    """At which the Clopper–Pearson bound on the limit's side would pass it, at the same share."""
+    rate, trials = swept.kappa.value, swept.kappa.trials
+    if rate is None or rate == limit:
+        return None
+    if rate < limit:
+        passes: Callable[[int], bool] = lambda n: _bounds(rate, n, tail)[1] < limit  # noqa: E731
+    else:
+        passes = lambda n: _bounds(rate, n, tail)[0] >= limit  # noqa: E731
+    if not passes(MOST_PAIRS):
+        return None
+    few, enough = 0, 1
+    while not passes(enough):
+        few, enough = enough, 2 * enough
+    while enough - few > 1:
+        middle = (few + enough) // 2
+        few, enough = (few, middle) if passes(middle) else (middle, enough)
+    return _named(enough * swept.pairs / trials)
+
+
+def _bounds(rate: float, n: int, tail: float) -> tuple[float, float]:
+    return clopper_pearson(rate * n, n, 1 - 2 * tail)
+
+
+def _named(pairs: float) -> int | None:
+    whole = math.ceil(pairs)
+    return whole if whole <= MOST_PAIRS else None

@@ -1,0 +1,203 @@
+"""The BCa bootstrap of means, coefficients of variation and ratios, and what it rests on.
+
+Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
+"""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from harness.core.encounter import FloatArray
+from harness.statistics.intervals import CONFIDENCE, Interval
+
+RESAMPLES = 4_999
+"""Bootstrap resamples; fewer above 4,000 values, see ``_resamples``."""
+
+FEWEST_RESAMPLES = 1_999
+
+_DRAWS_IN_MEMORY = 2_000_000
+
+_DIGITS = 9
+"""Values of the same digits after the point are the same: sums end in other last bits."""
+
+_RESAMPLES_BEYOND = 20
+"""At least so many resamples lie beyond each limit of an interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resampled(Interval):
+    """A bootstrap's interval, and how many of its values it rests on.
+
+    ``informative`` values are not the commonest one, which in flows is that of the pairs that met
+    nobody; where no two are the same, all are.
+    """
+
+    informative: int
+
+    def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
+        """As of an interval, with ``<name>_<kind>_informative``."""
+        limits = Interval.columns(self, name, kind)
+        return {**limits, f"{name}_{kind}_informative": self.informative}
+
+
+UNKNOWN = Resampled(None, None, None, 0)
+
+
+def coefficient_of_variation(values: FloatArray) -> FloatArray:
+    """Population standard deviation over the mean, along the last axis."""
+    result: FloatArray = np.std(values, axis=-1) / np.mean(values, axis=-1)
+    return result
+
+
+def bootstrap_mean(
+    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+) -> Resampled:
+    """Mean with its BCa interval.
+
+    Args:
+        values: shape (n,), finite.
+        rng: draws the resamples, in batches of bounded memory.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
+    """
+    n = len(values)
+    if n == 0:
+        return UNKNOWN
+    mean, rests_on = float(np.mean(values)), _informative(values)
+    if n == 1:
+        return Resampled(mean, None, None, rests_on)
+    if rests_on == 0:
+        return Resampled(mean, mean, mean, 0)
+    total = _resamples(n, confidence)
+    means = np.concatenate([np.mean(sample, axis=-1) for sample in _samples(values, rng, total)])
+    return _bca(mean, means, mean - (values - mean) / (n - 1), rests_on, confidence)
+
+
+def bootstrap_mean_and_cv(
+    values: FloatArray, rng: np.random.Generator, confidence: float = CONFIDENCE
+) -> tuple[Resampled, Resampled]:
+    """Mean and coefficient of variation with BCa intervals from the same resamples.
+
+    As ``bootstrap_mean``; c_v needs a positive mean.
+    """
+    n, rests_on = len(values), _informative(values)
+    if n < 2 or rests_on == 0:
+        spread = UNKNOWN if n < 2 else Resampled(0.0, 0.0, 0.0, 0)
+        return bootstrap_mean(values, rng, confidence), spread
+    mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
+    means, cvs = [], []
+    for sample in _samples(values, rng, _resamples(n, confidence)):
+        means.append(np.mean(sample, axis=-1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cvs.append(np.std(sample, axis=-1) / means[-1])
+    deviation = values - mean
+    left_out_mean = mean - deviation / (n - 1)
+    # Variance without value i, from Σd² of the whole: no n × n table.
+    left_out_variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
+    return (
+        _bca(mean, np.concatenate(means), left_out_mean, rests_on, confidence),
+        _bca(cv, np.concatenate(cvs), left_out_cv, rests_on, confidence),
+    )
+
+
+def bootstrap_ratio(
+    numerators: FloatArray,
+    denominators: FloatArray,
+    rng: np.random.Generator,
+    confidence: float = CONFIDENCE,
+) -> Resampled:
+    """Ratio of two sums, Σ numerators / Σ denominators, with its BCa interval.
+
+    Args:
+        numerators: one for each unit that is resampled, shape (n,), finite.
+        denominators: likewise, ≥ 0.
+        rng: draws the resamples, in batches of bounded memory.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        None for all where the denominators are all 0.  No interval where a sum without one unit,
+        or the sum of a resample, has a denominator of 0: too few units count then.
+    """
+    n, total = len(numerators), float(np.sum(denominators))
+    if total == 0:
+        return UNKNOWN
+    value = float(np.sum(numerators)) / total
+    rest, rests_on = total - denominators, _informative(numerators - value * denominators)
+    if n < 2 or (rest == 0).any():
+        return Resampled(value, None, None, rests_on)
+    if rests_on == 0:
+        return Resampled(value, value, value, 0)
+    left_out = (np.sum(numerators) - numerators) / rest
+    ratios = []
+    for drawn in _draws(n, rng, _resamples(n, confidence)):
+        below = denominators.take(drawn).sum(axis=-1)
+        if (below == 0).any():
+            return Resampled(value, None, None, rests_on)
+        ratios.append(numerators.take(drawn).sum(axis=-1) / below)
+    return _bca(value, np.concatenate(ratios), left_out, rests_on, confidence)
+
+
+def _informative(values: FloatArray) -> int:
+    """How many differ from the commonest value by more than rounding; all if no two are alike."""
+    _, counts = np.unique(np.round(values, _DIGITS), return_counts=True)
+    most = int(counts.max(initial=0))
+    return len(values) - (most if most > 1 else 0)
+
+
+def _resamples(n: int, confidence: float) -> int:
+    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on.
+
+    More where the confidence leaves too few beyond the limits otherwise.
+    """
+    beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
+    return max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
+
+
+def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterator[FloatArray]:
+    """``total`` resamples, in batches of shape (some, n)."""
+    for drawn in _draws(len(values), rng, total):
+        yield values.take(drawn)
+
+
+def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
+    """Which of n values each of ``total`` resamples takes, in batches of shape (some, n).
+
+    The generator is copied and never goes on: the same values have the same interval wherever they
+    stand, whatever else was resampled before.
+    """
+    rng = copy.deepcopy(rng)
+    batch = max(1, _DRAWS_IN_MEMORY // n)
+    for begin in range(0, total, batch):
+        yield rng.integers(0, n, size=(min(batch, total - begin), n))
+
+
+def _bca(
+    estimate: float,
+    resampled: FloatArray,
+    left_out: FloatArray,
+    informative: int,
+    confidence: float,
+) -> Resampled:
+    """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
+    # A resample of the same values summed in another order is the same, whatever its last bit.
+    same = 1e-9 * np.ptp(resampled)
+    below = (np.mean(resampled < estimate - same) + np.mean(resampled <= estimate + same)) / 2
+    bias = special.ndtri(below)
+    influence = np.mean(left_out) - left_out
+    scale = np.sum(influence**2) ** 1.5
+    acceleration = np.sum(influence**3) / (6 * scale) if scale > 0 else 0.0
+    tail = (1 - confidence) / 2
+    z = bias + special.ndtri(np.array([tail, 1 - tail]))
+    levels = special.ndtr(bias + z / (1 - acceleration * z))
+    if not np.isfinite(levels).all():
+        return Resampled(estimate, None, None, informative)
+    low, high = np.quantile(resampled, levels)
+    return Resampled(estimate, float(low), float(high), informative)

@@ -1,0 +1,109 @@
+"""Every difference that a comparison of two cells reports, each defined once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.statistics.bootstrap import Resampled
+from harness.statistics.findings import Entry
+from harness.statistics.intervals import CONFIDENCE
+from harness.statistics.pair_columns import PairColumns
+from harness.statistics.paired import Difference, paired_difference, ratio_difference
+
+
+@dataclass(frozen=True)
+class ComparedColumns:
+    """The columns of two cells over the pairs they have in common; entry i of both is pair i.
+
+    The other attributes are those of ``EncounterColumns``.
+    """
+
+    first: PairColumns
+    second: PairColumns
+    timeout_s: float
+    free_pass_s: float
+    rng: np.random.Generator
+    confidence: float = CONFIDENCE
+
+    def time_ratio(self) -> Difference:
+        """The difference of the ratio of times, over the pairs that count in both cells."""
+        a, reference = self.first.times_counted(self.timeout_s)
+        b, _ = self.second.times_counted(self.timeout_s)
+        return ratio_difference(a, b, reference, self.rng, self.confidence)
+
+    def mu(self) -> Difference:
+        """The difference of μ."""
+        return self._mean(self.first.tau, self.second.tau)
+
+    def mu_worst(self) -> Difference:
+        """The difference of μ in the worst case, over all pairs."""
+        times = self.timeout_s, self.free_pass_s
+        return self._mean(self.first.tau_worst(*times), self.second.tau_worst(*times))
+
+    def delay(self) -> Difference:
+        """The difference of the AV's delay."""
+        return self._mean(self.first.delay_s[0], self.second.delay_s[0])
+
+    def delay_worst(self) -> Difference:
+        """The difference of the AV's delay in the worst case, over all pairs."""
+        times = self.timeout_s, self.free_pass_s
+        return self._mean(self.first.times_worst(*times)[0], self.second.times_worst(*times)[0])
+
+    def _mean(self, a: np.ndarray, b: np.ndarray) -> Difference:
+        return paired_difference(a, b, self.rng, self.confidence)
+
+
+DIFFERENCES: tuple[Entry[ComparedColumns], ...] = (
+    Entry(
+        "time_ratio_difference",
+        "ratio of times",
+        "Difference of the ratio of times, over the pairs that count in both cells.",
+        digits=3,
+        paired=ComparedColumns.time_ratio,
+        interval=Resampled,
+        reliable_from=500,
+        first_screen=True,
+    ),
+    Entry(
+        "mu_difference",
+        "μ",
+        "Difference of μ, over the pairs that have a τ in both cells.",
+        digits=3,
+        paired=ComparedColumns.mu,
+        interval=Resampled,
+        reliable_from=500,
+        first_screen=True,
+    ),
+    Entry(
+        "delay_difference_s",
+        "delay",
+        "Difference of the AV's delay, over the pairs that it crossed in both cells.",
+        unit="s",
+        paired=ComparedColumns.delay,
+        interval=Resampled,
+        reliable_from=500,
+        first_screen=True,
+    ),
+    Entry(
+        "mu_worst_difference",
+        "μ, worst case",
+        "Difference of μ in the worst case, over all pairs.",
+        digits=3,
+        paired=ComparedColumns.mu_worst,
+        interval=Resampled,
+        reliable_from=2_000,
+    ),
+    Entry(
+        "delay_worst_difference_s",
+        "delay, worst case",
+        "Difference of the AV's delay in the worst case, over all pairs.",
+        unit="s",
+        paired=ComparedColumns.delay_worst,
+        interval=Resampled,
+        reliable_from=1_000,
+    ),
+)
+"""The catalogue of a comparison: cell A less cell B."""
+
+MU_BOUND_FROM = 2_000
+"""Informative pairs from which on the bound of μ at a swept value holds what it says."""

@@ -1,0 +1,178 @@
+"""Point estimates with intervals: Student's t for means, Clopper–Pearson for shares.
+
+Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+from harness.core.encounter import FloatArray
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """A point estimate with its two-sided interval; None where undefined."""
+
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def half_width(self) -> float | None:
+        """Half of the distance between the limits; None where there are none."""
+        return None if self.low is None or self.high is None else (self.high - self.low) / 2
+
+    def within(self, least: float = -math.inf, most: float = math.inf) -> "Interval":
+        """The same, cut at what is possible, which loses no coverage."""
+        if self.low is None or self.high is None:
+            return self
+        return Interval(self.value, max(self.low, least), min(self.high, most))
+
+    def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
+        """The value under a name, its limits under ``<name>_<kind>_low`` and ``_high``."""
+        return {name: self.value, f"{name}_{kind}_low": self.low, f"{name}_{kind}_high": self.high}
+
+    def words(self, form: str) -> str:
+        """The value with its limits, where there are any; ``form`` as in ``format``."""
+        if self.value is None:
+            return "undefined"
+        if self.low is None or self.high is None:
+            return f"{self.value:{form}}"
+        return f"{self.value:{form}} ({self.low:{form}} … {self.high:{form}})"
+
+
+UNDEFINED = Interval(None, None, None)
+
+
+@dataclass(frozen=True, slots=True)
+class Proportion(Interval):
+    """A share of ``trials`` with its interval."""
+
+    successes: int
+    trials: int
+
+
+UNKNOWN_PROPORTION = Proportion(None, None, None, 0, 0)
+
+
+def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval:
+    """Mean with Student's t interval; no interval of fewer than two values.
+
+    >>> student_mean(np.array([1.0, 2.0, 3.0]))
+    Interval(value=2.0, low=-0.484137711..., high=4.484137711...)
+    """
+    count = len(values)
+    if count == 0:
+        return UNDEFINED
+    mean = float(np.mean(values))
+    if count == 1:
+        return Interval(mean, None, None)
+    error = float(np.std(values, ddof=1)) / np.sqrt(count)
+    reach = float(special.stdtrit(count - 1, (1 + confidence) / 2) * error)
+    return Interval(mean, mean - reach, mean + reach)
+
+
+def student_ratio(
+    numerators: FloatArray, denominators: FloatArray, confidence: float = CONFIDENCE
+) -> Interval:
+    """Ratio of two sums, Σ a / Σ b, with Fieller's (1954) interval: all ρ that Student's t leaves.
+
+    These are the ρ for which the mean of a − ρ b does not differ from 0; exact for normal (a, b),
+    with however few of them.
+
+    Args:
+        numerators: a, one for each unit, shape (n,), finite.
+        denominators: b, likewise.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        Undefined where Σ b is 0; no interval of fewer than two, or where it has no end.
+
+    >>> student_ratio(np.array([20.0, 23.0, 23.0]), np.array([10.0, 11.0, 12.0]))
+    Interval(value=2.0, low=1.7..., high=2.2...)
+    """
+    count, total = len(numerators), float(np.sum(denominators))
+    if total == 0:
+        return UNDEFINED
+    value = float(np.sum(numerators)) / total
+    if count < 2:
+        return Interval(value, None, None)
+    a, b = float(np.mean(numerators)), float(np.mean(denominators))
+    reach = float(special.stdtrit(count - 1, (1 + confidence) / 2)) ** 2 / count
+    (of_a, of_both), (_, of_b) = (reach * np.cov(numerators, denominators)).tolist()
+    # (a − ρ b)² = reach · Var(a − ρ b), a quadratic in ρ.
+    square, linear, constant = b**2 - of_b, a * b - of_both, a**2 - of_a
+    if square <= 0:
+        return Interval(value, None, None)
+    root = math.sqrt(max(0.0, linear**2 - square * constant))
+    return Interval(value, (linear - root) / square, (linear + root) / square)
+
+
+def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
+    """A proportion with its Clopper–Pearson interval; undefined for no trials."""
+    if trials == 0:
+        return UNKNOWN_PROPORTION
+    return Proportion(
+        successes / trials, *clopper_pearson(successes, trials, confidence), successes, trials
+    )
+
+
+def clustered_proportion(
+    successes: FloatArray, trials: FloatArray, confidence: float = CONFIDENCE
+) -> Proportion:
+    """A proportion of trials that come in clusters, within which they may go together.
+
+    The interval of Korn and Graubard (1998): Clopper and Pearson's for as many independent trials
+    as tell as much: the trials over the design effect, which is the variance between clusters over
+    the binomial one and counts as 1 where it is smaller or there is nothing to tell it from; times
+    the squared ratio of Student's t for the trials to that for the clusters.
+
+    Args:
+        successes: of each cluster, shape (k,).
+        trials: likewise.
+        confidence: of the interval, two-sided.
+
+    Returns:
+        Undefined for no trials; no interval for a single cluster.
+
+    >>> ones = np.ones(1_000)
+    >>> clustered_proportion(np.arange(1_000) % 10 == 0, ones)  # nearly Clopper and Pearson's
+    Proportion(value=0.1, low=0.082..., high=0.120..., successes=100, trials=1000)
+    >>> clustered_proportion(np.repeat([1, 0], [1, 9]), 100 * np.ones(10))
+    Proportion(value=0.001, low=8.828...e-06, high=0.00680..., successes=1, trials=1000)
+    """
+    clusters, events, count = len(trials), int(np.sum(successes)), int(np.sum(trials))
+    if count == 0:
+        return UNKNOWN_PROPORTION
+    share = events / count
+    if clusters == 1:
+        return Proportion(share, None, None, events, count)
+    between = clusters / (clusters - 1) * float(np.sum((successes - share * trials) ** 2))
+    within = count * share * (1 - share)
+    effect = max(1.0, between / within) if within else 1.0
+    tail = (1 + confidence) / 2
+    worth = float(special.stdtrit(count - 1, tail) / special.stdtrit(clusters - 1, tail)) ** 2
+    equivalent = count / effect * min(1.0, worth)
+    return Proportion(
+        share, *clopper_pearson(share * equivalent, equivalent, confidence), events, count
+    )
+
+
+def clopper_pearson(
+    successes: float, trials: float, confidence: float = CONFIDENCE
+) -> tuple[float, float]:
+    """The exact interval of a proportion (Clopper and Pearson 1934), by quantiles of the beta."""
+    tail, failures = (1 - confidence) / 2, trials - successes
+    low = special.betaincinv(successes, failures + 1, tail) if successes else 0.0
+    high = special.betaincinv(successes + 1, failures, 1 - tail) if failures else 1.0
+    return float(low), float(high)
+
+
+def zero_bound(trials: int) -> float:
+    """Upper one-sided 95 % bound of a proportion of which 0 of ``trials`` were seen."""
+    return float(1 - (1 - CONFIDENCE) ** (1 / trials))

@@ -1,0 +1,142 @@
+"""Aligned columns of a cell, of which every statistic of its pairs is made."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+
+BothArms = tuple[np.ndarray, np.ndarray]
+"""Aligned columns of the AV's and the human's arm, one entry for each pair."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairColumns:
+    """Aligned columns of a cell, one entry for each pair.
+
+    ``time_s`` and ``delay_s`` are NaN where the arm did not cross. ``untouched_time_s`` is the
+    pass time had nobody been touched; it is NaN where the ego never passed. ``stops`` and
+    ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
+    ``avoidable`` crashes that full braking would have prevented, ``failed_strategy`` failures
+    of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is the
+    number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
+    ``conditionings`` counts how often the interaction model was asked, ``clamped`` how often
+    about an ego that is faster or farther away than its box, by at most the two excesses, which
+    are NaN where that never was. ``max_speed_mps`` is the ego's largest speed.
+    """
+
+    time_s: BothArms
+    untouched_time_s: BothArms
+    delay_s: BothArms
+    stops: BothArms
+    stopped_s: BothArms
+    crashed: BothArms
+    front: BothArms
+    avoidable: BothArms
+    timed_out: BothArms
+    failed: BothArms
+    failed_strategy: BothArms
+    met: BothArms
+    arrivals: BothArms
+    waited_s: BothArms
+    conditionings: BothArms
+    clamped: BothArms
+    speed_excess_mps: BothArms
+    range_excess_m: BothArms
+    max_speed_mps: BothArms
+    av_fallback: np.ndarray
+
+    def where(self, keep: "np.ndarray | slice") -> "PairColumns":
+        """The columns of some pairs alone: those of a mask, or of a slice."""
+
+        def kept(column: np.ndarray | BothArms) -> Any:
+            if isinstance(column, tuple):
+                return column[0][keep], column[1][keep]
+            return column[keep]
+
+        return PairColumns(**{of.name: kept(getattr(self, of.name)) for of in fields(self)})
+
+    @property
+    def tau(self) -> FloatArray:
+        """AV time / human time of each pair, NaN where either arm did not cross."""
+        av, human = self.time_s
+        ratio: FloatArray = av / human
+        return ratio
+
+    @property
+    def tau_all(self) -> FloatArray:
+        """τ with the human's crashes counted by when it had passed had nobody been touched.
+
+        NaN where the AV did not cross, where the human never passed, and where that time is not
+        kept.
+        """
+        ratio: FloatArray = self.time_s[0] / self.untouched_time_s[1]
+        return ratio
+
+    @property
+    def delay_difference_s(self) -> FloatArray:
+        """AV's delay less the human's over the pairs of ``tau_all``; NaN elsewhere."""
+        difference: FloatArray = self.time_s[0] - self.untouched_time_s[1]
+        return difference
+
+    def times_counted(self, timeout_s: float) -> BothArms:
+        """Both arms' times of the pairs whose sums make the ratio of times; NaN in all others.
+
+        They are the pairs in which no arm failed and the AV did not crash.  Whoever has not passed
+        at ``timeout_s`` counts with that; a human who crashed with ``untouched_time_s``.  Where a
+        run did not keep that, the pairs in which the human crashed are left out.
+        """
+        av = np.where(self.timed_out[0], timeout_s, self.time_s[0])
+        human = np.where(self.crashed[1], self.untouched_time_s[1], self.time_s[1])
+        kept = not (np.isnan(self.untouched_time_s[1]) & ~np.isnan(self.time_s[1])).any()
+        never = self.timed_out[1] | (self.crashed[1] & np.isnan(human) & kept)
+        human = np.where(never, timeout_s, human)
+        counted = ~(self.any_failed | np.isnan(av) | np.isnan(human))
+        return np.where(counted, av, np.nan), np.where(counted, human, np.nan)
+
+    def times_worst(self, timeout_s: float, free_pass_s: float) -> BothArms:
+        """Both arms' times of every pair, with whatever is missing counted against the AV.
+
+        An AV that crashed, failed or timed out counts at ``timeout_s``, a human without a passage
+        at ``free_pass_s``.
+        """
+        av, human = self.time_s[0], self.untouched_time_s[1]
+        human = np.where(np.isnan(human), self.time_s[1], human)
+        return (
+            np.where(np.isnan(av), timeout_s, av),
+            np.where(np.isnan(human), free_pass_s, human),
+        )
+
+    def tau_worst(self, timeout_s: float, free_pass_s: float) -> FloatArray:
+        """τ of every pair, with the times of ``times_worst``."""
+        av, human = self.times_worst(timeout_s, free_pass_s)
+        ratio: FloatArray = av / human
+        return ratio
+
+    @property
+    def av_missed(self) -> np.ndarray:
+        """Whether the AV crashed, timed out, or failed by its strategy's fault."""
+        missed: np.ndarray = self.crashed[0] | self.timed_out[0] | self.failed_strategy[0]
+        return missed
+
+    @property
+    def av_tried(self) -> np.ndarray:
+        """Whether the AV's episode ran, or failed by its strategy's fault."""
+        tried: np.ndarray = ~self.failed[0] | self.failed_strategy[0]
+        return tried
+
+    @property
+    def any_timed_out(self) -> np.ndarray:
+        """Whether either arm of the pair timed out."""
+        return self.timed_out[0] | self.timed_out[1]
+
+    @property
+    def any_failed(self) -> np.ndarray:
+        """Whether either arm of the pair failed."""
+        return self.failed[0] | self.failed[1]
+
+    @property
+    def met_someone(self) -> np.ndarray:
+        """Whether somebody stepped off in either arm of the pair."""
+        return (self.met[0] > 0) | (self.met[1] > 0)

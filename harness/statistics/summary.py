@@ -1,0 +1,36 @@
+"""The findings of a cell as attributes: ``summary.mu.low``, ``summary.kappa.successes``."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from harness.statistics.bootstrap import Resampled
+from harness.statistics.catalogue import ENCOUNTERS
+from harness.statistics.encounter_columns import EncounterColumns, count
+from harness.statistics.findings import Findings, findings_of
+from harness.statistics.intervals import Interval, Proportion
+
+_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What is reported of a cell of encounters; an attribute for each finding."""
+
+    findings: Findings
+
+    def __getattr__(self, name: str) -> Any:
+        """A finding as its interval, or as its value where it has none."""
+        if name not in _ENTRIES:
+            raise AttributeError(name)
+        finding, kind = self.findings[name], _ENTRIES[name].interval
+        ends = (finding.number, finding.low, finding.high)
+        if kind is Proportion:
+            return Proportion(*ends, finding.events or 0, finding.n or 0)
+        if kind is Resampled:
+            return Resampled(*ends, finding.n or 0)
+        return finding.value if kind is None else Interval(*ends)
+
+
+def summarise(columns: EncounterColumns) -> Summary:
+    """The summary of a cell of encounters, from its columns."""
+    return Summary(findings_of(ENCOUNTERS, columns, count(columns.pairs.met_someone)))

@@ -1,0 +1,1 @@
+"""Traces and findings in; the tables of a run folder out, and back."""

@@ -1,0 +1,285 @@
+"""Every number that a run of hours of traffic reports, each defined once."""
+
+from harness.statistics import CONFLICTS, Entry, Form, Interval, Proportion
+from harness.store.hour_columns import HourColumns, scaled
+
+_NO_VEHICLE = "no vehicle counts, or there is a permanent queue"
+_NO_KIND = "no such vehicle counts, or there is a permanent queue"
+_NOBODY = "nobody came"
+_NOBODY_MET = "no passage met anybody"
+_NOT_REACHED = "no vehicle reached the crosswalk"
+_NO_HANDBOOK = "see `no_handbook`"
+
+
+def _mean(
+    key: str,
+    heading: str,
+    meaning: str,
+    unit: str = "",
+    undefined: str = _NO_VEHICLE,
+    *,
+    first_screen: bool = False,
+) -> Entry[HourColumns]:
+    """The mean of a column of that name over hours, and the difference hour by hour."""
+    return Entry(
+        key,
+        heading,
+        meaning,
+        unit=unit,
+        of_arm=lambda c, arm: c.mean(key, arm),
+        paired=lambda c: c.difference(key),
+        interval=Interval,
+        undefined=undefined,
+        first_screen=first_screen,
+    )
+
+
+def _per_1000(
+    events: str, heading: str, meaning: str, *, first_screen: bool = False
+) -> Entry[HourColumns]:
+    """Events per 1,000 vehicles that reached the crosswalk."""
+    return Entry(
+        f"{events}_per_1000",
+        f"{heading} per 1,000",
+        f"{meaning} per 1,000 vehicles that reached the crosswalk or crashed before it.",
+        of_arm=lambda c, arm: scaled(c.share(events, "reached", arm), 1_000.0),
+        paired=lambda c: scaled(c.share_difference(events, "reached"), 1_000.0),
+        interval=Interval,
+        undefined=_NOT_REACHED,
+        first_screen=first_screen,
+    )
+
+
+def _total(key: str, heading: str, meaning: str) -> Entry[HourColumns]:
+    """The sum of a column of that name."""
+    return Entry(key, heading, meaning, form=Form.COUNT, of_arm=lambda c, arm: c.total(key, arm))
+
+
+HOURS: tuple[Entry[HourColumns], ...] = (
+    _mean(
+        "automated_delay_s",
+        "delay of AVs",
+        "Mean delay of the vehicles that `arms.av` drives; in the reference's arm that of the same "
+        "vehicles.",
+        "s",
+        _NO_KIND,
+        first_screen=True,
+    ),
+    _mean(
+        "other_delay_s",
+        "delay of other vehicles",
+        "Mean delay of all other vehicles.",
+        "s",
+        _NO_KIND,
+        first_screen=True,
+    ),
+    _mean(
+        "pedestrian_delay_s",
+        "people's wait",
+        "Mean wait at the kerb.",
+        "s",
+        _NOBODY,
+        first_screen=True,
+    ),
+    Entry(
+        "queue_p95_m",
+        "queue, 95 %",
+        "`queue_p95` in metres, each vehicle with its `traffic.min_gap_m`.",
+        unit="m",
+        digits=1,
+        of_arm=lambda c, arm: c.queue_m(arm),
+        paired=lambda c: c.queue_difference_m(),
+        interval=Interval,
+        undefined=_NO_VEHICLE,
+        first_screen=True,
+    ),
+    Entry(
+        "los_vehicles",
+        "level of service, vehicles",
+        "Level of service of vehicles by their control delay (HCM); F on a saturated road.",
+        form=Form.WORD,
+        of_arm=lambda c, arm: c.los_vehicles(arm),
+        undefined=_NO_VEHICLE,
+        first_screen=True,
+    ),
+    Entry(
+        "los_pedestrians",
+        "level of service, people",
+        "Level of service of pedestrians by their wait (HCM).",
+        form=Form.WORD,
+        of_arm=lambda c, arm: c.los_pedestrians(arm),
+        undefined=_NOBODY,
+        first_screen=True,
+    ),
+    _per_1000("crashes", "crashes", "Crashes", first_screen=True),
+    Entry(
+        "kappa",
+        "crashes",
+        "κ, crashes over vehicles that reached the crosswalk or crashed before it.",
+        form=Form.EVENTS,
+        of_arm=lambda c, arm: c.share("crashes", "reached", arm),
+        interval=Proportion,
+        undefined=_NOT_REACHED,
+    ),
+    Entry(
+        "time_ratio",
+        "ratio of travel times",
+        "Sum of the travel times of the AV's arm over that of the reference's.",
+        digits=3,
+        paired=lambda c: c.time_ratio(),
+        interval=Interval,
+        undefined=_NO_VEHICLE,
+    ),
+    _mean("vehicle_delay_s", "delay of all vehicles", "Mean delay of all vehicles.", "s"),
+    _mean(
+        "control_delay_s",
+        "delay to the road's end",
+        "Mean delay to where vehicles leave the road.",
+        "s",
+    ),
+    _mean(
+        "person_delay_h",
+        "delay of all persons",
+        "`traffic.occupancy` × the vehicles' delays + the people's waits.",
+        "h",
+    ),
+    _mean(
+        "throughput_per_hour",
+        "vehicles through per hour",
+        "Vehicles that passed the crosswalk, per hour.",
+        "1/h",
+    ),
+    _mean("queue_mean", "queue, mean", "Vehicles queued in a lane, mean over seconds and lanes."),
+    _mean("queue_p95", "queue, 95 %, in vehicles", "95 % quantile of the same."),
+    _mean("queue_longest", "queue, longest, in vehicles", "Longest queue of a lane."),
+    _mean("stops_per_vehicle", "stops per vehicle", "Stops per vehicle, from where it enters on."),
+    Entry(
+        "first_driver_yield_share",
+        "people for whom the first driver yielded",
+        "Share of the people who had to wait who went before the first vehicle that kept them "
+        "waiting.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.share("let_go", "had_to_wait", arm),
+        paired=lambda c: c.share_difference("let_go", "had_to_wait"),
+        interval=Proportion,
+        undefined="nobody had to wait",
+    ),
+    *(
+        _per_1000(
+            f"conflicts_{conflict.name}",
+            conflict.heading,
+            f"Conflicts by `conflicts.{conflict.threshold}`",
+        )
+        for conflict in CONFLICTS
+    ),
+    Entry(
+        "pairs", "pairs of hours", "All pairs of hours.", form=Form.COUNT, paired=lambda c: c.pairs
+    ),
+    Entry(
+        "failed",
+        "failures",
+        "Pairs in which an hour failed; they count nowhere else.",
+        form=Form.COUNT,
+        paired=lambda c: c.failed,
+    ),
+    Entry(
+        "saturated",
+        "saturated",
+        "Whether more vehicles came than got through.",
+        form=Form.FLAG,
+        of_arm=lambda c, arm: c.saturated(arm),
+    ),
+    Entry(
+        "growth",
+        "growth of late vehicles",
+        "Growth of the number of late vehicles from the first half to the second, over the "
+        "arrivals.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.growth(arm).share,
+        undefined=_NO_VEHICLE,
+    ),
+    Entry(
+        "growth_bound",
+        "growth by chance",
+        "Growth that chance alone explains.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.growth(arm).bound,
+        undefined=_NO_VEHICLE,
+    ),
+    Entry(
+        "rising_s",
+        "rise of the delay",
+        "Mean delay of vehicles due in the last third of an hour less that of the first.",
+        unit="s",
+        of_arm=lambda c, arm: c.rise_s(arm),
+        interval=Interval,
+        undefined=_NO_VEHICLE,
+    ),
+    _total(
+        "not_through",
+        "vehicles that never got through",
+        "Vehicles that were not through at the end.",
+    ),
+    _total("never_went", "people who never went", "People who had not stepped off at the end."),
+    Entry(
+        "unreached",
+        "vehicles that never reached the crosswalk",
+        "Vehicles that neither reached the crosswalk's near edge nor crashed.",
+        form=Form.COUNT,
+        of_arm=lambda c, arm: c.unreached(arm),
+    ),
+    _total(
+        "conflicts_unreached",
+        "those of them with a conflict",
+        "Those of them with a conflict of any kind, which no rate counts.",
+    ),
+    Entry(
+        "fallback_share",
+        "fallbacks where someone was met",
+        "Share of the passages of the arm's own strategy that met someone in which it fell back.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.share("fallbacks", "met", arm),
+        interval=Proportion,
+        undefined=_NOBODY_MET,
+    ),
+    Entry(
+        "hcm_pedestrian_delay_s",
+        "people's wait by the HCM",
+        "Mean wait of pedestrians by the HCM 2010, with the drivers' declared yield rates.",
+        unit="s",
+        of_arm=lambda c, arm: c.handbook(arm).hcm_s,
+        undefined=_NO_HANDBOOK,
+    ),
+    Entry(
+        "nchrp_pedestrian_delay_s",
+        "people's wait by NCHRP 17-87",
+        "Mean wait of pedestrians by NCHRP 17-87, with the drivers' declared yield rates.",
+        unit="s",
+        of_arm=lambda c, arm: c.handbook(arm).nchrp_s,
+        undefined=_NO_HANDBOOK,
+    ),
+    Entry(
+        "yield_rate",
+        "declared yield rate",
+        "Yield rate that the drivers of the arm declare, by their shares of vehicles.",
+        form=Form.SHARE,
+        of_arm=lambda c, arm: c.handbook(arm).yield_rate,
+        undefined=_NO_HANDBOOK,
+    ),
+    Entry(
+        "no_handbook",
+        "why no handbook applies",
+        "Why there is no delay by the handbooks.",
+        form=Form.WORD,
+        of_arm=lambda c, arm: c.handbook(arm).reason,
+        undefined="the handbooks apply",
+    ),
+    Entry(
+        "confidence",
+        "confidence of each interval",
+        "Confidence of every interval.",
+        form=Form.SHARE,
+        paired=lambda c: c.confidence,
+    ),
+)
+"""The catalogue of hours of traffic, in the order in which it is shown."""

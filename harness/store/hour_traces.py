@@ -1,0 +1,165 @@
+"""The ways of vehicles and people through an hour as rows, and a passage's trace made of them.
+
+Columns: docs/files.md.  Times count from the end of the warm-up; x and y are the ego's, so vehicles
+of the other direction drive towards smaller x.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from harness.core.encounter import Ending, FloatArray, Trace, Walk
+from harness.episode.traffic.lanes import Lane, lanes_of
+from harness.episode.traffic.pairing import HourOutcome
+from harness.episode.traffic.passages import as_seen
+from harness.episode.traffic.vehicles import HourVehicle
+from harness.measures.motion.walking import cleared_s, states_at
+from harness.scenario import Scenario
+from harness.store.hour_tables import Tables, walk_row
+from harness.store.tables import Motion, table_of, traces_table
+from harness.store.walk_rows import stored_walk
+
+_ROUNDING_S = 1e-9
+
+Row = Mapping[str, Any]
+
+
+def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
+    """The tables ``traces`` and ``walks``: everyone simulated, warm-up and clearing included.
+
+    A vehicle has a row for each step from R0 until its rear has left the crosswalk, and one a
+    second before and after.
+    """
+    outcomes = [*outcomes]
+
+    def keys_of(outcome: HourOutcome) -> dict[str, Any]:
+        return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
+
+    walks = [
+        keys_of(outcome) | walk_row(outcome, walk, outcome.scenario.known_traffic.warm_up_s)
+        for outcome in outcomes
+        for walk in outcome.log.walks
+    ]
+    motions = (
+        (keys_of(outcome), name, motion)
+        for outcome in outcomes
+        for name, motion in _motions(outcome)
+    )
+    return {"traces": traces_table(motions), "walks": table_of("walks", walks)}
+
+
+def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
+    """Name and motion of everybody."""
+    step_s, begin_s = outcome.scenario.experiment.step_s, outcome.scenario.known_traffic.warm_up_s
+    for passage in outcome.passages:
+        columns = _vehicle(passage.vehicle, step_s, begin_s)
+        if columns[0]:
+            yield f"vehicle-{passage.vehicle.plan.number}", columns
+    crossing, last = outcome.scenario.crosswalk(), outcome.log.last_step
+    for walk in outcome.log.walks:
+        if walk.start_s is None:
+            continue
+        ends_s = cleared_s(walk, crossing)
+        until = last if ends_s is None else min(last, math.floor(ends_s / step_s))
+        steps = np.arange(math.ceil(walk.start_s / step_s), until + 1)
+        times: FloatArray = (steps * step_s).astype(np.float64)
+        x, y, speed, gain = states_at(walk, crossing, times)
+        yield f"pedestrian-{walk.arrival.index}", (times - begin_s, x, y, speed, gain)
+
+
+def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> Motion:
+    lane, first = moving.plan.lane, moving.first_step
+    driven: list[tuple[int, float, float]] = []
+    if first is not None:
+        states = zip(moving.xs, moving.speeds, strict=True)
+        driven = [(first + number, x, speed) for number, (x, speed) in enumerate(states)]
+    before = [state for state in moving.path if first is None or state[0] < first]
+    after = [state for state in moving.path if driven and state[0] > driven[-1][0]]
+    gains: list[float | None] = [
+        (later[2] - state[2]) / step_s for state, later in pairwise(driven)
+    ]
+    rows = [*before, *driven, *after]
+    accelerations = [
+        *[None] * len(before),
+        *gains,
+        *[None] * (len(rows) - len(before) - len(gains)),
+    ]
+    sign = lane.direction.sign
+    return (
+        [step * step_s - begin_s for step, _, _ in rows],
+        [sign * x for _, x, _ in rows],
+        [lane.centre_m] * len(rows),
+        [speed for _, _, speed in rows],
+        accelerations,
+    )
+
+
+def stored_traces(
+    scenario: Scenario,
+    passages: Sequence[Row],
+    walks: Sequence[Row],
+    states: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
+) -> Iterator[tuple[Row, Trace | None]]:
+    """The traces of one arm's passages, lane by lane.
+
+    Args:
+        scenario: of the cell.
+        passages: the arm's rows of ``passages``.
+        walks: its rows of ``walks``.
+        states: time, x and speed of each object of ``traces``, by name.
+
+    Yields:
+        Each row with its trace; None for a vehicle that never came to R0.
+    """
+    everyone = [(_due_s(row), stored_walk(row)) for row in walks]
+    for lane in lanes_of(scenario):
+        for row in passages:
+            if (row["direction"], row["lane"]) == (lane.direction.value, lane.index):
+                yield row, _trace(scenario, lane, row, everyone, states)
+
+
+def _trace(
+    scenario: Scenario,
+    lane: Lane,
+    row: Row,
+    everyone: Sequence[tuple[float, Walk]],
+    states: Mapping[str, tuple[FloatArray, FloatArray, FloatArray]],
+) -> Trace | None:
+    trigger_s = row["trigger_s"]
+    if trigger_s is None:
+        return None
+    step_s, crosswalk = scenario.experiment.step_s, scenario.crosswalk()
+    times, x, speed = states[f"vehicle-{row['vehicle']}"]
+    passed_s = math.inf if row["passed_s"] is None else row["passed_s"] + step_s - _ROUNDING_S
+    own = (times > trigger_s - _ROUNDING_S) & (times < passed_s)
+    times, sign = times[own], lane.direction.sign
+    until_s = float(times[-1]) + _ROUNDING_S
+    if row["passed_s"] is None:
+        until_s = math.inf
+    # People who had left a step before it came to R0 had been taken away.
+    met = [
+        as_seen(walk, lane, trigger_s, crosswalk)
+        for due_s, walk in everyone
+        if walk.arrival.arrival_s <= until_s and due_s > trigger_s - step_s + _ROUNDING_S
+    ]
+    return Trace(
+        vehicle=scenario.vehicle(),
+        crossing=lane.crossing,
+        step_s=step_s,
+        x_m=sign * x[own],
+        speed_mps=speed[own],
+        walks=tuple(met),
+        ending=Ending.TIMED_OUT if row["passed_s"] is None else Ending.CROSSED,
+        reason=row["reason"],
+        sumo_collision=row["sumo_collision"],
+        fallback=row["fallback"],
+        trace_offset_s=row["trace_offset_s"],
+    )
+
+
+def _due_s(row: Row) -> float:
+    """When somebody leaves the crosswalk; infinite for one who never does."""
+    return math.inf if row["cleared_s"] is None else row["cleared_s"]

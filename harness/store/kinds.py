@@ -1,0 +1,175 @@
+"""The kinds of run: encounters and hours of traffic.
+
+A kind says which tables a run has, which of them its findings are made of, and how.  The rooms
+that write, read and show runs ask the kind, and not which kind it is.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import Ending
+from harness.scenario import Cell, Scenario, Study
+from harness.statistics import (
+    ENCOUNTERS,
+    Catalogue,
+    Finding,
+    Findings,
+    Plain,
+    count,
+    findings_of,
+)
+from harness.store.episode_tables import pair_rows
+from harness.store.hour_catalogue import HOURS
+from harness.store.hour_columns import hour_columns
+from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.summaries import columns_of_cell
+from harness.store.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables, hour_tables
+
+Rows = list[dict[str, Plain]]
+
+Derive = Callable[[int, pa.Table], pa.Table]
+"""A table from the number and the rows of a cell."""
+
+
+class Kind(Protocol):
+    """A kind of run.
+
+    Attributes:
+        long_pairs: whether a pair is long: then it is a task of its own, shares no episode with
+            other cells, is never more than planned (``--until``), and a stretch of it is shown.
+        records: the tables that say what came out of a pair.
+        shown: the tables that a pair is shown from: the states of everybody, and the people.
+        catalogue: every number that such a run reports.
+        rows: the table that its findings are made of, with two rows for each pair, AV's first.
+        derived: further tables, each with what makes the columns of a cell from those rows.
+    """
+
+    @property
+    def long_pairs(self) -> bool: ...
+
+    @property
+    def records(self) -> tuple[str, ...]: ...
+
+    @property
+    def shown(self) -> tuple[str, str]: ...
+
+    @property
+    def catalogue(self) -> Catalogue: ...
+
+    @property
+    def rows(self) -> str: ...
+
+    def tables(self, *, traces: bool, audit: bool) -> list[str]:
+        """The tables that the tasks of such a run bring, and its shards hold."""
+        ...
+
+    @property
+    def derived(self) -> Mapping[str, Derive]: ...
+
+    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+        """The findings of a cell, from its rows by pair.
+
+        Raises:
+            InputError: the rows are not two arms of each pair.
+        """
+        ...
+
+    def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
+        """The rows of further CSV files about a cell, by name, but for its keys."""
+        ...
+
+    def counts(self, rows: pa.Table) -> dict[str, int]:
+        """What the manifest counts, of some rows."""
+        ...
+
+    def failed(self, rows: pa.Table) -> pa.Table:
+        """The rows of arms that failed."""
+        ...
+
+
+@dataclass(frozen=True)
+class EncounterKind:
+    """Encounters of one ego with the people of a pair."""
+
+    long_pairs: bool = False
+    records: tuple[str, ...] = ("episodes", "pedestrians")
+    shown: tuple[str, str] = ("traces", "pedestrians")
+    catalogue: Catalogue = ENCOUNTERS
+    rows: str = "episodes"
+    derived: Mapping[str, Derive] = field(default_factory=lambda: {"pairs": pair_rows})
+
+    def tables(self, *, traces: bool, audit: bool) -> list[str]:
+        """See ``Kind``."""
+        return encounter_tables(traces=traces, audit=audit)
+
+    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+        """See ``Kind``."""
+        columns = columns_of_cell(rows, cell, confidence)
+        return findings_of(self.catalogue, columns, count(columns.pairs.met_someone))
+
+    def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
+        """See ``Kind``."""
+        conflicts = conflict_rows(findings, cell.scenario.conflicts)
+        return {"measures": measure_rows(rows), "conflicts": conflicts}
+
+    def counts(self, rows: pa.Table) -> dict[str, int]:
+        """See ``Kind``."""
+        endings = rows["ending"].to_pylist()
+        by_ending = {ending.value: endings.count(ending.value) for ending in Ending}
+        return {"pairs": rows.num_rows // 2, "episodes": rows.num_rows, **by_ending}
+
+    def failed(self, rows: pa.Table) -> pa.Table:
+        """See ``Kind``."""
+        return rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
+
+
+@dataclass(frozen=True)
+class HourKind:
+    """Hours of traffic."""
+
+    long_pairs: bool = True
+    records: tuple[str, ...] = HOUR_TABLES
+    shown: tuple[str, str] = HOUR_TRACES
+    catalogue: Catalogue = HOURS
+    rows: str = "hours"
+    derived: Mapping[str, Derive] = field(default_factory=dict)
+
+    def tables(self, *, traces: bool, audit: bool) -> list[str]:  # noqa: ARG002
+        """See ``Kind``."""
+        return hour_tables(traces=traces)
+
+    def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
+        """See ``Kind``."""
+        return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence), 0)
+
+    def statistics(
+        self,
+        rows: pa.Table,  # noqa: ARG002
+        cell: Cell,  # noqa: ARG002
+        findings: Findings,  # noqa: ARG002
+    ) -> Mapping[str, Rows]:
+        """See ``Kind``."""
+        return {}
+
+    def counts(self, rows: pa.Table) -> dict[str, int]:
+        """See ``Kind``."""
+        failed = rows.num_rows - rows["reason"].null_count
+        return {"pairs": rows.num_rows // 2, "hours": rows.num_rows, "engine_failed": failed}
+
+    def failed(self, rows: pa.Table) -> pa.Table:
+        """See ``Kind``."""
+        return rows.filter(pc.is_valid(rows["reason"]))
+
+
+def kind_of(scenario: Scenario) -> Kind:
+    """The kind of a run of this scenario."""
+    return EncounterKind() if scenario.traffic is None else HourKind()
+
+
+def kind_of_study(study: Study) -> Kind:
+    """The kind of a run of this study; all its cells are of one kind."""
+    return kind_of(study.cells[0].scenario)

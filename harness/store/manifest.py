@@ -1,0 +1,129 @@
+"""The manifest of a run: everything it depends on, written down, recalled, and checked."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from harness.core.errors import InputError
+from harness.core.versions import versions_of_runs
+from harness.model.interaction import InteractionModel
+from harness.scenario import Options, Precision, Scenario, Study
+from harness.scenario.options import AUDIT_SHARE
+from harness.store.tables import SCHEMA
+from harness.strategies.parameters import knows_the_model
+from harness.strategies.registry import find_strategy, source_digests
+
+
+def origin_of(study: Study, models: Iterable[InteractionModel]) -> dict[str, Any]:
+    """What a run's traces and measures are about to be made with, as the manifest says it."""
+    driven = study.driven
+    return {
+        "know_the_model": [of for of in driven if knows_the_model(find_strategy(of, "arms"))],
+        "simulated_with": _simulated_now(driven, models),
+        "scored_with": scored_now(),
+    }
+
+
+def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) -> dict[str, Any]:
+    used = {model.name: model.sha256 for model in models}
+    return {
+        "versions": versions_of_runs(),
+        "strategies": source_digests(driven),
+        "models": [{"name": name, "sha256": sha256} for name, sha256 in used.items()],
+    }
+
+
+def scored_now() -> dict[str, Any]:
+    """What measures are made with: neither model nor strategy, which left their traces."""
+    return {"versions": versions_of_runs()}
+
+
+def manifest_of(
+    study: Study,
+    origin: Mapping[str, Any],
+    options: Options,
+    counts: dict[str, int] | None = None,
+) -> dict[str, Any]:
+    """Everything a run depends on.
+
+    Args:
+        study: what is run.
+        origin: see ``origin_of``; of a run that is scored anew, what made its traces.
+        options: how.
+        counts: null until its tables are finished.
+    """
+    until = options.until
+    return {
+        "schema": SCHEMA,
+        "name": study.name,
+        "scenario": study.base.model_dump(),
+        "cells": [dict(cell.varied) for cell in study.cells],
+        "traces": options.traces,
+        "sumo_outputs": options.sumo_outputs,
+        "engine": options.engine,
+        "audit": options.audit if options.engine == "plain" else None,
+        "until": None if until is None else {until.measure: until.half_width},
+        "seed": study.base.experiment.seed,
+        **origin,
+        "counts": counts,
+    }
+
+
+def options_of(document: Mapping[str, Any], workers: int | None = None) -> Options:
+    """The options of a manifest, as ``read_manifest`` gives it, that decide what a run holds."""
+    until = document["until"]
+    return Options(
+        traces=document["traces"],
+        until=None if until is None else Precision(*next(iter(until.items()))),
+        workers=workers,
+        sumo_outputs=document["sumo_outputs"],
+        engine=document["engine"],
+        audit=AUDIT_SHARE if document["audit"] is None else document["audit"],
+    )
+
+
+def refuse_other_versions(then: Mapping[str, Any], now: Mapping[str, Any]) -> None:
+    """Half a run under one version and half under another would be neither.
+
+    Args:
+        then: the manifest's ``simulated_with``.
+        now: the same of today.
+    """
+    for change in _changes(then, now):
+        raise InputError("resume", change, "what the run was begun with")
+
+
+def explained(
+    differences: Iterable[str],
+    document: Mapping[str, Any],
+    scenario: Scenario,
+    model: InteractionModel,
+) -> tuple[str, ...]:
+    """How an episode run again differs from its record, led by what has changed since the run.
+
+    Args:
+        differences: in words.
+        document: the run's manifest.
+        scenario: of the episode's cell.
+        model: with which it was run again.
+    """
+    if not (found := tuple(differences)):
+        return ()
+    now = _simulated_now(scenario.arms.model_dump().values(), [model])
+    return *_changes(document["simulated_with"], now), *found
+
+
+def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
+    """What of ``simulated_with`` is another one now, in words."""
+    for name, digest in now["strategies"].items():
+        if then["strategies"].get(name) != digest:
+            yield f"the strategy {name} has been edited since the run"
+    models = {model["name"]: model["sha256"] for model in then["models"]}
+    for model in now["models"]:
+        before = models.get(model["name"])
+        if before != model["sha256"]:
+            had = "" if before is None else f" (sha256 {model['sha256'][:8]}…, not {before[:8]}…)"
+            yield f"the interaction model {model['name']} has changed since the run{had}"
+    for name, version in now["versions"].items():
+        before = then["versions"].get(name)
+        if before != version:
+            yield f"the run was simulated with {name} {before}, this is {version}"

@@ -1,0 +1,96 @@
+"""Statistics of each measure over a cell's episodes, and how often each conflict arose.
+
+Rows of ``measures.csv`` and ``conflicts.csv`` (docs/files.md).
+"""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import Arm, Ending, FloatArray
+from harness.measures import MEASURES
+from harness.scenario import ConflictsSection
+from harness.statistics import CONFLICTS, Findings, Plain
+
+QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
+
+
+def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
+    """Statistics of every measure, for each arm, over the episodes in which it is defined.
+
+    Args:
+        episodes: of one cell.
+
+    Returns:
+        ``arm, measure, defined, mean, p05, p50, p95``; failed episodes do not count, quantiles are
+        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  The
+        same with ``_met_someone``, over the pairs in which either arm met somebody.
+    """
+    rows = []
+    for arm in Arm:
+        own = _that_ran(episodes, arm)
+        for measure in MEASURES:
+            values, met = _numbers(own, measure.column), _met_someone(own, episodes)
+            of_met = _statistics(values[met])
+            rows.append(
+                {"arm": arm.value, "measure": measure.column}
+                | _statistics(values)
+                | {f"{name}_met_someone": value for name, value in of_met.items()}
+            )
+    return rows
+
+
+def _statistics(values: FloatArray) -> dict[str, Any]:
+    defined = values[~np.isnan(values)]
+    found: dict[str, Any] = {"defined": len(defined), "mean": None} | dict.fromkeys(QUANTILES)
+    if len(defined):
+        quantiles = np.quantile(defined, list(QUANTILES.values())).tolist()
+        found |= {"mean": float(np.mean(defined)), **dict(zip(QUANTILES, quantiles, strict=True))}
+    return found
+
+
+def conflict_rows(findings: Findings, thresholds: ConflictsSection) -> list[dict[str, Plain]]:
+    """The rows of ``conflicts.csv`` of a cell, by arm and kind of conflict, but for its keys."""
+    rows = []
+    for arm, end in ((Arm.AV, ""), (Arm.HUMAN, "_human")):
+        for conflict in CONFLICTS:
+            rate = findings[f"conflict_{conflict.name}{end}"]
+            met = findings[f"conflict_{conflict.name}_met_someone{end}"]
+            row: dict[str, Plain] = {
+                "arm": arm.value,
+                "conflict": conflict.name,
+                "threshold": getattr(thresholds, conflict.threshold),
+                "episodes": rate.n,
+                "conflicts": rate.events,
+                "rate": rate.value,
+                "ci_low": rate.low,
+                "ci_high": rate.high,
+                "confidence": findings["confidence"].value,
+                "episodes_met_someone": met.n,
+                "conflicts_met_someone": met.events,
+                "rate_met_someone": met.value,
+                "rate_met_someone_ci_low": met.low,
+                "rate_met_someone_ci_high": met.high,
+            }
+            rows.append(row)
+    return rows
+
+
+def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:
+    of_arm = pc.equal(episodes["arm"], arm.value)
+    ran = pc.not_equal(episodes["ending"], Ending.ENGINE_FAILED.value)
+    return episodes.filter(pc.and_(of_arm, ran))
+
+
+def _met_someone(own: pa.Table, episodes: pa.Table) -> np.ndarray:
+    """Which episodes of an arm are of pairs in which either arm met somebody."""
+    met = episodes.filter(pc.greater(episodes["pedestrians"], 0))["pair"]
+    return np.isin(own["pair"].to_numpy(), met.to_numpy())
+
+
+def _numbers(episodes: pa.Table, column: str) -> FloatArray:
+    """A measure as floats, NaN where undefined."""
+    numbers: FloatArray = episodes[column].cast(pa.float64()).to_numpy()
+    return numbers

@@ -1,0 +1,151 @@
+"""Reads a run folder: its manifest, whose form is checked, and its tables (docs/files.md)."""
+
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, Field
+
+from harness.core.documents import check_form, parse_json
+from harness.core.errors import InputError, reading, resume_command
+from harness.core.files import read_file
+from harness.scenario import EngineName
+from harness.store.checks import check_values
+from harness.store.tables import SCHEMA, TABLES, with_schema
+
+MANIFEST = "manifest.json"
+
+_Width = Annotated[float, Field(gt=0, lt=1)]
+
+
+class _ScoredWith(BaseModel):
+    versions: dict[str, str]
+
+
+class _SimulatedWith(_ScoredWith):
+    strategies: dict[str, str]
+    models: list[dict[Literal["name", "sha256"], str]]
+
+
+class _Manifest(BaseModel):
+    """The form of ``manifest.json``; what its scenario means is ``study_from``'s business."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    name: str
+    scenario: dict[str, Any]
+    cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    traces: bool
+    sumo_outputs: Literal["all", "crashed"] | None
+    engine: EngineName
+    audit: Annotated[float, Field(ge=0, le=1)] | None
+    until: Annotated[dict[Literal["mu", "kappa"], _Width], Field(min_length=1, max_length=1)] | None
+    seed: int
+    know_the_model: list[str]
+    simulated_with: _SimulatedWith
+    scored_with: _ScoredWith
+    counts: dict[str, int] | None
+
+
+def read_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run folder.
+
+    Raises:
+        InputError: the folder holds no run, its format has another version, or its manifest is
+            damaged.
+    """
+    path = folder / MANIFEST
+    if not path.is_file():
+        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
+    try:
+        document = parse_json(read_file(path))
+    except ValueError as error:
+        raise InputError(str(path), f"is damaged ({error})") from None
+    version = document.get("schema") if isinstance(document, dict) else None
+    if version != SCHEMA:
+        raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
+    check_form(_Manifest, document, str(path))
+    checked: dict[str, Any] = document
+    return checked
+
+
+def read_finished_manifest(folder: Path) -> dict[str, Any]:
+    """The manifest of a run that is finished.
+
+    Raises:
+        InputError: as ``read_manifest``, or the run was broken off or is still going on.
+    """
+    document = read_manifest(folder)
+    if document["counts"] is None:
+        raise unfinished(folder)
+    return document
+
+
+def unfinished(folder: Path) -> InputError:
+    """The refusal of a run that was broken off or is still going on."""
+    return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
+
+
+def read_table(
+    folder: Path,
+    name: str,
+    cell: int | None = None,
+    pair: int | None = None,
+    optional: Collection[str] = (),
+) -> pa.Table:
+    """One table of a finished run: all of it, one cell's rows, or one pair's.
+
+    Args:
+        folder: of the run.
+        name: of the table.
+        cell: whose rows; None: all cells'.
+        pair: likewise.
+        optional: columns that this reader can do without.
+
+    Returns:
+        Its columns, with the types of ``TABLES``.
+
+    Raises:
+        InputError: the table is missing, damaged, or lacks a column.
+    """
+    wanted = [(key, "=", value) for key, value in (("cell", cell), ("pair", pair))]
+    filters = [condition for condition in wanted if condition[2] is not None]
+    with _reading(folder, name) as path:
+        table = pq.read_table(path, filters=filters or None, page_checksum_verification=True)
+        if name in TABLES:
+            table = with_schema(table, name, str(path), optional)
+        table.validate(full=True)
+    if name in TABLES:
+        check_values(table, name, str(path))
+    return table
+
+
+def count_rows(folder: Path, name: str) -> int:
+    """Number of rows of a finished run's table, from its footer alone.
+
+    Raises:
+        InputError: the table is missing or damaged.
+    """
+    with _reading(folder, name) as path:
+        return int(pq.read_metadata(path).num_rows)
+
+
+@contextmanager
+def _reading(folder: Path, name: str) -> Iterator[Path]:
+    """The path of a table; what goes wrong with it becomes one line."""
+    path = folder / f"{name}.parquet"
+    if not path.exists() and (folder / "hours.parquet").exists():
+        what = f"is a run of hours of traffic, which has no {name}"
+        raise InputError(str(folder), what, "a run without [traffic]")
+    if not path.exists():
+        raise InputError(str(path), "is missing", "a finished run's table")
+    if not path.is_file():
+        raise InputError(str(path), "is no regular file", "a run's table")
+    with reading(path):
+        try:
+            yield path
+        except pa.ArrowException as error:
+            raise ValueError(str(error)) from None

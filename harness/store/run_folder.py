@@ -1,0 +1,209 @@
+"""The run folder of a run under way: claimed, locked, filled shard by shard, finished.
+
+Finished work is written as it comes, one shard (an Arrow file) for each task, so that nothing is
+lost and nothing runs twice after an interruption.  At the end the shards become the tables, in
+fixed order and row groups: equal results are equal bytes whatever the tasks were.
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from datetime import UTC, datetime
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import filelock
+import pyarrow as pa
+
+from harness.core.errors import InputError, resume_command
+from harness.core.files import cannot_write, write_file
+from harness.store.reading import MANIFEST
+from harness.store.shards import (
+    SHARDS,
+    DamagedShardError,
+    Shard,
+    check_planned,
+    encode_shard,
+    read_shard,
+    shard_name,
+    shards_of,
+)
+from harness.store.tables import TABLES, write_parquet
+
+SUMO_OUTPUTS = "sumo"
+"""The folder of SUMO's own outputs inside a run folder."""
+
+_LOCK = ".lock"
+_LOG = "log.jsonl"
+
+
+class RunFolder:
+    """One run's folder, held by this process alone until ``close``.
+
+    Args:
+        path: an existing folder.
+
+    Raises:
+        InputError: another process works on it, or it cannot be written.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._lock = filelock.FileLock(path / _LOCK, timeout=0)
+        try:
+            # The operating system lets go of it when the process dies, however it dies.
+            self._lock.acquire()
+        except filelock.Timeout:
+            raise InputError(str(path), "another process is working on this run") from None
+        except OSError as error:
+            raise InputError(str(path), f"cannot be written ({error.strerror})") from None
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        # While it is still held: afterwards it could be the next process's lock.
+        (self.path / _LOCK).unlink(missing_ok=True)
+        self._lock.release()
+
+    def note(self, event: str, **details: Any) -> None:
+        """Append a line to ``log.jsonl``, the only file of a run with a clock in it."""
+        now = datetime.now(UTC).isoformat(timespec="milliseconds")
+        line = json.dumps({"time": now, "event": event, **details})
+        try:
+            with (self.path / _LOG).open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+        except OSError as error:
+            raise cannot_write(self.path, error) from None
+
+    def write_manifest(self, document: Mapping[str, Any]) -> None:
+        """Write ``manifest.json``, keys in the order given."""
+        content = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+        write_file(self.path / MANIFEST, content.encode())
+
+    def stack_file(self, task: str) -> Path:
+        """The file in which a hung worker of that task leaves its stack."""
+        # Workers of a cluster have other working directories.
+        return self._shard_folder().resolve() / f"stack-{task}.txt"
+
+    def write_shard(
+        self, cell: int, first: int, count: int, tables: Mapping[str, pa.Table]
+    ) -> None:
+        """Keep the results of one task."""
+        path = self._shard_folder() / shard_name(cell, first, count)
+        write_file(path, encode_shard(tables))
+
+    def done_pairs(self, planned: Mapping[int, int], names: Iterable[str]) -> dict[int, set[int]]:
+        """Which pairs of which cell are finished; a shard that cannot be read does not count.
+
+        Args:
+            planned: pairs of each cell, by number.
+            names: the tables that each shard has to hold.
+
+        Raises:
+            InputError: a shard holds others.
+        """
+        done: dict[int, set[int]] = {}
+        for shard in shards_of(self.path):
+            try:
+                tables = read_shard(shard)
+                if not {*names} <= {*tables}:
+                    raise DamagedShardError(shard.path)
+            except (OSError, DamagedShardError):
+                shard.path.unlink()
+                continue
+            check_planned(self.path, [shard], planned)
+            done.setdefault(shard.cell, set()).update(shard.numbers)
+        return done
+
+    def episodes_of(self, cell: int) -> pa.Table:
+        """The ``episodes`` rows of a cell so far, by pair."""
+        own = (shard for shard in shards_of(self.path) if shard.cell == cell)
+        return _rows("episodes", own)
+
+    def rows_by_cell(self, name: str) -> Iterator[tuple[int, pa.Table]]:
+        """Number and rows of a table of every cell, in order; the folder is searched once."""
+        for cell, own in groupby(shards_of(self.path), key=lambda shard: shard.cell):
+            yield cell, _rows(name, own)
+
+    def finish_tables(self, names: Iterable[str]) -> None:
+        """Turn the shards into the run's tables of these names."""
+        shards = shards_of(self.path)
+        for name in names:
+            parts = (read_shard(shard)[name] for shard in shards)
+            write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
+
+    def finish_derived(
+        self, name: str, rows: str, derive: Callable[[int, pa.Table], pa.Table]
+    ) -> None:
+        """Write a table that follows from the rows of another one, cell by cell."""
+        parts = (derive(cell, table) for cell, table in self.rows_by_cell(rows))
+        write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
+
+    def drop_shards(self) -> None:
+        """Remove the shards, which are in the tables, and what a killed process left half-written.
+
+        A folder that holds no run yet may have some of a run that never got its manifest.
+        """
+        shutil.rmtree(self.path / SHARDS, ignore_errors=True)
+        for name in (MANIFEST, "*.parquet", "*.csv"):
+            for path in self.path.glob(f".{name}.*.partial"):
+                path.unlink(missing_ok=True)
+
+    def _shard_folder(self) -> Path:
+        folder = self.path / SHARDS
+        try:
+            folder.mkdir(exist_ok=True)
+        except OSError as error:
+            raise cannot_write(folder, error) from None
+        return folder
+
+
+def _rows(name: str, shards: Iterable[Shard]) -> pa.Table:
+    parts = [read_shard(shard)[name] for shard in shards]
+    return pa.concat_tables([TABLES[name].empty_table(), *parts])
+
+
+def claim_folder(out: Path | str | None, name: str) -> Path:
+    """Make the folder of a new run.
+
+    Args:
+        out: the user's choice, or None for ``runs/<name>-<next free number>``.
+        name: of the scenario.
+
+    Raises:
+        InputError: it holds a run already, is a file, or cannot be written.
+    """
+    if out is not None:
+        chosen = Path(out)
+        _make(chosen, exist_ok=True)
+        return chosen
+    number = 1
+    while True:
+        folder = Path("runs") / f"{name}-{number}"
+        try:
+            _make(folder, exist_ok=False)
+        except FileExistsError:
+            number += 1
+        else:
+            return folder
+
+
+def _make(folder: Path, exist_ok: bool) -> None:
+    where = f"--out {folder}"
+    try:
+        if exist_ok and folder.exists() and not folder.is_dir():
+            raise InputError(where, "is a file", "a new or empty folder")
+        if exist_ok and (folder / MANIFEST).exists():
+            raise InputError(
+                where, "holds a run already", f"a new or empty folder, or {resume_command(folder)}"
+            )
+        folder.mkdir(parents=True, exist_ok=exist_ok)
+        probe = folder / f".{os.getpid()}.probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        if isinstance(error, FileExistsError) and not exist_ok:
+            raise
+        why = f"cannot be written ({error.strerror})"
+        raise InputError(where, why, "a writable folder") from None

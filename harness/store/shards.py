@@ -1,0 +1,122 @@
+"""Shards: the finished work of one task, as it lies in a run folder until the run is finished.
+
+An Arrow file with a checksum in front, one stream for each table.  Its name says which pairs of
+which cell it holds.  Files appear complete or not at all, so a run that is still going on can be
+read beside the process that works on it.
+"""
+
+import io
+import re
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import pyarrow as pa
+
+from harness.core.errors import InputError
+from harness.store.tables import with_schema
+
+SHARDS = "shards"
+"""The folder of the shards inside a run folder."""
+
+_NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
+_TABLE = b"table"
+"""Which table a stream holds, in its metadata."""
+
+_CHECKSUM = 4
+"""Bytes of the CRC-32 each shard begins with."""
+
+
+class DamagedShardError(Exception):
+    """A shard is not as it was written."""
+
+
+class Shard(NamedTuple):
+    """``pairs`` pairs of a cell from ``first`` on, and the file that holds them."""
+
+    cell: int
+    first: int
+    pairs: int
+    path: Path
+
+    @property
+    def numbers(self) -> range:
+        """The pairs it holds."""
+        return range(self.first, self.first + self.pairs)
+
+
+def shards_of(run: Path) -> list[Shard]:
+    """The shards of a run folder, in the order of the tables."""
+    found = []
+    for path in (run / SHARDS).glob("*.arrows"):
+        match = _NAME.fullmatch(path.name)
+        if match and path.is_file():
+            cell, first, pairs = (int(part) for part in match.groups())
+            found.append(Shard(cell, first, pairs, path))
+    return sorted(found)
+
+
+def shard_name(cell: int, first: int, pairs: int) -> str:
+    """The file name of a shard."""
+    return f"{cell}-{first}-{pairs}.arrows"
+
+
+def encode_shard(tables: Mapping[str, pa.Table]) -> bytes:
+    """The content of a shard's file.
+
+    Args:
+        tables: by name, each kept in its stream.
+    """
+    buffer = io.BytesIO()
+    for name, table in tables.items():
+        schema = table.schema.with_metadata({_TABLE: name.encode()})
+        with pa.ipc.new_stream(buffer, schema) as stream:
+            stream.write_table(table)
+    content = buffer.getvalue()
+    return zlib.crc32(content).to_bytes(_CHECKSUM) + content
+
+
+def read_shard(shard: Shard) -> dict[str, pa.Table]:
+    """The tables of a shard by name.
+
+    Raises:
+        OSError: it cannot be read.
+        DamagedShardError: it is not as it was written, or holds fewer pairs than its name says.
+    """
+    content = shard.path.read_bytes()
+    checksum, content = content[:_CHECKSUM], content[_CHECKSUM:]
+    # Arrow itself notices neither an empty file nor a changed number.
+    if checksum != zlib.crc32(content).to_bytes(_CHECKSUM):
+        raise DamagedShardError(shard.path)
+    tables = {}
+    file = io.BytesIO(content)
+    try:
+        while file.tell() < len(content):
+            table = pa.ipc.open_stream(file).read_all()
+            name = table.schema.metadata[_TABLE].decode()
+            tables[name] = with_schema(table, name, str(shard.path))
+    except (pa.ArrowException, InputError, OSError, ValueError, KeyError, TypeError):
+        raise DamagedShardError(shard.path) from None
+    # A name that promises more pairs than there are rows would be believed.
+    arms = tables.get("hours", tables.get("episodes"))
+    if arms is None or arms.num_rows != 2 * shard.pairs:
+        raise DamagedShardError(shard.path)
+    return tables
+
+
+def check_planned(run: Path, shards: Iterable[Shard], planned: Mapping[int, int]) -> None:
+    """Refuse finished work of pairs that a run does not plan.
+
+    Args:
+        run: the folder.
+        shards: those that can be read.
+        planned: pairs of each cell, by number.
+
+    Raises:
+        InputError: a shard of another run.
+    """
+    for shard in shards:
+        if shard.first + shard.pairs > planned.get(shard.cell, 0):
+            where = str(run / SHARDS / shard.path.name)
+            raise InputError(where, "holds pairs that this run does not plan", "its own shards")

@@ -1,0 +1,160 @@
+"""From the episodes of a cell to its summary."""
+
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.core.encounter import Arm, Contact, Ending
+from harness.core.errors import InputError
+from harness.core.seeding import resampling
+from harness.scenario import Cell, ConflictsSection, Options, Study
+from harness.statistics import (
+    CONFIDENCE,
+    CONFLICTS,
+    BothArms,
+    EncounterColumns,
+    Interval,
+    PairColumns,
+    Summary,
+    summarise,
+)
+
+FIRST_LOOK = 1_000
+"""Pairs at the first look of ``--until``; each further look is at twice as many."""
+
+
+def looks(pairs: int) -> list[int]:
+    """Numbers of pairs at which ``--until`` looks: 1,000, 2,000, 4,000 … and at last ``pairs``."""
+    numbers = []
+    look = FIRST_LOOK
+    while look < pairs:
+        numbers.append(look)
+        look *= 2
+    return [*numbers, pairs]
+
+
+def confidence_of(study: Study, options: Options) -> float:
+    """Confidence of each interval.
+
+    Looking L times and stopping at the best moment would spoil a 95 % interval, so with
+    ``--until`` each look uses 1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
+    """
+    if options.until is None:
+        return CONFIDENCE
+    most = max(cell.scenario.experiment.pairs for cell in study.cells)
+    return 1 - (1 - CONFIDENCE) / len(looks(most))
+
+
+def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> EncounterColumns:
+    """What the numbers of a cell are computed from: its episodes by pair.
+
+    The resampling's stream is the scenario's alone: the same episodes give the same intervals.
+    """
+    scenario = cell.scenario
+    return EncounterColumns(
+        pairs=pair_columns(episodes),
+        timeout_s=scenario.experiment.timeout_s,
+        free_pass_s=scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
+        rng=resampling(scenario.experiment.seed, "summary"),
+        confidence=confidence,
+        conflicts=conflict_marks(episodes, scenario.conflicts),
+    )
+
+
+def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary:
+    """The summary of a cell, from its episodes by pair."""
+    return summarise(columns_of_cell(episodes, cell, confidence))
+
+
+def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str, BothArms]:
+    """Which episodes had a conflict of each kind, by the kind's name.
+
+    An episode has a conflict if its measure lies beyond the threshold, or if it crashed; where
+    the measure is undefined without a crash there was none.  A conflict whose measure the episodes
+    have no column for is left out.
+
+    Args:
+        episodes: of one cell by pair, AV first.
+        thresholds: of its scenario.
+    """
+    crashed = np.array(episodes["ending"].to_pylist()) == Ending.CRASHED
+    marks = {}
+    for conflict in CONFLICTS:
+        values = episodes[conflict.column].cast(pa.float64()).to_numpy()
+        threshold: float = getattr(thresholds, conflict.threshold)
+        # An undefined measure is NaN, which is on neither side.
+        beyond = values > threshold if conflict.above else values < threshold
+        marks[conflict.name] = ((beyond | crashed)[::2], (beyond | crashed)[1::2])
+    return marks
+
+
+def pair_columns(episodes: pa.Table) -> PairColumns:
+    """The columns that a comparison needs, from the episodes of one cell.
+
+    Args:
+        episodes: rows in order of pairs, AV first.
+
+    Raises:
+        InputError: they are not: an arm is missing, or rows of two runs are mixed.
+    """
+    check_pairs(episodes, "episodes")
+    arm = np.array(episodes["arm"].to_pylist())
+    ending = np.array(episodes["ending"].to_pylist())
+    front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
+    crashed = ending == Ending.CRASHED
+    avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
+    failed_strategy = np.array([room == "strategy" for room in episodes["failed_in"].to_pylist()])
+
+    def numbers(name: str) -> Any:
+        return episodes[name].to_numpy().astype(float)
+
+    def both(values: Any) -> tuple[Any, Any]:
+        return values[arm == Arm.AV], values[arm == Arm.HUMAN]
+
+    arrivals = numbers("arrivals")
+    return PairColumns(
+        time_s=both(numbers("pass_time_s")),
+        untouched_time_s=both(numbers("pass_time_ignoring_contact_s")),
+        delay_s=both(numbers("delay_s")),
+        stops=both(numbers("stops")),
+        stopped_s=both(numbers("stopped_s")),
+        crashed=both(crashed),
+        front=both(crashed & front),
+        avoidable=both(crashed & avoidable),
+        timed_out=both(ending == Ending.TIMED_OUT),
+        failed=both(ending == Ending.ENGINE_FAILED),
+        failed_strategy=both(failed_strategy),
+        met=both(numbers("pedestrians")),
+        arrivals=both(arrivals),
+        waited_s=both(np.where(arrivals > 0, numbers("pedestrian_delay_s") * arrivals, 0.0)),
+        conditionings=both(numbers("conditionings")),
+        clamped=both(numbers("clamped")),
+        speed_excess_mps=both(numbers("clamped_speed_excess_mps")),
+        range_excess_m=both(numbers("clamped_range_excess_m")),
+        max_speed_mps=both(numbers("max_speed_mps")),
+        av_fallback=both(numbers("fallback") > 0)[0],
+    )
+
+
+def check_pairs(rows: pa.Table, what: str) -> None:
+    """Refuse rows of a cell that are not two arms of each pair, the AV's first.
+
+    Raises:
+        InputError: an arm is missing, or rows of two runs are mixed.
+    """
+    arms, pairs = rows["arm"].to_pylist(), rows["pair"].to_pylist()
+    count = len(arms) // 2
+    whole = count > 0 and arms == [Arm.AV.value, Arm.HUMAN.value] * count
+    if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != count:
+        raise InputError(what, "are not two arms of each pair of a cell", f"one run's {what}")
+
+
+def interval_from(row: Any, name: str) -> Interval:
+    """The interval in three columns of a row of ``summary.csv``, a mapping or a pandas series."""
+    return Interval(*(known(row[f"{name}{end}"]) for end in ("", "_ci_low", "_ci_high")))
+
+
+def known(value: float | None) -> float | None:
+    """The number, or None where a table holds none."""
+    return None if value is None or np.isnan(value) else float(value)

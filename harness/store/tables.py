@@ -1,0 +1,253 @@
+"""The tables of a run: their schemas, and how they are written.  Columns: docs/files.md.
+
+Schemas are fixed; a missing value is null, never 0, -1 or infinity.
+"""
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from harness.core.encounter import FloatArray, Leg
+from harness.core.errors import InputError
+from harness.core.files import cannot_write, whole_file
+from harness.measures import MEASURES
+
+SCHEMA = 3
+"""Version of the run folder's format."""
+
+_KEYS = [("cell", pa.int32()), ("pair", pa.int64()), ("arm", pa.string())]
+
+_TYPES = {float: pa.float64(), int: pa.int32(), bool: pa.bool_()}
+_MEASURES = {measure.column: _TYPES[measure.kind] for measure in MEASURES}
+_FACTS = {
+    "strategy": pa.string(),
+    "ending": pa.string(),
+    "reason": pa.string(),
+    "pass_time_s": _MEASURES["pass_time_s"],
+    "contact": pa.string(),
+    "contact_index": pa.int32(),
+    "contact_time_s": pa.float64(),
+    "contact_speed_mps": _MEASURES["contact_speed_mps"],
+    "sumo_collision": pa.bool_(),
+    "fallback": pa.bool_(),
+    "steps": pa.int32(),
+    "pedestrians": pa.int32(),
+}
+
+_OWN_COLUMNS = ("strategy", "delay_s")
+"""Columns of a passage that are not those of its record: its delay counts from its schedule."""
+
+ASKED = {
+    "conditionings": pa.int32(),
+    "clamped": pa.int32(),
+    "near_clamped": pa.int32(),
+    "clamped_speed_excess_mps": pa.float64(),
+    "clamped_range_excess_m": pa.float64(),
+}
+"""Columns of an episode that its traces do not tell: how the interaction model was asked."""
+
+EPISODES = pa.schema(
+    [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *ASKED.items()]
+)
+
+_LEG = pa.struct([(name, pa.float64()) for name in Leg._fields])
+
+PEDESTRIANS = pa.schema(
+    [
+        *_KEYS,
+        ("index", pa.int32()),
+        ("arrival_s", pa.float64()),
+        ("start_s", pa.float64()),
+        ("side", pa.string()),
+        ("quantile", pa.float64()),
+        ("critical_gap_s", pa.float64()),
+        ("speed_mps", pa.float64()),
+        ("range_m", pa.float64()),
+        ("vehicle_speed_mps", pa.float64()),
+        ("cleared_s", pa.float64()),
+        ("legs", pa.list_(_LEG)),
+        ("delay_s", pa.float64()),
+        ("let_go", pa.bool_()),
+    ]
+)
+
+PAIRS = pa.schema(
+    [
+        ("cell", pa.int32()),
+        ("pair", pa.int64()),
+        ("av_time_s", pa.float64()),
+        ("human_time_s", pa.float64()),
+        ("tau", pa.float64()),
+    ]
+)
+
+TRACES = pa.schema(
+    [
+        *_KEYS,
+        ("time_s", pa.float64()),
+        ("object", pa.string()),
+        ("x_m", pa.float64()),
+        ("y_m", pa.float64()),
+        ("speed_mps", pa.float64()),
+        ("acceleration_mps2", pa.float64()),
+    ]
+)
+
+AUDIT = pa.schema([*_KEYS, ("difference", pa.string()), ("tie_s", pa.float64())])
+
+_WHERE = [("direction", pa.string()), ("lane", pa.int32())]
+
+_PASSED = ("scheduled_s", "inserted_s", "trigger_s", "edge_s", "passed_s")
+
+PASSAGES = pa.schema(
+    [
+        *_KEYS,
+        ("vehicle", pa.int64()),
+        *_WHERE,
+        ("strategy", pa.string()),
+        *((name, pa.float64()) for name in _PASSED),
+        ("delay_s", pa.float64()),
+        ("control_delay_s", pa.float64()),
+        ("trace_offset_s", pa.float64()),
+        ("approach_stops", pa.int32()),
+        *((name, kind) for name, kind in (_FACTS | _MEASURES).items() if name not in _OWN_COLUMNS),
+    ]
+)
+
+QUEUES = pa.schema(
+    [
+        *_KEYS,
+        ("minute", pa.int32()),
+        *_WHERE,
+        ("mean", pa.float64()),
+        ("longest", pa.int32()),
+        ("let_through", pa.int32()),
+    ]
+)
+
+_HOUR_COUNTS = [
+    *("vehicles", "automated", "met", "fallbacks", "not_through", "reached"),
+    *("late_first_half", "late_second_half", "due_through", "queue_longest"),
+    *("pedestrians", "never_went", "had_to_wait", "let_go", "crashes"),
+    *("conflicts_ttc", "conflicts_time_advantage", "conflicts_pet", "conflicts_drac"),
+    "conflicts_unreached",
+]
+_HOUR_NUMBERS = [
+    *("vehicle_delay_s", "automated_delay_s", "other_delay_s"),
+    *("first_third_delay_s", "last_third_delay_s", "control_delay_s", "travel_time_s"),
+    *("throughput_per_hour", "stops_per_vehicle", "queue_mean", "queue_p95"),
+    *("pedestrian_delay_s", "walking_mps", "person_delay_h"),
+]
+HOURS = pa.schema(
+    [
+        *_KEYS,
+        ("reason", pa.string()),
+        *((name, pa.int64()) for name in _HOUR_COUNTS),
+        *((name, pa.float64()) for name in _HOUR_NUMBERS),
+    ]
+)
+
+TABLES = {
+    "hours": HOURS,
+    "passages": PASSAGES,
+    "queues": QUEUES,
+    "episodes": EPISODES,
+    "pedestrians": PEDESTRIANS,
+    "pairs": PAIRS,
+    "traces": TRACES,
+    "walks": PEDESTRIANS,
+    "audit": AUDIT,
+}
+"""Every table with a fixed schema, by name; ``cells`` depends on what a study varies."""
+
+
+def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
+    """The tables that the tasks of a run of encounters bring, and its shards hold."""
+    return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
+
+
+HOUR_TABLES = ("hours", "passages", "pedestrians", "queues")
+"""The tables of a run of traffic."""
+
+HOUR_TRACES = ("traces", "walks")
+"""The further tables of a run of traffic with ``--traces``."""
+
+
+def hour_tables(*, traces: bool) -> list[str]:
+    """The tables that the tasks of a run of traffic bring."""
+    return [*HOUR_TABLES, *(HOUR_TRACES if traces else ())]
+
+
+_ROW_GROUP = 100_000
+
+
+def table_of(name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
+    """Rows as the table of that name in ``TABLES``; a value that a row does not have is null."""
+    return pa.Table.from_pylist([*rows], schema=TABLES[name])
+
+
+Motion = tuple[FloatArray | Sequence[float | None], ...]
+"""Aligned columns of one object: time, x, y, speed and acceleration, in the units of ``TRACES``."""
+
+
+def traces_table(objects: Iterable[tuple[Mapping[str, Any], str, Motion]]) -> pa.Table:
+    """The table ``traces``.
+
+    Args:
+        objects: for each the columns ``cell``, ``pair`` and ``arm``, its name, and its motion.
+    """
+    numbers = [field.name for field in TRACES if field.type == pa.float64()]
+    parts = [TRACES.empty_table()]
+    for keys, name, motion in objects:
+        same = {**keys, "object": name}
+        columns = {
+            key: pa.repeat(pa.scalar(value, TRACES.field(key).type), len(motion[0]))
+            for key, value in same.items()
+        }
+        for number, values in zip(numbers, motion, strict=True):
+            columns[number] = pa.array(values, pa.float64())
+        parts.append(pa.table(columns).select(TRACES.names))
+    return pa.concat_tables(parts).combine_chunks()
+
+
+def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str] = ()) -> pa.Table:
+    """A table that somebody else may have written, with the columns and types of its schema.
+
+    Raises:
+        InputError: a column is missing that is not ``optional``; ``where`` names the file.
+        ValueError: values do not fit their column's type.
+    """
+    missing = {*TABLES[name].names} - {*table.column_names}
+    for column in TABLES[name].names:
+        if column in missing and column not in optional:
+            wanted = "a run of this version, or `harness score` of one that kept its traces"
+            raise InputError(where, f"lacks {column}", wanted)
+    schema = pa.schema([field for field in TABLES[name] if field.name not in missing])
+    return table.select(schema.names).cast(schema)
+
+
+def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> None:
+    """Write one Parquet table whole, from parts of any size, in row groups of a fixed size.
+
+    Raises:
+        HarnessError: the file system refuses.
+    """
+    try:
+        with (
+            whole_file(path) as beside,
+            # With checksums a flipped bit is found when the table is read.
+            pq.ParquetWriter(beside, schema, write_page_checksum=True) as writer,
+        ):
+            rest = schema.empty_table()
+            for part in parts:
+                rest = pa.concat_tables([rest, part.cast(schema)])
+                while rest.num_rows >= _ROW_GROUP:
+                    writer.write_table(rest.slice(0, _ROW_GROUP).combine_chunks())
+                    rest = rest.slice(_ROW_GROUP)
+            if rest.num_rows:
+                writer.write_table(rest.combine_chunks())
+    except OSError as error:
+        raise cannot_write(path, error) from None

@@ -1,0 +1,41 @@
+"""A pedestrian's walk as a row of ``pedestrians``, and back."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from harness.core.encounter import Arrival, Leg, Side, Walk
+
+
+def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
+    """The row of a pedestrian in a record that ends at ``end_s``, but for the keys."""
+    arrival, start_s = walk.arrival, walk.start_s
+    went = start_s is not None and start_s < end_s
+    legs = walk.legs if went else None
+    return {
+        "index": arrival.index,
+        "arrival_s": arrival.arrival_s,
+        "start_s": start_s if went else None,
+        "side": arrival.side.value,
+        "quantile": arrival.quantile,
+        "critical_gap_s": arrival.critical_gap_s,
+        "speed_mps": walk.speed_mps if went else None,
+        "range_m": walk.range_m if went else None,
+        "vehicle_speed_mps": walk.vehicle_speed_mps if went else None,
+        "cleared_s": cleared if went and cleared is not None and cleared <= end_s else None,
+        "legs": legs and [leg._asdict() for leg in legs],
+        "delay_s": start_s - arrival.arrival_s if went and start_s is not None else None,
+        "let_go": None,
+    }
+
+
+def stored_walk(row: Mapping[str, Any]) -> Walk:
+    """The walk of a stored row."""
+    legs = row["legs"]
+    return Walk(
+        Arrival(row["index"], row["arrival_s"], Side(row["side"]), row["quantile"]),
+        row["start_s"],
+        row["speed_mps"],
+        row["range_m"],
+        row["vehicle_speed_mps"],
+        None if legs is None else tuple(Leg(**leg) for leg in legs),
+    )

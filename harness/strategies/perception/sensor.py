@@ -1,0 +1,61 @@
+"""An arm's sensor, the same in all its episodes; None for perfect sight."""
+
+import math
+from dataclasses import dataclass
+
+from harness.core.encounter import Arm, Crossing
+from harness.scenario import PerceptionSection, Scenario
+from harness.strategies.perception.occlusion import Rectangle
+
+EYE_BEHIND_BUMPER_M = 2.4
+"""The eye is on the vehicle's centre line, this far behind its front bumper.
+
+AASHTO's Green Book has the driver's eye 8 ft behind the front of the car at intersections.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """An arm's perception: its section of the scenario, and what follows from that.
+
+    ``correlation`` is that of an error with itself one update later.
+    """
+
+    section: PerceptionSection
+
+    seed: int
+    crossing: Crossing
+    detection_range_m: float
+    eye_behind_m: float
+    latency_steps: int
+    update_steps: int
+    correlation: float
+    obstacles: tuple[Rectangle, ...]
+
+
+def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
+    """The perception of an arm's driver; None where it is perfect within the detection range.
+
+    The human's arm sees like the AV's where ``perception.human`` says so; else only obstacles
+    limit it.
+    """
+    perception = scenario.perception
+    imperfect = arm is Arm.AV or perception.human
+    section = perception if imperfect else PerceptionSection()
+    step_s = scenario.experiment.step_s
+    update_s = step_s if section.update_s is None else section.update_s
+    vehicle = scenario.vehicle()
+    obstacles = scenario.obstacles() if section.occlusion else ()
+    if section.is_perfect(step_s) and not obstacles:
+        return None
+    return Sensor(
+        section=section,
+        seed=scenario.experiment.seed,
+        crossing=scenario.crosswalk(),
+        detection_range_m=vehicle.detection_range_m,
+        eye_behind_m=min(EYE_BEHIND_BUMPER_M, vehicle.length_m),
+        latency_steps=round(section.latency_s / step_s),
+        update_steps=round(update_s / step_s),
+        correlation=math.exp(-update_s / section.correlation_s) if section.correlation_s else 0.0,
+        obstacles=tuple(Rectangle(*o.x_bounds_m, *o.y_bounds_m) for o in obstacles),
+    )

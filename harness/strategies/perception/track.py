@@ -1,0 +1,112 @@
+"""One pedestrian as a sensor has them: when they are found and lost, and the errors beside."""
+
+import math
+from types import MappingProxyType
+
+import numpy as np
+from scipy.special import ndtri
+
+from harness.core.seeding import Given, Purpose, beginning_with, stream
+from harness.strategies.perception.sensor import Sensor
+
+
+def updates_until_found(quantile: float, detection_probability: float) -> float:
+    """How many updates it takes to find somebody in sight: geometric, by its inverse CDF.
+
+    N = ⌈ln(1 − u)/ln(1 − p)⌉, at least 1, so that P(N = n) = p (1 − p)^(n − 1).
+
+    Args:
+        quantile: u in [0, 1); the larger, the later.
+        detection_probability: p in [0, 1], of each update.
+
+    Returns:
+        A whole number ≥ 1; infinite for p = 0.
+
+    Example:
+        >>> updates_until_found(0.5, 0.9), updates_until_found(0.95, 0.9)
+        (1, 2)
+    """
+    if detection_probability >= 1:
+        return 1
+    if detection_probability <= 0:
+        return math.inf
+    return max(1, math.ceil(math.log1p(-quantile) / math.log1p(-detection_probability)))
+
+
+class Track:
+    """A sensor's track of one pedestrian; asked once at every update from their arrival on.
+
+    Args:
+        sensor: gives probabilities and errors.
+        pair: index of the pair, which keys the streams.
+        index: of the pedestrian, which keys them too.
+        quantile: of the time to the first detection; None where the first look finds everybody.
+        given: uniforms of the first errors and of the wait after the first loss, by the index.
+    """
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        pair: int,
+        index: int,
+        quantile: float | None,
+        given: Given = MappingProxyType({}),
+    ) -> None:
+        self._sensor, self._key = sensor, (pair, index)
+        self._wait_given = given.get("redetection", ())[index : index + 1]
+        section = self._section = sensor.section
+        self._wait = updates_until_found(quantile or 0.0, section.detection_probability)
+        self._found = False
+        self._again: np.random.Generator | None = None
+        self._dropout = self._stream("dropout") if section.dropout_probability > 0 else None
+        erring = section.position_sd_m > 0 or section.speed_sd_mps > 0
+        self._noise = self._stream("perception_error") if erring else None
+        # In standard deviations; the process is stationary from the first update on.
+        self._errors = np.zeros(2) if self._noise is None else self._noise.standard_normal(2)
+        first = given.get("perception_error", ())[2 * index : 2 * index + 2]
+        if erring and first:
+            self._errors = ndtri(np.array(first))
+
+    def update(self, in_sight: bool) -> bool:
+        """Whether they are shown after one more update.
+
+        Found at the N-th update in sight (``updates_until_found``) and shown from then on, until
+        an update drops the track or finds them out of sight; then they have to be found again.
+        """
+        # One draw for each update, whatever came of it: strategies share them.
+        drawn = 1.0 if self._dropout is None else self._dropout.random()
+        if self._found:
+            if in_sight and drawn >= self._section.dropout_probability:
+                return True
+            self._found, self._wait = False, self._wait_again()
+            return False
+        if in_sight:
+            self._wait -= 1
+            self._found = self._wait <= 0
+        return self._found
+
+    def next_errors(self) -> tuple[float, float]:
+        """The errors of this update: of the place along the walk in m, of the speed in m/s.
+
+        First-order autoregressive, e' = φ e + √(1 − φ²) σ n, the Ornstein-Uhlenbeck process at
+        the updates: variance σ², correlation φ^k after k updates.
+        """
+        if self._noise is None:
+            return 0.0, 0.0
+        place, speed = self._errors.tolist()
+        kept = self._sensor.correlation
+        fresh = self._noise.standard_normal(2)
+        self._errors = kept * self._errors + math.sqrt(1 - kept**2) * fresh
+        return place * self._section.position_sd_m, speed * self._section.speed_sd_mps
+
+    def _wait_again(self) -> float:
+        probability = self._section.detection_probability
+        if probability >= 1:
+            return 1
+        if self._again is None:
+            self._again = beginning_with(self._wait_given, self._stream("redetection"))
+        return updates_until_found(self._again.random(), probability)
+
+    def _stream(self, purpose: Purpose) -> np.random.Generator:
+        pair, index = self._key
+        return stream(self._sensor.seed, purpose, pair, index)

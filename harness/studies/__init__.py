@@ -1,0 +1,1 @@
+"""Scenarios in; finished runs, comparisons, replays, risks and validations out."""

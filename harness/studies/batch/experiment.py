@@ -1,0 +1,255 @@
+"""A study from scenario to run folder: begun, interrupted, resumed, finished."""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+from harness.core.errors import HarnessError, InputError, InterruptedRunError, resume_command
+from harness.engine.installation import check_packages
+from harness.scenario import Cell, Options, Study, hang_limit_s
+from harness.store.manifest import refuse_other_versions
+from harness.store.reading import MANIFEST, read_manifest
+from harness.store.run_folder import RunFolder, claim_folder
+from harness.studies.batch.finish import finish
+from harness.studies.batch.plan import Plan, plan_of, recall_plan
+from harness.studies.batch.until import reach_precision
+from harness.studies.replay.sumo_outputs import write_outputs
+from harness.studies.runs.opening import load_run
+from harness.studies.runs.run_data import RunData
+from harness.studies.workers.execution import run_tasks
+from harness.studies.workers.executors import executor_for
+from harness.studies.workers.pool import workers_for
+from harness.studies.workers.tasks import Executor, ExecutorLostError, Task
+
+SHORTEST_S, LONGEST_S = 0.02, 5.0
+"""How long a task takes: less at the end of a run, so that workers end together, and no longer,
+so that a slow strategy keeps all of them busy."""
+
+_OPTIONS = Options()
+
+MakeExecutor = Callable[[int], Executor]
+Progress = Callable[[int, int, str], None]
+"""(done, planned, of what)."""
+
+
+def run_study(
+    study: Study,
+    options: Options = _OPTIONS,
+    *,
+    out: Path | str | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor | None = None,
+) -> RunData:
+    """Run every cell and write the run folder.
+
+    Args:
+        study: what to run.
+        options: how.
+        out: the folder; default ``runs/<name>-<next free number>``.
+        progress: told how far it is.
+        make_executor: makes the executor for a number of workers; None: local processes, or this
+            one where ``options.workers`` is 0 or a strategy is a class of this script or notebook.
+
+    Raises:
+        InputError: SUMO, model, strategies or folder are refused; nothing has been written then.
+        HarnessError: the folder cannot be written any more; the run can be resumed.
+        KeyboardInterrupt: Ctrl-C; what is finished is kept, and the message says how to go on.
+    """
+    check_packages()
+    plan = plan_of(study, options)
+    folder = RunFolder(claim_folder(out, study.name))
+    with _held(folder):
+        folder.drop_shards()
+        folder.write_manifest(plan.manifest())
+        return _carry_out(folder, plan, progress, make_executor)
+
+
+def resume(
+    path: Path | str,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor | None = None,
+) -> RunData:
+    """Go on with an interrupted run; a finished one is only read.
+
+    Raises:
+        InputError: no run folder, another process works on it, or versions or model differ.
+    """
+    path = Path(path)
+    if not path.is_dir():
+        raise InputError(str(path), "is no folder", "a run folder")
+    check_packages()
+    folder = RunFolder(path)
+    with _held(folder):
+        document = read_manifest(path)
+        finished = document["counts"] is not None
+        if finished:
+            # Interrupted, if at all, while it cleared up.
+            folder.drop_shards()
+        if finished and document["sumo_outputs"] is None:
+            return load_run(path)
+        plan = recall_plan(document, workers)
+        refuse_other_versions(document["simulated_with"], plan.origin["simulated_with"])
+        if finished:
+            return _with_outputs(load_run(path), folder, plan, progress)
+        folder.note("resumed")
+        return _carry_out(folder, plan, progress, make_executor)
+
+
+@contextmanager
+def _held(folder: RunFolder) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not (folder.path / MANIFEST).is_file():
+            raise  # nothing has begun that could go on
+        raise InterruptedRunError(folder.path) from None
+    except ExecutorLostError as error:
+        kept = f"what is finished is kept: {resume_command(folder.path)}"
+        raise HarnessError(f"{error}; {kept}") from None
+    finally:
+        folder.close()
+
+
+def _carry_out(
+    folder: RunFolder, plan: Plan, progress: Progress, make_executor: MakeExecutor | None
+) -> RunData:
+    work = _Work(folder, plan, progress, make_executor)
+    try:
+        if plan.options.until is None:
+            work.reach(plan.planned)
+        else:
+            reach_precision(plan, plan.options.until, work.reach, folder.episodes_of)
+    finally:
+        work.stop()
+    folder.note("simulated")
+    return _with_outputs(finish(folder, plan), folder, plan, progress)
+
+
+def _with_outputs(run: RunData, folder: RunFolder, plan: Plan, progress: Progress) -> RunData:
+    """Add what is missing of SUMO's own outputs, where they were asked for."""
+    if plan.options.sumo_outputs is None:
+        return run
+    what = "SUMO outputs (slow: a SUMO for each episode)"
+    failures = write_outputs(
+        folder, plan.study, plan.options, lambda done, planned: progress(done, planned, what)
+    )
+    return replace(run, output_failures=failures)
+
+
+class _Work:
+    """Brings cells to a number of pairs, skipping what is done."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        plan: Plan,
+        progress: Progress,
+        make_executor: MakeExecutor | None,
+    ) -> None:
+        self.folder, self.plan, self.progress = folder, plan, progress
+        self.make_executor = make_executor or (
+            lambda _workers: executor_for(plan.study, plan.options)
+        )
+        self.executor: Executor | None = None
+        self.pair_s: float | None = None
+        """How long a pair took in the task that was finished last."""
+        self.done = folder.done_pairs(plan.planned, plan.shard_tables)
+
+    def reach(self, goals: dict[int, int]) -> None:
+        """Run what is missing up to ``goals`` pairs of each cell."""
+        missing = {
+            cell: [pair for pair in range(goal) if pair not in self.done.get(cell, ())]
+            for cell, goal in goals.items()
+        }
+        total, left = sum(goals.values()), sum(map(len, missing.values()))
+        if not left:
+            return
+        begin, done = time.perf_counter(), total - left
+        executor = self._executor()
+        self.folder.note("started", pairs=left, workers=executor.workers)
+        tasks = self._tasks(missing, left, executor.workers)
+
+        def waits_for(what: str) -> None:
+            self.progress(done, total, f"pairs, waiting for {what}")
+
+        for task, result in run_tasks(executor, tasks, self.folder.note, waits_for):
+            self.folder.write_shard(task.cell, task.first_pair, task.count, result.tables)
+            for failure in result.failures:
+                self.folder.note("episode failed", **failure)
+            self.pair_s = result.took_s / task.count
+            self.done.setdefault(task.cell, set()).update(task.pairs)
+            done += task.count
+            self.progress(done, total, "pairs")
+        rate = left / (time.perf_counter() - begin)
+        self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
+
+    def stop(self) -> None:
+        """End the executor, if there is one."""
+        if self.executor is not None:
+            self.executor.stop()
+
+    def _executor(self) -> Executor:
+        """One for all looks of ``--until``."""
+        if self.executor is None:
+            planned = sum(self.plan.planned.values())
+            self.executor = self.make_executor(workers_for(planned, self.plan.options))
+        return self.executor
+
+    def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
+        """Runs of consecutive pairs, smaller towards the end, so that no worker ends late.
+
+        They are read as workers get free: how long pairs take is seen by those before.
+        """
+        for cells in self._twins(missing):
+            pairs = missing[cells[0].number]
+            begin = 0
+            while begin < len(pairs):
+                size = self._size(len(cells), left // (4 * workers * len(cells)))
+                end = begin + 1
+                while end < len(pairs) and end - begin < size and pairs[end] == pairs[end - 1] + 1:
+                    end += 1
+                first, *others = (self._task(cell, pairs[begin], end - begin) for cell in cells)
+                yield replace(first, twins=tuple(others))
+                left -= (end - begin) * len(cells)
+                begin = end
+
+    def _size(self, cells: int, share: int) -> int:
+        """Pairs of the next task: a share of what is left, but neither too short nor too long.
+
+        Args:
+            cells: whose pairs they are.
+            share: of the pairs that are left.
+        """
+        if self.plan.kind.long_pairs or self.pair_s is None:
+            return 1
+        each_s = max(self.pair_s, 1e-6) * cells
+        most = min(self.plan.options.task_pairs, int(LONGEST_S / each_s))
+        return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
+
+    def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
+        """The cells by what differs in their arms alone, and misses the same pairs."""
+        groups: dict[object, list[Cell]] = {}
+        for cell in self.plan.study.cells:
+            if pairs := missing.get(cell.number):
+                same = cell.number if self.plan.kind.long_pairs else cell.but_for_arms
+                groups.setdefault((same, tuple(pairs)), []).append(cell)
+        return groups.values()
+
+    def _task(self, cell: Cell, first: int, count: int) -> Task:
+        options = self.plan.options
+        return Task(
+            cell=cell.number,
+            first_pair=first,
+            count=count,
+            scenario=cell.scenario,
+            model=self.plan.models[cell.number],
+            traces=options.traces,
+            hang_after_s=hang_limit_s(options.hang_after_s, cell.scenario),
+            stack_file=self.folder.stack_file(f"{cell.number}-{first}-{count}"),
+            engine=options.engine,
+            audit=self.plan.audits.get(cell.number),
+        )

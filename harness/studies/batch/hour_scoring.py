@@ -1,0 +1,101 @@
+"""Measures of hours of traffic worked out anew, from their kept traces."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from harness.core.encounter import Arm, FloatArray, Trace
+from harness.core.errors import InputError
+from harness.measures import measure
+from harness.scenario import Cell
+from harness.store.hour_tables import passage_counts, record_row
+from harness.store.hour_traces import stored_traces
+from harness.store.reading import read_table
+from harness.store.tables import hour_tables, table_of
+
+_States = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
+Tables = dict[str, pa.Table]
+
+
+def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:
+    """The tables of a cell, pair by pair, with the measures of passages and what rests on them.
+
+    Args:
+        run: a finished run of hours of traffic.
+        cell: the cell, with the thresholds of conflicts that are to hold.
+        traced: whether the run kept traces; without them the measures stay as they are.
+
+    Yields:
+        The first pair, how many there are, and their tables.
+
+    Raises:
+        InputError: a table cannot be read, or a passage has no trace.
+    """
+    names = hour_tables(traces=traced)
+    hours = read_table(run, "hours", cell.number)
+    for pair in dict.fromkeys(hours["pair"].to_pylist()):
+        tables = {name: read_table(run, name, cell.number, pair) for name in names}
+        passages = tables["passages"].to_pylist()
+        if traced:
+            passages = _measured(run, cell, tables, passages)
+        counted = [
+            row if row["reason"] is not None else row | _counts(cell, passages, row["arm"])
+            for row in tables["hours"].to_pylist()
+        ]
+        tables["passages"] = table_of("passages", passages)
+        tables["hours"] = table_of("hours", counted)
+        yield pair, 1, tables
+
+
+def _counts(cell: Cell, passages: Sequence[dict[str, Any]], arm: str) -> dict[str, float | None]:
+    own = [row for row in passages if row["arm"] == arm]
+    return passage_counts(own, cell.scenario.conflicts)
+
+
+def _measured(
+    run: Path, cell: Cell, tables: dict[str, pa.Table], passages: Sequence[dict[str, Any]]
+) -> list[dict[str, Any]]:
+    """The rows of ``passages`` in their order, with the measures of their traces."""
+    scored: dict[tuple[str, int], dict[str, Any]] = {}
+    walks = tables["walks"].to_pylist()
+    for arm in Arm:
+        own = [row for row in passages if row["arm"] == arm.value]
+        walked = [row for row in walks if row["arm"] == arm.value]
+        try:
+            states = _states(tables["traces"], arm)
+            traces = list(stored_traces(cell.scenario, own, walked, states))
+        except (KeyError, IndexError):
+            raise InputError(str(run), "a passage has no trace", "a whole run") from None
+        for lane_traces in _by_lane(traces):
+            records = measure([trace for _, trace in lane_traces])
+            for (row, _), record in zip(lane_traces, records, strict=True):
+                scored[arm.value, row["vehicle"]] = dict(row) | record_row(record)
+    return [scored.get((row["arm"], row["vehicle"]), row) for row in passages]
+
+
+def _by_lane(
+    traces: Sequence[tuple[Any, Trace | None]],
+) -> Iterator[list[tuple[Any, Trace]]]:
+    """Rows with a trace, by lane: only passages of one lane are measured together."""
+    lanes: dict[tuple[str, int], list[tuple[Any, Trace]]] = {}
+    for row, trace in traces:
+        if trace is not None:
+            lanes.setdefault((row["direction"], row["lane"]), []).append((row, trace))
+    yield from lanes.values()
+
+
+def _states(traces: pa.Table, arm: Arm) -> _States:
+    """Time, x and speed of every object of one arm, by name."""
+    arms, objects = traces["arm"].to_pylist(), traces["object"].to_pylist()
+    columns = [traces[name].to_numpy() for name in ("time_s", "x_m", "speed_mps")]
+    found: dict[str, list[int]] = {}
+    for number, (of, name) in enumerate(zip(arms, objects, strict=True)):
+        if of == arm.value:
+            found.setdefault(name, []).append(number)
+    return {
+        name: (columns[0][rows], columns[1][rows], columns[2][rows])
+        for name, rows in ((name, np.array(numbers)) for name, numbers in found.items())
+    }

@@ -1,0 +1,121 @@
+"""The plan of a run: its study with the models loaded and everything checked."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from harness.core.errors import InputError
+from harness.engine.network import network_of
+from harness.episode.arms import check_arms
+from harness.model.interaction import InteractionModel, load_model
+from harness.scenario import Options, Scenario, Study, study_from
+from harness.store.kinds import Kind, kind_of_study
+from harness.store.manifest import manifest_of, options_of, origin_of
+from harness.store.reading import MANIFEST
+from harness.strategies.program import is_program
+from harness.strategies.registry import STRATEGIES
+from harness.strategies.sumo_driver import SumoDriver
+from harness.studies.workers.audit import Audit, audit_of
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The plan of a run: its cells, the model of each by number, and the options.
+
+    ``origin`` is what its manifest says the run is made with (``origin_of``).
+    """
+
+    study: Study
+    models: dict[int, InteractionModel]
+    options: Options
+    origin: dict[str, Any]
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of the run."""
+        return kind_of_study(self.study)
+
+    @property
+    def shard_tables(self) -> list[str]:
+        """The tables that its tasks bring."""
+        audit = self.options.engine == "plain"
+        return self.kind.tables(traces=self.options.traces, audit=audit)
+
+    @cached_property
+    def audits(self) -> dict[int, Audit]:
+        """The audit of each cell in SUMO, by number; empty where all takes place in SUMO."""
+        if self.options.engine == "sumo":
+            return {}
+        return {
+            cell.number: audit_of(self.options.audit, cell.scenario) for cell in self.study.cells
+        }
+
+    @property
+    def planned(self) -> dict[int, int]:
+        """Pairs of each cell, by number; with ``--until`` at most so many."""
+        return {cell.number: cell.scenario.experiment.pairs for cell in self.study.cells}
+
+    def manifest(self, counts: dict[str, int] | None = None) -> dict[str, Any]:
+        """See ``manifest_of``."""
+        return manifest_of(self.study, self.origin, self.options, counts)
+
+
+def plan_of(study: Study, options: Options) -> Plan:
+    """Load the models; all that a user may have got wrong is found here.
+
+    Raises:
+        InputError: a model, a strategy or a network is refused.
+    """
+    if options.engine == "plain":
+        _refuse_for_plain(study, options)
+    hours = kind_of_study(study).long_pairs
+    if hours and options.until:
+        raise InputError("--until", "is not supported with [traffic]", "a scenario without it")
+    for cell in study.cells if hours else ():
+        for arm, name in cell.scenario.arms.model_dump().items():
+            if is_program(name):
+                what = f"{name} drives one vehicle at a time"
+                raise InputError(f"arms.{arm}", what, "a scenario without [traffic]")
+    loaded: dict[tuple[str, str | None], InteractionModel] = {}
+    models = {}
+    for cell in study.cells:
+        section = cell.scenario.model
+        key = (section.name, section.path)
+        if key not in loaded:
+            loaded[key] = load_model(*key)
+        models[cell.number] = loaded[key]
+        check_arms(cell.scenario, models[cell.number])
+        network_of(cell.scenario)
+    return Plan(study, models, options, origin_of(study, models.values()))
+
+
+def _refuse_for_plain(study: Study, options: Options) -> None:
+    """Refuse what the plain engine cannot do as SUMO does."""
+    if options.sumo_outputs is not None:
+        raise InputError(
+            "--sumo-outputs", "cannot be combined with --engine plain", "--engine sumo"
+        )
+    for scenario in (cell.scenario for cell in study.cells):
+        if (need := _need_of_sumo(scenario)) is not None:
+            raise InputError("--engine plain", f"{need} needs SUMO", "--engine sumo")
+
+
+def _need_of_sumo(scenario: Scenario) -> str | None:
+    """The part of a scenario that only SUMO can do; None where the plain engine does the same."""
+    if scenario.traffic is not None:
+        return "[traffic]"
+    if scenario.pedestrians.behaviour == "sumo":
+        return 'pedestrians.behaviour = "sumo"'
+    for arm, name in scenario.arms.model_dump().items():
+        if STRATEGIES.get(name) is SumoDriver:
+            return f'arms.{arm} = "{name}"'
+    return None
+
+
+def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:
+    """The plan of the run of a manifest.
+
+    Raises:
+        InputError: see ``study_from`` and ``plan_of``.
+    """
+    return plan_of(study_from(document, MANIFEST), options_of(document, workers))

@@ -1,0 +1,197 @@
+"""Recomputes a run's measures and summary from its kept traces, without simulating."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.encounter import Arm, Ending, Trace, Walk
+from harness.core.errors import InputError, nearest_name
+from harness.measures import Outcome, measure
+from harness.measures.catalogue import COLUMNS
+from harness.scenario import Cell, ConflictsSection, Scenario, Setting, study_from, validate
+from harness.scenario.file import apply_setting
+from harness.store.episode_tables import episode_rows
+from harness.store.manifest import options_of, scored_now
+from harness.store.reading import MANIFEST, read_finished_manifest, read_table
+from harness.store.run_folder import RunFolder, claim_folder
+from harness.store.shards import DamagedShardError
+from harness.store.tables import ASKED, encounter_tables, table_of
+from harness.store.walk_rows import stored_walk
+from harness.studies.batch.finish import finish
+from harness.studies.batch.hour_scoring import score_hours
+from harness.studies.batch.plan import Plan
+
+_AFTER_CONTACT = ("pass_time_ignoring_contact_s",)
+"""Measures that need the passage after a contact."""
+
+_PART_PAIRS = 500
+"""Pairs scored together: what is in memory at once."""
+
+
+def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
+    """Write a run folder whose measures come from the traces of another.
+
+    Args:
+        run: a finished run that kept its traces; any finished run where settings are given, whose
+            stored measures then stay.
+        out: a new or empty folder.
+        settings: other thresholds of conflicts (``conflicts.…``); nothing is simulated.
+
+    Raises:
+        InputError: the run is not finished, kept no traces, ``out`` is refused, or a setting is
+            no threshold.
+    """
+    document = read_finished_manifest(run)
+    traced = (run / "traces.parquet").is_file()
+    if not traced and not settings:
+        raise InputError(str(run), "kept no traces", "a run with --traces")
+    _apply(settings, document)
+    study = study_from(document, str(run / MANIFEST))
+    # Neither model nor strategy has to be there: what they did is in the traces.
+    origin = {name: document[name] for name in ("know_the_model", "simulated_with")}
+    # SUMO's outputs are the simulated run's.
+    options = replace(options_of(document), sumo_outputs=None)
+    plan = Plan(study, {}, options, {**origin, "scored_with": scored_now()})
+    folder = RunFolder(claim_folder(out, plan.study.name))
+    finished = False
+    try:
+        folder.drop_shards()
+        for cell in plan.study.cells:
+            for first, count, tables in _SCORERS[plan.kind.rows](run, cell, traced):
+                folder.write_shard(cell.number, first, count, tables)
+        finish(folder, plan)
+        finished = True
+    except BaseException as error:
+        # Nothing here can go on: what is half done would only be in the way.
+        folder.drop_shards()
+        if isinstance(error, DamagedShardError):
+            raise InputError(str(run), "its traces give no measures", "a run's traces") from None
+        raise
+    finally:
+        folder.close()
+        if not finished and not any(out.iterdir()):
+            out.rmdir()
+    return out
+
+
+def _score_encounters(
+    run: Path, cell: Cell, traced: bool
+) -> Iterator[tuple[int, int, dict[str, pa.Table]]]:
+    """First pair, number of pairs and tables of some pairs, one part after another."""
+    audited = (run / "audit.parquet").is_file()
+    names = encounter_tables(traces=traced, audit=audited)
+    # Measures are computed again: those that are newer than the run need not be there.
+    optional = COLUMNS if traced else ()
+    tables = {name: read_table(run, name, cell.number, optional=optional) for name in names}
+    pairs = _pairs(run, tables["episodes"])
+    for first in range(0, pairs, _PART_PAIRS):
+        last = min(first + _PART_PAIRS, pairs) - 1
+        part = {name: _pairs_of(table, first, last) for name, table in tables.items()}
+        yield first, last - first + 1, _score(run, part, cell) if traced else part
+
+
+_SCORERS = {"episodes": _score_encounters, "hours": score_hours}
+"""What scores a cell anew, by the table of its kind that findings are made of."""
+
+
+def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:
+    """Change thresholds of conflicts in a manifest."""
+    thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
+    for setting in settings:
+        where = f"{setting.source} {setting.key}"
+        if setting.key not in thresholds:
+            nearest = nearest_name(setting.key, thresholds)
+            what = "is no threshold of conflicts; anything else has to be simulated"
+            raise InputError(where, what, ", ".join(thresholds), nearest)
+        if setting.key in document["cells"][0]:
+            raise InputError(where, "varies in this run", "a threshold that is the same in all")
+        apply_setting(document["scenario"], setting)
+    validate(document["scenario"], MANIFEST, {of.key: of.source for of in settings})
+
+
+def _pairs(run: Path, episodes: pa.Table) -> int:
+    """How many pairs a cell has: numbered from 0 on, the AV's arm of each before the human's."""
+    pairs, arms = episodes["pair"].to_numpy(), episodes["arm"].to_pylist()
+    count = len(pairs) // 2
+    whole = count > 0 and np.array_equal(pairs, np.repeat(np.arange(count), 2))
+    if not whole or arms != [Arm.AV.value, Arm.HUMAN.value] * count:
+        raise InputError(str(run), "its episodes are not two arms of each pair", "a whole run")
+    return count
+
+
+def _pairs_of(table: pa.Table, first: int, last: int) -> pa.Table:
+    pair = table["pair"]
+    return table.filter(pc.and_(pc.greater_equal(pair, first), pc.less_equal(pair, last)))
+
+
+def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, pa.Table]:
+    """The tables of some pairs, the measures worked out anew."""
+    rows = []
+    scored = episode_rows(cell.number, _outcomes(run, tables, cell.scenario)).to_pylist()
+    for old, new in zip(tables["episodes"].to_pylist(), scored, strict=True):
+        if old["ending"] == Ending.ENGINE_FAILED:
+            rows.append(old)  # there is nothing to measure where a worker died
+            continue
+        # Kept traces end at the contact; what came after it was known to the run alone.
+        crashed = old["ending"] == Ending.CRASHED
+        kept = (*ASKED, *_AFTER_CONTACT) if crashed else ASKED
+        rows.append(new | {name: old[name] for name in kept if name in old})
+    return {**tables, "episodes": table_of("episodes", rows)}
+
+
+def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Iterator[Outcome]:
+    episodes = tables["episodes"].to_pylist()
+    walks = _walks(tables["pedestrians"])
+    states = _ego_states(tables["traces"])
+    rebuilt = []
+    for row in episodes:
+        key = (row["pair"], row["arm"])
+        if key not in states and row["ending"] != Ending.ENGINE_FAILED:
+            raise InputError(str(run), f"no trace of pair {key[0]}, arm {key[1]}", "a whole run")
+        x, speed = states.get(key, (np.empty(0), np.empty(0)))
+        ending = Ending(row["ending"])
+        rebuilt.append(
+            Trace(
+                vehicle=scenario.vehicle(),
+                crossing=scenario.crosswalk(),
+                step_s=scenario.experiment.step_s,
+                x_m=x,
+                speed_mps=speed,
+                walks=tuple(walks.get(key, ())),
+                # How the engine left off is gone after a contact; the contact itself is found anew.
+                ending=Ending.TIMED_OUT if ending is Ending.CRASHED else ending,
+                reason=row["reason"],
+                sumo_collision=row["sumo_collision"],
+                fallback=row["fallback"],
+            )
+        )
+    for row, trace, record in zip(episodes, rebuilt, measure(rebuilt), strict=True):
+        yield Outcome(row["pair"], Arm(row["arm"]), row["strategy"], record, trace)
+
+
+def _ego_states(traces: pa.Table) -> dict[tuple[int, str], tuple[np.ndarray, np.ndarray]]:
+    table = traces.filter(pc.equal(traces["object"], "ego"))
+    pairs, arms = table["pair"].to_numpy(), np.array(table["arm"].to_pylist())
+    x, speed = table["x_m"].to_numpy(), table["speed_mps"].to_numpy()
+    if not len(pairs):
+        return {}
+    begins = np.flatnonzero(
+        np.concatenate(([True], (pairs[1:] != pairs[:-1]) | (arms[1:] != arms[:-1])))
+    )
+    ends = np.append(begins[1:], len(pairs))
+    return {
+        (int(pairs[begin]), str(arms[begin])): (x[begin:end], speed[begin:end])
+        for begin, end in zip(begins, ends, strict=True)
+    }
+
+
+def _walks(pedestrians: pa.Table) -> dict[tuple[int, str], list[Walk]]:
+    walks: dict[tuple[int, str], list[Walk]] = {}
+    for row in pedestrians.to_pylist():
+        walks.setdefault((row["pair"], row["arm"]), []).append(stored_walk(row))
+    return walks

@@ -1,0 +1,112 @@
+"""The warm-up of each cell of a study of hours, found by a pilot before anything counts."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.core.seeding import stream
+from harness.episode.traffic.saturation import longest_queue_s
+from harness.scenario import Cell, Options, Scenario, Study
+from harness.studies.batch.experiment import run_study
+from harness.studies.runs.run_data import RunData
+
+WARM_UP = "traffic.warm_up_s"
+
+ROUND_S = 300.0
+"""Warm-ups are whole multiples of it, or the counted time."""
+
+
+def settled(
+    study: Study,
+    options: Options,
+    progress: Callable[[int, int, str], None] = lambda _done, _planned, _what: None,
+) -> Study:
+    """The study with a warm-up for each cell in which its road forgets how it began.
+
+    A pilot of each cell, one pair with a seed of its own, begins with an empty road and lasts twice
+    the counted time.  The warm-up is the longest that a queue took in it to clear, in either arm;
+    at least the scenario's and at most the counted time.  Several cells vary it from here on.
+
+    Raises:
+        InputError: a cell has no hours that could settle: no traffic, flows that change, a
+            permanent queue.
+    """
+    for cell in study.cells:
+        _check(cell.scenario)
+    pilots = [_cell(of, _pilot(of.scenario)) for of in study.cells]
+    with TemporaryDirectory(prefix="harness-pilot-") as folder:
+        run = run_study(
+            Study(study.name, _with(study.base, _pilot(study.base)), tuple(pilots)),
+            Options(workers=options.workers),
+            out=Path(folder) / "pilot",
+            progress=lambda done, planned, _: progress(done, planned, "pilots"),
+        )
+        found = [{WARM_UP: _warm_up_s(run, cell)} for cell in study.cells]
+    cells = [_cell(of, own) for of, own in zip(study.cells, found, strict=True)]
+    if len(cells) == 1:
+        return replace(study, base=cells[0].scenario, cells=tuple(cells))
+    varied = (
+        replace(of, varied={**of.varied, **own}) for of, own in zip(cells, found, strict=True)
+    )
+    return replace(study, cells=tuple(varied))
+
+
+def _check(scenario: Scenario) -> None:
+    traffic = scenario.traffic
+    if traffic is None:
+        raise InputError("--settle", "needs hours of traffic", "a scenario with [traffic]")
+    if traffic.saturated:
+        raise InputError(
+            "--settle", "is not supported with a permanent queue", "traffic.saturated = false"
+        )
+    if isinstance(traffic.flow_per_hour, tuple) or isinstance(traffic.oncoming_per_hour, tuple):
+        raise InputError(
+            "--settle", "is not supported with flows that change", "one flow for the whole time"
+        )
+
+
+def _pilot(scenario: Scenario) -> dict[str, Any]:
+    """The keys in which a pilot differs."""
+    seed = stream(scenario.experiment.seed, "pilot", 0).integers(2**62)
+    return {
+        WARM_UP: 0.0,
+        "traffic.duration_s": 2 * scenario.known_traffic.duration_s,
+        "experiment.pairs": 1,
+        "experiment.seed": int(seed),
+    }
+
+
+def _warm_up_s(run: RunData, cell: Cell) -> float:
+    """The longest queue of both arms in whole ``ROUND_S``, within its limits."""
+    traffic, passages = cell.scenario.known_traffic, run.passages
+    own, end_s = passages[passages["cell"] == cell.number], 2 * traffic.duration_s
+    longest_s = 0.0
+    for arm in Arm:
+        rows = own[own["arm"] == arm.value]
+        # Who never got through is late at least from a free way after the schedule on.
+        due_s = (rows["passed_s"] - rows["delay_s"]).fillna(rows["scheduled_s"]).to_numpy(float)
+        left_s = rows["passed_s"].fillna(math.inf).to_numpy(float)
+        late = left_s > due_s
+        longest_s = max(longest_s, longest_queue_s(due_s[late], left_s[late], end_s))
+    rounded_s = ROUND_S * math.ceil(longest_s / ROUND_S)
+    return max(traffic.warm_up_s, min(rounded_s, traffic.duration_s))
+
+
+def _cell(cell: Cell, settings: dict[str, Any]) -> Cell:
+    """A cell with other values; keys that it varies have them too."""
+    varied = {key: settings.get(key, value) for key, value in cell.varied.items()}
+    return Cell(cell.number, varied, _with(cell.scenario, settings))
+
+
+def _with(scenario: Scenario, settings: dict[str, Any]) -> Scenario:
+    sections: dict[str, dict[str, Any]] = {}
+    for key, value in settings.items():
+        section, name = key.split(".")
+        sections.setdefault(section, {})[name] = value
+    updated = {of: getattr(scenario, of).model_copy(update=own) for of, own in sections.items()}
+    return scenario.model_copy(update=updated)

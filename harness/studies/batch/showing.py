@@ -1,0 +1,89 @@
+"""Runs the pairs again that a page is to show and that a run kept no traces of."""
+
+import os
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.errors import HarnessError
+from harness.core.files import cannot_write, write_file
+from harness.engine.network import network_of
+from harness.scenario import hang_limit_s
+from harness.scenario.options import HANG_AFTER_S
+from harness.store.shards import encode_shard, shard_name
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import MARGIN_S, Key, missing_pairs, shown_folders, stretch_of
+from harness.studies.workers.execution import run_tasks
+from harness.studies.workers.pool import LocalPool, default_workers
+from harness.studies.workers.tasks import Task, TaskResult
+
+_WORKERS = 2
+"""Processes that simulate again: enough for so few pairs."""
+
+
+def write_shown(run: RunData, page: Path | None = None) -> str:
+    """Write the pairs that a page shows and that are missing into the run folder.
+
+    Args:
+        run: with at least one finished pair.
+        page: the file that is to show them; they lie beside it where the run is read-only.
+
+    Returns:
+        Why some pairs are still missing; empty where none is.
+    """
+    try:
+        missing = missing_pairs(run, page)
+        if not missing:
+            return ""
+        folders = shown_folders(run.path, page)
+        folder = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
+        folder.mkdir(exist_ok=True)
+        # A pair may kill or hang the process that it runs in, which is therefore not this one.
+        tasks = [_task(run, *key) for key in missing]
+        pool = LocalPool(min(_WORKERS, default_workers(), len(tasks)))
+        try:
+            for task, result in run_tasks(pool, tasks, lambda _event, **_details: None):
+                tables = _tables(run, (task.cell, task.first_pair), result)
+                write_file(folder / shard_name(task.cell, task.first_pair, 1), encode_shard(tables))
+        finally:
+            pool.stop()
+    except OSError as error:
+        return f"Traces were not kept: {cannot_write(folder, error)}."
+    except HarnessError as error:
+        return f"Traces were not kept and the episodes could not be simulated again: {error}."
+    return ""
+
+
+def _task(run: RunData, cell: int, pair: int) -> Task:
+    """A stored pair as a task that keeps its traces.
+
+    Raises:
+        HarnessError: its network or model is gone, or another one.
+    """
+    scenario = run.scenario_of(cell)
+    network_of(scenario)
+    return Task(
+        cell=cell,
+        first_pair=pair,
+        count=1,
+        scenario=scenario,
+        model=run.model_of(cell),
+        traces=True,
+        hang_after_s=hang_limit_s(HANG_AFTER_S, scenario),
+        stack_file=None,
+        engine=run.engine,
+    )
+
+
+def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
+    """The tables of a pair; of an hour only the traces of what is shown of it."""
+    tables = dict(result.tables)
+    if run.kind.long_pairs and "traces" in tables:
+        begin_s, end_s = stretch_of(run, *key)
+        times = tables["traces"]["time_s"]
+        near = pc.and_(
+            pc.greater_equal(times, begin_s - MARGIN_S), pc.less_equal(times, end_s + MARGIN_S)
+        )
+        tables["traces"] = tables["traces"].filter(near)
+    return tables

@@ -1,0 +1,52 @@
+"""``--until``: look again and again until every interval is narrow enough, and pay for it.
+
+Narrow because few pairs told anything is not narrow enough: an interval that is unreliable for
+that does not stop a cell.
+"""
+
+from collections.abc import Callable
+
+import pyarrow as pa
+
+from harness.scenario import Cell, Precision
+from harness.store.summaries import confidence_of, looks, summarise_cell
+from harness.studies.batch.plan import Plan
+
+
+def reach_precision(
+    plan: Plan,
+    until: Precision,
+    reach: Callable[[dict[int, int]], None],
+    episodes_of: Callable[[int], pa.Table],
+) -> None:
+    """Go on until every cell's interval is narrow enough, or all its pairs are done.
+
+    Args:
+        plan: of the run.
+        until: the width that is narrow enough.
+        reach: brings cells to a number of pairs, both by the cell's number.
+        episodes_of: the ``episodes`` of a cell so far.
+    """
+    planned = plan.planned
+    confidence = confidence_of(plan.study, plan.options)
+    goals = dict.fromkeys(planned, 0)
+    open_cells = list(plan.study.cells)
+    for look in looks(max(planned.values())):
+        for cell in open_cells:
+            goals[cell.number] = min(look, planned[cell.number])
+        reach(goals)
+        open_cells = [
+            cell
+            for cell in open_cells
+            if goals[cell.number] < planned[cell.number]
+            and not _narrow(episodes_of(cell.number), cell, until, confidence)
+        ]
+        if not open_cells:
+            return
+
+
+def _narrow(episodes: pa.Table, cell: Cell, until: Precision, confidence: float) -> bool:
+    finding = summarise_cell(episodes, cell, confidence).findings[until.measure]
+    if not finding.reliable or finding.half_width is None:
+        return False
+    return finding.half_width <= until.half_width

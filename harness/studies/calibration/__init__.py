@@ -1,0 +1,43 @@
+"""From extracted rows to a fitted interaction model with its card."""
+
+from harness.studies.calibration.calibrate import Calibration, Candidate, calibrate
+from harness.studies.calibration.card import card
+from harness.studies.calibration.choice import by_bic, by_held_out, by_rule
+from harness.studies.calibration.jobs import Settings
+from harness.studies.calibration.sample import (
+    BOX_LOWER,
+    BOX_UPPER,
+    RowFile,
+    Sample,
+    make_sample,
+    read_rows,
+)
+from harness.studies.calibration.scores import (
+    HeldOut,
+    by_vehicle,
+    driving_log_scores,
+    vehicle_folds,
+    walking_log_scores,
+)
+
+__all__ = [
+    "BOX_LOWER",
+    "BOX_UPPER",
+    "Calibration",
+    "Candidate",
+    "HeldOut",
+    "RowFile",
+    "Sample",
+    "Settings",
+    "by_bic",
+    "by_held_out",
+    "by_rule",
+    "by_vehicle",
+    "calibrate",
+    "card",
+    "driving_log_scores",
+    "make_sample",
+    "read_rows",
+    "vehicle_folds",
+    "walking_log_scores",
+]

@@ -1,0 +1,228 @@
+"""Fits every K, scores it on vehicles it has not seen, chooses one."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.errors import InputError
+from harness.model.mixture import FitResult, TruncatedGaussianMixture, fit_mixture
+from harness.studies.calibration.choice import by_bic, by_held_out, by_rule
+from harness.studies.calibration.jobs import (
+    Answer,
+    Job,
+    Settings,
+    Shared,
+    fitting_pool,
+    jobs_of,
+    run_job,
+)
+from harness.studies.calibration.sample import LABELS, Sample
+from harness.studies.calibration.scores import (
+    HeldOut,
+    vehicle_folds,
+)
+from harness.studies.workers.execution import call_each
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One K.
+
+    Attributes:
+        components: K.
+        mixture: the fit to all rows.
+        log_likelihood, bic: of that fit, weighted; BIC's n is the sum of the weights.
+        converged, gradient_norm, steps: of the start that was kept.
+        held_out: scores of f(v_p | 1/R, v) by vehicle, what ``held-out`` chooses by; None when a
+            fold could not be fitted or none was asked for.
+        held_out_driver: the same of f(v | 1/R, v_p, 1/T_adv), for information.
+    """
+
+    components: int
+    mixture: TruncatedGaussianMixture
+    log_likelihood: float
+    bic: float
+    converged: bool
+    gradient_norm: float
+    steps: int
+    held_out: HeldOut | None
+    held_out_driver: HeldOut | None
+
+    @property
+    def parameters(self) -> int:
+        """Free parameters: K − 1 weights, 4 K locations, 10 K scales."""
+        return 15 * self.components - 1
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The fits, and the K that was chosen.
+
+    Attributes:
+        candidates: by K, ascending.
+        chosen: the candidate of the model.
+        by: ``bic``, ``rule``, ``held-out`` or ``given``.
+        folds: used; 0 for none.
+        warnings: what a reader should know.
+    """
+
+    candidates: tuple[Candidate, ...]
+    chosen: Candidate
+    by: str
+    folds: int
+    warnings: tuple[str, ...]
+
+
+def calibrate(
+    sample: Sample, settings: Settings, workers: int = 1, progress: Progress | None = None
+) -> Calibration:
+    """Fit every K to the sample and choose one.
+
+    Args:
+        sample: rows in their box, weighted.
+        settings: what to fit and how to choose.
+        workers: processes; the result does not depend on it.
+        progress: told how many of ``job_count`` fits are done.
+
+    Raises:
+        InputError: fewer rows than components, constant or collinear columns, nothing to choose by.
+        HarnessError: a worker died of a fit.
+    """
+    _check(sample, settings)
+    folds = fold_count(sample, settings)
+    jobs = jobs_of(settings, folds)
+    shared = Shared(sample, settings, _folds(sample, settings, folds))
+    results: dict[Job, Answer] = {}
+    pool = fitting_pool(min(workers, len(jobs)))
+    try:
+        tasks = iter([(job, shared) for job in jobs])
+        for (job, _), future in call_each(pool, run_job, lambda: next(tasks, None)):
+            results[job] = future.result()
+            if progress:
+                progress(len(results))
+    finally:
+        pool.stop()
+    return _conclude(settings, folds, results)
+
+
+def job_count(sample: Sample, settings: Settings) -> int:
+    """How many fits ``calibrate`` makes."""
+    return len(settings.components) * (1 + fold_count(sample, settings))
+
+
+def fold_count(sample: Sample, settings: Settings) -> int:
+    """Folds that the sample allows; 0 without identifiers or with fewer than two vehicles."""
+    if settings.folds < 2 or not sample.vehicles or sample.vehicles < 2:
+        return 0
+    return min(settings.folds, sample.vehicles)
+
+
+def _check(sample: Sample, settings: Settings) -> None:
+    """Refuse in this process, before any other is started, what every fit would refuse."""
+    if not settings.components or min(settings.components) < 1:
+        raise InputError("--components", f"{settings.components}", "1 or more")
+    most, rows = max(settings.components), int((sample.weights > 0).sum())
+    if rows < most:
+        raise InputError("rows", f"{rows} rows for {most} components", "at least one row each")
+    fit_mixture(
+        sample.data,
+        1,
+        sample.lower,
+        sample.upper,
+        sample_weight=sample.weights,
+        n_init=1,
+        max_iter=1,
+        seed=settings.seed,
+        names=LABELS,
+    )
+    if len(settings.components) > 1:
+        if settings.choose == "held-out" and not fold_count(sample, settings):
+            by_held_out({})
+        if settings.choose == "rule":
+            by_rule(dict.fromkeys(settings.components, 0.0))
+
+
+def _folds(sample: Sample, settings: Settings, folds: int) -> np.ndarray | None:
+    if sample.vehicle is None or not folds:
+        return None
+    return vehicle_folds(sample.vehicle, sample.weights, folds, settings.seed)
+
+
+def _conclude(settings: Settings, folds: int, results: dict[Job, Answer]) -> Calibration:
+    warnings: list[str] = []
+    candidates = []
+    for k in sorted(settings.components):
+        answer = results[Job(k, None)]
+        if answer.fit is None:
+            raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
+        of_folds = [results[Job(k, fold)] for fold in range(folds)]
+        held_out = _joined([answer.walking for answer in of_folds])
+        if folds and held_out is None:
+            warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")
+        if not answer.fit.converged:
+            warnings.append(
+                f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps, the gradient's "
+                f"norm is {answer.fit.gradient_norm:.1g} per unit of weight."
+            )
+        driving = _joined([answer.driving for answer in of_folds])
+        candidates.append(_candidate(k, answer.fit, held_out, driving))
+    chosen, by = _choose(candidates, settings, warnings)
+    return Calibration(tuple(candidates), chosen, by, folds, tuple(warnings))
+
+
+def _candidate(
+    k: int, fit: FitResult, held_out: HeldOut | None, driving: HeldOut | None
+) -> Candidate:
+    # Arrays that came from another process are writable again; the mixture's own are not.
+    found = fit.mixture
+    mixture = TruncatedGaussianMixture(
+        found.weights, found.locations, found.scale_matrices, found.lower, found.upper
+    )
+    return Candidate(
+        components=k,
+        mixture=mixture,
+        log_likelihood=fit.log_likelihood,
+        bic=fit.bic,
+        converged=fit.converged,
+        gradient_norm=fit.gradient_norm,
+        steps=fit.n_iter,
+        held_out=held_out,
+        held_out_driver=driving,
+    )
+
+
+def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
+    """The scores of all folds; every vehicle is in one of them."""
+    parts = [part for part in scores if part is not None]
+    if not parts or len(parts) < len(scores):
+        return None
+    joined = HeldOut(
+        np.sum([part.totals for part in parts], axis=0),
+        np.sum([part.weights for part in parts], axis=0),
+    )
+    # A row that a model calls impossible leaves no finite mean to compare.
+    return joined if np.isfinite(joined.mean) else None
+
+
+def _choose(
+    candidates: list[Candidate], settings: Settings, warnings: list[str]
+) -> tuple[Candidate, str]:
+    by_k = {candidate.components: candidate for candidate in candidates}
+    if len(by_k) == 1:
+        return candidates[0], "given"
+    bic = {k: candidate.bic for k, candidate in by_k.items()}
+    if settings.choose == "bic":
+        k = by_bic(bic)
+    elif settings.choose == "rule":
+        found = by_rule(bic)
+        if found is None:
+            warnings.append("BIC's gain has not fallen under the rule's 10 % within the range.")
+        k = max(by_k) if found is None else found
+    else:
+        k = by_held_out({k: c.held_out for k, c in by_k.items() if c.held_out is not None})
+    if k == max(by_k):
+        warnings.append(f"K = {k} is the largest that was fitted: a larger one may be better.")
+    return by_k[k], settings.choose

@@ -1,0 +1,177 @@
+"""A strategy under check, played in small scenes on the plain engine."""
+
+from collections.abc import Mapping
+from time import monotonic
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+from harness.core.encounter import Arm, Arrival, Ending, Observation, Side, Strategy, Trace
+from harness.core.errors import in_one_line
+from harness.engine.plain import PlainEngine
+from harness.episode.arms import make_strategy
+from harness.episode.cell_constants import constants_of
+from harness.episode.loop import run_episode
+from harness.model.interaction import InteractionModel
+from harness.scenario import ExperimentSection, Scenario, validate
+from harness.strategies.registry import find_strategy
+
+STEPS_S = (0.1, 0.05)
+
+DECIDE_LIMIT_S = ExperimentSection().decide_limit_s
+"""How long one answer may take, as in a run."""
+
+Walker = tuple[float, Side, float]
+"""Arrival time (s), side, walking speed (m/s)."""
+
+
+class Scene(NamedTuple):
+    """People who come, whatever the ego does, and what differs from the paper's ego."""
+
+    walkers: tuple[Walker, ...]
+    ego: Mapping[str, float] = MappingProxyType({})
+    kerb_wait_s: float = 0.0
+
+
+def _crowd(count: int) -> tuple[Walker, ...]:
+    sides = tuple(Side)
+    return tuple((0.7 * i, sides[i % 2], 0.6 + 0.37 * (i % 5)) for i in range(count))
+
+
+SCENES: dict[str, Scene] = {
+    "nobody": Scene(()),
+    "one from the near side": Scene(((0.0, Side.NEAR, 1.2),)),
+    "one from the far side, slow": Scene(((0.0, Side.FAR, 0.5),)),
+    "one runs": Scene(((4.0, Side.NEAR, 3.0),)),
+    "many from both sides": Scene(_crowd(25)),
+    "a crowd at once": Scene(tuple((1.0, side, 1.3) for side in (*Side,) * 10)),
+    # From the near kerb the lane's far edge is passed after 4.5 m, 3 s; first seen at R = 10 m.
+    "already past the lane when first seen": Scene(
+        ((0.0, Side.NEAR, 1.5), (0.5, Side.NEAR, 1.4)), {"detection_range_m": 10.0}
+    ),
+    # They step off when the ego is at R = 2.5 m, 0.5 m before the crosswalk.
+    "one steps off as it passes": Scene(((5.5, Side.FAR, 0.6),)),
+    "some wait at the kerb": Scene(((3.8, Side.NEAR, 1.2), (4.5, Side.FAR, 1.2)), kerb_wait_s=2.0),
+    "a fast, weak ego": Scene(
+        ((0.0, Side.NEAR, 1.0), (2.0, Side.FAR, 1.0)),
+        {"initial_speed_mps": 16.0, "trigger_range_m": 60.0, "max_deceleration_mps2": 2.0},
+    ),
+}
+
+
+SURVIVES = "survives nobody, many, people past its lane and behind it"
+IS_FINITE = "answers with a finite number or None"
+"""The rules that are broken by a scene that cannot be played to its end."""
+
+
+class BrokenRuleError(Exception):
+    """A check's finding, in one line; ``observation`` is what the strategy was shown there."""
+
+    def __init__(self, problem: str, observation: Observation | None = None) -> None:
+        super().__init__(problem)
+        self.observation = observation
+
+
+class StoppedError(BrokenRuleError):
+    """A scene could not be played to its end; ``rule`` is the check that is broken by this."""
+
+    def __init__(self, problem: str, rule: str, observation: Observation | None = None) -> None:
+        super().__init__(problem, observation)
+        self.rule = rule
+
+
+class Observed:
+    """Hands observations on to a strategy and keeps its answers.
+
+    Where it answers None, which only SUMO could carry out, the speed is kept.
+    """
+
+    def __init__(self, strategy: Strategy) -> None:
+        self.strategy = strategy
+        self.answers: list[Any] = []
+        self.observations: list[Observation] = []
+        self.changed: Observation | None = None
+        self.asked_at_s: float | None = None
+        """When it was asked last, until it answers: it is thinking since then, or has raised."""
+
+    def decide(self, observation: Observation, /) -> float:
+        """The strategy's answer; its observation is compared with itself before."""
+        before = repr(observation)
+        self.observations.append(observation)
+        self.asked_at_s = monotonic()
+        answer = self.strategy.decide(observation)
+        self.asked_at_s = None
+        if self.changed is None and repr(observation) != before:
+            self.changed = observation
+        self.answers.append(answer)
+        return 0.0 if answer is None else answer
+
+
+class Subject:
+    """A strategy under check.
+
+    Args:
+        name: as in ``arms.av``.
+        scenario: says the crosswalk, the ego where a scene says nothing, and the parameters.
+        model: the interaction model, for strategies that ask for it.
+    """
+
+    def __init__(self, name: str, scenario: Scenario, model: InteractionModel) -> None:
+        self.name, self._model = name, model
+        self._base = scenario.model_dump(include={"crossing", "ego", "strategies"})
+        self.parameters = scenario.strategies.get(name, {})
+        self.road_limit_mps = scenario.crossing.road_speed_limit_mps
+        self.factory = find_strategy(name, "--check")
+        self.decide_limit_s = DECIDE_LIMIT_S
+        self.watched: Observed | None = None
+        """The object of the scene that is being played."""
+
+    def play(self, scene: str, step_s: float) -> tuple[Trace, Observed]:
+        """One episode with a fresh object.
+
+        Raises:
+            BrokenRuleError: the strategy could not be made, raised, or gave no number.
+        """
+        chosen = SCENES[scene]
+        scenario = validate(
+            {
+                **self._base,
+                "ego": {**self._base["ego"], **chosen.ego},
+                "arms": {"human": self.name},
+                "pedestrians": {"kerb_wait_s": chosen.kerb_wait_s},
+                "experiment": {"step_s": step_s},
+            },
+            "conformance",
+        )
+        try:
+            watched = Observed(make_strategy(scenario, Arm.HUMAN, 0, self._model))
+        except (Exception, SystemExit) as error:
+            raise StoppedError(f"cannot be made: {in_one_line(error)}", SURVIVES) from None
+        self.watched = watched
+        trace = _run(scenario, watched, chosen.walkers)
+        self.watched = None
+        if trace.ending is Ending.ENGINE_FAILED:
+            rule = IS_FINITE if watched.asked_at_s is None else SURVIVES
+            last = watched.observations[-1] if watched.observations else None
+            raise StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule, last)
+        return trace, watched
+
+    def stopped(self, problem: str, rule: str) -> StoppedError:
+        """The finding where the strategy takes too long, with what it was shown last."""
+        seen = [] if self.watched is None else self.watched.observations
+        return StoppedError(problem, rule, seen[-1] if seen else None)
+
+    def hangs(self) -> bool:
+        """Whether it has been thinking for too long; another thread asks."""
+        asked_at_s = None if self.watched is None else self.watched.asked_at_s
+        return asked_at_s is not None and monotonic() - asked_at_s > self.decide_limit_s
+
+
+def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) -> Trace:
+    arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
+    return run_episode(
+        PlainEngine(scenario.vehicle(), scenario.experiment.step_s),
+        strategy,
+        arrivals,
+        lambda who, *_: walkers[who.index][2],
+        constants_of(scenario),
+    )

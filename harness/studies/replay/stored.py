@@ -1,0 +1,161 @@
+"""One cell of a stored run: what its episodes were, to hold a repetition against."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import repeat
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from harness.core.encounter import Arm
+from harness.core.errors import InputError
+from harness.engine.control import SumoEngine
+from harness.engine.road import SumoRoad
+from harness.episode.pairing import Begins, PairRunner
+from harness.episode.traffic.pairing import HourOutcome, HourRunner
+from harness.measures import Outcome
+from harness.measures.agreement import TOLERANCE
+from harness.model.interaction import InteractionModel, load_model
+from harness.scenario import Cell, EngineName, Scenario, study_from
+from harness.store.episode_tables import episode_rows, pedestrian_rows
+from harness.store.hour_tables import hour_rows
+from harness.store.kinds import kind_of
+from harness.store.manifest import explained
+from harness.store.reading import MANIFEST, read_finished_manifest, read_table
+
+Row = dict[str, Any]
+Rows = dict[str, list[Row]]
+"""By table."""
+
+
+class StoredCell:
+    """The stored rows of one cell of a finished run, with its scenario and model.
+
+    Args:
+        run: the run folder.
+        number: of the cell.
+        pair: one that must be there; None asks for none.
+
+    Raises:
+        InputError: no finished run, no such cell or pair, or its tables or model cannot be read.
+    """
+
+    def __init__(self, run: Path, number: int, pair: int | None = None) -> None:
+        document = read_finished_manifest(run)
+        cells = study_from(document, MANIFEST).cells
+        if not 0 <= number < len(cells):
+            raise InputError("--cell", f"{number}", f"0 to {len(cells) - 1}")
+        self.cell: Cell = cells[number]
+        self.engine: EngineName = document["engine"]
+        self._document = document
+        section = self.cell.scenario.model
+        self.model: InteractionModel = load_model(section.name, section.path)
+        names = kind_of(self.cell.scenario).records
+        self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
+        ran = self._rows[names[0]]
+        if pair is not None and (pair, Arm.AV.value) not in ran:
+            raise InputError("--pair", f"{pair}", f"0 to {max((one for one, _ in ran), default=0)}")
+
+    @property
+    def in_traffic(self) -> bool:
+        """Whether its pairs are hours of traffic."""
+        return self.cell.scenario.traffic is not None
+
+    def rows_of(self, pair: int, arm: Arm) -> Rows:
+        """The stored rows of an episode, or of an arm of an hour, by table."""
+        key = (pair, arm.value)
+        return {name: rows.get(key, []) for name, rows in self._rows.items()}
+
+    def differences(self, outcome: Outcome | HourOutcome) -> tuple[str, ...]:
+        """How an episode or an hour run again in SUMO is not as stored, in words."""
+        rows = self.rows_of(outcome.pair, outcome.arm)
+        return self.explained(record_differences(outcome, self.cell.number, rows, self.engine))
+
+    def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
+        """The same, led by what is no longer as it was in the run: its strategy, say."""
+        return explained(differences, self._document, self.cell.scenario, self.model)
+
+
+def run_arm(
+    scenario: Scenario,
+    model: InteractionModel,
+    engine: SumoEngine | SumoRoad,
+    pair: int,
+    arm: Arm,
+    begins: Begins = lambda _pair, _arm, _episode: None,
+) -> Outcome | HourOutcome:
+    """Run one arm of a pair on an open engine, or of an hour on an open road; it is then closed."""
+    try:
+        if isinstance(engine, SumoRoad):
+            return HourRunner(scenario, model, lambda: engine).run_arm(pair, arm)
+        engine.automated = arm is Arm.AV
+        return PairRunner(scenario, model, lambda: engine).run_arm(pair, arm, begins)
+    finally:
+        if not engine.closed:
+            engine.close()
+
+
+def record_differences(
+    outcome: Outcome | HourOutcome,
+    cell: int,
+    stored: Mapping[str, Sequence[Row]],
+    engine: EngineName,
+) -> Iterator[str]:
+    """How an episode or an hour run again in SUMO is not as stored, in words.
+
+    A record of SUMO's own is repeated to the last bit.  One of the plain engine is repeated within
+    ``TOLERANCE``, and has no verdict of SUMO's to compare.
+
+    Args:
+        outcome: what came out.
+        cell: its cell.
+        stored: its stored rows by table.
+        engine: what moved the stored one.
+    """
+    if isinstance(outcome, HourOutcome):
+        tables = hour_rows(cell, [outcome])
+    else:
+        tables = {
+            "episodes": episode_rows(cell, [outcome]),
+            "pedestrians": pedestrian_rows(cell, [outcome]),
+        }
+    near = TOLERANCE if engine == "plain" else 0.0
+    unknown = ("sumo_collision",) if engine == "plain" else ()
+    for name, rows in stored.items():
+        known = [{key: row[key] for key in row if key not in unknown} for row in rows]
+        yield from differences_of(name, tables[name].to_pylist(), known, near)
+
+
+def differences_of(
+    name: str, now: Sequence[Row], stored: Sequence[Row], near: float = 0.0
+) -> Iterator[str]:
+    """How new rows of a table are not as its stored ones, in words.
+
+    Numbers that differ by at most ``near``, absolutely or relatively, are the same.
+    """
+    if len(stored) != len(now):
+        yield f"{name}: {len(now)} rows instead of {len(stored)}"
+        return
+    for old, new in zip(stored, now, strict=True):
+        for column in old:
+            if not _same(old[column], new[column], near):
+                yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
+
+
+def _same(old: Any, new: Any, near: float) -> bool:
+    if old == new:
+        return True
+    if isinstance(old, float) and isinstance(new, float):
+        return abs(old - new) <= near * max(1.0, abs(old))
+    if isinstance(old, list) and isinstance(new, list):
+        return len(old) == len(new) and all(map(_same, old, new, repeat(near)))
+    if isinstance(old, dict) and isinstance(new, dict):
+        return all(_same(old[key], new.get(key), near) for key in old)
+    return False
+
+
+def _by_episode(table: pa.Table) -> dict[tuple[int, str], list[Row]]:
+    rows: dict[tuple[int, str], list[Row]] = {}
+    for row in table.to_pylist():
+        rows.setdefault((row["pair"], row["arm"]), []).append(row)
+    return rows

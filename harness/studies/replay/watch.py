@@ -1,0 +1,109 @@
+"""Shows a stored episode or hour in sumo-gui: the same loop through TraCI, at a chosen pace."""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.core.encounter import Arm, Ending
+from harness.core.errors import EngineError, InputError
+from harness.engine.installation import check_packages
+from harness.engine.network import place_of
+from harness.engine.shared import close_engine, following_of
+from harness.episode.traffic.pairing import HourOutcome
+from harness.measures import Outcome
+from harness.studies.replay.rerun import refuse_in_use
+from harness.studies.replay.stored import StoredCell, run_arm
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Gui
+
+
+@dataclass(frozen=True)
+class Watched:
+    """One episode or hour that was shown, and how its record differs from the stored one."""
+
+    arm: Arm
+    differences: tuple[str, ...]
+
+
+def watch(
+    run: Path,
+    pair: int,
+    arms: Sequence[Arm],
+    cell: int = 0,
+    *,
+    pace: float = 1.0,
+    screenshots: Path | None = None,
+    every_s: float = 0.5,
+) -> list[Watched]:
+    """Run a pair's arms again in sumo-gui, one after the other.
+
+    Args:
+        run: a finished run folder.
+        pair: index of the pair.
+        arms: which arms.
+        cell: number of the cell.
+        pace: 1 is real time, 2 twice as fast; infinite waits for nothing.
+        screenshots: a new or empty folder for PNGs, one folder for each arm if there are two.
+        every_s: simulated time between two of them.
+
+    Raises:
+        InputError: no such run, cell or pair, no display, or the folder is refused.
+        EngineError: sumo-gui did not start, or its window was closed.
+    """
+    check_packages()
+    from harness.engine.traci import Gui
+
+    if not pace > 0:
+        raise InputError("--pace", f"{pace:g}", "above 0, e.g. 0.5 or 4")
+    if not every_s > 0:
+        raise InputError("--every", f"{every_s:g} s", "above 0")
+    if screenshots is not None:
+        refuse_in_use(screenshots, "--screenshots")
+    stored = StoredCell(run, cell, pair)
+    _require_display()
+    scenario = stored.cell.scenario
+    shown = []
+    for arm in arms:
+        folder = screenshots
+        if screenshots is not None:
+            folder = screenshots / arm.value if len(arms) > 1 else screenshots
+            folder.mkdir(parents=True, exist_ok=True)
+        gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
+        try:
+            outcome = _watched(stored, pair, arm, gui)
+        finally:
+            close_engine()
+        shown.append(Watched(arm, stored.differences(outcome)))
+    return shown
+
+
+def _watched(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome | HourOutcome:
+    from harness.engine.traci import gui_engine, gui_road
+
+    scenario = stored.cell.scenario
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+    step_s = scenario.experiment.step_s
+    if not stored.in_traffic:
+        outcome = run_arm(scenario, stored.model, gui_engine(*place, step_s, gui), pair, arm)
+        if isinstance(outcome, Outcome) and outcome.trace.ending is Ending.ENGINE_FAILED:
+            raise EngineError(f"sumo-gui: {outcome.trace.reason}")
+        return outcome
+    road = gui_road(*place, step_s, following_of(scenario), gui)
+    outcome = run_arm(scenario, stored.model, road, pair, arm)
+    if isinstance(outcome, HourOutcome) and road.lost:
+        raise EngineError(f"sumo-gui: {outcome.reason}")
+    return outcome
+
+
+def _require_display() -> None:
+    """On Linux a window needs an X server; elsewhere it comes with the desktop."""
+    if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+        raise InputError(
+            "--gui",
+            "there is no display (DISPLAY is not set)",
+            "a desktop session, or a virtual one: install Xvfb and run `xvfb-run -a harness …`",
+        )

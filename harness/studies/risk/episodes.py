@@ -1,0 +1,142 @@
+"""Runs the episodes of a risk in a worker process: states in standard normal space to scores."""
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.core.encounter import Ending, FloatArray, Trace
+from harness.core.seeding import Given, has_drawn_more
+from harness.engine.shared import open_engine
+from harness.episode.arms import draws_of
+from harness.episode.pairing import PairRunner
+from harness.episode.ties import Asked, tie_s
+from harness.measures.agreement import difference
+from harness.scenario import EngineName
+from harness.studies.risk.asking import Question
+from harness.studies.risk.event import GRADINGS
+from harness.studies.workers.watchdog import watchdog
+
+_scene = ""
+_runners: dict[bool, PairRunner] = {}
+
+
+@dataclass(frozen=True)
+class Episodes:
+    """Some episodes of a batch from its ``first``-th on: their numbers and states (n, width).
+
+    ``compare`` makes the other engine run them too, and reports which records differ.
+    """
+
+    question: Question
+    first: int
+    numbers: tuple[int, ...]
+    z: FloatArray
+    compare: bool
+    hang_after_s: float
+
+
+class Score(NamedTuple):
+    """The outcome of one episode.
+
+    Attributes:
+        score: one for each grading of the event; NaN where the episode failed.
+        passed_s: when the ego's front reached the centre line; NaN where it did not.
+        timed_out: whether the time limit ended the episode.
+        reason: of a failure; else None.
+        difference: how the two engines' records differ; None where they are equal.
+        by_a_tie: whether a tie of the strategy made them differ.
+        drew_more: whether the strategy drew more random numbers than the sampled ones.
+    """
+
+    score: tuple[float, ...]
+    passed_s: float
+    timed_out: bool = False
+    reason: str | None = None
+    difference: str | None = None
+    by_a_tie: bool = False
+    drew_more: bool = False
+
+
+def failed(reason: str) -> Score:
+    """The score of an episode that no worker survived."""
+    return Score((math.nan,) * GRADINGS, math.nan, reason=reason)
+
+
+def run_episodes(task: Episodes) -> list[Score]:
+    """Run every episode of a task, in its order."""
+    question = task.question
+    given = [
+        (number, question.space.given(z, number))
+        for number, z in zip(task.numbers, task.z, strict=True)
+    ]
+    drew_more: list[bool] = []
+    with watchdog(task.hang_after_s, None) as watch:
+
+        def ended(rng: np.random.Generator | None) -> None:
+            watch.alive()
+            number, known = given[len(drew_more)]
+            fresh = draws_of(question.scenario, question.arm, number, given=known)
+            drew_more.append(rng is not None and has_drawn_more(rng, fresh))
+
+        runner = _runner_of(question, question.in_sumo)
+        outcomes = list(runner.run_arm_given(question.arm, given, ended))
+        scores = [
+            Score(
+                question.event.scores(outcome.record),
+                _passed_s(outcome.trace),
+                outcome.record.ending is Ending.TIMED_OUT,
+                outcome.record.reason,
+                drew_more=more,
+            )
+            for outcome, more in zip(outcomes, drew_more, strict=True)
+        ]
+        if task.compare:
+            runner = _runner_of(question, not question.in_sumo)
+            others = runner.run_arm_given(question.arm, given, lambda _: watch.alive())
+            for place, other in enumerate(others):
+                words = difference(outcomes[place].record, other.record)
+                if words is not None:
+                    tie = _tie_s(question, *given[place])
+                    watch.alive()
+                    when = "" if tie is None else f"tie at {tie:.3f} s, "
+                    scores[place] = scores[place]._replace(
+                        difference=f"episode {task.numbers[place]}: {when}{words}",
+                        by_a_tie=tie is not None,
+                    )
+    return scores
+
+
+def _tie_s(question: Question, number: int, given: Given) -> float | None:
+    """When a tie of the strategy made the two engines' records differ; None where none did."""
+    decisions: tuple[list[Asked], list[Asked]] = ([], [])
+    for heard, in_sumo in zip(decisions, (False, True), strict=True):
+        _runner_of(question, in_sumo).run_arm(number, question.arm, given=given, asked=heard)
+    return tie_s(*decisions)
+
+
+def _passed_s(trace: Trace) -> float:
+    """When the ego's front reached the centre line, interpolated between steps."""
+    beyond = np.flatnonzero(trace.x_m >= 0.0)
+    if len(beyond) == 0 or beyond[0] == 0:
+        return math.nan
+    after = int(beyond[0])
+    before_m, after_m = trace.x_m[after - 1], trace.x_m[after]
+    return float(trace.step_s * (after - 1 - before_m / (after_m - before_m)))
+
+
+def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
+    """The runner of a scenario; it is made again only when the scenario changes."""
+    global _scene
+    scenario = question.scenario
+    scene = repr((scenario, question.model.sha256))
+    if scene != _scene:
+        _runners.clear()
+        _scene = scene
+    if in_sumo not in _runners:
+        name: EngineName = "sumo" if in_sumo else "plain"
+        _runners[in_sumo] = PairRunner(
+            scenario, question.model, lambda: open_engine(scenario, name)
+        )
+    return _runners[in_sumo]

@@ -1,0 +1,212 @@
+"""Stage two: the probability of the event, by importance sampling with independent draws.
+
+p = E_q[1_F φ/q] for any density q that is positive where φ is (Owen, Monte Carlo theory, methods
+and examples, ch. 9).  The draws are independent, their number is fixed before the first of them,
+and nothing that the proposal was fitted on is counted.  So the estimate is unbiased whatever the
+exploration missed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+from threadpoolctl import threadpool_limits
+
+from harness.core.encounter import FloatArray
+from harness.statistics.findings import Note, Rank
+from harness.studies.risk.exploring import POINTS, Exploration, explore
+from harness.studies.risk.interval import Estimate, Tally, estimate_of
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Counted, Evaluate
+from harness.studies.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, keys_of, nominal
+from harness.studies.risk.refitting import refit
+
+EXPLORATIONS = 3
+"""Independent explorations: one alone now and then loses a way to the event."""
+
+_LEAST_DRAWS = 4_000
+
+_RESERVE = 2.5
+"""More draws than the refits say are needed: weights found late are the large ones."""
+
+_RESERVE_OF_BRUTE_FORCE = 1.25
+"""The same where all weights are 1: how frequent the event is is known roughly."""
+
+_AFFORDABLE = 50_000
+"""Episodes that exploring and refitting take in any case: brute force may take as many."""
+
+_PILOT_EVENTS = (4, 0.25)
+"""The pilot ends at this many events at least, and at this part of what the estimate will need."""
+
+_PILOT_MOST = 10_000
+"""Episodes of the pilot at most: what is not clear then is explored."""
+
+_PILOT_DOUBT = 0.05
+"""The pilot ends where so few events are as unlikely as this if brute force were affordable."""
+
+_SMALL_SAMPLE = 30
+"""An effective sample size below this makes no trustworthy interval."""
+
+_LARGE_SHARE = 0.1
+"""One weight, or the nominal draws together, should not hold more of the estimate."""
+
+_CHECK_TAIL = 0.001
+"""A brute-force check as unlikely as this disagrees."""
+
+
+@dataclass(frozen=True, slots=True)
+class Estimation:
+    """The estimate and how it came about.
+
+    ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
+    ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
+    of which ``events_in_all`` ended in the event.  ``first_look`` counts the draws that decided
+    between brute force and exploring; the estimate does not count them.  ``failed_weight`` is the
+    probability that failed episodes would add if all were in the event.
+    """
+
+    estimate: Estimate
+    explorations: tuple[Exploration, ...]
+    proposal: Proposal
+    z: FloatArray
+    weights: FloatArray
+    numbers: NDArray[np.int64]
+    keys: FloatArray
+    episodes: int
+    events_in_all: int
+    first_look: Tally
+    failed_weight: float
+    notes: tuple[Note, ...]
+
+
+def estimate_probability(
+    evaluate: Evaluate,
+    layout: Layout,
+    rng: np.random.Generator,
+    target_cv: float = 0.1,
+    most_draws: int = 200_000,
+) -> Estimation:
+    """Explore, fit a proposal, estimate.
+
+    Args:
+        evaluate: runs episodes.
+        layout: of the states.
+        rng: draws everything.
+        target_cv: wanted coefficient of variation of the estimate.
+        most_draws: bound on the draws of the last stage.
+    """
+    # Small matrices are slower on several threads, and their last bits depend on the number.
+    with threadpool_limits(1, user_api="blas"):
+        return _estimate(Counted(evaluate), layout, rng, target_cv, most_draws)
+
+
+def _estimate(
+    counted: Counted,
+    layout: Layout,
+    rng: np.random.Generator,
+    target_cv: float,
+    most_draws: int,
+) -> Estimation:
+    # From a generator of its own: what follows is the same whatever the pilot took.
+    share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
+    explorations: list[Exploration] = []
+    if share is None:
+        explorations = [explore(counted, layout, rng, n) for n in range(EXPLORATIONS)]
+    failures = [exploration.failures for exploration in explorations]
+    found = np.concatenate([np.empty((0, layout.width)), *failures])
+    if share is not None:
+        proposal, squared_cv = nominal(layout), (1 - share) / share
+    elif len(found):
+        rough = float(np.mean([exploration.rough for exploration in explorations]))
+        proposal, squared_cv = refit(counted, layout, found, rough, rng)
+    else:
+        # Nothing is known of where the event might be: more nominal draws only bound it.
+        proposal, squared_cv = nominal(layout), 0.0
+    weighted = bool(proposal.components)
+    reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
+    wanted = math.ceil(reserve * squared_cv / target_cv**2)
+    draws = min(max(wanted, POINTS if share is not None else _LEAST_DRAWS), most_draws)
+    drawn = draws_from(proposal, counted, draws, rng, "estimating")
+    event, weights = drawn.event, drawn.weight[drawn.event]
+    tally = sum((exploration.nominal for exploration in explorations), pilot + drawn.nominal)
+    estimate = estimate_of(drawn.weight, event, tally)
+    notes = _doubts(estimate, weights, weighted=weighted)
+    if counted.events and not event.any():
+        seen = counted.events - pilot.events
+        notes.append(
+            f"None of the {draws:,} draws ended in the event, but {pilot.events:,} of the "
+            f"{pilot.draws:,} episodes of the first look did, and {seen:,} of the exploration: "
+            "more draws are needed."
+        )
+    if len(found) and not weighted:
+        notes.append(
+            "The estimate is by brute force: weighted draws around the events that the exploration "
+            "found would have needed as many episodes, or held too few events."
+        )
+    if wanted > most_draws:
+        notes.append(
+            f"{wanted:,} draws were needed for a coefficient of variation of {target_cv:g}; "
+            f"{most_draws:,} were allowed."
+        )
+    return Estimation(
+        estimate,
+        tuple(explorations),
+        proposal,
+        drawn.z[event],
+        weights,
+        drawn.numbers[event],
+        keys_of(proposal, drawn.cases),
+        counted.episodes,
+        counted.events,
+        pilot,
+        float(drawn.weight[drawn.failed].sum() / draws),
+        tuple(Note(Rank.FEW_PAIRS, text) for text in notes),
+    )
+
+
+def _pilot(
+    evaluate: Evaluate, layout: Layout, rng: np.random.Generator, target_cv: float
+) -> tuple[float | None, Tally]:
+    """Nominal draws, until it is clear whether brute force alone would be affordable.
+
+    Returns:
+        The share of events, None where it would not, and the draws.
+    """
+    least = min(1.0, 1 / (_AFFORDABLE * target_cv**2))
+    enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
+    events = draws = 0
+    while events < enough:
+        unlikely = stats.binom.cdf(events, draws, least) < _PILOT_DOUBT
+        if unlikely or draws >= _PILOT_MOST:
+            return None, Tally(draws, events)
+        events += int(evaluate(layout.draw(POINTS, rng), "a first look").event.sum())
+        draws += POINTS
+    return events / draws, Tally(draws, events)
+
+
+def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
+    """Where the proposal missed, in words."""
+    # The interval of brute force is exact, however few events there were.
+    if estimate.probability is None or not weighted:
+        return []
+    doubts = []
+    size, largest = estimate.effective_sample_size, estimate.largest_share
+    if size < _SMALL_SAMPLE:
+        doubts.append(f"The interval is too narrow: the effective sample size is only {size:.0f}.")
+    if largest is not None and largest > _LARGE_SHARE:
+        doubts.append(
+            f"The interval is too narrow: one draw holds {100 * largest:.0f} % of the estimate."
+        )
+    beyond = float(weights[weights > 0.5 / NOMINAL_SHARE].sum() / weights.sum())
+    if beyond > _LARGE_SHARE:
+        doubts.append(
+            f"{100 * beyond:.0f} % of the estimate comes from events that the exploration missed."
+        )
+    events, trials = estimate.nominal.events, estimate.nominal.draws
+    too_many = stats.binom.sf(events - 1, trials, estimate.ci_high) < _CHECK_TAIL
+    too_few = stats.binom.cdf(events, trials, estimate.ci_low) < _CHECK_TAIL
+    if too_many or too_few:
+        doubts.append(f"Brute force disagrees: {events:,} of {trials:,} nominal draws were events.")
+    return doubts

@@ -1,0 +1,159 @@
+"""Stage one: where the event is.  Subset simulation in standard normal space (Au & Beck 2001).
+
+The levels go down the score until the event is reached; in each, chains move by the
+preconditioned Crank–Nicolson step, component by component (Papaioannou et al. 2015, adaptive
+conditional sampling).  What comes out is a crowd of points in the event.  Nothing that is reported
+rests on it but the proposal.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.core.encounter import FloatArray
+from harness.studies.risk.interval import Tally
+from harness.studies.risk.layout import Layout
+from harness.studies.risk.outcomes import Evaluate
+
+POINTS = 1_000
+"""Episodes of a level."""
+
+_LEVEL_SHARE = 0.1
+"""Share of a level's points from which the next one starts."""
+
+_MOST_LEVELS = 24
+"""At a tenth a level: far below any probability that is asked for."""
+
+_STANDSTILL = 3
+"""After so many levels without a lower score there is no way down."""
+
+_LOWER = 1e-3
+"""A lower score is lower by this part at least: many have a least value, approached for ever."""
+
+_PARTS = (0.1, 0.3, 0.6)
+"""Shares of the uniforms that a move draws anew."""
+
+_ANEW = 0.2
+"""Share of the moves that draw a part of the uniforms anew; the others move all a little."""
+
+_ACCEPTED = 0.4
+"""Share of the small moves that should be accepted: the step is adapted to it."""
+
+_LEAST_STEP = 0.02
+"""The step lies between it and 1, which is an independent draw."""
+
+
+Graded = Callable[[FloatArray, str], FloatArray]
+"""States, and what they are for, to scores of shape (n,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """What one exploration found.
+
+    ``failures`` (n, width) are states in the event, empty where none was found; ``levels`` the
+    thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal`` counts the
+    first ``POINTS`` episodes, which are nominal draws; ``nearest`` is the least score seen.
+    """
+
+    failures: FloatArray
+    levels: tuple[float, ...]
+    rough: float
+    nominal: Tally
+    nearest: float
+
+
+def explore(
+    evaluate: Evaluate, layout: Layout, rng: np.random.Generator, grading: int = 0
+) -> Exploration:
+    """Go down the score until the event is reached, or until no lower score is found.
+
+    Args:
+        evaluate: runs episodes.
+        layout: of the states.
+        rng: draws the starting points and the moves.
+        grading: which of the scores leads; the first again after the last.
+    """
+
+    def graded(z: FloatArray, what: str) -> FloatArray:
+        scores = evaluate(z, what).score
+        score = scores[:, grading % scores.shape[1]]
+        return np.where(np.isnan(score), np.inf, score)
+
+    z = layout.draw(POINTS, rng)
+    score = graded(z, "exploring")
+    nominal, nearest = Tally(POINTS, int(np.sum(score <= 0))), float(score.min())
+    levels: list[float] = []
+    rough, standstill = 1.0, 0
+    moves = _Moves(graded, layout, rng)
+    while standstill < _STANDSTILL and len(levels) < _MOST_LEVELS:
+        level, inside = _next_level(score)
+        if not inside.any():
+            break
+        levels.append(level)
+        rough *= float(inside.mean())
+        what = f"exploring, level {len(levels)}"
+        z, score = moves(z[inside], score[inside], level, what)
+        if level == 0:
+            found = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
+            return Exploration(np.concatenate(found), tuple(levels), rough, nominal, nearest)
+        standstill = standstill + 1 if score.min() > (1 - _LOWER) * nearest else 0
+        nearest = min(nearest, float(score.min()))
+    return Exploration(z[:0], tuple(levels), 0.0, nominal, nearest)
+
+
+def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
+    """The next threshold, at least 0, and which points are below it.
+
+    A plateau of equal scores above it is left behind as a whole; if there is nothing below the
+    plateau, nobody is inside.
+    """
+    level = float(np.sort(score)[int(_LEVEL_SHARE * len(score)) - 1])
+    if level == score.max():
+        below = score[score < level]
+        level = float(below.max()) if len(below) else -math.inf
+    level = max(level, 0.0)
+    return level, score <= level
+
+
+class _Moves:
+    """Chains from seeds; the step is adapted all along an exploration.
+
+    Most moves change all uniforms a little, by a step adapted to what is accepted: the scores of
+    the chains have to part, or a few lucky seeds would be the parents of all and a way to the event
+    be lost.  The others draw a random part of the uniforms anew.
+    """
+
+    def __init__(self, graded: Graded, layout: Layout, rng: np.random.Generator) -> None:
+        self._graded, self._layout, self._rng = graded, layout, rng
+        self._scale = 0.5
+
+    def __call__(
+        self, seeds: FloatArray, scores: FloatArray, level: float, what: str
+    ) -> tuple[FloatArray, FloatArray]:
+        """Move every seed on, until there are ``POINTS`` points below the level."""
+        rng, z, score = self._rng, seeds, scores
+        points, kept = [z], [score]
+        for _ in range(1, -(-POINTS // len(seeds))):
+            chains = (len(z), 1)
+            anew = rng.random(chains) < _ANEW
+            share = np.where(anew, rng.choice(_PARTS, chains), 1.0)
+            part = rng.random(z.shape) < share
+            step = np.minimum(1.0, self._scale * np.exp(rng.uniform(-1.0, 1.0, chains)))
+            size = np.where(anew, 1.0, step)
+            drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
+            moved = np.where(part, drawn, z)
+            moved = self._layout.renewed(moved, np.where(anew, share, 0.0), rng)
+            result = self._graded(moved, what)
+            accepted = result <= level
+            small = accepted[~anew[:, 0]]
+            if len(small):
+                scale = self._scale * math.exp(float(small.mean()) - _ACCEPTED)
+                self._scale = min(1.0, max(_LEAST_STEP, scale))
+            z, score = np.where(accepted[:, None], moved, z), np.where(accepted, result, score)
+            points.append(z)
+            kept.append(score)
+        return np.concatenate(points)[-POINTS:], np.concatenate(kept)[-POINTS:]

@@ -1,0 +1,184 @@
+"""The findings of a risk: ``result.json``, of which ``--json``, terminal and page are views."""
+
+from dataclasses import replace
+from operator import attrgetter
+from typing import Annotated, Self
+
+from pydantic import Field, computed_field, model_validator
+from pydantic_core import PydanticCustomError
+
+from harness.core.encounter import Arm, Side
+from harness.statistics.findings import Entry, Finding, Form, Note, Rank
+from harness.statistics.intervals import Proportion
+from harness.studies.risk.asking import Document
+
+SCHEMA = 2
+"""Of ``result.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+Number = Annotated[float, Field(ge=-1e18, le=1e18)]
+
+
+class Person(Document):
+    """A pedestrian of an episode.
+
+    ``quantile`` is None of those who are timed, ``found_at_look`` where everybody or nobody is
+    found.
+    """
+
+    arrival_s: Number
+    side: Side
+    quantile: Share | None
+    critical_gap_s: Number | None
+    found_at_look: Count | None
+
+
+class Way(Document):
+    """One of the likeliest ways to the event.
+
+    Attributes:
+        share: of the probability.
+        events: draws of the estimate that took this way.
+        episode: the number of the likeliest one.
+        pedestrians: of that episode.
+        critical_pairs: the first and last pair of ``critical.toml`` that took it.
+    """
+
+    share: Share
+    events: Count
+    episode: Count
+    pedestrians: tuple[Person, ...]
+    critical_pairs: tuple[Count, Count]
+
+
+class RiskFindings(Document):
+    """What a finished risk reports.
+
+    ``by_brute_force`` says that all draws of the estimate are nominal.  ``probability`` is None
+    where none of them ended in the event; ``nominal_high`` is the upper bound by all nominal draws
+    alone.  ``probability_worst`` counts every failed episode as an event; it is None where nothing
+    failed and there is no probability.
+    """
+
+    scenario: str
+    arm: Arm
+    strategy: str
+    event: str
+    by_brute_force: bool
+    probability: Share | None
+    ci_low: Share | None
+    ci_high: Share | None
+    nominal_high: Share
+    nominal_draws: Count
+    nominal_events: Count
+    confidence: Annotated[float, Field(gt=0, lt=1)]
+    coefficient_of_variation: Number | None
+    effective_sample_size: Number | None
+    episodes: Count
+    brute_force_episodes: Count | None
+    draws: Count
+    events: Count
+    events_in_all: Count
+    first_look_draws: Count
+    first_look_events: Count
+    probability_worst: Share | None
+    failed: Count
+    timed_out: Count
+    compared_with_other_engine: Count
+    differing: Count
+    differences: tuple[str, ...]
+    differing_by_a_tie: Count
+    ties: tuple[str, ...]
+    levels: tuple[tuple[Number, ...], ...]
+    ways: tuple[Way, ...]
+    notes: tuple[Note, ...]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        """An estimate has its interval; what was saved its sample; what failed its worst case."""
+        together = [
+            (self.probability is not None, ("ci_low", "ci_high")),
+            (self.brute_force_episodes is not None, ("effective_sample_size",)),
+            (self.failed > 0, ("probability_worst",)),
+        ]
+        for needed, names in together:
+            for name in names:
+                if needed and getattr(self, name) is None:
+                    raise PydanticCustomError("missing_number", f"a number as {name}")
+        return self
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The sentences of the notes."""
+        return tuple(note.text for note in self.notes)
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def findings(self) -> dict[str, Finding]:
+        """Every entry of ``ENTRIES`` by its key."""
+        doubt = next((note.text for note in self.notes if note.rank is Rank.FEW_PAIRS), None)
+        values: dict[str, Finding] = {}
+        for entry in ENTRIES:
+            values |= entry.findings(self, 0)
+        estimate = values["probability"]
+        if doubt is not None and estimate.value is not None:
+            values["probability"] = replace(estimate, reliable=False, reason=doubt)
+        return values
+
+
+def _number(
+    key: str, heading: str, meaning: str, form: Form = Form.NUMBER, undefined: str = ""
+) -> Entry[RiskFindings]:
+    """An entry whose value is the field of that key."""
+    return Entry(key, heading, meaning, form, paired=attrgetter(key), undefined=undefined)
+
+
+_NO_ESTIMATE = "No draw of the estimate ended in the event."
+
+ENTRIES: tuple[Entry[RiskFindings], ...] = (
+    Entry(
+        "probability",
+        "probability of the event",
+        "The probability that an episode ends in the event, by the ways to it that were found.",
+        paired=lambda risk: Proportion(
+            risk.probability, risk.ci_low, risk.ci_high, risk.events, risk.draws
+        ),
+        undefined=_NO_ESTIMATE,
+    ),
+    Entry(
+        "nominal_high",
+        "upper bound by nominal draws alone",
+        "One-sided bound by Clopper and Pearson on the probability of all ways to the event.",
+        paired=lambda risk: Proportion(
+            risk.nominal_high, None, None, risk.nominal_events, risk.nominal_draws
+        ),
+    ),
+    _number(
+        "probability_worst",
+        "probability if every failed episode were an event",
+        "The worst case of the episodes that failed.",
+        undefined="No episode failed.",
+    ),
+    _number(
+        "coefficient_of_variation",
+        "coefficient of variation",
+        "The standard error of the probability over the probability.",
+        undefined=_NO_ESTIMATE,
+    ),
+    _number(
+        "effective_sample_size",
+        "effective sample size",
+        "The squared sum of the weights over the sum of their squares.",
+    ),
+    _number("episodes", "episodes run", "All episodes, exploration included.", Form.COUNT),
+    _number(
+        "brute_force_episodes",
+        "episodes that brute force would need",
+        "Nominal draws that give the same coefficient of variation.",
+        Form.COUNT,
+        _NO_ESTIMATE,
+    ),
+)
+"""Every number that a risk reports."""

@@ -1,0 +1,160 @@
+"""A risk from question to folder: begun, interrupted, gone on with, finished.
+
+The folder holds ``risk.json`` (the settings), ``result.json`` (the findings), ``failures.parquet``
+(the draws that ended in the event, with their weights) and ``critical.toml``: a scenario whose
+pairs are the likeliest of them, on which any strategy can be run.
+"""
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from harness.core.documents import Form, check_form, parse_json
+from harness.core.errors import HarnessError, InputError, InterruptedRunError, resume_command
+from harness.core.files import read_file, write_file
+from harness.core.seeding import resampling
+from harness.store.run_folder import RunFolder, claim_folder
+from harness.studies.risk.asking import Question, Settings, SettingsDocument, question_of
+from harness.studies.risk.estimation import estimate_probability
+from harness.studies.risk.findings import RiskFindings
+from harness.studies.risk.running import Evaluation, Progress
+from harness.studies.risk.writing import RESULT, as_json, write_findings
+from harness.studies.workers.pool import LocalPool, default_workers
+from harness.studies.workers.tasks import Executor, ExecutorLostError
+
+ASKED = "risk.json"
+
+_BATCHES = "batches"
+
+MakeExecutor = Callable[[int], Executor]
+
+
+def estimate_risk(
+    settings: Settings,
+    *,
+    out: Path | None = None,
+    workers: int | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor | None = None,
+) -> Path:
+    """Estimate the probability that an episode ends in the event.
+
+    Args:
+        settings: as the user gave them.
+        out: the folder; default ``runs/<name>-risk-<next free number>``.
+        workers: processes; default: all cores.  Results do not depend on it.
+        progress: is called with the progress of each batch.
+        make_executor: makes what runs the episodes, for a number of workers.
+
+    Returns:
+        The folder.
+
+    Raises:
+        InputError: scenario, strategy or event are refused; nothing has been written then.
+    """
+    question = question_of(settings)
+    folder = claim_folder(out, f"{settings.name}-risk")
+    if (folder / ASKED).exists():
+        raise InputError(f"--out {folder}", "holds a risk already", "a new or empty folder")
+    with _held(folder):
+        write_file(folder / ASKED, as_json(settings.document().model_dump(mode="json")))
+        _carry_out(folder, settings, question, workers, progress, make_executor)
+    return folder
+
+
+def resume_risk(
+    folder: Path,
+    *,
+    workers: int | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+    make_executor: MakeExecutor | None = None,
+) -> None:
+    """Go on with a risk that was interrupted; nothing is done where it is finished.
+
+    Raises:
+        InputError: the folder holds no risk, or versions or model differ.
+    """
+    with _held(folder):
+        document = read_settings(folder)
+        settings = document.settings(ASKED)
+        if document != settings.document():
+            raise InputError(
+                str(folder), "was begun with other versions or another model", "the same ones"
+            )
+        if not (folder / RESULT).is_file():
+            _carry_out(folder, settings, question_of(settings), workers, progress, make_executor)
+
+
+def read_settings(folder: Path) -> SettingsDocument:
+    """What ``risk.json`` of a folder holds.
+
+    Raises:
+        InputError: there is none, or it is damaged.
+    """
+    return _read(folder, ASKED, SettingsDocument)
+
+
+def read_risk(folder: Path) -> RiskFindings:
+    """The findings of a finished risk.
+
+    Raises:
+        InputError: the folder holds no risk or an unfinished one, or ``result.json`` is damaged.
+    """
+    if (folder / ASKED).is_file() and not (folder / RESULT).is_file():
+        raise InputError(str(folder), "is not finished", resume_command(folder))
+    return _read(folder, RESULT, RiskFindings)
+
+
+def _read(folder: Path, name: str, form: type[Form]) -> Form:
+    path = folder / name
+    if not path.is_file():
+        raise InputError(str(folder), f"has no {name}", "a folder of harness risk")
+    try:
+        document = parse_json(read_file(path))
+    except ValueError as error:
+        raise InputError(str(path), f"is damaged ({error})", "as harness risk writes it") from None
+    return check_form(form, document, str(path))
+
+
+@contextmanager
+def _held(folder: Path) -> Iterator[None]:
+    if not folder.is_dir():
+        raise InputError(str(folder), "is no folder", "a folder of harness risk")
+    lock = RunFolder(folder)
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise InterruptedRunError(folder) from None
+    except ExecutorLostError as error:
+        raise HarnessError(f"{error}; what is finished is kept: {resume_command(folder)}") from None
+    finally:
+        lock.close()
+
+
+def _carry_out(
+    folder: Path,
+    settings: Settings,
+    question: Question,
+    workers: int | None,
+    progress: Progress,
+    make_executor: MakeExecutor | None,
+) -> None:
+    count = workers or default_workers()
+    executor = (
+        LocalPool(count, imports="harness.studies.risk.episodes")
+        if make_executor is None
+        else make_executor(count)
+    )
+    try:
+        evaluation = Evaluation(question, folder / _BATCHES, executor, progress)
+        rng = resampling(settings.scenario.experiment.seed, "risk")
+        layout = question.space.layout
+        estimation = estimate_probability(
+            evaluation, layout, rng, settings.target_cv, settings.most_episodes
+        )
+        evaluation.compare(estimation.z, estimation.numbers)
+    finally:
+        executor.stop()
+    write_findings(folder, settings, estimation, evaluation, rng)
+    shutil.rmtree(folder / _BATCHES)

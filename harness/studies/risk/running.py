@@ -1,0 +1,187 @@
+"""Runs the batches of a risk in processes; what is finished is kept for ``harness resume``.
+
+The batches come in a fixed order, because everything before a batch determines it.  So a batch is
+known by its number, and after an interruption the sampling starts anew and finds the episodes that
+were kept.  The results are the same on any number of workers, interrupted or not.
+"""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError
+from pathlib import Path
+from time import monotonic
+from typing import Any, NamedTuple
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from harness.core.encounter import FloatArray
+from harness.scenario import hang_limit_s
+from harness.scenario.options import HANG_AFTER_S
+from harness.store.tables import write_parquet
+from harness.studies.risk.asking import Question
+from harness.studies.risk.episodes import Episodes, Score, failed, run_episodes
+from harness.studies.risk.event import GRADINGS
+from harness.studies.risk.outcomes import Outcomes
+from harness.studies.workers.execution import ATTEMPTS, call_each, reason_of
+from harness.studies.workers.tasks import Executor, ExecutorLostError
+
+FIRST_NUMBER = 2**40
+"""The number of a risk's first episode: its streams are not those of a run's pairs."""
+
+CHECKED_EVERY = 100
+"""One of this many episodes is run in the other engine too."""
+
+KEPT_EVERY_S = 20.0
+"""Time between two writes of what is finished: a risk that is killed loses less than a minute."""
+
+_CHUNK = 25
+"""Episodes of a task; the results do not depend on it."""
+
+_SCORES = pa.schema(
+    {
+        "at": pa.int64(),
+        "score": pa.list_(pa.float64(), GRADINGS),
+        "passed_s": pa.float64(),
+        "timed_out": pa.bool_(),
+        "reason": pa.string(),
+        "difference": pa.string(),
+        "by_a_tie": pa.bool_(),
+        "drew_more": pa.bool_(),
+    }
+)
+"""``Score`` by its place in the batch."""
+
+Progress = Callable[[int, int, str], None]
+"""(episodes done, episodes planned, their purpose)."""
+
+
+class Compared(NamedTuple):
+    """How many episodes were run in both engines, and in words the records that differ.
+
+    Those in ``ties`` differ by a tie of the strategy; those in ``differs`` by anything else.
+    """
+
+    episodes: int
+    differs: list[str]
+    ties: list[str]
+
+
+class Evaluation:
+    """Runs batches on an executor.
+
+    Args:
+        question: for the workers.
+        folder: keeps the finished episodes.
+        executor: runs tasks of episodes.
+        progress: is called with the progress of a batch.
+
+    ``episodes``, ``timed_out``, ``drew_more`` and ``reasons`` (of failures) count over all batches
+    so far; ``compared`` is the outcome of ``compare``.
+    """
+
+    def __init__(
+        self, question: Question, folder: Path, executor: Executor, progress: Progress
+    ) -> None:
+        self.question, self._folder = question, folder
+        self.compared = Compared(0, [], [])
+        self._executor, self._progress = executor, progress
+        self._batches = 0
+        self._sampled: list[tuple[FloatArray, int]] = []
+        self.episodes, self.timed_out, self.drew_more = 0, 0, 0
+        self.reasons: list[str] = []
+
+    def __call__(
+        self, z: FloatArray, what: str, numbers: NDArray[np.int64] | None = None
+    ) -> Outcomes:
+        """Run a batch; see ``Evaluate``."""
+        if numbers is None:
+            numbers = FIRST_NUMBER + self.episodes + np.arange(len(z))
+        table = self._scores(z, numbers, what, compare=False)
+        first = -self.episodes % CHECKED_EVERY
+        self._sampled += zip(z[first::CHECKED_EVERY], numbers[first::CHECKED_EVERY], strict=True)
+        self.episodes += len(z)
+        self.timed_out += pc.sum(table["timed_out"], min_count=0).as_py()
+        self.drew_more += pc.sum(table["drew_more"], min_count=0).as_py()
+        self.reasons += table["reason"].drop_null().to_pylist()
+        score = table["score"].combine_chunks().flatten().to_numpy().reshape(-1, GRADINGS)
+        return Outcomes(score, table["passed_s"].to_numpy(), numbers)
+
+    def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
+        """Run these episodes, and one in ``CHECKED_EVERY`` of all batches, in both engines."""
+        chosen = [*self._sampled, *zip(z, numbers, strict=True)]
+        states, keys = (np.array(column) for column in zip(*chosen, strict=True))
+        table = self._scores(states, keys, "checks in SUMO", compare=True)
+        differs, ties = (
+            table.filter(pc.equal(table["by_a_tie"], tie))["difference"].drop_null().to_pylist()
+            for tie in (False, True)
+        )
+        self.compared = Compared(len(chosen), differs, ties)
+
+    def _scores(
+        self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
+    ) -> pa.Table:
+        """The scores of a batch in order; episodes that were not kept are run."""
+        form = f"batch-{self._batches}-{{}}.parquet"
+        self._batches += 1
+        parts = [_SCORES.empty_table()]
+        while (path := self._folder / form.format(len(parts))).is_file():
+            parts.append(pq.read_table(path))
+        kept = pa.concat_tables(parts)["at"].to_numpy()
+        left = np.setdiff1d(np.arange(len(z)), kept)
+        fresh: list[dict[str, Any]] = []
+
+        def keep() -> None:
+            if fresh:
+                parts.append(pa.Table.from_pylist(fresh, _SCORES))
+                self._folder.mkdir(exist_ok=True)
+                path = self._folder / form.format(len(parts) - 1)
+                write_parquet(path, _SCORES, iter(parts[-1:]))
+                fresh.clear()
+
+        kept_at = monotonic()
+        try:
+            for task, scores in self._finished(z[left], numbers[left], compare=compare):
+                places = left[task.first : task.first + len(scores)].tolist()
+                fresh += [
+                    {"at": place, **score._asdict()}
+                    for place, score in zip(places, scores, strict=True)
+                ]
+                if monotonic() - kept_at > KEPT_EVERY_S:
+                    keep()
+                    kept_at = monotonic()
+                self._progress(sum(map(len, (*parts, fresh))), len(z), what)
+        finally:
+            keep()
+        return pa.concat_tables(parts).sort_by("at")
+
+    def _finished(
+        self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
+    ) -> Iterator[tuple[Episodes, list[Score]]]:
+        """The tasks of some episodes as they are finished."""
+        question = self.question
+        hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
+        keys = tuple(numbers.tolist())
+        waiting = [
+            Episodes(question, i, keys[i : i + _CHUNK], z[i : i + _CHUNK], compare, hang_s)
+            for i in reversed(range(0, len(z), _CHUNK))
+        ]
+        failures: dict[int, int] = {}
+
+        def take() -> Episodes | None:
+            return waiting.pop() if waiting else None
+
+        for task, future in call_each(self._executor, run_episodes, take):
+            try:
+                yield task, future.result()
+            except ExecutorLostError:
+                raise
+            except (Exception, CancelledError) as error:
+                failures[task.first] = failures.get(task.first, 0) + 1
+                if failures[task.first] < ATTEMPTS:
+                    waiting.append(task)
+                else:
+                    reason = reason_of(error, hang_s, None)
+                    yield task, [failed(reason)] * len(task.numbers)

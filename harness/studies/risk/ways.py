@@ -1,0 +1,73 @@
+"""The most likely ways to the event: clusters of its draws, and the people to meet them again."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.episode.arrivals import planned_arrivals
+from harness.model.mixture.clusters import k_means
+from harness.scenario import Scenario
+from harness.strategies.perception.track import updates_until_found
+from harness.studies.risk.findings import Person
+from harness.studies.risk.space import Space
+
+WAYS = 3
+
+_ROUNDS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Draws of the event that are alike.
+
+    ``share`` is their part of the probability, ``members`` their places among all draws of the
+    event; those with the most ordinary keys, the nearest to 0, come first.
+    """
+
+    share: float
+    members: tuple[int, ...]
+
+
+def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> list[Cluster]:
+    """At most ``WAYS`` clusters by weighted k-means, the largest share first.
+
+    Args:
+        keys: of the draws of the event, as ``keys_of`` gives them, shape (n, d), n ≥ 1.
+        weights: φ/q of each, shape (n,).
+        rng: for the seeds.
+    """
+    weights = weights / weights.sum()
+    _, cluster_of = k_means(keys, weights, min(WAYS, len(keys)), _ROUNDS, rng)
+    distance = np.sum(keys**2, axis=1)
+    ways = []
+    for k in np.unique(cluster_of):
+        members = np.flatnonzero(cluster_of == k)
+        likeliest = members[np.argsort(distance[members], kind="stable")]
+        ways.append(Cluster(float(weights[members].sum()), tuple(likeliest.tolist())))
+    return sorted(ways, key=lambda way: -way.share)
+
+
+def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> tuple[Person, ...]:
+    """The pedestrians of an episode: those who are timed, and the sampled ones."""
+    given = space.given(z, number)
+    arrivals = planned_arrivals(scenario, number, given)
+    chance = scenario.perception.detection_probability
+    return tuple(
+        Person(
+            arrival_s=arrival.arrival_s,
+            side=arrival.side,
+            quantile=arrival.quantile,
+            critical_gap_s=arrival.critical_gap_s,
+            found_at_look=None
+            if arrival.detection_quantile is None or chance == 0
+            else int(updates_until_found(arrival.detection_quantile, chance)),
+        )
+        for arrival in arrivals[: len(scenario.timed_walks()) + len(given.get("quantile", ()))]
+    )
+
+
+def drawn_of(space: Space, number: int, z: FloatArray) -> dict[str, object]:
+    """The entry of ``[[pedestrians.drawn]]`` that repeats an episode."""
+    uniforms: dict[str, object] = {key: [*values] for key, values in space.given(z, number).items()}
+    return {"episode": number} | uniforms

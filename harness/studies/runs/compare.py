@@ -1,0 +1,252 @@
+"""Compares the strategies of a sweep, or of several runs, pair by pair within each group.
+
+Nothing is simulated.  The arithmetic is in ``harness.statistics``.  What is comparable with what
+is in ``strategy_groups``, whether several runs met the same people in ``same_pairs``.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import combinations, islice
+from pathlib import Path
+
+import numpy as np
+
+from harness.core.encounter import FloatArray
+from harness.core.errors import InputError
+from harness.core.seeding import resampling
+from harness.statistics import (
+    AllowedInterval,
+    ComparedColumns,
+    Limits,
+    PairColumns,
+    allowed_interval,
+    holm,
+    mcnemar,
+    swept_value,
+)
+from harness.studies.runs.comparisons import Comparison, GroupResult, RunComparison, SweepResult
+from harness.studies.runs.opening import finished_run
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.same_pairs import check_same_pairs, names_of
+from harness.studies.runs.strategy_groups import (
+    ParameterSweep,
+    StrategyGroup,
+    groups_over,
+    parameter_sweeps,
+)
+
+Progress = Callable[[int, int], None]
+"""(steps done, steps planned)."""
+
+
+def compare(
+    *runs: RunData | str | Path,
+    mu0: float | None = None,
+    kappa0: float | None = None,
+    progress: Progress = lambda _done, _planned: None,
+) -> RunComparison:
+    """Compare every two cells that differ in the AV's strategy alone, of one run or of several.
+
+    Runs made at different times are compared over the pairs that they have in common.
+
+    Args:
+        runs: finished runs, or their folders: one with several cells, or several with the same
+            seed, pedestrians, ego and reference.
+        mu0: limit of μ for the allowed interval; default: the first scenario's ``limits.mu0``.
+        kappa0: limit of κ; default: the first scenario's ``limits.kappa0``.
+        progress: told (comparisons done, comparisons planned).
+
+    Raises:
+        InputError: a run is not finished, a limit is out of range, no two cells can be compared,
+            or the reference arm did not meet the same people in all runs.
+    """
+    if not runs:
+        raise InputError("compare", "no run", "one run, or several")
+    opened = [finished_run(run) for run in runs]
+    several = len(opened) > 1
+    names = names_of(opened) if several else [""]
+    groups = groups_over([run.study for run in opened], names)
+    if several:
+        check_same_pairs(opened, groups)
+    elif all(len(group.cells) == 1 for group in groups):
+        raise InputError(
+            str(opened[0].path),
+            "has no two cells that differ in the AV's strategy alone",
+            "a sweep over arms.av or over parameters of its strategy, or a second run",
+        )
+    confidence = max(run.confidence for run in opened)
+    limits = [_limits(group, mu0, kappa0) for group in groups]
+    steps = _Steps(sum(math.comb(len(group.cells), 2) for group in groups), progress)
+    results = [
+        _compare_group(opened, group, limit, confidence, steps)
+        for group, limit in zip(groups, limits, strict=True)
+    ]
+    paths = tuple(run.path for run in opened)
+    return RunComparison(paths, opened[0].name, confidence, _as_one_family(results))
+
+
+def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[SweepResult, ...]:
+    """Which values of every parameter swept in a group are allowed, without comparing its cells.
+
+    Args:
+        run: a finished run.
+        group: some of its cells.
+        limits: μ0 and κ0.
+    """
+    columns = _columns_of([run], group)
+    seed = group.cells[0].cell.scenario.experiment.seed
+    level = 1 - run.confidence
+    return tuple(_judge(sweep, columns, limits, seed, level) for sweep in parameter_sweeps(group))
+
+
+def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
+    """The columns of every member of a group."""
+    return [runs[member.run].pair_columns_of(member.cell.number) for member in group.cells]
+
+
+def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Limits | None:
+    given = group.cells[0].cell.scenario.limits
+    if mu0 is not None and not 0 < mu0 < math.inf:
+        raise InputError("--mu0", f"{mu0:g} is not accepted", "above 0")
+    if kappa0 is not None and not 0 < kappa0 <= 1:
+        raise InputError("--kappa0", f"{kappa0:g} is not accepted", "above 0, at most 1")
+    mu0, kappa0 = mu0 or given.mu0, kappa0 or given.kappa0
+    if mu0 is None and kappa0 is None:
+        return None
+    if mu0 is None or kappa0 is None:
+        missing = "mu0" if mu0 is None else "kappa0"
+        raise InputError(
+            f"limits.{missing}", "is missing", f"both limits: --{missing}, or in the scenario"
+        )
+    return Limits(mu0, kappa0)
+
+
+class _Steps:
+    """Counts the comparisons that are done."""
+
+    def __init__(self, planned: int, progress: Progress) -> None:
+        self._done, self._planned, self._progress = 0, planned, progress
+
+    def one_more(self) -> None:
+        self._done += 1
+        self._progress(self._done, self._planned)
+
+
+def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
+    """With the tests of the run adjusted: those of crashes together, all of the front together."""
+    items = [item for result in results for item in result.comparisons]
+    crashes = holm([of.crashes.p for of in items])
+    times = [of.time_ratio_difference.p for of in items]
+    front = holm([*times, *(of.misses.p for of in items)])
+    adjusted = iter(
+        replace(item, p_holm=p, time_ratio_p_holm=time, misses_p_holm=missed)
+        for item, p, time, missed in zip(
+            items, crashes, front[: len(items)], front[len(items) :], strict=True
+        )
+    )
+    return tuple(
+        replace(result, comparisons=tuple(islice(adjusted, len(result.comparisons))))
+        for result in results
+    )
+
+
+def _compare_group(
+    runs: Sequence[RunData],
+    group: StrategyGroup,
+    limits: Limits | None,
+    confidence: float,
+    steps: _Steps,
+) -> GroupResult:
+    seed = group.cells[0].cell.scenario.experiment.seed
+    columns = _columns_of(runs, group)
+    comparisons = []
+    for a, b in combinations(range(len(columns)), 2):
+        comparisons.append(_compare(a, b, group, columns, seed, confidence))
+        steps.one_more()
+    level = 1 - confidence
+    sweeps = [] if limits is None else parameter_sweeps(group)
+    summaries = [{result.cell.number: result.summary for result in run.results} for run in runs]
+    return GroupResult(
+        group,
+        level,
+        tuple(summaries[member.run][member.cell.number] for member in group.cells),
+        tuple(comparisons),
+        tuple(_judge(sweep, columns, limits, seed, level) for sweep in sweeps if limits),
+        _judged(range(len(columns)), columns, limits, seed, level) if limits else None,
+    )
+
+
+def _compare(
+    a: int,
+    b: int,
+    group: StrategyGroup,
+    columns: list[PairColumns],
+    seed: int,
+    confidence: float,
+) -> Comparison:
+    # With --until cells end at different numbers of pairs: pair i is entry i in all of them.
+    common = min(len(columns[a].tau), len(columns[b].tau))
+    first, second = (columns[cell].where(slice(common)) for cell in (a, b))
+    scenario = group.cells[a].cell.scenario
+    timeout_s = scenario.experiment.timeout_s
+    compared = ComparedColumns(
+        first,
+        second,
+        timeout_s,
+        scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
+        # The same resampling for every two cells: none depends on what else was compared.
+        resampling(seed, "comparison"),
+        confidence,
+    )
+    times_a, times_b = (cell.times_counted(timeout_s)[0] for cell in (first, second))
+    saved = compared.time_ratio()
+    misses = mcnemar(first.av_missed, second.av_missed, first.av_tried, second.av_tried)
+    crashes = mcnemar(first.crashed[0], second.crashed[0], ~first.failed[0], ~second.failed[0])
+    return Comparison(
+        a=a,
+        b=b,
+        defined_in_both=_count(first.tau - second.tau),
+        mu_difference=compared.mu(),
+        mu_worst_difference=compared.mu_worst(),
+        pairs_in_both=common,
+        crossed_in_both=_count(first.delay_s[0] - second.delay_s[0]),
+        delay_difference_s=compared.delay(),
+        crashes=crashes,
+        p_holm=crashes.p,
+        time_ratio_difference=saved,
+        time_ratio_p_holm=saved.p,
+        counted_in_both=_count(times_a - times_b),
+        counted_in_one=int((np.isnan(times_a) ^ np.isnan(times_b)).sum()),
+        delay_worst_difference_s=compared.delay_worst(),
+        misses=misses,
+        misses_p_holm=misses.p,
+    )
+
+
+def _judge(
+    sweep: ParameterSweep, columns: list[PairColumns], limits: Limits, seed: int, level: float
+) -> SweepResult:
+    return SweepResult(sweep, limits, _judged(sweep.cells, columns, limits, seed, level))
+
+
+def _judged(
+    cells: Sequence[int], columns: list[PairColumns], limits: Limits, seed: int, level: float
+) -> AllowedInterval:
+    """On some cells, with bounds that hold for all of them together."""
+    swept = [
+        swept_value(
+            columns[cell].tau_all,
+            columns[cell].av_missed,
+            columns[cell].av_tried,
+            resampling(seed, "comparison"),
+            len(cells),
+            level,
+        )
+        for cell in cells
+    ]
+    return allowed_interval(swept, limits, level)
+
+
+def _count(values: FloatArray) -> int:
+    return int(np.count_nonzero(~np.isnan(values)))

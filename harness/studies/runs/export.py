@@ -1,0 +1,30 @@
+"""The tables of a run folder in another format."""
+
+from pathlib import Path
+
+from harness.core.files import write_file
+from harness.store.reading import read_table
+from harness.store.summary_table import SUMMARY
+from harness.studies.runs.opening import finished_run
+
+
+def export_csv(folder: Path) -> list[Path]:
+    """Write every table of a run folder as CSV beside it: all of them, or none.
+
+    Raises:
+        InputError: no finished run, or a table is missing or cannot be read.
+    """
+    finished_run(folder)
+    written = []
+    try:
+        # A run writes summary.csv itself.
+        for source in sorted({*folder.glob("*.parquet")} - {folder / SUMMARY}):
+            table = read_table(folder, source.stem)
+            target = source.with_suffix(".csv")
+            write_file(target, table.to_pandas().to_csv(index=False, lineterminator="\n").encode())
+            written.append(target)
+    except BaseException:
+        for target in written:
+            target.unlink(missing_ok=True)
+        raise
+    return written

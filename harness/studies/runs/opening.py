@@ -1,0 +1,59 @@
+"""Opens run folders: finished or not, and checked against their manifest."""
+
+from pathlib import Path
+
+from harness.core.errors import InputError
+from harness.scenario import study_from
+from harness.store.kinds import kind_of_study
+from harness.store.reading import MANIFEST, count_rows, read_manifest, unfinished
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.run_tables import readable_shards
+
+
+def load_run(path: str | Path) -> RunData:
+    """Open a run folder, finished or not.
+
+    Args:
+        path: the folder.
+
+    Returns:
+        Its content; tables are read when they are asked for.
+
+    Raises:
+        InputError: it is no run folder, one of another format version, an incomplete copy, or
+            damaged.
+    """
+    folder = Path(path)
+    document = read_manifest(folder)
+    study = study_from(document, str(folder / MANIFEST))
+    counts = document["counts"]
+    finished = counts is not None
+    if not finished:
+        shards = readable_shards(folder, study)
+        if read_manifest(folder)["counts"] is not None:
+            # It was finished while its shards were read, and they are gone.
+            return load_run(folder)
+        return RunData(folder, document, study, finished=False, shards=shards)
+    expected = {"cells": len(study.cells), **counts}
+    traces, audit = document["traces"], document["engine"] == "plain"
+    kind = kind_of_study(study)
+    names = [*kind.derived, *kind.tables(traces=traces, audit=audit)]
+    for name in ("cells", *names):
+        found = count_rows(folder, name)
+        rows = expected.get(name, found)
+        if found != rows:
+            where = str(folder / f"{name}.parquet")
+            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+    return RunData(folder, document, study, finished=True)
+
+
+def finished_run(run: RunData | str | Path) -> RunData:
+    """Open a run folder whose run is finished; one that is open already is given back.
+
+    Raises:
+        InputError: as ``load_run``, or the run was broken off or is still going on.
+    """
+    found = run if isinstance(run, RunData) else load_run(run)
+    if not found.finished:
+        raise unfinished(found.path)
+    return found

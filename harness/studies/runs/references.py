@@ -1,0 +1,157 @@
+"""How human each reference driver was found to be, and where references disagree."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from harness.scenario import Scenario, load_scenario
+from harness.statistics.findings import Finding
+from harness.strategies.parameters import parameters_of
+from harness.strategies.registry import STRATEGIES
+
+MEASURED_ON = "34 recorded passages of 26 vehicles (DUT)"
+"""The data of ``MEASURED``: `harness validate` of DUT with these drivers, seed 1."""
+
+
+@dataclass(frozen=True)
+class Humanness:
+    """Findings of a validation about one driver with its default parameters.
+
+    ``remark`` says what the driver was fitted on, empty where on nothing.
+    """
+
+    order_right: float
+    pass_time_off_s: float
+    contacts: float
+    remark: str = ""
+
+
+MEASURED = {
+    "human_recorded": Humanness(
+        0.857,
+        1.40,
+        9,
+        "Its parameters were fitted to these very passages; with parameters fitted to the other "
+        "vehicles the order is right for 81 %, which still flatters it, as its rules were chosen "
+        "on all passages.",
+    ),
+    "human_gmm": Humanness(
+        0.684,
+        7.50,
+        17,
+        "Its model was fitted to the same recordings, each time without the vehicles that it was "
+        "then compared with (five folds).",
+    ),
+    "human_yield": Humanness(0.623, 6.74, 11.6),
+    "soft_yield": Humanness(0.501, 11.24, 12),
+    "hard_yield": Humanness(0.499, 11.45, 12),
+    "gap_yield": Humanness(0.620, 6.12, 10),
+    "emergency_brake": Humanness(0.841, 1.40, 12),
+    "constant_speed": Humanness(0.903, 1.48, 12),
+}
+"""Order of passing, median error of the pass time, passages with a contact (docs/validation.md)."""
+
+_STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
+"""Strategies that docs/study.md compares with three references, in ``_STUDIES``."""
+
+_STUDIES = {
+    "cctc": ("cctc", {}),
+    "cctc_flow, 250 per hour": ("cctc_flow", {}),
+    "cctc_flow, 1,000 per hour": ("cctc_flow", {"pedestrians.flow_per_hour": 1000.0}),
+}
+"""The scenarios of that study, with what it changed in their files."""
+
+
+def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
+    """Whether a scenario leaves every parameter of a built-in strategy as it is."""
+    defaults = {item.name: item.default for item in parameters_of(STRATEGIES[strategy])}
+    return defaults | scenario.strategies.get(strategy, {}) == defaults
+
+
+def is_measured(scenario: Scenario) -> bool:
+    """Whether the reference is a driver that was validated; ``human_gmm`` is its model's."""
+    name = scenario.arms.human
+    other_model = (scenario.model.name, scenario.model.path) != ("dut", None)
+    if name not in MEASURED or (other_model and name == "human_gmm"):
+        return False
+    return keeps_its_defaults(scenario, name)
+
+
+def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
+    """A line for each reference: how human it was found to be."""
+    lines = []
+    for scenario in scenarios:
+        name = scenario.arms.human
+        if not is_measured(scenario):
+            lines.append(f"How human {name} drives was not measured (harness validate).")
+            continue
+        human = MEASURED[name]
+        line = (
+            f"{name} was put in the place of the drivers of {MEASURED_ON}: its order of passing "
+            f"was right for {100 * human.order_right:.0f} %, its pass time was off by "
+            f"{human.pass_time_off_s:.1f} s in the median, and it touched somebody in "
+            f"{human.contacts:g} passages, the drivers in none."
+        )
+        lines.append(f"{line} {human.remark}".rstrip())
+    return list(dict.fromkeys(lines))
+
+
+def disagreement(scenario: Scenario, time_ratio: float) -> str:
+    """A sentence where another shipped reference is known to say the opposite; else empty.
+
+    In docs/study.md each of ``_STUDIED`` took more time than ``human_recorded`` in every scenario,
+    and less than ``human_gmm`` in ``cctc``.  Of another site, or with other parameters, nothing is
+    known.
+
+    >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:43]
+    'Against human_recorded gap_yield is slower:'
+    >>> disagreement(load_scenario("cctc", {"ego.initial_speed_mps": 6.0}), 0.7)
+    ''
+    """
+    av, human = scenario.arms.av, scenario.arms.human
+    way, other = ("slower", "human_recorded") if time_ratio < 1 else ("faster", "human_gmm")
+    if av not in _STUDIED or human not in MEASURED or human == other:
+        return ""
+    place = _studied_as(scenario)
+    if place is None or (way == "faster" and place != "cctc"):
+        return ""
+    return f"Against {other} {av} is {way}: the result depends on the reference (docs/study.md)."
+
+
+def _studied_as(scenario: Scenario) -> str | None:
+    """Which of ``_STUDIES`` a scenario is, whoever drives, and however many pairs."""
+    same = _but_for_arms(scenario)
+    for name, (file, changes) in _STUDIES.items():
+        if _but_for_arms(load_scenario(file, changes)) == same:
+            return name
+    return None
+
+
+def _but_for_arms(scenario: Scenario) -> Scenario:
+    experiment = scenario.experiment.model_copy(update={"pairs": 1, "seed": 0})
+    free = {"arms": None, "conflicts": None, "limits": None, "experiment": experiment}
+    return scenario.model_copy(update=free)
+
+
+def agreement(ratios: Sequence[tuple[str, Finding]]) -> str:
+    """Whether references agree: the intervals of the ratio of times lie on the same side of 1.
+
+    Args:
+        ratios: the name of each reference, with the ratio of times against it.
+    """
+    sides, parts = set(), []
+    for name, ratio in ratios:
+        if ratio.number is None or ratio.low is None or ratio.high is None:
+            sides.add("unknown")
+            parts.append(f"{name} undefined")
+            continue
+        sides.add("less" if ratio.high < 1 else "more" if ratio.low > 1 else "unknown")
+        parts.append(f"{name} {ratio.number:.3f} ({ratio.low:.3f} … {ratio.high:.3f})")
+    listed = f"ratio of times {'; '.join(parts)}"
+    if {"less", "more"} <= sides:
+        return f"Whether the AV takes less time than a human depends on the reference: {listed}."
+    shown = sides - {"unknown"}
+    if not shown:
+        return f"Against no reference is the AV shown to be faster or slower: {listed}."
+    against = "every reference" if "unknown" not in sides else "some of the references"
+    rest = "; against the others neither is shown to be faster" if "unknown" in sides else ""
+    return f"The AV takes {shown.pop()} time than {against}{rest}: {listed}."

@@ -1,0 +1,192 @@
+"""What a run reports: from a run folder to its findings, with the notes about the whole."""
+
+from harness.scenario import Scenario, as_written
+from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
+from harness.store.hour_catalogue import HOURS
+from harness.studies.runs.model_use import given_the_model
+from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
+from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
+from harness.studies.runs.run_data import CellResult, RunData
+from harness.studies.runs.targets import missed_targets
+from harness.studies.workers.tasks import Failure
+
+PAPER_REMARK = (
+    "The paper's column is a reference, not a target: its 2,973 events and fitted parameters were "
+    "never published, so the model here is fitted on other trajectories, and Soft-Yield has no "
+    "answer for walkers under 0.976 m/s at (30 m, 5 m/s), where Hard-Yield takes over here."
+)
+
+PAPER_MU = float(next(entry.paper for entry in ENCOUNTERS if entry.key == "mu"))
+
+_NAMED = 8
+"""Records named in the remarks."""
+
+
+def reported(run: RunData) -> RunFindings:
+    """The findings of a run, finished or not."""
+    return RunFindings(
+        catalogue=run.kind.catalogue,
+        name=run.name,
+        folder=str(run.path),
+        scope=", ".join([*_who_comes(run), f"seed {run.manifest['seed']}", *_audit_scope(run)]),
+        confidence=run.confidence,
+        paper=not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario),
+        cells=tuple(map(_cell_findings, run.results)),
+        notes=tuple(_run_notes(run)),
+    )
+
+
+def _cell_findings(result: CellResult) -> CellFindings:
+    cell, findings = result.cell, result.findings
+    scenario = cell.scenario
+    if scenario.traffic is None:
+        notes = encounter_notes(scenario, findings, ENCOUNTERS)
+    else:
+        notes = hour_notes(scenario, findings, HOURS)
+    return CellFindings(
+        cell=cell.number,
+        varied=cell.varied,
+        av=av_label(scenario.arms.av, findings),
+        reference=scenario.arms.human,
+        pairs=findings["pairs"].count,
+        thresholds=scenario.conflicts.model_dump(),
+        findings=findings,
+        notes=notes,
+    )
+
+
+def _who_comes(run: RunData) -> list[str]:
+    """Flows and share of AVs in hours of traffic; what differs between cells is varied."""
+    if not run.in_traffic:
+        return []
+    scenarios = [cell.scenario for cell in run.study.cells]
+
+    def common(texts: list[str]) -> str:
+        return texts[0] if len({*texts}) == 1 else "a varied number of"
+
+    traffic = [scenario.known_traffic for scenario in scenarios]
+    shares = {f"{100 * section.av_share:.4g} %" for section in traffic}
+    vehicles = common(
+        [
+            "queued"
+            if section.saturated
+            else f"{as_written(section.flow_per_hour)} + {as_written(section.oncoming_per_hour)}"
+            for section in traffic
+        ]
+    )
+    people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
+    share = shares.pop() if len(shares) == 1 else "a varied share of"
+    return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
+
+
+def is_the_papers(scenario: Scenario) -> bool:
+    """Whether the paper's Table II, arms and pedestrian run here (any N, seed and model)."""
+    ego, pedestrians = scenario.ego, scenario.pedestrians
+    arms = (scenario.arms.av, scenario.arms.human)
+    return (
+        (ego.trigger_range_m, scenario.crossing.length_m, ego.initial_speed_mps) == (30, 9, 5)
+        and scenario.crosswalk().lane_centre_m == scenario.crossing.length_m / 4
+        and arms == ("soft_yield", "human_gmm")
+        and all(keeps_its_defaults(scenario, name) for name in arms)
+        and (pedestrians.behaviour, pedestrians.timed) == ("constant", ())
+        and pedestrians.first_at_trigger
+        and pedestrians.max_count == 1
+    )
+
+
+def _run_notes(run: RunData) -> list[Note]:
+    """The notes about all cells together: engines, references, and targets that were missed."""
+    notes = []
+    if run.disagreements:
+        text = (
+            f"{len(run.disagreements):,} of {len(run.audited):,} records of the plain engine that "
+            "were repeated in SUMO differ (audit.parquet): do not rely on the others."
+        )
+        notes.append(Note(Rank.FAILURES, text))
+    if tuple(run.varied_keys) == ("arms.human",):
+        ratios = [
+            (result.cell.scenario.arms.human, result.findings["time_ratio"])
+            for result in run.results
+        ]
+        notes.append(Note(Rank.REFERENCE, agreement(ratios)))
+    for missed in missed_targets(run):
+        where = f" in cell {missed.cell}" if run.varied_keys else ""
+        width = "undefined" if missed.half_width is None else f"± {missed.half_width:.4f}"
+        text = (
+            f"The target {missed.measure} ± {missed.target:g} was missed{where}: {width} after all "
+            f"{missed.pairs:,} pairs."
+        )
+        notes.append(Note(Rank.FEW_PAIRS, text))
+    return notes
+
+
+def _audit_scope(run: RunData) -> list[str]:
+    """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
+    if run.engine == "sumo":
+        return []
+    records = len(run.audited)
+    agree = records - len(run.disagreements) - len(run.ties)
+    ties = f", {len(run.ties):,} differ by a tie" if run.ties else ""
+    return [f"plain engine: {agree:,} of {records:,} records repeated in SUMO agree{ties}"]
+
+
+def remarks(run: RunData) -> list[str]:
+    """What ``--full`` and the page add to the notes: the paper, references, models, the audit."""
+    scenarios = [cell.scenario for cell in run.study.cells]
+    paper = not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario)
+    return [
+        *([PAPER_REMARK] if paper else []),
+        *reference_lines(scenarios),
+        *audit_lines(run),
+        *knowledge_lines(run),
+        *walker_lines(scenarios),
+    ]
+
+
+def audit_lines(run: RunData) -> list[str]:
+    """The records of the plain engine that differ from SUMO's; nothing of a run in SUMO."""
+    if run.engine == "sumo":
+        return []
+    tie = (
+        "A tie of the strategy is a command that differs although everything that the strategy had "
+        "been shown until then agreed within 1e-9."
+    )
+    lines = [f"{text[0].upper()}{text[1:]}." for text in _audit_scope(run)]
+    return [*lines, *_named(run.disagreements), *_named(run.ties), *([tie] if run.ties else [])]
+
+
+def _named(records: tuple[Failure, ...]) -> list[str]:
+    """The first of the records that differ, and how many more there are."""
+    named = [
+        f"Cell {cell} pair {pair} {arm}: {what} (plain engine and SUMO)."
+        for cell, pair, arm, what in records[:_NAMED]
+    ]
+    more = len(records) - _NAMED
+    return [*named, f"{more} more in audit.parquet."] if more > 0 else named
+
+
+def knowledge_lines(run: RunData) -> list[str]:
+    """Which strategies of a run were given the model that their pedestrians are drawn from."""
+    if not any(cell.scenario.walks_by_model for cell in run.study.cells):
+        return []
+    return [
+        f"{name} knows the pedestrians' distribution: it is given the very interaction model that "
+        "they are drawn from."
+        for name in given_the_model(run)
+    ]
+
+
+def walker_lines(scenarios: list[Scenario]) -> list[str]:
+    """A warning of the card of the model ``dut``, where a run draws walking speeds from it."""
+    drawn = any(
+        (scenario.model.name, scenario.model.path) == ("dut", None)
+        and scenario.model.pedestrian_reading != "unconditional"
+        and scenario.walks_by_model
+        for scenario in scenarios
+    )
+    line = (
+        "The model dut draws walking speeds given the car, but in its data they hardly depend on "
+        "it: on held-out vehicles one normal distribution fits as well (docs/model.md). "
+        'pedestrian_reading = "unconditional" draws them without the car.'
+    )
+    return [line] if drawn else []

@@ -1,0 +1,378 @@
+"""A run folder in Python: typed, read when asked for, finished or still going on.
+
+run = harness.load_run("runs/cctc-1")
+run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.errors import InputError
+from harness.model.interaction import InteractionModel, load_model
+from harness.scenario import Cell, EngineName, Scenario, Study
+from harness.statistics import Findings, PairColumns, Plain, Summary, columns_of, row_of
+from harness.store.episode_tables import pair_rows
+from harness.store.hour_summaries import HoursSummary, hours_summary
+from harness.store.kinds import Kind, kind_of_study
+from harness.store.manifest import options_of
+from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.shards import Shard
+from harness.store.summaries import (
+    confidence_of,
+    pair_columns,
+)
+from harness.store.summary_table import read_summary
+from harness.store.tables import TABLES
+from harness.studies.runs.notebook import run_html
+from harness.studies.runs.run_tables import RunTables
+from harness.studies.workers.tasks import Failure
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """The findings of one cell."""
+
+    cell: Cell
+    findings: Findings
+
+    @property
+    def summary(self) -> Summary:
+        """The findings as attributes."""
+        return Summary(self.findings)
+
+    @property
+    def conflicts(self) -> list[dict[str, Plain]]:
+        """How often each kind of conflict arose in each arm: rows of ``conflicts.csv``."""
+        return conflict_rows(self.findings, self.cell.scenario.conflicts)
+
+
+@dataclass(frozen=True)
+class RunData:
+    """The content of a run folder.  Tables are read on first use and kept; do not change them.
+
+    A missing value is NaN or None.  Of an unfinished run the frames hold the pairs finished when
+    it was loaded, and ``summary`` is worked out from those.
+    """
+
+    path: Path
+    manifest: Mapping[str, Any]
+    """``manifest.json``: scenario, versions, models, counts (docs/files.md)."""
+    study: Study
+    finished: bool
+    """False while the run goes on, or after it was broken off."""
+    shards: tuple[Shard, ...] = ()
+    """Finished work of an unfinished run."""
+    output_failures: tuple[Failure, ...] = ()
+    """Every episode without SUMO's outputs, of those that were asked for just now."""
+
+    @property
+    def name(self) -> str:
+        """The name of the run: its scenario's."""
+        return self.study.name
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario before anything was varied."""
+        return self.study.base
+
+    def scenario_of(self, cell: int) -> Scenario:
+        """The scenario of one cell."""
+        return self.study.cells[cell].scenario
+
+    @property
+    def varied_keys(self) -> list[str]:
+        """The keys that a sweep varies; none for a run of one cell."""
+        return self.study.varied_keys
+
+    @property
+    def kept_traces(self) -> bool:
+        """Whether the run keeps every step (``--traces``)."""
+        return bool(self.manifest["traces"])
+
+    @property
+    def planned_pairs(self) -> int:
+        """Pairs of all cells as planned; ``--until`` may end with fewer."""
+        return sum(cell.scenario.experiment.pairs for cell in self.study.cells)
+
+    @cached_property
+    def cells(self) -> pd.DataFrame:
+        """One row per cell: ``cell`` and the varied keys."""
+        if self.finished:
+            return _frame(self._tables.read("cells"))
+        rows = [{"cell": cell.number, **cell.varied} for cell in self.study.cells]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """One row per cell × pair × arm.
+
+        ``cell, pair, arm, strategy, ending, reason, contact, contact_index, contact_time_s,
+        sumo_collision, fallback, steps, pedestrians`` and a column for each of
+        ``harness.measures.MEASURES`` (``pass_time_s, delay_s, min_ttc_s …``).
+        """
+        return _frame(self._tables.read("episodes"))
+
+    @cached_property
+    def pedestrians(self) -> pd.DataFrame:
+        """One row per pedestrian × arm.
+
+        ``cell, pair, arm, index, arrival_s, start_s, side, quantile, speed_mps, range_m,
+        vehicle_speed_mps, cleared_s``; what they saw and how fast they went is missing where they
+        never got to go.
+        """
+        return _frame(self._tables.read("pedestrians"))
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of the run: which tables it has, and what it reports."""
+        return kind_of_study(self.study)
+
+    @property
+    def in_traffic(self) -> bool:
+        """Whether it simulates hours of traffic, and has ``hours`` in place of ``episodes``."""
+        return self.study.in_traffic
+
+    @cached_property
+    def hours(self) -> pd.DataFrame:
+        """One row per cell × pair × arm of a run in traffic: what its summary is made of."""
+        return _frame(self._tables.read("hours"))
+
+    @cached_property
+    def passages(self) -> pd.DataFrame:
+        """One row per vehicle × arm of a run in traffic, with a column for each measure."""
+        return _frame(self._tables.read("passages"))
+
+    @cached_property
+    def queues(self) -> pd.DataFrame:
+        """One row per minute, lane and arm of a run in traffic."""
+        return _frame(self._tables.read("queues"))
+
+    @property
+    def hour_results(self) -> tuple[tuple[Cell, HoursSummary], ...]:
+        """The summary of every cell of a run in traffic that has a finished pair."""
+        return tuple((result.cell, hours_summary(result.findings)) for result in self.results)
+
+    @cached_property
+    def pairs(self) -> pd.DataFrame:
+        """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
+        if self.finished:
+            return _frame(self._tables.read("pairs"))
+        parts = [pair_rows(cell.number, rows) for cell, rows in self._rows_by_cell()]
+        return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """One row per cell: ``cell``, the varied keys and the columns of ``summary.csv``.
+
+        ``pairs, defined_pairs, mu, mu_ci_low, mu_ci_high, cv …, kappa …`` (docs/files.md).  It is
+        worked out from the episodes where ``summary.parquet`` is not there yet, or is older than a
+        column.  Cells of an unfinished run without a finished pair are left out.
+        """
+        rows = [
+            {
+                "cell": result.cell.number,
+                **result.cell.varied,
+                **row_of(self.kind.catalogue, result.findings),
+            }
+            for result in self.results
+        ]
+        frame = pd.DataFrame(rows)
+        # A column that is undefined in every cell is one of numbers all the same.
+        types = {name: of for name, of in columns_of(self.kind.catalogue).items() if of is not str}
+        return frame.astype({name: types[name] for name in frame.columns if name in types})
+
+    @cached_property
+    def results(self) -> tuple[CellResult, ...]:
+        """The findings of every cell with a finished pair."""
+        kind, cells = self.kind, self.study.cells
+        stored = read_summary(self.path, kind.catalogue, cells) if self.finished else None
+        if stored is not None:
+            return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
+        return tuple(
+            CellResult(cell, kind.findings(rows, cell, self.confidence))
+            for cell, rows in self._rows_by_cell()
+        )
+
+    @cached_property
+    def measures(self) -> pd.DataFrame:
+        """Statistics of every measure, one row per cell × arm × measure, as ``measures.csv``.
+
+        ``cell``, the varied keys, ``arm, measure, defined, mean, p05, p50, p95``; the last five
+        with ``_met_someone`` too, over the pairs in which either arm met somebody.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": cell.number, **cell.varied, **row}
+                for cell, own in self._rows_by_cell()
+                for row in measure_rows(own)
+            ]
+        )
+
+    @cached_property
+    def conflicts(self) -> pd.DataFrame:
+        """Conflict rates, one row per cell × arm × kind of conflict, as ``conflicts.csv``.
+
+        ``cell``, the varied keys, ``arm, conflict, threshold, episodes, conflicts, rate, ci_low,
+        ci_high``; ``episodes``, ``conflicts`` and ``rate`` with ``_met_someone`` too.
+        """
+        return pd.DataFrame(
+            [
+                {"cell": result.cell.number, **result.cell.varied, **row}
+                for result in self.results
+                for row in result.conflicts
+            ]
+        )
+
+    @cached_property
+    def traces(self) -> pd.DataFrame:
+        """One row per step and object; big: ``traces_of`` reads one pair.
+
+        ``cell, pair, arm, time_s, object, x_m, y_m, speed_mps, acceleration_mps2``; ``object`` is
+        ``ego`` (its front bumper) or ``pedestrian-<index>`` (their centre); of a run in traffic
+        ``vehicle-<number>`` in place of ``ego``.
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return _frame(self._tables.read("traces"))
+
+    def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
+        """The rows of ``traces`` of both arms of one pair.
+
+        Raises:
+            InputError: the run keeps no traces.
+        """
+        self._need_traces()
+        return _frame(self.rows_of("traces", cell, pair))
+
+    def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
+        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
+        return self._tables.rows_of(name, cell, pair)
+
+    @property
+    def engine(self) -> EngineName:
+        """The engine that moved its egos: ``sumo``, or ``plain`` with an audit in SUMO."""
+        engine: EngineName = self.manifest["engine"]
+        return engine
+
+    @cached_property
+    def audit(self) -> pd.DataFrame:
+        """One row per cell and episode of the plain engine that was repeated in SUMO.
+
+        ``cell, pair, arm, difference, tie_s``; ``difference`` is missing where the records agree,
+        ``tie_s`` where they do not differ by a tie of the strategy (docs/batches.md).  An episode
+        that several cells share has a row in each of them.
+        """
+        if self.engine == "sumo":
+            return _frame(TABLES["audit"].empty_table())
+        return _frame(self._tables.read("audit"))
+
+    @cached_property
+    def audited(self) -> pd.DataFrame:
+        """The rows of ``audit``, but an episode that several cells share only in the first."""
+        same = {cell.number: cell.but_for_arms for cell in self.study.cells}
+        arms = {cell.number: cell.scenario.arms for cell in self.study.cells}
+        keys = [
+            (same[cell], pair, arm, getattr(arms[cell], arm))
+            for cell, pair, arm in self.audit[["cell", "pair", "arm"]].itertuples(index=False)
+        ]
+        return self.audit[~pd.Series(keys, self.audit.index, dtype=object).duplicated()]
+
+    @cached_property
+    def disagreements(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, what differs) of each row of ``audited`` that differs in SUMO.
+
+        Those that differ by a tie of the strategy are in ``ties``.
+        """
+        rows = self.audited.dropna(subset="difference")
+        rows = rows[rows["tie_s"].isna()].drop(columns="tie_s")
+        return tuple(rows.itertuples(index=False, name=None))
+
+    @cached_property
+    def ties(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, when and what differs) of each record that a tie made differ."""
+        rows = self.audited.dropna(subset="tie_s").itertuples(index=False, name=None)
+        return tuple(
+            (cell, pair, arm, f"tie at {when:.3f} s, {what}")
+            for cell, pair, arm, what, when in rows
+        )
+
+    @cached_property
+    def failures(self) -> tuple[Failure, ...]:
+        """(cell, pair, arm, reason) of every episode in which engine or strategy failed."""
+        failed = self.kind.failed(self._tables.read(self.kind.rows))
+        columns = (failed[name].to_pylist() for name in ("cell", "pair", "arm", "reason"))
+        return tuple((*where, reason or "") for *where, reason in zip(*columns, strict=True))
+
+    def pair_columns_of(self, cell: int) -> PairColumns:
+        """The columns of one cell that its summary is made of, one entry for each pair."""
+        episodes = self._tables.read("episodes")
+        return pair_columns(episodes.filter(pc.equal(episodes["cell"], cell)))
+
+    def model_of(self, cell: int) -> InteractionModel:
+        """The interaction model a cell used.
+
+        Raises:
+            InputError: it is no longer there, or has changed since.
+        """
+        section = self.scenario_of(cell).model
+        key = (section.name, section.path)
+        if key not in self._models:
+            self._models[key] = load_model(*key)
+        model = self._models[key]
+        used = self.manifest["simulated_with"]["models"]
+        if model.sha256 not in {entry.get("sha256") for entry in used}:
+            raise InputError(f"model {model.name}", "has changed since the run", "the same file")
+        return model
+
+    @property
+    def confidence(self) -> float:
+        """The confidence of each interval of the run."""
+        return confidence_of(self.study, options_of(self.manifest))
+
+    def __repr__(self) -> str:
+        """What a debugger shows."""
+        return f"<RunData {self.name} in {self.path}>"
+
+    def _repr_html_(self) -> str:
+        """The summary, for a notebook."""
+        if self.in_traffic:
+            table: str = self.summary.to_html(index=False)
+            return table
+        return run_html(self.name, self.varied_keys, self.summary, self.finished)
+
+    def _rows_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
+        """The rows of every cell that has any, of the table that findings are made of."""
+        episodes = self._tables.read(self.kind.rows)
+        numbers = episodes["cell"].to_numpy()
+        for cell in self.study.cells:
+            mine = numbers == cell.number
+            # A run of one cell is big, if any is: no second copy of it.
+            own = episodes if mine.all() else episodes.filter(pa.array(mine))
+            if own.num_rows:
+                yield cell, own
+
+    @cached_property
+    def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
+        return {}
+
+    @cached_property
+    def _tables(self) -> RunTables:
+        return RunTables(self.path, self.finished, self.shards, len(self.study.cells))
+
+    def _need_traces(self) -> None:
+        if not self.kept_traces:
+            raise InputError(str(self.path), "kept no traces", "a run with --traces")
+
+
+def _frame(table: pa.Table) -> pd.DataFrame:
+    frame: pd.DataFrame = table.to_pandas()
+    return frame

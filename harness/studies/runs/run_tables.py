@@ -1,0 +1,95 @@
+"""The tables of a run: of its files where it is finished, of its shards where it is not."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from harness.core.errors import InputError, resume_command
+from harness.scenario import Study
+from harness.store.reading import read_table
+from harness.store.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
+from harness.store.tables import TABLES
+
+
+class RunTables:
+    """Reads a run's tables when they are asked for and keeps all but the big one, ``traces``.
+
+    Args:
+        path: the run folder.
+        finished: whether its tables are written.
+        shards: the finished work of an unfinished run.
+    """
+
+    def __init__(self, path: Path, finished: bool, shards: Sequence[Shard], cells: int) -> None:
+        self._path, self._finished, self._shards, self._cells = path, finished, shards, cells
+        self._kept: dict[str, pa.Table] = {}
+
+    def read(self, name: str) -> pa.Table:
+        """All rows of a table.
+
+        Raises:
+            InputError: it is missing or damaged.
+        """
+        if name == "traces":
+            return self._table(name, self._shards)
+        if name not in self._kept:
+            self._kept[name] = self._table(name, self._shards)
+        return self._kept[name]
+
+    def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
+        """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``.
+
+        Raises:
+            InputError: the table is missing or damaged.
+        """
+        if name == "traces" and self._finished:
+            return read_table(self._path, name, cell, pair)
+        if name == "traces":
+            holding = [one for one in self._shards if one.cell == cell and pair in one.numbers]
+            table = self._table(name, holding)
+        else:
+            table = self.read(name)
+        own = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
+        return table.filter(own)
+
+    def _table(self, name: str, shards: Sequence[Shard]) -> pa.Table:
+        if self._finished:
+            table = read_table(self._path, name)
+            if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= self._cells:
+                where = str(self._path / f"{name}.parquet")
+                raise InputError(
+                    f"{where}: cell", "a cell this run has not", f"0 to {self._cells - 1}"
+                )
+            return table
+        parts = []
+        for shard in shards:
+            try:
+                parts.append(read_shard(shard)[name])
+            except FileNotFoundError:
+                what = "has been finished or resumed meanwhile"
+                raise InputError(str(self._path), what, "load it again") from None
+            except (OSError, DamagedShardError, KeyError):
+                raise InputError(
+                    str(shard.path), "is damaged", f"go on with: {resume_command(self._path)}"
+                ) from None
+        return pa.concat_tables([TABLES[name].empty_table(), *parts])
+
+
+def readable_shards(folder: Path, study: Study) -> tuple[Shard, ...]:
+    """The shards that can be read; one that cannot does not count, as when a run is resumed.
+
+    Raises:
+        InputError: a shard is of another study.
+    """
+    readable = []
+    for shard in shards_of(folder):
+        try:
+            read_shard(shard)
+        except (OSError, DamagedShardError):
+            continue
+        readable.append(shard)
+    planned = {cell.number: cell.scenario.experiment.pairs for cell in study.cells}
+    check_planned(folder, readable, planned)
+    return tuple(readable)

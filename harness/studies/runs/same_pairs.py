@@ -1,0 +1,123 @@
+"""Whether runs made at different times met the same people: only then are they compared."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from harness.core.errors import InputError
+from harness.measures.agreement import TOLERANCE
+from harness.scenario import as_written, flatten
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.strategy_groups import StrategyGroup, all_but_the_strategy
+
+_NAMED = 5
+"""Keys named in a refusal."""
+
+_OF_THE_HUMAN = ("ending", "steps", "pedestrians", "arrivals", "pass_time_s", "pedestrian_delay_s")
+"""Columns that are equal where the reference arm met the same people and drove as before."""
+
+
+def names_of(runs: Sequence[RunData]) -> list[str]:
+    """A name for each run: its folder's, or the whole path where two folders are called alike."""
+    short = [run.path.resolve().name for run in runs]
+    return short if len({*short}) == len(short) else [str(run.path) for run in runs]
+
+
+def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -> None:
+    """Refuse runs that cannot be compared with another one pair by pair.
+
+    Args:
+        runs: two or more, finished.
+        groups: those of all their cells together.
+
+    Raises:
+        InputError: a run is there twice, differs in more than the AV's strategy (the keys are
+            named), used another model, or its reference arm came out differently.
+    """
+    for number, run in enumerate(runs):
+        if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
+            raise InputError(str(run.path), "is named twice", "different runs")
+    # A run that goes with none of the others is told what separates it from the first.
+    for number in (*range(1, len(runs)), 0):
+        together = {m.run for group in groups if _has(group, number) for m in group.cells}
+        if together == {number}:
+            _refuse_other_scenario(runs[0 if number else 1], runs[number])
+    _refuse_other_models(runs)
+    for group in groups:
+        first = group.cells[0]
+        for member in group.cells[1:]:
+            if member.run != first.run:
+                _refuse_other_humans(
+                    (runs[first.run], first.cell.number), (runs[member.run], member.cell.number)
+                )
+
+
+def _has(group: StrategyGroup, run: int) -> bool:
+    return any(member.run == run for member in group.cells)
+
+
+def _refuse_other_scenario(one: RunData, other: RunData) -> None:
+    """Name the keys of the two cells that differ least."""
+    trees = [
+        [flatten(all_but_the_strategy(cell.scenario)) for cell in run.study.cells]
+        for run in (one, other)
+    ]
+    differences = min(([*_different(a, b)] for a in trees[0] for b in trees[1]), key=len)
+    named = ", ".join(differences[:_NAMED])
+    more = f" and {len(differences) - _NAMED} more" if len(differences) > _NAMED else ""
+    raise InputError(
+        str(other.path),
+        f"differs from {one.path} in more than the AV's strategy: {named}{more}",
+        "the same seed, pedestrians, ego and reference",
+    )
+
+
+def _different(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
+    for key in dict.fromkeys([*a, *b]):
+        if a.get(key) != b.get(key):
+            before, after = (
+                "none" if of is None else as_written(of) for of in (a.get(key), b.get(key))
+            )
+            yield f"{key} {after} instead of {before}"
+
+
+def _refuse_other_models(runs: Sequence[RunData]) -> None:
+    """A model's name may stand for another file by now."""
+    known: dict[str, tuple[str, RunData]] = {}
+    for run in runs:
+        for entry in run.manifest["simulated_with"]["models"]:
+            name, sha256 = entry["name"], entry["sha256"]
+            before, first = known.setdefault(name, (sha256, run))
+            if before != sha256:
+                raise InputError(
+                    str(run.path),
+                    f"its model {name} is another one than that of {first.path} "
+                    f"(sha256 {sha256[:8]}… instead of {before[:8]}…)",
+                    "the same model",
+                )
+
+
+def _refuse_other_humans(one: tuple[RunData, int], other: tuple[RunData, int]) -> None:
+    """The reference arm drives the same in both: what differs there is no doing of the AV."""
+    episodes = []
+    for run, cell in (one, other):
+        rows = run.episodes[(run.episodes["cell"] == cell) & (run.episodes["arm"] == "human")]
+        episodes.append(rows.sort_values("pair").set_index("pair"))
+    a, b = episodes
+    common = a.index.intersection(b.index)
+    for name in _OF_THE_HUMAN:
+        before, after = a.loc[common, name], b.loc[common, name]
+        if name == "ending":
+            same = (before == after).to_numpy()
+        else:
+            a_values, b_values = (of.to_numpy(dtype=float) for of in (before, after))
+            same = np.isclose(a_values, b_values, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
+        if not same.all():
+            pair = common[int(np.argmin(same))]
+            raise InputError(
+                str(other[0].path),
+                f"its reference arm is not that of {one[0].path}: pair {pair} has {name} "
+                f"{after.loc[pair]} instead of {before.loc[pair]}",
+                "runs whose reference drove the same, or one sweep over both strategies",
+            )

@@ -1,0 +1,278 @@
+"""How near a driver model comes to the recorded drivers: the catalogue of a validation."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from harness.core.encounter import FloatArray
+from harness.statistics.findings import Entry, Finding, Form
+from harness.studies.validation.bootstrap import middle
+from harness.studies.validation.outcomes import HORIZONS_S, DriverOutcome
+
+Outcomes = Sequence[Sequence[DriverOutcome]]
+"""Outcomes of one driver: for each passage one, or one for each draw of a random model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drives:
+    """A driver's outcomes as arrays, passages first.
+
+    A random model's draws of a passage share its weight.  In the last three arrays the last column
+    is the recorded vehicle's; NaN is undefined.
+    """
+
+    error_s: FloatArray  # (passages, draws), of the pass time
+    score_s: FloatArray  # (passages,), what drivers are ranked by, see ``pass_time_score``
+    squared_m2: FloatArray  # (passages, horizons), NaN where either has passed
+    right: FloatArray  # (passages,) sums over pedestrians of the share of draws that are right
+    brier: FloatArray  # (passages,) sums over pedestrians
+    people: FloatArray  # (passages,)
+    contact: FloatArray  # (passages,) share of draws
+    explained: FloatArray
+    timed_out: FloatArray
+    least_speed_mps: FloatArray  # (passages, draws + 1)
+    pet_s: FloatArray
+    time_advantage_s: FloatArray
+
+    def sample(self, passages: "np.ndarray") -> "Drives":
+        """The drives of some passages, shape (n,); one may come several times."""
+        return Drives(*(values[passages] for values in vars(self).values()))
+
+
+def drives_of(outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> Drives:
+    """The outcomes of one driver, and those of the recorded vehicles, as arrays."""
+
+    def column(value: Callable[[DriverOutcome], Any], *, real: bool = False) -> FloatArray:
+        rows = [
+            [value(drive) for drive in (*drives, *[truth] * real)]
+            for drives, truth in zip(outcomes, recorded, strict=True)
+        ]
+        return np.array(rows, dtype=np.float64)
+
+    pass_times_s = column(lambda drive: drive.pass_time_s)
+    real_s = np.array([drive.pass_time_s for drive in recorded])
+    squared, right, brier = [], [], []
+    for drives, truth in zip(outcomes, recorded, strict=True):
+        squared.append(np.mean([(drive.x_m - truth.x_m) ** 2 for drive in drives], axis=0))
+        before = np.mean([drive.first for drive in drives], axis=0)
+        right.append(float(np.where(truth.first, before, 1 - before).sum()))
+        brier.append(float(((before - truth.first) ** 2).sum()))
+    return Drives(
+        error_s=pass_times_s - real_s[:, None],
+        score_s=np.array(list(map(pass_time_score, pass_times_s, real_s))),
+        squared_m2=np.array(squared),
+        right=np.array(right),
+        brier=np.array(brier),
+        people=np.array([float(len(drive.first)) for drive in recorded]),
+        contact=column(lambda drive: drive.contact).mean(axis=1),
+        explained=column(lambda drive: drive.contact_explained).mean(axis=1),
+        timed_out=column(lambda drive: drive.timed_out).mean(axis=1),
+        least_speed_mps=column(lambda drive: drive.least_speed_mps, real=True),
+        pet_s=column(lambda drive: drive.pet_s, real=True),
+        time_advantage_s=column(lambda drive: drive.time_advantage_s, real=True),
+    )
+
+
+def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
+    """The continuous ranked probability score of one passage's pass times, s ≥ 0.
+
+    E|X − y| − ½ E|X − X'| over draws X, X' of the model and the recorded y: the absolute error for
+    a model without randomness; for a random one it rewards neither a wide nor a narrow spread
+    that is not so.  Unbiased for the number of draws: X and X' are different draws.
+
+    Source: Gneiting, Raftery 2007, Journal of the American Statistical Association 102.
+
+    Args:
+        pass_times_s: (draws,).
+        recorded_s: y.
+
+    >>> pass_time_score(np.array([7.0]), 5.0)
+    2.0
+    >>> pass_time_score(np.array([4.0, 6.0]), 5.0)
+    0.0
+    """
+    error = float(np.abs(pass_times_s - recorded_s).mean())
+    n = len(pass_times_s)
+    if n == 1:
+        return error
+    spread = float(np.abs(pass_times_s[:, None] - pass_times_s[None]).sum()) / (n * (n - 1))
+    return error - spread / 2
+
+
+def _distance(values: FloatArray) -> float | None:
+    """The Wasserstein distance of the simulated values from the recorded ones."""
+    simulated, recorded = values[:, :-1].ravel(), values[:, -1]
+    simulated, recorded = simulated[~np.isnan(simulated)], recorded[~np.isnan(recorded)]
+    if not len(simulated) or not len(recorded):
+        return None
+    return float(stats.wasserstein_distance(simulated, recorded))
+
+
+def _rmse(squared_m2: FloatArray) -> float | None:
+    known = squared_m2[~np.isnan(squared_m2)]
+    return float(np.sqrt(known.mean())) if len(known) else None
+
+
+def _position(place: int, horizon_s: float) -> Entry[Drives]:
+    return Entry(
+        f"position_rmse_{horizon_s:g}s_m",
+        f"position after {horizon_s:g} s",
+        f"Root mean square error of the position after {horizon_s:g} s.",
+        unit="m",
+        paired=lambda drives: _rmse(drives.squared_m2[:, place]),
+        undefined="Every vehicle had passed by then.",
+    )
+
+
+_NEVER = "No passage has a value."
+
+ENTRIES: tuple[Entry[Drives], ...] = (
+    Entry(
+        "pass_time_score_s",
+        "score",
+        "Continuous ranked probability score of the pass time, mean; without randomness the mean "
+        "absolute error.",
+        unit="s",
+        paired=lambda drives: float(drives.score_s.mean()),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_mean_s",
+        "mean error",
+        "Simulated less recorded pass time, mean.",
+        unit="s",
+        paired=lambda drives: float(drives.error_s.mean()),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_median_s",
+        "median |error|",
+        "Absolute error of the pass time, median.",
+        unit="s",
+        paired=lambda drives: float(np.median(np.abs(drives.error_s))),
+        first_screen=True,
+    ),
+    Entry(
+        "pass_time_error_p90_s",
+        "90 % |error|",
+        "Absolute error of the pass time, 90 % quantile.",
+        unit="s",
+        paired=lambda drives: float(np.quantile(np.abs(drives.error_s), 0.9)),
+    ),
+    *(_position(place, horizon_s) for place, horizon_s in enumerate(HORIZONS_S)),
+    Entry(
+        "order_right",
+        "order right",
+        "Share of pedestrians whom the vehicle passes before or after as recorded.",
+        Form.SHARE,
+        digits=1,
+        paired=lambda drives: float(drives.right.sum() / drives.people.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "order_brier",
+        "Brier score",
+        "Brier score of that order; without randomness 1 less the share that is right.",
+        digits=3,
+        paired=lambda drives: float(drives.brier.sum() / drives.people.sum()),
+    ),
+    Entry(
+        "contacts",
+        "contacts",
+        "Passages with a contact.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.contact.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "contacts_explained",
+        "explained",
+        "Passages with a contact that only a pedestrian who cannot react explains.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.explained.sum()),
+        first_screen=True,
+    ),
+    Entry(
+        "timed_out",
+        "timed out",
+        "Passages that did not end within 30 s after the recorded one; they count with that time.",
+        Form.COUNT,
+        paired=lambda drives: float(drives.timed_out.sum()),
+    ),
+    Entry(
+        "least_speed_distance_mps",
+        "least speed",
+        "Wasserstein distance of the least speeds.",
+        unit="m/s",
+        paired=lambda drives: _distance(drives.least_speed_mps),
+        undefined=_NEVER,
+    ),
+    Entry(
+        "pet_distance_s",
+        "PET",
+        "Wasserstein distance of the post-encroachment times.",
+        unit="s",
+        paired=lambda drives: _distance(drives.pet_s),
+        undefined=_NEVER,
+    ),
+    Entry(
+        "time_advantage_distance_s",
+        "time advantage",
+        "Wasserstein distance of the least time advantages.",
+        unit="s",
+        paired=lambda drives: _distance(drives.time_advantage_s),
+        undefined=_NEVER,
+    ),
+)
+"""The numbers that a validation reports of each driver.
+
+All have a 95 % interval of the bootstrap over vehicles but the counts, which are sums over
+passages."""
+
+
+def findings_of(
+    drives: Drives, samples: Sequence["np.ndarray"], doubt: str | None
+) -> dict[str, Finding]:
+    """The findings of one driver by key.
+
+    Args:
+        drives: of every passage.
+        samples: passages of resampled vehicles, the same ones for every driver.
+        doubt: why intervals over so few vehicles are unreliable; None where they are not.
+    """
+    known = _known(drives)
+    resampled = [drives.sample(sample) for sample in samples]
+    findings = {}
+    for entry in ENTRIES:
+        assert entry.paired is not None
+        finding = entry.finding(entry.key, entry.paired(drives), 0)
+        finding = replace(finding, n=known.get(entry.key))
+        if entry.form is not Form.COUNT:
+            values = [
+                entry.finding(entry.key, entry.paired(sample), 0).number for sample in resampled
+            ]
+            low, high = middle(values) or (None, None)
+            reliable, reason = doubt is None, finding.reason or doubt
+            finding = replace(finding, low=low, high=high, reliable=reliable, reason=reason)
+        findings[entry.key] = finding
+    return findings
+
+
+def _known(drives: Drives) -> dict[str, int]:
+    """In how many passages a number that may be undefined is defined, by key of its entry."""
+    squared = {
+        f"position_rmse_{horizon_s:g}s_m": drives.squared_m2[:, place, None]
+        for place, horizon_s in enumerate(HORIZONS_S)
+    }
+    distances = {
+        "least_speed_distance_mps": drives.least_speed_mps,
+        "pet_distance_s": drives.pet_s,
+        "time_advantage_distance_s": drives.time_advantage_s,
+    }
+    return {
+        key: int((~np.isnan(values)).all(axis=1).sum())
+        for key, values in (squared | distances).items()
+    }

@@ -1,0 +1,205 @@
+"""The road of a recorded passage: the vehicle's own path, straightened, and who walks across it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.core.encounter import FloatArray, Leg, Side
+from harness.model.trajectories.paths import TravelPath
+from harness.model.trajectories.tracks import Track
+
+KERB_M = 4.5
+"""From the vehicle's path to either kerb: the crossing is 9 m long, as the paper's."""
+
+FOOTPATH_M = 1.5
+"""A pedestrian is there from so far before the kerb on, as those of SUMO's own model are."""
+
+LEG_S = 0.1
+"""Shortest leg of a walk, s: neighbouring records of faster cameras are taken together."""
+
+VELOCITY_S = 0.5
+"""Before and after the record people go on at their mean velocity over this time."""
+
+_EXTENSION_M = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """A path as a chain of pieces with their lengths, extended straight at both ends."""
+
+    start_m: FloatArray
+    piece_m: FloatArray
+    length_m: FloatArray
+    arc_m: FloatArray
+
+    def coordinates(self, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(path length, distance to the left of the path) of positions, each of shape (n,)."""
+        away = position_m[:, None, :] - self.start_m[None]
+        share = np.clip((away * self.piece_m).sum(axis=2) / self.length_m**2, 0.0, 1.0)
+        foot = away - share[:, :, None] * self.piece_m
+        squared = (foot**2).sum(axis=2)
+        nearest = squared.argmin(axis=1)
+        row = np.arange(len(position_m))
+        left = (
+            self.piece_m[nearest, 0] * away[row, nearest, 1]
+            - self.piece_m[nearest, 1] * away[row, nearest, 0]
+        )
+        offset = np.copysign(np.sqrt(squared[row, nearest]), left)
+        return self.arc_m[nearest] + share[row, nearest] * self.length_m[nearest], offset
+
+
+def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -> Road:
+    """The road that a path is within ``reach_m`` of a place on it.
+
+    Pieces farther away are left out, so that a path that comes back on itself has one road here.
+
+    Args:
+        path: of the vehicle's centre.
+        arc_m: the place.
+        reach_m: how much of the path counts, either way.
+        chord_m: over which the ends' directions are taken.
+    """
+    corners = path.arc_m[np.abs(path.arc_m - arc_m) < reach_m]
+    first, last = max(0.0, arc_m - reach_m), min(float(path.arc_m[-1]), arc_m + reach_m)
+    arcs = np.unique(np.concatenate([[first], corners, [last]]))
+    points = np.array([path.at(arc) for arc in arcs.tolist()])
+    # A corner that a rounding puts beside an end would be a piece without a direction.
+    kept = np.concatenate([[True], np.diff(arcs) > 1e-6])
+    arcs, points = arcs[kept], points[kept]
+    ahead = path.direction(last - chord_m / 2, chord_m / 2)
+    behind = path.direction(first + chord_m / 2, chord_m / 2)
+    points = np.vstack(
+        [points[:1] - _EXTENSION_M * behind, points, points[-1:] + _EXTENSION_M * ahead]
+    )
+    pieces = np.diff(points, axis=0)
+    lengths = np.hypot(*pieces.T)
+    return Road(points[:-1], pieces, lengths, arcs[0] - _EXTENSION_M + np.cumsum(lengths) - lengths)
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A pedestrian's places in the road's frame: a polyline in time, also around the record.
+
+    Attributes:
+        side: the kerb they come from.
+        time_s: (n,) from the passage's start, increasing; the first is 0 or earlier.
+        x_m, y_m: (n,).
+        recorded_s: first and last moment of the record itself.
+    """
+
+    side: Side
+    time_s: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+    recorded_s: tuple[float, float]
+
+    @property
+    def progress_m(self) -> FloatArray:
+        """(n,) distance from their kerb, along their direction; negative on the footpath."""
+        return self.y_m if self.side is Side.NEAR else 2 * KERB_M - self.y_m
+
+    def reaches_s(self, progress_m: float, since_s: float = -np.inf) -> float:
+        """When they first are that far or farther, from a time on; infinite if never."""
+        progress = self.progress_m
+        if since_s > self.time_s[0]:
+            here = np.interp(since_s, self.time_s, progress)
+            later = self.time_s > since_s
+            times = np.concatenate([[since_s], self.time_s[later]])
+            progress = np.concatenate([[here], progress[later]])
+        else:
+            times = self.time_s
+        past = np.flatnonzero(progress >= progress_m)
+        if len(past) == 0:
+            return float("inf")
+        at = int(past[0])
+        if at == 0:
+            return float(times[0])
+        share = (progress_m - progress[at - 1]) / (progress[at] - progress[at - 1])
+        return float(times[at - 1] + share * (times[at] - times[at - 1]))
+
+    def x_at(self, time_s: float) -> float:
+        """Where along the road they are at a time."""
+        return float(np.interp(time_s, self.time_s, self.x_m))
+
+    def legs(self, until_s: float) -> tuple[Leg, ...]:
+        """Their walk from the footpath before their kerb, or t = 0, to the other kerb.
+
+        Empty for someone who is past that kerb at t = 0, or not there before ``until_s``.
+        """
+        begin = self.reaches_s(-FOOTPATH_M, since_s=0.0)
+        end = min(self.reaches_s(2 * KERB_M, since_s=0.0), until_s)
+        if begin >= end:
+            return ()
+        inner = self.time_s[(self.time_s > begin + 1e-9) & (self.time_s < end - 1e-9)]
+        times = np.concatenate([[begin], inner, [end]])
+        x, y = (np.interp(times, self.time_s, values) for values in (self.x_m, self.y_m))
+        # Legs are straight: the last one leads past its end, so that they leave at the kerb.
+        step = np.diff(times)
+        columns = np.column_stack(
+            (times[:-1], x[:-1], y[:-1], np.diff(x) / step, np.diff(y) / step, 0.0 * step)
+        )
+        return tuple(Leg(*row) for row in columns.tolist())
+
+
+def course_of(
+    track: Track, road: Road, origin_m: float, start_s: float, until_s: float, side: Side, flip: int
+) -> Course:
+    """Someone's course in a passage.
+
+    Args:
+        track: as recorded.
+        road: the vehicle's.
+        origin_m: path length of x = 0.
+        start_s: the passage's start on the clip's clock.
+        until_s: the end of what is needed, from that start.
+        side: the kerb they come from.
+        flip: −1 where the clip's y points down, else 1.
+    """
+    kept = _thinned(track.time_s)
+    time_s = rounded(track.time_s[kept] - start_s)
+    arc, left = road.coordinates(track.position_m[kept])
+    x, y = rounded(arc - origin_m), rounded(KERB_M + flip * left)
+    times, xs, ys = [time_s], [x], [y]
+    if time_s[0] > 0:
+        vx, vy = _velocity(time_s, x, y, last=False)
+        times.insert(0, np.array([0.0]))
+        xs.insert(0, x[:1] - vx * time_s[0])
+        ys.insert(0, y[:1] - vy * time_s[0])
+    if time_s[-1] < until_s:
+        vx, vy = _velocity(time_s, x, y, last=True)
+        times.append(np.array([until_s]))
+        xs.append(x[-1:] + vx * (until_s - time_s[-1]))
+        ys.append(y[-1:] + vy * (until_s - time_s[-1]))
+    recorded = float(time_s[0]), float(time_s[-1])
+    return Course(side, np.concatenate(times), np.concatenate(xs), np.concatenate(ys), recorded)
+
+
+def rounded(values: FloatArray) -> FloatArray:
+    """To 1e-9, so that the last bits of another clock or another axis decide nothing."""
+    result: FloatArray = np.round(values, 9)
+    return result
+
+
+def _thinned(time_s: FloatArray) -> list[int]:
+    """Records at least a leg apart; the last one counts."""
+    kept = [0]
+    for index, time in enumerate(time_s.tolist()):
+        if time - time_s[kept[-1]] >= LEG_S - 1e-6:
+            kept.append(index)
+    if kept[-1] != len(time_s) - 1:
+        kept = [*kept[: max(1, len(kept) - 1)], len(time_s) - 1]
+    return kept
+
+
+def _velocity(
+    time_s: FloatArray, x_m: FloatArray, y_m: FloatArray, *, last: bool
+) -> tuple[float, float]:
+    """Mean velocity at the beginning or the end of a record, m/s along and across the road."""
+    if last:
+        one, other = max(0, int(np.searchsorted(time_s, time_s[-1] - VELOCITY_S - 1e-9))), -1
+        one = min(one, len(time_s) - 2)
+    else:
+        one = 0
+        other = max(1, int(np.searchsorted(time_s, time_s[0] + VELOCITY_S + 1e-9)) - 1)
+    elapsed = time_s[other] - time_s[one]
+    return float((x_m[other] - x_m[one]) / elapsed), float((y_m[other] - y_m[one]) / elapsed)

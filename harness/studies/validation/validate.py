@@ -1,0 +1,206 @@
+"""A whole validation: recorded passages found, driven by every driver, compared."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.core.errors import InputError
+from harness.model.interaction import load_model
+from harness.model.trajectories import read_clips
+from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.extraction_rules import split_options
+from harness.model.trajectories.fingerprints import fingerprints_of
+from harness.model.trajectories.formats import FORMATS
+from harness.scenario import Scenario
+from harness.statistics.findings import Note, Rank
+from harness.strategies.parameters import check_complete, check_parameters, needs
+from harness.strategies.registry import find_strategy, table_key
+from harness.studies.validation.bootstrap import few_vehicles, resamples
+from harness.studies.validation.closed_loop import recorded_trace
+from harness.studies.validation.drivers import (
+    STRATEGIES_FITTED_ON,
+    ModelOf,
+    fitted_on,
+    outcomes_of,
+    refit_without_folds,
+)
+from harness.studies.validation.figures import drives_of, findings_of
+from harness.studies.validation.finding import find_passages
+from harness.studies.validation.findings import DriverFindings, ValidationFindings
+from harness.studies.validation.outcomes import DriverOutcome, outcome_of
+from harness.studies.validation.passages import Passages
+from harness.studies.validation.ranking import ranking
+
+_NO_TRACKS = (
+    "The card of model {} has no fingerprints of tracks: whether it was fitted on these data is "
+    "not known."
+)
+
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Drivers held against recorded passages.
+
+    Attributes:
+        passages: those that were driven, and what was left out.
+        recorded: of the recorded vehicles, for each passage.
+        outcomes: driver → passages → draws.
+        findings: what it reports.
+    """
+
+    passages: Passages
+    recorded: Sequence[DriverOutcome]
+    outcomes: Mapping[str, Sequence[Sequence[DriverOutcome]]]
+    findings: ValidationFindings
+
+
+def validate(
+    paths: Sequence[Path],
+    format_: str,
+    drivers: Sequence[str],
+    scenario: Scenario,
+    *,
+    folds: int = 5,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress = lambda _done, _planned, _what: None,
+) -> Validation:
+    """Put drivers into recorded passages and say how near each comes to the recorded ones.
+
+    Args:
+        paths, format_: the data, as for ``harness.extract``.
+        drivers: names of strategies.
+        scenario: gives their parameters, the interaction model, the vehicles' width and
+            accelerations, step and seed.
+        folds: of vehicles; a model fitted on the same data is fitted again without each.
+        options: of the extraction, and of the format's reader.
+        progress: is called with (steps done, steps planned, what they are).
+
+    Raises:
+        InputError: unknown format, option or driver, data that cannot be read, no passage.
+    """
+    _check_drivers(drivers, scenario)
+    given, seed = dict(options or {}), scenario.experiment.seed
+    # ``read_clips`` refuses an unknown format.
+    rules = None
+    if format_ in FORMATS:
+        rules, _ = split_options(given, FORMATS[format_].options, f"format {format_}")
+    progress(0, 1, "reading")
+    tally = Tally()
+    clips = read_clips(list(paths), format_, tally, **given)
+    passages = find_passages(clips, scenario.vehicle(), scenario.experiment.step_s, rules)
+    if not passages.used:
+        reasons = [f"{reason}: {count}" for reason, count in passages.left_out.items() if count]
+        why = ", ".join(reasons) or "no vehicle"
+        raise InputError(str(paths[0]), f"no passage can be used ({why})")
+    with_model = [name for name in drivers if "model" in needs(find_strategy(name, "--drivers"))]
+    model = load_model(scenario.model.name, scenario.model.path)
+    seen = fingerprints_of(clips)
+    known = fitted_on(model.provenance, seen) if with_model else False
+    model_of: ModelOf = lambda _: model  # noqa: E731
+    refitted = 0
+    if known and folds > 1:
+        of_folds = refit_without_folds(
+            model, paths, format_, given, folds, seed, lambda done: progress(done, folds, "folds")
+        )
+        model_of, refitted = of_folds, len(of_folds.of_fold)
+    in_sample = {
+        *(with_model if known and not refitted else ()),
+        *(
+            name
+            for name, source in STRATEGIES_FITTED_ON.items()
+            if name in drivers and fitted_on(load_model(source).provenance, seen)
+        ),
+    }
+    recorded = [outcome_of(passage, recorded_trace(passage)) for passage in passages.used]
+    outcomes = {}
+    for number, name in enumerate(drivers):
+        progress(number, len(drivers), "drivers")
+        outcomes[name] = outcomes_of(name, passages.used, scenario, model_of)
+    drives = {name: drives_of(driven, recorded) for name, driven in outcomes.items()}
+    samples, doubt = resamples(passages.used, seed), few_vehicles(passages.vehicles)
+    ranked = ranking({name: drives[name].score_s for name in drivers}, samples)
+    found = tuple(
+        DriverFindings(
+            driver=name,
+            rank=rank,
+            not_told_apart=alike,
+            score_difference_s=difference_s,
+            score_difference_interval_s=interval_s,
+            draws=drives[name].error_s.shape[1],
+            fitted_on_these_data=name in in_sample,
+            folds=refitted if name in with_model else 0,
+            findings=findings_of(drives[name], samples, doubt),
+        )
+        for rank, (name, difference_s, interval_s, alike) in enumerate(ranked, start=1)
+    )
+    progress(len(drivers), len(drivers), "drivers")
+    unknown = _NO_TRACKS.format(model.name) if known is None else None
+    findings = ValidationFindings(
+        sources=tuple(sorted({passage.source for passage in passages.used})),
+        passages=len(passages.used),
+        vehicles=passages.vehicles,
+        encounters=passages.encounters,
+        contacts_recorded=sum(drive.contact for drive in recorded),
+        left_out=passages.left_out,
+        remarks=(*tally.remarks(), *filter(None, (unknown, doubt))),
+        notes=tuple(_notes(passages, found, tally.remarks(), unknown, doubt)),
+        drivers=found,
+    )
+    return Validation(passages, recorded, outcomes, findings)
+
+
+def _notes(
+    passages: Passages,
+    drivers: Sequence[DriverFindings],
+    remarks: Sequence[str],
+    unknown: str | None,
+    doubt: str | None,
+) -> Iterator[Note]:
+    """What has to be read with the numbers, in the order of the ranks."""
+    for driver in drivers:
+        if driver.findings["timed_out"].value:
+            yield Note(
+                Rank.TIME_OUTS,
+                f"{driver.driver} timed out in {driver.findings['timed_out'].value:g} of "
+                f"{len(passages.used):,} passages, which count with that time.",
+            )
+    left_out = {reason: count for reason, count in passages.left_out.items() if count}
+    if left_out:
+        reasons = ", ".join(f"{reason} {count:,}" for reason, count in left_out.items())
+        yield Note(Rank.LEFT_OUT, f"{sum(left_out.values()):,} ways left out: {reasons}.")
+    if remarks:
+        yield Note(Rank.LEFT_OUT, "; ".join(remarks) + ".")
+    for driver in drivers:
+        if driver.fitted_on_these_data:
+            words = "was fitted on these passages, which flatters it."
+            yield Note(Rank.REFERENCE, f"{driver.driver} {words}")
+    if unknown:
+        yield Note(Rank.REFERENCE, unknown)
+    pairs = [
+        f"{driver.driver} and {other}"
+        for place, driver in enumerate(drivers)
+        for other in driver.not_told_apart
+        if other in {later.driver for later in drivers[place:]}
+    ]
+    if pairs:
+        yield Note(Rank.FEW_PAIRS, f"The scores do not tell these apart: {', '.join(pairs)}.")
+    if doubt:
+        yield Note(Rank.FEW_PAIRS, doubt)
+
+
+def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
+    """Refuse unknown drivers and parameters, and SUMO's own driver, before anything is read."""
+    if not drivers:
+        raise InputError("--drivers", "names nobody", "e.g. human_gmm,human_yield")
+    for name in drivers:
+        factory = find_strategy(name, "--drivers")
+        if drivers.count(name) > 1:
+            raise InputError("--drivers", f"names {name} twice", "every driver once")
+        if name == "sumo_driver":
+            raise InputError("--drivers", "sumo_driver drives in SUMO alone", "any other strategy")
+        table = scenario.strategies.get(name, {})
+        check_parameters(factory, table, table_key(name))
+        check_complete(factory, table, table_key(name))

@@ -1,0 +1,203 @@
+"""Tasks on executors: retries, culprits, a bounded number under way.
+
+One code path for every executor: tasks are futures.  A worker that dies costs its task a retry; a
+task that fails twice is run pair by pair, and a pair that fails twice again gets the ending
+``engine_failed`` with the reason, so that everything else keeps its results.
+"""
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from harness.core.encounter import Arm, Ending, FailedIn
+from harness.core.errors import HarnessError
+from harness.store.tables import encounter_tables, hour_tables, table_of
+from harness.studies.workers.tasks import (
+    Argument,
+    Executor,
+    ExecutorLostError,
+    Result,
+    Task,
+    TaskResult,
+    WorkerDiedError,
+)
+from harness.studies.workers.watchdog import begun_in, hang_of
+from harness.studies.workers.worker import run_task
+
+ATTEMPTS = 2
+"""How often a task may fail before it is taken apart, or a single pair before it is given up."""
+
+SILENT_S = 2.0
+"""After so long without news the progress says what is waited for."""
+
+Note = Callable[..., None]
+"""Writes an event with its details to the log."""
+
+
+def run_tasks(
+    executor: Executor,
+    tasks: Iterable[Task],
+    note: Note,
+    waits_for: Callable[[str], None] = lambda _what: None,
+) -> Iterator[tuple[Task, TaskResult]]:
+    """Run all tasks; yields each as it finishes, in whatever order.
+
+    A task with twins comes out as ``task.each``, one that had to be taken apart as its single
+    pairs.
+
+    Args:
+        executor: where they run.
+        tasks: read as needed: only a few per worker are under way at a time.
+        note: told of retries and of pairs given up.
+        waits_for: told which episodes nothing is heard of, while nothing else finishes.
+    """
+    waiting = iter(tasks)
+    again: list[Task] = []
+    failures: dict[str, int] = {}
+
+    def take() -> Task | None:
+        return again.pop() if again else next(waiting, None)
+
+    def waits(running: Iterable[Task]) -> None:
+        if silent := [words for task in running if (words := _silent(task))]:
+            waits_for("; ".join(silent))
+
+    for task, future in call_each(executor, run_task, take, waits):
+        try:
+            yield from zip(task.each, future.result(), strict=True)
+        except ExecutorLostError:
+            raise
+        except (Exception, CancelledError) as error:
+            hang = hang_of(task.stack_file) if isinstance(error, WorkerDiedError) else None
+            reason = reason_of(error, task.hang_after_s, task.stack_file)
+            if task.twins:
+                # Only one of the cells may be to blame.
+                note("task failed", task=task.name, reason=reason, stack=_stack(task))
+                again += task.each
+                continue
+            if hang is not None and hang.in_decide and hang.episode is not None:
+                # Its pair is known, and another attempt would wait as long: the others go on.
+                pair, arm = hang.episode
+                limit_s = task.scenario.experiment.decide_limit_s
+                reason = f"decide gave no answer within {limit_s:g} s (arm {arm.value})"
+                again += [part for part in _around(task, pair) if part.count]
+                alone = replace(_part(task, pair), hung=(arm, reason))
+                what = "episode given up" if task.hung is None else "pair given up"
+                note(what, cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
+                if task.hung is None:
+                    # The other arm has done nothing wrong.
+                    again.append(alone)
+                else:
+                    yield alone, _given_up(alone, f"{task.hung[1]}; {reason}", "strategy")
+                continue
+            failures[task.name] = failures.get(task.name, 0) + 1
+            last = failures[task.name] >= ATTEMPTS
+            note("task failed", task=task.name, reason=reason, stack=_stack(task))
+            if not last:
+                again.append(task)
+            elif task.count > 1:
+                again += [_part(task, pair) for pair in task.pairs]
+            else:
+                note("pair given up", cell=task.cell, pair=task.first_pair, reason=reason)
+                yield task, _given_up(task, reason)
+
+
+def call_each(
+    executor: Executor,
+    function: Callable[[Argument], Result],
+    take: Callable[[], Argument | None],
+    waits: Callable[[Iterable[Argument]], None] = lambda _running: None,
+) -> "Iterator[tuple[Argument, Future[Result]]]":
+    """Call a function with one argument after another, a few per worker at a time.
+
+    Args:
+        executor: where.
+        function: see ``Executor.submit``.
+        take: gives the next argument; None if there is none at present.
+        waits: told what is under way whenever nothing has finished for a while.
+
+    Yields:
+        Each argument with its finished future, in whatever order.
+    """
+    running: dict[Future[Result], Argument] = {}
+    while True:
+        while len(running) < 2 * executor.workers and (argument := take()) is not None:
+            running[executor.submit(function, argument)] = argument
+        if not running:
+            return
+        done, _ = wait(running, SILENT_S, return_when=FIRST_COMPLETED)
+        if not done:
+            waits(running.values())
+        for future in done:
+            yield running.pop(future), future
+
+
+def _part(task: Task, pair: int) -> Task:
+    return _named(replace(task, first_pair=pair, count=1))
+
+
+def _named(part: Task) -> Task:
+    """A part of a task, with a stack file of its own."""
+    if part.stack_file is None:
+        return part
+    return replace(part, stack_file=part.stack_file.with_name(f"stack-{part.name}.txt"))
+
+
+def _around(task: Task, pair: int) -> tuple[Task, Task]:
+    """The pairs of a task before and after one of them."""
+    before = replace(task, count=pair - task.first_pair)
+    after = replace(task, first_pair=pair + 1, count=task.count - before.count - 1)
+    return _named(before), _named(after)
+
+
+def _silent(task: Task) -> str | None:
+    """The episode of a task of which nothing has been heard for a while."""
+    path = task.stack_file
+    try:
+        if path is None or time.time() - path.stat().st_mtime < SILENT_S:
+            return None
+    except OSError:  # not begun, or just finished
+        return None
+    episode = begun_in(path)
+    return None if episode is None else f"pair {episode[0]} ({episode[1].value})"
+
+
+def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None) -> str:
+    """Why there is no result, in one line."""
+    if isinstance(error, WorkerDiedError) and hang_of(stack_file) is not None:
+        return f"the worker was ended: no pair finished within {hang_after_s:g} s"
+    text = " ".join(str(error).split())
+    return text if isinstance(error, HarnessError) else f"{type(error).__name__}: {text}"
+
+
+def _stack(task: Task) -> str | None:
+    """The Python stack a hung worker left, for the log; its file is gone then."""
+    hang = hang_of(task.stack_file)
+    if task.stack_file is not None:
+        task.stack_file.unlink(missing_ok=True)
+    return None if hang is None else hang.stack
+
+
+def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
+    """Rows of a pair that no worker survived."""
+    which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
+    known: dict[str, list[dict[str, Any]]]
+    if task.scenario.traffic is not None:
+        names = hour_tables(traces=task.traces)
+        known = {"hours": [which | {"arm": arm.value} for arm in Arm]}
+    else:
+        names = encounter_tables(traces=task.traces, audit=task.audit is not None)
+        failed = which | {
+            "ending": Ending.ENGINE_FAILED.value,
+            "failed_in": failed_in,
+            "fallback": False,
+            "steps": 0,
+            "pedestrians": 0,
+        }
+        arms = task.scenario.arms.model_dump().items()
+        known = {"episodes": [failed | {"arm": arm, "strategy": of} for arm, of in arms]}
+    tables = {name: table_of(name, known.get(name, ())) for name in names}
+    return TaskResult(tables, took_s=task.hang_after_s)

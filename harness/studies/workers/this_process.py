@@ -1,0 +1,36 @@
+"""Tasks run where they are submitted: in this process, with its input and without time limits."""
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+
+from harness.engine.shared import close_engine
+from harness.studies.workers.tasks import Argument, Result, Task, TaskFailedError
+
+
+class ThisProcess:
+    """See ``Executor``; ``breakpoint()`` in a strategy stops there.
+
+    Whatever kills an episode's process kills this one, and a strategy that hangs, hangs.
+    """
+
+    workers = 1
+
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
+        """See ``Executor.submit``."""
+        future: Future[Result] = Future()
+        if isinstance(argument, Task):
+            argument = replace(argument, hang_after_s=math.inf, stack_file=None)
+        try:
+            future.set_result(function(argument))
+        except Exception as error:
+            what = f"{type(error).__name__}: {error}"
+            future.set_exception(TaskFailedError(what))
+        return future
+
+    def stop(self) -> None:
+        """See ``Executor.stop``."""
+        close_engine()
