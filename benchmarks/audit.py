@@ -20,7 +20,7 @@ from benchmarks.known_truth import CELLS, COMPARED, SWEPT
 from benchmarks.tally import BAND, Tally
 from harness.core.encounter import FloatArray
 from harness.core.seeding import resampling
-from harness.report.tau_figures import running_mean
+from harness.report.drawing.tau_figures import running_mean
 from harness.scenario import Cell, Options, Precision, Study
 from harness.statistics import (
     CONFIDENCE,

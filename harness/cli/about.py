@@ -82,7 +82,7 @@ def strategies(
         limit=limit != _LIMIT_S,
     )
     if check is None:
-        from harness.report.listings import strategy_documents
+        from harness.report.screens.listings import strategy_documents
 
         documents = strategy_documents()
         names = [document.get("problem") or document["name"] for document in documents]
@@ -115,7 +115,7 @@ def doctor(
 ) -> None:
     """Check this installation: versions, SUMO, a network, a pair."""
     from harness.core.versions import versions_of_runs
-    from harness.report.listings import installation_checks
+    from harness.report.screens.listings import installation_checks
 
     try:
         versions = versions_of_runs()
@@ -137,7 +137,7 @@ def doctor(
 
 def _print_results(name: str, results: "Sequence[RuleResult]", quiet: bool, as_json: bool) -> None:
     """Print which rules a strategy keeps, and what it was shown where it broke one."""
-    from harness.report.listings import knowledge_of, observation_lines, verdict_document
+    from harness.report.screens.listings import knowledge_of, observation_lines, verdict_document
     from harness.strategies.registry import find_strategy
 
     knows = knowledge_of(find_strategy(name, "--check"))

@@ -161,8 +161,8 @@ def _precision(text: str | None) -> "Precision | None":
 
 
 def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None:
-    from harness.report.run_document import run_document
-    from harness.report.terminal import print_run
+    from harness.report.screens.run_document import run_document
+    from harness.report.screens.terminal import print_run
 
     emit(
         lambda: run_document(finished),

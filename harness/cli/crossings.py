@@ -57,7 +57,7 @@ def crossings(
     """List the crosswalks of a network or a map, usable ones first."""
     from harness.engine.network.crossings import list_crossings, scenario_text
     from harness.engine.network.osm import convert, is_osm
-    from harness.report.tables import counted
+    from harness.report.screens.tables import counted
     from harness.site import read_network
 
     if (write is None) != (edge is None):

@@ -55,7 +55,7 @@ def extract(
     model_options.check_target(out, "--out", ".parquet")
     model_options.check_folder(plots)
     from harness.model import trajectories
-    from harness.report.model_terminal import print_extraction
+    from harness.report.screens.model_terminal import print_extraction
     from harness.scenario import parse_setting
 
     options = {setting.key: setting.value for setting in map(parse_setting, settings or [])}
@@ -70,7 +70,7 @@ def extract(
     with unwinding():
         trajectories.write_rows(out, extraction, shlex.join([*words, "--out", str(out)]))
         if plots is not None:
-            from harness.report.plots import plot_trajectories
+            from harness.report.drawing.plots import plot_trajectories
 
             figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
@@ -138,7 +138,7 @@ def fit(
     box = model_options.bounds(bounds)
     model_options.check_target(out, "--out", ".json")
     from harness.model.interaction import write_model
-    from harness.report.model_terminal import fit_document, print_fit
+    from harness.report.screens.model_terminal import fit_document, print_fit
     from harness.studies import calibration
     from harness.studies.calibration.calibrate import job_count
     from harness.studies.workers.pool import default_workers
@@ -182,14 +182,14 @@ def show(
     if rows is not None and plots is None:
         raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
     from harness.model.interaction import load_model
-    from harness.report.model_terminal import check_card, model_document, print_model
+    from harness.report.screens.model_terminal import check_card, model_document, print_model
 
     is_file = Path(model).suffix == ".json" or Path(model).exists()
     loaded = load_model(model, model if is_file else None)
     check_card(loaded, model)
     figures: list[Path] = []
     if plots is not None:
-        from harness.report.plots import plot_model
+        from harness.report.drawing.plots import plot_model
         from harness.studies.calibration import make_sample, read_rows
 
         sample = None

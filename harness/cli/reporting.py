@@ -55,8 +55,8 @@ def report(
 def _report_run(
     run_folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
 ) -> Path:
-    from harness.report.page import write_report
-    from harness.report.tables import counted
+    from harness.report.pages.page import write_report
+    from harness.report.screens.tables import counted
     from harness.studies.batch.showing import write_shown
     from harness.studies.runs.opening import load_run
 

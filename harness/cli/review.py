@@ -182,8 +182,8 @@ def compare(
 
     With limits, say which values of a parameter keep them.
     """
-    from harness.report.comparison_document import comparison_document, comparison_rows
-    from harness.report.terminal import print_comparison
+    from harness.report.screens.comparison_document import comparison_document, comparison_rows
+    from harness.report.screens.terminal import print_comparison
     from harness.studies.runs.compare import compare as compare_runs
 
     if out is not None:
@@ -228,7 +228,7 @@ def worst(
     as_json: JsonOption = False,
 ) -> None:
     """List the worst episodes, with commands that replay them."""
-    from harness.report.worst_tables import worst_document, worst_tables
+    from harness.report.screens.worst_tables import worst_document, worst_tables
     from harness.studies.runs.worst import got_worse, worst as worst_of
 
     if diff is None:
@@ -237,7 +237,7 @@ def worst(
         episodes = got_worse(diff, run_folder, by, most, arm, cell)
 
     def show() -> None:
-        from harness.report.console import make_console, print_table
+        from harness.report.screens.console import make_console, print_table
 
         console = make_console()
         print_table(console, worst_tables(episodes, by))

@@ -104,7 +104,7 @@ def resume_risk(
 
 def report_risk(folder: Path, out: Path | None) -> Path:
     """Write the page of a finished risk."""
-    from harness.report.risk_page import write_risk_page
+    from harness.report.pages.risk_page import write_risk_page
 
     return write_risk_page(folder, out)
 
@@ -115,7 +115,7 @@ def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
     Raises:
         typer.Exit: with code 1 where episodes failed, or differed between the engines.
     """
-    from harness.report.risk_terminal import print_risk
+    from harness.report.screens.risk_terminal import print_risk
     from harness.studies.risk.folder import read_risk
     from harness.studies.risk.writing import risk_document
 

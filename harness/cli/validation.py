@@ -55,7 +55,7 @@ def validate(
     Each driver is put in the recorded driver's place.
     """
     model_options.check_folder(out, "--out")
-    from harness.report.validation_tables import print_validation
+    from harness.report.screens.validation_tables import print_validation
     from harness.scenario import load_scenario, parse_setting
     from harness.studies.validation import validate as run_validation
 
@@ -69,7 +69,7 @@ def validate(
         )
     findings, written = validation.findings, list[Path]()
     if out is not None:
-        from harness.report.validation_page import write_validation
+        from harness.report.pages.validation_page import write_validation
 
         with unwinding():
             written = write_validation(validation, out)

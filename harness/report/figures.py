@@ -1,11 +1,11 @@
 """Every function that draws into axes, for notebooks and pages of one's own."""
 
-from harness.report.episode_figures import (
+from harness.report.drawing.episode_figures import (
     draw_arrivals,
     draw_speed_over_distance,
     draw_speed_over_time,
 )
-from harness.report.model_figures import (
+from harness.report.drawing.model_figures import (
     draw_bic,
     draw_bic_gain,
     draw_driving_speed,
@@ -14,11 +14,11 @@ from harness.report.model_figures import (
     draw_rows,
     draw_walking_speed,
 )
-from harness.report.safety_figures import draw_shares, draw_walking_speeds
-from harness.report.site_figures import draw_site
-from harness.report.sweep_figures import draw_aggressiveness, draw_over
-from harness.report.tau_figures import draw_running_mean, draw_tau_distribution
-from harness.report.trajectory_figures import draw_map, draw_passing_event
+from harness.report.drawing.safety_figures import draw_shares, draw_walking_speeds
+from harness.report.drawing.site_figures import draw_site
+from harness.report.drawing.sweep_figures import draw_aggressiveness, draw_over
+from harness.report.drawing.tau_figures import draw_running_mean, draw_tau_distribution
+from harness.report.drawing.trajectory_figures import draw_map, draw_passing_event
 
 __all__ = [
     "draw_aggressiveness",

@@ -96,7 +96,7 @@ class PairOutcome:
         """
         from matplotlib import pyplot as plt
 
-        from harness.report.episode_figures import draw_speed_over_distance
+        from harness.report.drawing.episode_figures import draw_speed_over_distance
 
         drawn = plt.subplots()[1] if axes is None else axes
         traces = {f"pair {self.pair}": self.traces}
@@ -159,8 +159,8 @@ def run_pair(
 
 def _html(title: str, episodes: list[EpisodeOutcome]) -> str:
     """Measures of episodes, their speeds over the distance, tracebacks of those that raised."""
-    from harness.report.episode_figures import draw_speed_over_distance
-    from harness.report.style import new_figure
+    from harness.report.drawing.episode_figures import draw_speed_over_distance
+    from harness.report.drawing.style import new_figure
 
     units = {measure.column: measure.unit for measure in MEASURES}
     measures = (f"{name.removesuffix('_s')} ({units[name]})" for name in _SHOWN)

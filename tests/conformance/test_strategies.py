@@ -11,7 +11,7 @@ from typing import ClassVar
 import pytest
 
 from harness.core.errors import InputError
-from harness.report.listings import observation_lines
+from harness.report.screens.listings import observation_lines
 from harness.scenario import Scenario
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of

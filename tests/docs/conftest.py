@@ -21,5 +21,5 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert done.returncode == 0, done.stderr
     for name in ("examples", "scenarios"):
         shutil.copytree(ROOT / name, folder / name)
-    (folder / "harness" / "models").mkdir(parents=True)
+    (folder / "harness" / "model" / "shipped").mkdir(parents=True)
     return folder

@@ -13,7 +13,7 @@ import pytest
 import harness
 from harness.core.errors import InterruptedRunError
 from harness.engine.shared import close_engine
-from harness.report.page import Written, write_report
+from harness.report.pages.page import Written, write_report
 from harness.scenario import Options, Study
 from harness.studies.batch import experiment
 from harness.studies.batch.experiment import run_study

@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 import pytest
 
 import harness
-import harness.report.page as page_module
-from harness.report.risk_page import write_risk_page
-from harness.report.validation_page import write_validation
+import harness.report.pages.page as page_module
+from harness.report.pages.risk_page import write_risk_page
+from harness.report.pages.validation_page import write_validation
 from harness.scenario import Options, Scenario
 from harness.strategies.hard_yield import HardYield
 from harness.studies.risk.asking import Settings

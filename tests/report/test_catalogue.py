@@ -9,8 +9,8 @@ import pytest
 
 import harness
 from docs.hooks import reference
-from harness.report.result_tables import full_tables
-from harness.report.run_document import run_document
+from harness.report.screens.result_tables import full_tables
+from harness.report.screens.run_document import run_document
 from harness.statistics import ENCOUNTERS, EncounterColumns, Entry, Interval, student_mean
 from harness.store import kinds
 from harness.studies.runs.reported import reported

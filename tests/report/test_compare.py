@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from harness.core.errors import InputError
-from harness.report.comparison_tables import best_lines
+from harness.report.screens.comparison_tables import best_lines
 from harness.scenario import Options, Precision
 from harness.statistics import Place, SweepVerdict, Verdict
 from harness.store import summaries

@@ -15,7 +15,7 @@ from scipy import stats
 import harness
 from harness.core.encounter import Arrival, Crossing, Side
 from harness.engine.network import place_of
-from harness.report import (
+from harness.report.drawing import (
     episode_figures,
     safety_figures,
     site_figures,
@@ -24,9 +24,9 @@ from harness.report import (
     sweep_figures,
     tau_figures,
 )
-from harness.report.pictures import pictures_of
-from harness.report.style import Picture
-from harness.report.sweep_pictures import sweep_pictures
+from harness.report.drawing.style import Picture
+from harness.report.pages.pictures import pictures_of
+from harness.report.pages.sweep_pictures import sweep_pictures
 from harness.site import read_network, read_site
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import shown_pairs

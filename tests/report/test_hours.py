@@ -11,8 +11,8 @@ from matplotlib import pyplot as plt
 from harness.core.encounter import Arm
 from harness.episode.traffic.handbook import Handbook
 from harness.episode.traffic.saturation import Growth
-from harness.report import style
-from harness.report.hour_pictures import hour_pictures
+from harness.report.drawing import style
+from harness.report.pages.hour_pictures import hour_pictures
 from harness.scenario import parse_variation, read_scenario_file, study_of
 from harness.statistics import Interval, proportion
 from harness.store.hour_catalogue import HOURS

@@ -13,11 +13,11 @@ import harness
 from harness.core.encounter import Observation
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel
-from harness.report.page import write_report
-from harness.report.result_screen import screen_of
-from harness.report.run_document import run_document
-from harness.report.screen import screen_lines
-from harness.report.terminal import print_run
+from harness.report.pages.page import write_report
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.run_document import run_document
+from harness.report.screens.screen import screen_lines
+from harness.report.screens.terminal import print_run
 from harness.scenario import Options, Precision
 from harness.store import summaries
 from harness.studies.runs.reported import knowledge_lines, reported
@@ -34,7 +34,7 @@ class Told:
     def __init__(
         self, run: RunData, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        import harness.report.page as page
+        import harness.report.pages.page as page
 
         capsys.readouterr()
         print_run(run, full=True)

@@ -11,8 +11,8 @@ import pytest
 
 from harness.cli import app as cli
 from harness.cli.app import COMMANDS
-from harness.report.console import make_console, print_table
-from harness.report.tables import Table, TableCell
+from harness.report.screens.console import make_console, print_table
+from harness.report.screens.tables import Table, TableCell
 
 # How each command is called here; RUN and SWEEP are finished runs, NEW what is not there yet.
 CALLS = {
@@ -51,7 +51,7 @@ def call(single: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
     """Runs in an empty folder; words of CALLS that stand for something."""
     import shutil
 
-    import harness.report.page as page_module
+    import harness.report.pages.page as page_module
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(page_module, "pictures_of", lambda *_: iter(()))
@@ -110,7 +110,7 @@ def test_no_color_is_respected_on_a_terminal() -> None:
     """One console as it is, then one with NO_COLOR, in a terminal that would show colours."""
     code = (
         "import os\n"
-        "from harness.report.console import make_console\n"
+        "from harness.report.screens.console import make_console\n"
         "make_console().print('words', style='red')\n"
         "os.environ['NO_COLOR'] = '1'\n"
         "make_console().print('more', style='red')\n"

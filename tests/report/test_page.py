@@ -16,11 +16,11 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-import harness.report.page as page_module
+import harness.report.pages.page as page_module
 from harness.core.resources import shipped_directory
-from harness.report import player
-from harness.report.page import write_report
-from harness.report.player import run_player
+from harness.report.pages import player
+from harness.report.pages.page import write_report
+from harness.report.pages.player import run_player
 from harness.scenario import Cell, Options, Study, validate
 from harness.studies.batch import showing
 from harness.studies.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs

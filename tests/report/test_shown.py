@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.report.episode_figures import time_advantage
-from harness.report.player import run_player
+from harness.report.drawing.episode_figures import time_advantage
+from harness.report.pages.player import run_player
 from harness.scenario import Options
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.shown import shown_pairs

@@ -22,7 +22,7 @@ from benchmarks.tally import BAND, Tally
 from harness.core.encounter import FloatArray, Side
 from harness.episode import pairing
 from harness.episode.arrivals import planned_arrivals
-from harness.report.comparison_document import comparison_document
+from harness.report.screens.comparison_document import comparison_document
 from harness.scenario import Options, Scenario, study_of
 from harness.scenario.file import Setting, apply_setting
 from harness.store.reading import read_table

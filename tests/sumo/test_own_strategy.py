@@ -13,7 +13,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.engine.shared import close_engine
-from harness.report.page import write_report
+from harness.report.pages.page import write_report
 from harness.scenario import Options
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.runs.compare import compare

@@ -16,9 +16,9 @@ import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
 from harness.episode.traffic.lanes import lanes_of
-from harness.report.hour_figures import _is_automated, time_space
-from harness.report.page import write_report
-from harness.report.player import run_player
+from harness.report.drawing.hour_figures import _is_automated, time_space
+from harness.report.pages.page import write_report
+from harness.report.pages.player import run_player
 from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
 from harness.store.tables import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study

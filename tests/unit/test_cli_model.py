@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from harness.model.interaction import read_model
-from harness.report import model_figures
+from harness.report.drawing import model_figures
 from tests.batches import here
 
 DATA = Path(__file__).resolve().parents[1] / "data"

@@ -17,8 +17,8 @@ from harness.episode.arrivals import planned_arrivals
 from harness.episode.pairing import PairRunner
 from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.model.interaction import load_model
-from harness.report.risk_terminal import person_words, risk_screen
-from harness.report.screen import screen_lines
+from harness.report.screens.risk_terminal import person_words, risk_screen
+from harness.report.screens.screen import screen_lines
 from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
 from harness.studies.risk.estimation import estimate_probability

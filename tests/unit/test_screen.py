@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from harness.report.result_screen import screen_of
-from harness.report.screen import Screen, screen_lines
-from harness.report.tables import per_cent
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.screen import Screen, screen_lines
+from harness.report.screens.tables import per_cent
 from harness.scenario import load_scenario, parse_setting
 from harness.statistics import ENCOUNTERS, CellFindings, Finding, Form, Note, Rank, RunFindings
 from harness.store.hour_catalogue import HOURS

@@ -11,7 +11,7 @@ import pytest
 from harness.core.errors import InputError
 from harness.model.interaction import load_model
 from harness.model.trajectories import Clip, Track, VehicleTrack
-from harness.report.validation_tables import print_validation
+from harness.report.screens.validation_tables import print_validation
 from harness.scenario import load_scenario
 from harness.statistics.findings import Finding, Note, Rank
 from harness.strategies.gap_yield import GapYield

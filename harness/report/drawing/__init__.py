@@ -1,0 +1,1 @@
+"""Numbers in; drawings into matplotlib's axes, and their style, out."""

@@ -1,0 +1,160 @@
+"""Figures of single episodes: arrivals of pedestrians, speed over distance and over time.
+
+After the paper's figures of arriving times and of the Soft-Yield model.  Each function draws into
+an axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+
+from harness.core.encounter import Arrival, Crossing, FloatArray, Side
+from harness.report.drawing.style import (
+    ARM_LOOKS,
+    BLUE,
+    GRID,
+    MUTED,
+    SERIES,
+    VERMILLION,
+    finish,
+    legend_below,
+)
+from harness.report.screens.tables import ARM_NAMES, counted
+
+
+def draw_arrivals(
+    axes: Axes,
+    arrivals: Sequence[Arrival],
+    flow_per_hour: float,
+    most: int | None = None,
+    horizon_s: float = 60.0,
+) -> None:
+    """How many pedestrians have arrived by each time, marked by the side they come from.
+
+    Args:
+        axes: drawn into.
+        arrivals: of one pair, by time.
+        flow_per_hour: λ; λt is drawn beside them.
+        most: only so many are simulated; the others are drawn hollow.  None is all.
+        horizon_s: end of the time axis; later arrivals are left out.
+    """
+    shown = [arrival for arrival in arrivals if arrival.arrival_s <= horizon_s]
+    times = [arrival.arrival_s for arrival in shown]
+    axes.step(
+        [0.0, *times, horizon_s], [*range(len(times) + 1), len(times)], where="post", color=MUTED,
+        lw=1.4, label="arrived so far",
+    )  # fmt: skip
+    for side, marker, colour, words in (
+        (Side.NEAR, "^", BLUE, "from the ego's side"),
+        (Side.FAR, "v", VERMILLION, "from the other side"),
+    ):
+        for simulated, fill in ((True, colour), (False, "none")):
+            own = [
+                number
+                for number, arrival in enumerate(shown)
+                if arrival.side is side and (most is None or number < most) is simulated
+            ]
+            if own:
+                label = words if simulated else f"{words}, not simulated"
+                axes.plot(
+                    [times[number] for number in own], [number + 1 for number in own], marker,
+                    mfc=fill, mec=colour, ms=7, label=label, clip_on=False,
+                )  # fmt: skip
+    axes.plot(
+        [0, horizon_s], [0, flow_per_hour * horizon_s / 3600], color=MUTED, ls=":", lw=1.2,
+        label="λt expected",
+    )  # fmt: skip
+    axes.set_xlim(0, horizon_s)
+    axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    finish(axes, "time since the trigger (s)", "pedestrians arrived", f"n = {len(shown)}")
+    legend_below(axes)
+
+
+def draw_speed_over_distance(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], crossing_width_m: float
+) -> None:
+    """Speed of the ego over the distance of its front bumper to the centre line, both arms.
+
+    Args:
+        axes: drawn into; the ego comes from the left.
+        traces: by label, the ``traces`` rows of both arms of one pair.
+        crossing_width_m: the crosswalk's band is shaded.
+    """
+    half = crossing_width_m / 2
+    axes.axvspan(-half, half, color=GRID, lw=0, label="crosswalk", zorder=0)
+    for rows, look, label in _profiles(traces):
+        axes.plot(-rows["x_m"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
+    axes.invert_xaxis()
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    finish(axes, "R, front bumper to centre line (m)", "speed v (m/s)", _counted(traces))
+    legend_below(axes)
+
+
+def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
+    """Speed of the ego over the time since the trigger, both arms.
+
+    Args:
+        axes: drawn into.
+        traces: as for ``draw_speed_over_distance``.
+    """
+    for rows, look, label in _profiles(traces):
+        axes.plot(rows["time_s"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    finish(axes, "time since the trigger (s)", "speed v (m/s)", _counted(traces))
+    legend_below(axes)
+
+
+def _profiles(
+    traces: Mapping[str, pd.DataFrame],
+) -> "list[tuple[pd.DataFrame, tuple[str, str], str]]":
+    """The ego's rows of every pair and arm with colour (pair), dash (arm) and label."""
+    found = []
+    for (label, rows), series in zip(traces.items(), SERIES, strict=False):
+        ego = rows[rows["object"] == "ego"]
+        for arm, look in ARM_LOOKS.items():
+            own = ego[ego["arm"] == arm.value]
+            if len(own):
+                found.append((own, (series.colour, look.dash), f"{label}, {ARM_NAMES[arm]}"))
+    return found
+
+
+def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
+    episodes = len(_profiles(traces))
+    return f"n = {episodes} episodes of {counted(len(traces), 'pair')}"
+
+
+def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
+    """T_adv = |R/v − L/v_p| of one episode over time: the smallest over the pedestrians.
+
+    Args:
+        rows: the ``traces`` rows of one arm of one pair.
+        crossing: the crosswalk from the ego's lane.
+
+    Returns:
+        Seconds, one for each of the ego's rows; NaN where nobody on the crossing has L > 0, or
+        where R ≤ 0, v = 0 or they stand still.
+    """
+    parts = dict(iter(rows.groupby("object", sort=False)))
+    ego = parts.pop("ego", rows.iloc[:0])
+    times = ego["time_s"].to_numpy()
+    distance, speed = -ego["x_m"].to_numpy(), ego["speed_mps"].to_numpy()
+    smallest = np.full(len(times), np.nan)
+    for name, walker in parts.items():
+        if not str(name).startswith("pedestrian-"):
+            continue  # where the strategy was shown them, which is not where they were
+        y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
+        # Which way they go; someone seen once, or standing, is taken to be near the kerb they left.
+        direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
+        lateral = (crossing.lane_centre_m - y) * direction
+        at = np.searchsorted(times, walker["time_s"].to_numpy())
+        ahead = (distance[at] > 0) & (lateral > 0) & (speed[at] > 0) & (walking > 0)
+        at = at[ahead]
+        advantage = np.abs(distance[at] / speed[at] - lateral[ahead] / walking[ahead])
+        smallest[at] = np.fmin(smallest[at], advantage)
+    return smallest

@@ -1,0 +1,94 @@
+"""The time–space diagram of an approach, with the people on the crosswalk."""
+
+from itertools import islice
+
+import pandas as pd
+from matplotlib.axes import Axes
+
+from harness.core.encounter import Arm
+from harness.episode.traffic.demand import scheduled_vehicles
+from harness.episode.traffic.lanes import Direction, Lane, lanes_of
+from harness.report.drawing import style
+from harness.report.drawing.style import Picture
+from harness.report.pages.player import pair_title
+from harness.report.screens.tables import ARM_NAMES
+from harness.scenario import Scenario
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
+
+_BACK_M = 150.0
+_BEYOND_M = 40.0
+_BAR_M = 4.0
+
+
+def time_space(run: RunData, hour: ShownPair) -> Picture:
+    """Front bumpers of the ego's direction over time, and a bar for each pedestrian."""
+    figure, panels = style.new_figure(len(Arm), height=1.7 * style.HEIGHT_INCH)
+    scenario = run.scenario_of(hour.cell)
+    names = {Arm.AV: scenario.arms.av, Arm.HUMAN: scenario.arms.human}
+    for arm, axes in zip(Arm, panels, strict=True):
+        _panel(axes, hour, arm, scenario)
+        style.finish(axes, "time since the warm-up (s)", "distance to the crosswalk (m)")
+        axes.set_title(style.figure_text(f"{ARM_NAMES[arm]}: {names[arm]}"), loc="left")
+        style.legend_below(axes)
+    where = pair_title(run, hour.cell, hour.pair)
+    note = f" {hour.note}" if hour.note else ""
+    return Picture(
+        "time-space",
+        "Time–space diagram of the approach",
+        f"{where[0].upper()}{where[1:]}, around its longest queue: front bumpers of the ego's "
+        "direction (a flat line stands; each lane has its dash, AVs have a colour of their own), "
+        "and a bar at the crosswalk for each pedestrian, thin while they wait, thick while they "
+        f"cross.{note}",
+        figure,
+    )
+
+
+def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
+    """A line for each vehicle: its dash says the lane, its colour whether it is an AV."""
+    ways = hour.traces[hour.traces["arm"] == arm.value]
+    own = ways[ways["time_s"].between(hour.begin_s, hour.end_s)]
+    own = own[own["object"].str.startswith("vehicle-")]
+    road = lanes_of(scenario)
+    forward = [lane for lane in road if lane.direction is Direction.FORWARD]
+    vehicles = {_number(name): rows for name, rows in own.groupby("object")}
+    # Lane by lane, so that the legend is in order.
+    for number, rows in sorted(vehicles.items(), key=lambda item: (item[0] % len(road), item[0])):
+        lane = road[number % len(road)]
+        if lane not in forward:
+            continue
+        shown = rows[rows["x_m"].between(-_BACK_M, _BEYOND_M)]
+        automated = arm is Arm.AV and _is_automated(scenario, hour.pair, lane, number // len(road))
+        look = style.ARM_LOOKS[Arm.AV if automated else Arm.HUMAN]
+        words = "AVs" if automated else "others"
+        label = words if len(forward) == 1 else f"{words}, lane {lane.index}"
+        known = axes.get_legend_handles_labels()[1]
+        axes.plot(
+            shown["time_s"], -shown["x_m"], color=look.colour, lw=0.9,
+            ls=style.SERIES[lane.index % len(style.SERIES)].dash,
+            label=None if label in known else label,
+        )  # fmt: skip
+    _bars(axes, hour, arm)
+    axes.set_xlim(hour.begin_s, hour.end_s)
+    axes.set_ylim(_BACK_M, -_BEYOND_M)
+
+
+def _number(name: object) -> int:
+    return int(str(name).removeprefix("vehicle-"))
+
+
+def _is_automated(scenario: Scenario, pair: int, lane: Lane, count: int) -> bool:
+    """Whether a lane's vehicle is an AV in the AV's arm; some came before the hour has a table."""
+    planned = next(islice(scheduled_vehicles(scenario, pair, lane), count, None))
+    return planned.uniform < scenario.known_traffic.av_share
+
+
+def _bars(axes: Axes, hour: ShownPair, arm: Arm) -> None:
+    walks = hour.people[hour.people["arm"] == arm.value]
+    for row in walks.to_dict("records"):
+        start = hour.end_s if pd.isna(row["start_s"]) else row["start_s"]
+        end = hour.end_s if pd.isna(row["cleared_s"]) else row["cleared_s"]
+        if row["arrival_s"] > hour.end_s or end < hour.begin_s:
+            continue
+        axes.plot([row["arrival_s"], start], [0, 0], color=style.INK, lw=1.0, solid_capstyle="butt")
+        axes.plot([start, end], [0, 0], color=style.INK, lw=_BAR_M, solid_capstyle="butt")

@@ -1,0 +1,250 @@
+"""Figures of a fitted interaction model, after the paper's section on the model.
+
+BIC over the number of components, recorded rows beside the model for pairs of variables, densities
+of walking and driving speed.  Each function draws into the axes that it is given and neither saves
+nor shows anything.  Lines differ in dash as well as colour, so figures survive greyscale.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
+from matplotlib.colors import Normalize, PowerNorm
+from matplotlib.ticker import MaxNLocator
+
+from harness.core.encounter import FloatArray
+from harness.model.interaction import PEDESTRIAN_SPEED, VEHICLE_SPEED, InteractionModel
+from harness.model.mixture import TruncatedGaussianMixture
+from harness.report.drawing.style import BLUE, MUTED, SERIES, VERMILLION, finish
+
+AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
+PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+Conditions = Sequence[Mapping[str, float]]
+
+_CELLS = 48
+_SYMBOLS = {
+    "range_m": ("1/R", "per m"),
+    "vehicle_speed_mps": ("v", "m/s"),
+    "pedestrian_speed_mps": ("v_p", "m/s"),
+    "inverse_time_advantage_per_s": ("1/T_adv", "per s"),
+}
+
+
+def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
+    """BIC over K with the chosen K marked.
+
+    Args:
+        axes: drawn into.
+        bic: by K.
+        chosen: a K of ``bic``.
+    """
+    _over_components(axes, bic, "BIC", "BIC (lower is better)", chosen)
+    axes.annotate(
+        f"K = {chosen}",
+        (chosen, bic[chosen]),
+        xytext=(8, 10),
+        textcoords="offset points",
+        color=VERMILLION,
+    )
+
+
+def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
+    """The change rate of BIC in its unit-free form: each component's gain over the second's.
+
+    Args:
+        axes: drawn into.
+        gain: (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K.
+        limit: the rule's share.
+    """
+    shares = {k: 100 * share for k, share in gain.items()}
+    _over_components(axes, shares, "Gain of the K-th component", "share of the second's gain (%)")
+    axes.axhline(0, color=MUTED, lw=0.8)
+    axes.axhline(100 * limit, color=VERMILLION, lw=1.2, ls="--")
+    right = axes.get_yaxis_transform()
+    axes.text(1, 100 * limit, f"{limit:.0%}: the rule ", transform=right, ha="right", va="bottom")
+
+
+def draw_held_out(
+    axes: Axes, scores: Mapping[int, tuple[float, float | None]], chosen: int
+) -> None:
+    """Held-out log score of walking speeds over K, with standard errors over vehicles.
+
+    Args:
+        axes: drawn into.
+        scores: mean and standard error (None when undefined) by K.
+        chosen: the K to mark.
+    """
+    means = {k: mean for k, (mean, _) in scores.items()}
+    errors = [scores[k][1] or 0.0 for k in sorted(scores)]
+    axes.errorbar(
+        sorted(means), [means[k] for k in sorted(means)], errors, fmt="none", ecolor=MUTED
+    )
+    title, label = "Held-out score (higher is better)", "mean log f(v_p | 1/R, v) (nats)"
+    _over_components(axes, means, title, label, chosen)
+
+
+def draw_rows(
+    axes: Axes,
+    data: FloatArray,
+    weights: FloatArray,
+    pair: tuple[int, int],
+    view: FloatArray,
+    norm: Normalize,
+) -> QuadMesh:
+    """Density of recorded rows in two variables: a weighted histogram.
+
+    Args:
+        axes: drawn into.
+        data: (n, 4) in the model's order; weights: (n,).
+        pair: the variables across and up.
+        view: (4, 2) what to show of each variable.
+        norm: colour scale, shared with the model's panel.
+    """
+    edges = _edges(pair, view)
+    x, y = data[:, pair].T
+    counts, _, _ = np.histogram2d(x, y, bins=edges, weights=weights)
+    cell = float(np.prod([edge[1] - edge[0] for edge in edges]))
+    density = counts / (weights.sum() * cell)
+    return _draw_density(axes, density, pair, view, norm, f"rows, n = {len(data):,}")
+
+
+def draw_pair(
+    axes: Axes, density: FloatArray, pair: tuple[int, int], view: FloatArray, norm: Normalize
+) -> QuadMesh:
+    """The model's density in two variables, the others integrated out over the box.
+
+    Args:
+        axes: drawn into.
+        density: as ``pair_density`` gives it.
+        pair, view, norm: as for ``draw_rows``.
+    """
+    return _draw_density(axes, density, pair, view, norm, "model")
+
+
+def pair_density(
+    mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
+) -> FloatArray:
+    """(c, c) density at the cells' centres, across × up: f(x) f(y | x)."""
+    across, up = pair
+    x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
+    marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
+    given = mixture.conditional(up, (across,))
+    rows = given.pdf(np.tile(y, x.size), np.repeat(x, y.size)[:, None])
+    return marginal[:, None] * rows.reshape(x.size, y.size)
+
+
+def density_scale(density: FloatArray) -> Normalize:
+    """A colour scale by the square root, so that ridges and thin surroundings show side by side.
+
+    The top 0.2 % of the cells is saturated.
+    """
+    return PowerNorm(0.5, vmin=0, vmax=float(np.quantile(density, 0.998)) or 1.0)
+
+
+def usual_view(mixture: TruncatedGaussianMixture) -> FloatArray:
+    """(4, 2) from each lower bound to the 99.7 % quantile of the variable."""
+    nothing = np.empty((1, 0))
+    high = [mixture.conditional(i, ()).ppf([0.997], nothing)[0] for i in range(4)]
+    return np.column_stack((mixture.lower, high))
+
+
+def draw_walking_speed(
+    axes: Axes, model: InteractionModel, conditions: Conditions, title: str
+) -> None:
+    """Densities of v_p under conditions.
+
+    Args:
+        axes: drawn into.
+        model: the interaction model.
+        conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
+            ``inverse_time_advantage_per_s``.
+        title: what is shown; what the conditions have in common is added.
+    """
+    _draw_speeds(axes, model, PEDESTRIAN_SPEED, model.walking_speed_density, conditions, title)
+    axes.set_xlim(right=min(axes.get_xlim()[1], 2.5))
+
+
+def draw_driving_speed(
+    axes: Axes, model: InteractionModel, conditions: Conditions, title: str
+) -> None:
+    """Densities of v under conditions; the dot is the mode, the speed the human driver aims for.
+
+    Args:
+        axes: drawn into.
+        model: the interaction model.
+        conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
+        title: what is shown; what the conditions have in common is added.
+    """
+    _draw_speeds(axes, model, VEHICLE_SPEED, model.driver_speed_density, conditions, title)
+    for condition, look in zip(conditions, SERIES, strict=False):
+        mode = np.array([model.driver_speed(**condition)])
+        height = model.driver_speed_density(mode, **_arrays(condition))
+        axes.plot(mode, height, "o", color=look.colour, ms=5)
+
+
+def _draw_speeds(
+    axes: Axes,
+    model: InteractionModel,
+    variable: int,
+    density: Callable[..., FloatArray],
+    conditions: Conditions,
+    title: str,
+) -> None:
+    """One line for each condition; the legend has what differs, the title what is common."""
+    speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
+    varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
+    for condition, look in zip(conditions, SERIES, strict=False):
+        values = density(speeds, **_arrays(condition))
+        label = _words(condition, varied)
+        axes.plot(speeds, values, color=look.colour, ls=look.dash, lw=1.8, label=label)
+    finish(axes, AXIS_LABELS[variable], "probability density (s/m)")
+    common = _words(conditions[0], set(conditions[0]) - varied)
+    axes.set_title(f"{title} at {common}" if common else title, loc="left")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    axes.legend(frameon=False, loc="upper right")
+
+
+def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
+    return {key: np.array([value]) for key, value in condition.items()}
+
+
+def _words(condition: Mapping[str, float], keys: set[str]) -> str:
+    values = {key: 1 / condition[key] if key == "range_m" else condition[key] for key in keys}
+    return ", ".join(
+        f"{symbol} = {values[key]:.3g} {unit}"
+        for key, (symbol, unit) in _SYMBOLS.items()
+        if key in keys
+    )
+
+
+def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
+    return [np.linspace(float(view[i, 0]), float(view[i, 1]), _CELLS + 1) for i in pair]
+
+
+def _draw_density(
+    axes: Axes,
+    density: FloatArray,
+    pair: tuple[int, int],
+    view: FloatArray,
+    norm: Normalize,
+    title: str,
+) -> QuadMesh:
+    axes.set(xlabel=AXIS_LABELS[pair[0]], ylabel=AXIS_LABELS[pair[1]])
+    axes.set_title(title, fontsize=10, loc="left")
+    edges = _edges(pair, view)
+    return axes.pcolormesh(*edges, density.T, cmap="Greys", norm=norm, rasterized=True)
+
+
+def _over_components(
+    axes: Axes, values: Mapping[int, float], title: str, label: str, chosen: int | None = None
+) -> None:
+    """Values over K joined by a line, with a square around the chosen one."""
+    ks = sorted(values)
+    axes.plot(ks, [values[k] for k in ks], "o-", color=BLUE, ms=4, lw=1.4)
+    if chosen is not None and chosen in values:
+        axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
+    finish(axes, "number of components K", label)
+    axes.set_title(title, loc="left")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))

@@ -1,0 +1,152 @@
+"""Figures written to files: the pages of ``extract --plots`` and ``model show --plots``."""
+
+import io
+import re
+from collections.abc import Sequence
+from itertools import groupby
+from pathlib import Path
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from harness.core.files import cannot_write, write_file
+from harness.model.interaction import InteractionModel
+from harness.model.trajectories import Clip
+from harness.report.drawing import model_figures as draw
+from harness.report.drawing.style import caption, new_figure, without_glyph_warnings
+from harness.report.drawing.trajectory_figures import draw_map, draw_passing_event
+from harness.studies.calibration import Sample
+from harness.studies.calibration.choice import RULE_SHARE, relative_gain
+
+_DPI = 150
+# The authors' public scripts draw these conditions.
+_INVERSE_RANGES = (0.07, 0.10, 0.13)
+_INVERSE_TIMES = (0.05, 0.10)
+# Below the speed at the trigger in the paper's Table II.
+_VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
+
+
+def save(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write ``name.png`` and ``name.pdf``, each complete or not at all, without a clock inside."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise cannot_write(folder, error) from None
+    written = []
+    for suffix, metadata in ((".png", {"Software": None}), (".pdf", {"CreationDate": None})):
+        buffer = io.BytesIO()
+        with without_glyph_warnings():
+            figure.savefig(
+                buffer, format=suffix[1:], dpi=_DPI, bbox_inches="tight", metadata=metadata
+            )
+        path = folder / f"{name}{suffix}"
+        write_file(path, buffer.getvalue())
+        written.append(path)
+    return written
+
+
+def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -> list[Path]:
+    """A map of each site and one passing event coloured by time.
+
+    Args:
+        clips: the tracks.
+        rows: what was extracted from them.
+        folder: made if missing; earlier files of the same names are replaced.
+    """
+    written = []
+    for site, clips_there in groupby(sorted(clips, key=_site), key=_site):
+        figure, axes = new_figure(height=6, width=8)
+        title = f"{site}: vehicle routes and pedestrian positions" if site else None
+        draw_map(axes[0], list(clips_there), title)
+        # A clip in a folder of its own is named after it, as in "b/straight".
+        name = "-".join(["map", *re.findall(r"[\w.]+", site)])
+        written += save(figure, folder, name)
+    # The encounter that was watched over the longest approach of the vehicle.
+    ranges = rows.groupby(["source", "clip", "vehicle", "pedestrian"])["range_m"]
+    spans = ranges.max() - ranges.min()
+    source, name, vehicle, pedestrian = (str(part) for part in spans.index[int(spans.argmax())])
+    figure, axes = new_figure(height=6, width=8)
+    clip = next(clip for clip in clips if (clip.source, clip.name) == (source, name))
+    draw_passing_event(axes[0], clip, vehicle, pedestrian)
+    return [*written, *save(figure, folder, "passing-event")]
+
+
+def _site(clip: Clip) -> str:
+    return clip.site
+
+
+def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
+    """The paper's figures of a model.
+
+    Args:
+        model: its card gives the curves over K, where it has them.
+        sample: rows to draw beside the model; None leaves their panels out.
+        folder: made if missing; earlier files of the same names are replaced.
+    """
+    written = []
+    if len(model.provenance.get("candidates", ())) > 1:
+        written += save(_components_page(model), folder, "components")
+    written += save(_pairs_page(model, sample), folder, "pairs")
+    return [*written, *save(_speeds_page(model), folder, "speeds")]
+
+
+def _components_page(model: InteractionModel) -> Figure:
+    """BIC, each component's gain, held-out scores."""
+    card = model.provenance
+    bic = {fit["components"]: fit["bic"] for fit in card["candidates"]}
+    scores = {
+        fit["components"]: (fit["held_out"]["mean"], fit["held_out"]["standard_error"])
+        for fit in card["candidates"]
+        if fit["held_out"]
+    }
+    figure, axes = new_figure(1, 3 if scores else 2, height=4, width=15 if scores else 10)
+    draw.draw_bic(axes[0], bic, card["components"])
+    draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
+    if scores:
+        draw.draw_held_out(axes[2], scores, card["components"])
+    caption(
+        figure,
+        f"{model.name}: n = {card['rows']:,} rows, {card['encounters']} encounters, "
+        f"{card['vehicles']} vehicles; BIC's n is {card['weight_sum']:.0f}. "
+        "Bars: standard error over vehicles.",
+    )
+    return figure
+
+
+def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
+    """All six pairs of variables, rows beside the model on one scale."""
+    wide = sample is not None
+    figure, axes = new_figure(3, 4 if wide else 2, height=10.5, width=15 if wide else 8)
+    view = draw.usual_view(model.mixture)
+    panels = iter(axes)
+    for pair in draw.PAIRS:
+        density = draw.pair_density(model.mixture, pair, view)
+        norm = draw.density_scale(density)
+        if sample is not None:
+            draw.draw_rows(next(panels), sample.data, sample.weights, pair, view, norm)
+        panel = next(panels)
+        mesh = draw.draw_pair(panel, density, pair, view, norm)
+        figure.colorbar(mesh, ax=panel, label="density")
+    words = f"{model.name}, K = {model.mixture.weights.size}; one scale for each pair (square root)"
+    if sample is not None:
+        words += f"; {len(sample.data):,} rows weighted by {sample.weigh}"
+    caption(figure, words + ".")
+    return figure
+
+
+def _speeds_page(model: InteractionModel) -> Figure:
+    """Densities of v_p and of v under the authors' conditions, and v_p as pedestrians use it."""
+    figure, axes = new_figure(2, 2, height=8.5, width=12)
+    ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
+    common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}
+    draw.draw_walking_speed(axes[0], model, [each | common for each in ranges], "v_p")
+    at_trigger = [{"range_m": 30.0, "vehicle_speed_mps": speed} for speed in _VEHICLE_SPEEDS]
+    draw.draw_walking_speed(axes[1], model, at_trigger, "v_p, T_adv integrated out,")
+    for panel, inverse_time in zip(axes[2:], _INVERSE_TIMES, strict=True):
+        common = {"pedestrian_speed_mps": 1.2, "inverse_time_advantage_per_s": inverse_time}
+        draw.draw_driving_speed(panel, model, [each | common for each in ranges], "v")
+    rows = model.provenance.get("rows")
+    words = f"{model.name}, K = {model.mixture.weights.size}"
+    words += f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
+    caption(figure, words + ". Dots: modes, the speeds that the human driver aims for.")
+    return figure

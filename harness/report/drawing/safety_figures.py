@@ -1,0 +1,77 @@
+"""Figures over all episodes of a cell: safety measures, walking speeds beside the model.
+
+Each function draws into an axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from harness.core.encounter import FloatArray
+from harness.report.drawing.style import AV, HUMAN, INK, VERMILLION, finish, legend_below
+
+_MOST_STEPS = 400
+_BINS = 24
+
+
+def draw_shares(
+    axes: Axes,
+    values: Mapping[str, FloatArray],
+    across: str,
+    up_to: float,
+) -> None:
+    """Share of episodes whose measure is at most x; it ends below 1 where some have none.
+
+    Args:
+        axes: drawn into.
+        values: by arm, AV first, one value for each episode that did not fail; NaN where the
+            measure is undefined: such an episode counts among all, never below x.
+        across: label of the measure with its unit.
+        up_to: end of the axis.
+    """
+    highest = 0.0
+    for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
+        defined = np.sort(column[~np.isnan(column)])
+        label = f"{name}, defined in {len(defined):,} of {len(column):,}"
+        x, share = _steps(defined, len(column), up_to)
+        highest = max(highest, float(share.max()))
+        axes.step(x, share, where="post", color=look.colour, ls=look.dash, lw=1.7, label=label)
+    axes.set_xlim(0, up_to)
+    axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
+    total = max((len(column) for column in values.values()), default=0)
+    finish(axes, across, "share of episodes at most x", f"n = {total:,} per arm")
+    legend_below(axes)
+
+
+def _steps(defined: FloatArray, total: int, up_to: float) -> tuple[FloatArray, FloatArray]:
+    """Points of the step function k/total, thinned where there are many, up to the axis' end."""
+    inside = defined[defined <= up_to]
+    ranks = np.unique(np.linspace(1, len(inside), min(len(inside), _MOST_STEPS)).astype(int))
+    ranks = ranks if len(inside) else np.empty(0, dtype=int)
+    x = np.concatenate(([0.0], inside[ranks - 1], [up_to]))
+    share = np.concatenate(([0.0], ranks, [len(inside)])) / max(total, 1)
+    return x, share
+
+
+def draw_walking_speeds(
+    axes: Axes, speeds_mps: FloatArray, grid_mps: FloatArray, density: FloatArray
+) -> None:
+    """Walking speeds drawn in a run beside the model's density under the same conditions.
+
+    Args:
+        axes: drawn into.
+        speeds_mps: (n,) of everyone who stepped off.
+        grid_mps, density: (m,) the mean over them of the model's conditional density, s/m.
+    """
+    if len(speeds_mps):
+        edges = np.linspace(grid_mps[0], grid_mps[-1], _BINS + 1)
+        axes.hist(
+            speeds_mps, edges.tolist(), density=True, color=AV.colour, alpha=0.45, ec=INK, lw=0.5,
+            label="drawn in the run",
+        )  # fmt: skip
+    axes.plot(grid_mps, density, color=VERMILLION, ls="--", lw=1.8, label="model")
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    finish(axes, "walking speed v_p (m/s)", "probability density (s/m)", f"n = {len(speeds_mps):,}")
+    legend_below(axes)

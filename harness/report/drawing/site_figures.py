@@ -1,0 +1,138 @@
+"""The site, drawn from its SUMO network: lanes, crossing, walking areas, the trigger.
+
+North is up.  The function draws into an axes that it is given and neither saves nor shows.
+"""
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from matplotlib.axes import Axes
+from matplotlib.patches import Polygon
+
+from harness.core.encounter import Crossing, Vehicle
+from harness.report.drawing.style import (
+    BLUE,
+    INK,
+    MUTED,
+    PATH,
+    ROAD,
+    VERMILLION,
+    finish,
+    legend_below,
+)
+from harness.site import RoadNetwork, Site
+from harness.site.road_network import allows
+
+if TYPE_CHECKING:
+    from sumolib.net.edge import Edge
+
+_MARGIN_M = 3.0
+_STRIPE_M = 0.5
+"""Width of the zebra's stripes and of the gaps between them."""
+
+
+def draw_site(
+    axes: Axes, network: RoadNetwork, site: Site, vehicle: Vehicle, crossing: Crossing
+) -> None:
+    """Lanes, walking areas and the crosswalk of a network, with the ego at its trigger.
+
+    Args:
+        axes: drawn into; x and y are metres east and north of the crosswalk's centre.
+        network: the SUMO network; what lies outside the picture is left out.
+        site: the crosswalk in it.
+        vehicle: its size and trigger range.
+        crossing: its size.
+    """
+    _view(axes, site, vehicle, crossing)
+    for edge in network.net.getEdges():
+        _draw_edge(axes, edge)
+    for label, colour in (("road", ROAD), ("footpath and waiting area", PATH)):
+        axes.add_patch(Polygon([(0, 0)], fc=colour, ec=MUTED, lw=0.4, label=label))
+    half, length = crossing.width_m / 2, crossing.length_m
+    stripes = int(length / (2 * _STRIPE_M))
+    for index in range(stripes):
+        y = (2 * index + 0.5) * _STRIPE_M + (length - (2 * stripes - 1) * _STRIPE_M) / 2
+        _area(axes, site, (-half, y - _STRIPE_M / 2), (half, y + _STRIPE_M / 2), INK, 3)
+    _draw_ego(axes, site, vehicle, crossing)
+    _arrow(axes, site, vehicle)
+    half_lane = crossing.lane_width_m / 2
+    edges = (crossing.lane_centre_m - half_lane, crossing.lane_centre_m + half_lane)
+    stop = [site.frame.to_network(-crossing.stop_line_m, y) for y in edges]
+    axes.plot(*zip(*stop, strict=True), color=VERMILLION, lw=2, label="Hard-Yield's stop line")
+    finish(axes, "east (m)", "north (m)")
+    axes.set_aspect("equal", adjustable="box")
+    legend_below(axes)
+
+
+def _draw_edge(axes: Axes, edge: "Edge") -> None:
+    (west, east), (south, north) = axes.get_xlim(), axes.get_ylim()
+    for lane in edge.getLanes():
+        shape = lane.getShape()
+        xs, ys = zip(*shape, strict=True)
+        if max(xs) < west or min(xs) > east or max(ys) < south or min(ys) > north:
+            continue
+        if edge.getFunction() == "walkingarea":
+            axes.add_patch(Polygon(shape, closed=True, fc=PATH, ec=MUTED, lw=0.6, zorder=1))
+        elif edge.getFunction() != "crossing":
+            walked = allows(lane, "pedestrian") and not allows(lane, "passenger")
+            outline = _ribbon(shape, lane.getWidth())
+            axes.add_patch(
+                Polygon(outline, closed=True, fc=PATH if walked else ROAD, ec=MUTED, lw=0.4)
+            )
+
+
+def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
+    """A line's outline at a width."""
+    left, right = [], []
+    for (x0, y0), (x1, y1) in pairwise(line):
+        long = math.hypot(x1 - x0, y1 - y0) or 1.0
+        dx, dy = -(y1 - y0) / long * width / 2, (x1 - x0) / long * width / 2
+        left += [(x0 + dx, y0 + dy), (x1 + dx, y1 + dy)]
+        right += [(x0 - dx, y0 - dy), (x1 - dx, y1 - dy)]
+    return [*left, *reversed(right)]
+
+
+def _area(
+    axes: Axes,
+    site: Site,
+    low: tuple[float, float],
+    high: tuple[float, float],
+    colour: str,
+    order: int,
+    label: str | None = None,
+) -> None:
+    """A rectangle of the road frame."""
+    corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+    shape = [site.frame.to_network(*corner) for corner in corners]
+    axes.add_patch(Polygon(shape, closed=True, fc=colour, lw=0, zorder=order, label=label))
+
+
+def _draw_ego(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
+    bumper, side = -vehicle.trigger_range_m, vehicle.width_m / 2
+    middle = crossing.lane_centre_m
+    label = f"ego at the trigger, R = {vehicle.trigger_range_m:g} m"
+    low, high = (bumper - vehicle.length_m, middle - side), (bumper, middle + side)
+    _area(axes, site, low, high, BLUE, 4, label)
+
+
+def _arrow(axes: Axes, site: Site, vehicle: Vehicle) -> None:
+    """The ego's direction, in front of it."""
+    begin = site.frame.to_network(1.5 - vehicle.trigger_range_m, site.ego.centre_m)
+    end = site.frame.to_network(7.5 - vehicle.trigger_range_m, site.ego.centre_m)
+    style = {"arrowstyle": "-|>", "color": BLUE, "lw": 1.6, "mutation_scale": 12}
+    axes.annotate("", xy=end, xytext=begin, arrowprops=style, zorder=5)
+
+
+def _view(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
+    """From behind the ego at its trigger to beyond the crosswalk."""
+    behind = -vehicle.trigger_range_m - vehicle.length_m
+    corners = [
+        site.frame.to_network(x, y)
+        for x in (behind, crossing.width_m / 2 + 8.0)
+        for y in (-4.0, crossing.length_m + 4.0)
+    ]
+    east, north = zip(*corners, strict=True)
+    axes.set_xlim(min(east) - _MARGIN_M, max(east) + _MARGIN_M)
+    axes.set_ylim(min(north) - _MARGIN_M, max(north) + _MARGIN_M)

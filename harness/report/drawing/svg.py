@@ -1,0 +1,91 @@
+"""Figures as SVG to stand inside a page: small, selectable, in the page's colours.
+
+Text stays text.  Every colour of ``style`` becomes a variable of the page's style sheet, so one
+picture serves the light and the dark scheme; identifiers get a prefix, so that many pictures
+share a page.
+"""
+
+import io
+import re
+import xml.etree.ElementTree as ET
+
+from matplotlib.figure import Figure
+
+from harness.report.drawing import style
+
+VARIABLES = {
+    style.INK: "--ink",
+    style.MUTED: "--muted",
+    style.GRID: "--grid",
+    style.ROAD: "--road",
+    style.PATH: "--path",
+    style.BLUE: "--blue",
+    style.VERMILLION: "--vermillion",
+    style.GREEN: "--green",
+    style.PURPLE: "--purple",
+    style.ORANGE: "--orange",
+    "#ffffff": "--card",
+}
+"""The page's variable of each colour that a figure may use."""
+
+_SVG = "http://www.w3.org/2000/svg"
+_LINK = "http://www.w3.org/1999/xlink"
+_DROPPED = ("metadata", "style")
+_COLOUR = re.compile(r"#[0-9a-f]{6}\b")
+_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+
+
+def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str:
+    """A figure as an ``<svg>`` element.
+
+    Args:
+        figure: made inside ``style.styled``; drawn on the page's own ground.
+        prefix: of all identifiers; different for every figure of a page.
+        title: its name, for who cannot see it.
+        description: what it shows.
+    """
+    buffer = io.BytesIO()
+    with style.styled():
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+    root = ET.fromstring(buffer.getvalue())
+    for name in ("width", "height"):
+        root.attrib.pop(name, None)
+    root.attrib |= {"role": "img", "aria-labelledby": f"{prefix}-title {prefix}-desc"}
+    _drop(root)
+    for element in root.iter():
+        _rewrite(element, prefix)
+    for position, (tag, text) in enumerate((("title", title), ("desc", description))):
+        words = ET.Element(f"{{{_SVG}}}{tag}", {"id": f"{prefix}-{tag}"})
+        words.text = text
+        root.insert(position, words)
+    ET.register_namespace("", _SVG)
+    ET.register_namespace("xlink", _LINK)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _drop(element: ET.Element) -> None:
+    """Without what a page has no use for: metadata, and a style sheet that would reach it all."""
+    for child in list(element):
+        if child.tag.removeprefix(f"{{{_SVG}}}") in _DROPPED:
+            element.remove(child)
+        else:
+            _drop(child)
+
+
+def _rewrite(element: ET.Element, prefix: str) -> None:
+    for name, value in element.attrib.items():
+        if name == "id":
+            element.attrib[name] = f"{prefix}-{value}"
+        elif name == f"{{{_LINK}}}href":
+            element.attrib[name] = value.replace("#", f"#{prefix}-")
+        elif name in ("style", "fill", "stroke"):
+            element.attrib[name] = _COLOUR.sub(_variable, value)
+        elif name in ("d", "x", "y"):
+            element.attrib[name] = _NUMBER.sub(lambda match: f"{float(match[0]):.2f}", value)
+        if "url(#" in element.attrib[name]:
+            element.attrib[name] = element.attrib[name].replace("url(#", f"url(#{prefix}-")
+
+
+def _variable(match: re.Match[str]) -> str:
+    """A colour of the style as the page's variable; any other stays as it is."""
+    return f"var({VARIABLES[match[0]]})" if match[0] in VARIABLES else match[0]

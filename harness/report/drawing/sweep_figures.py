@@ -1,0 +1,155 @@
+"""Figures over the cells of a sweep: measures over a varied key, one line per strategy.
+
+Each function draws into an axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.transforms import ScaledTranslation
+
+from harness.core.encounter import FloatArray
+from harness.report.drawing.style import (
+    AV,
+    GREEN,
+    MUTED,
+    SERIES,
+    VERMILLION,
+    figure_text,
+    finish,
+    legend_below,
+)
+
+_WIDE = 12.0
+"""Values that differ by more than this factor get a logarithmic axis."""
+_APART_INCH = 0.05
+_MOST_TICKS = 9
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a sweep: values with their intervals over a varied key; NaN where undefined."""
+
+    label: str
+    x: FloatArray
+    value: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def draw_over(
+    axes: Axes,
+    lines: Sequence[Line],
+    across: str,
+    up: str,
+    count: str | None = None,
+    level: tuple[float, str] | None = None,
+) -> None:
+    """A measure over a varied key, with intervals as bars; lines stand a little apart.
+
+    Args:
+        axes: drawn into.
+        lines: at most as many as ``style.SERIES``.
+        across, up: labels with units.
+        count: how many pairs a point stands for.
+        level: a value to compare with, and what it is.
+    """
+    ticks = np.unique(np.concatenate([line.x for line in lines]))
+    for index, (line, look) in enumerate(zip(lines, SERIES, strict=False)):
+        away = ScaledTranslation(
+            (index - (len(lines) - 1) / 2) * _APART_INCH, 0, axes.figure.dpi_scale_trans
+        )
+        reach = np.vstack((line.value - line.low, line.high - line.value)).clip(min=0)
+        bars = axes.errorbar(
+            line.x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker,
+            ms=5, lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
+        )  # fmt: skip
+        for artist in bars.get_children():
+            # Afterwards: the limits of the axes follow the data alone.
+            artist.set_transform(axes.transData + away)
+    if level is not None:
+        axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
+    if ticks[0] > 0 and ticks[-1] > _WIDE * ticks[0]:
+        axes.set_xscale("log")
+    _tick(axes, ticks)
+    finish(axes, figure_text(across), up, count)
+    legend_below(axes)
+
+
+def _tick(axes: Axes, values: FloatArray) -> None:
+    """A tick at each value, where they are few."""
+    if len(values) <= _MOST_TICKS:
+        axes.set_xticks(values, [f"{value:g}" for value in values])
+        axes.set_xticks([], minor=True)
+
+
+def draw_aggressiveness(
+    axes: Axes,
+    line: Line,
+    across: str,
+    up: str,
+    count: str,
+    limit: tuple[float, str] | None = None,
+    allowed: Sequence[float] = (),
+    band: str = "95 % interval",
+) -> None:
+    """A measure over a strategy's aggressiveness, with its limit and the allowed interval.
+
+    After the paper's figure of the influence of aggressiveness.
+
+    Args:
+        axes: drawn into.
+        line: values with intervals, drawn as a band.
+        across, up: labels with units.
+        count: how many pairs a point stands for.
+        limit: μ0 or κ0, and its name.
+        allowed: the values swept that are allowed, shaded, neighbours together.
+        band: what the line's intervals are.
+    """
+    order = np.argsort(line.x)
+    x, value = line.x[order], line.value[order]
+    axes.fill_between(
+        x, line.low[order], line.high[order], color=AV.colour, alpha=0.18, lw=0,
+        label=band,
+    )  # fmt: skip
+    axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=figure_text(line.label))
+    if limit is not None:
+        axes.axhline(
+            limit[0], color=VERMILLION, ls="--", lw=1.3, label=f"{limit[1]} = {limit[0]:g}"
+        )
+    label: str | None = "allowed"
+    narrow = 0.01 * float(np.ptp(x)) if len(x) > 1 else 0.5
+    inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
+    for neighbours in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
+        if not len(neighbours):
+            continue
+        begin, end = float(x[neighbours[0]]), float(x[neighbours[-1]])
+        if begin == end:  # one value alone is widened to be seen
+            begin, end = begin - narrow, end + narrow
+        axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
+        # Apart: in SVG a pattern takes the opacity of its ground.
+        axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
+        label = None
+    _tick(axes, x)
+    finish(axes, figure_text(across), up, count)
+    legend_below(axes)
+
+
+def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure: str) -> list[Line]:
+    """One line for every value of ``by``, in order of appearance.
+
+    Args:
+        rows: of the summary, with ``measure``, ``measure_ci_low``, ``measure_ci_high``.
+        x: the varied key's values, one for each row.
+        by: what each row belongs to.
+        measure: column with its interval.
+    """
+    columns = [f"{measure}{end}" for end in ("", "_ci_low", "_ci_high")]
+    points = rows[columns].astype(float).assign(x=np.asarray(x, dtype=float))
+    return [
+        Line(str(label), *own.sort_values("x", kind="stable")[["x", *columns]].to_numpy().T)
+        for label, own in points.groupby(np.asarray(by, dtype=object), sort=False)
+    ]

@@ -1,0 +1,171 @@
+"""Figures of τ, the AV's pass time over the human's: its running mean, its distribution.
+
+After the paper's figure "Mean value and distribution of τ".  Each function draws into an axes
+that it is given and neither saves nor shows anything.
+"""
+
+import math
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
+from scipy import special
+
+from harness.core.encounter import FloatArray
+from harness.report.drawing.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend_below
+from harness.report.screens.tables import level
+from harness.statistics import CONFIDENCE
+
+_MOST_POINTS = 400
+_MOST_DOTS = 1_000
+_FIRST_BAND = 5
+_SETTLED = 30
+_BINS = (20, 40)
+"""At least and at most."""
+
+_SHOWN_SHARE = 0.995
+_FAR = 1.5
+_SPIKE = 4
+
+
+def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
+    """The mean of the first n values of τ over n, its band, and the values themselves.
+
+    The band is Student's t interval of the first n values: mean ± t · s/√n, drawn from n = 5 on.
+
+    Args:
+        axes: drawn into.
+        tau: (n,), in order of the pairs; NaN where undefined, which are left out.
+        reference: the paper's μ, a line of its own; None leaves it out.
+    """
+    tau = tau[~np.isnan(tau)]
+    total = len(tau)
+    if total and total <= _MOST_DOTS:
+        axes.plot(
+            np.arange(1, total + 1), tau, ".", color=MUTED, ms=3.5, alpha=0.6,
+            label="τ of one pair", zorder=1,
+        )  # fmt: skip
+    ns = np.unique(np.linspace(1, total, min(total, _MOST_POINTS)).astype(int))
+    mean, half = running_mean(tau)
+    low, high = mean - half, mean + half
+    axes.plot(ns, mean[ns - 1], color=AV.colour, ls=AV.dash, lw=1.8, label="mean of the first n")
+    banded = ns[ns >= _FIRST_BAND]
+    if len(banded):
+        axes.fill_between(
+            banded, low[banded - 1], high[banded - 1], color=AV.colour, alpha=0.18, lw=0,
+            label=f"its {level(CONFIDENCE)} band",
+        )  # fmt: skip
+    if reference is not None:
+        axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
+    axes.set_xlim(0, max(total, 1) * 1.01)
+    if total > _MOST_DOTS:
+        # The first few means, of few pairs, would set the scale for all.
+        ends = [low[_SETTLED:].min(), high[_SETTLED:].max()]
+        ends += [] if reference is None else [reference]
+        room = 0.08 * (max(ends) - min(ends))
+        axes.set_ylim(min(ends) - room, max(ends) + room)
+    finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
+    legend_below(axes)
+
+
+def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean of the first n values and the half-width of its Student's t interval, for every n.
+
+    Args:
+        tau: (n,), finite.
+
+    Returns:
+        Two arrays (n,); the half-width is NaN for n = 1.
+    """
+    n = np.arange(1, len(tau) + 1)
+    mean = np.cumsum(tau) / n
+    # Shifted first: the sum of squares less the squared sum must not cancel.
+    shifted = tau - (tau[0] if len(tau) else 0.0)
+    squares, sums = np.cumsum(shifted**2), np.cumsum(shifted)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = np.maximum(squares - sums**2 / n, 0.0) / (n - 1)
+        t = special.stdtrit((n - 1).astype(float), (1 + CONFIDENCE) / 2)
+        half = np.asarray(t * np.sqrt(variance / n), dtype=float)
+    half[:1] = np.nan
+    return mean, half
+
+
+def draw_tau_distribution(
+    axes: Axes,
+    tau: FloatArray,
+    fallback: "np.ndarray | None" = None,
+    mu: tuple[float, float, float] | None = None,
+    confidence: float = CONFIDENCE,
+) -> None:
+    """A histogram of τ, pairs in which the AV fell back hatched on top.
+
+    Args:
+        axes: drawn into.
+        tau: (n,); NaN where undefined, which are left out.
+        fallback: (n,) whether the AV fell back; None draws one kind of bar.
+        mu: mean with its interval, drawn as a line and a band; None leaves them out.
+        confidence: of that interval.
+    """
+    defined = ~np.isnan(tau)
+    fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
+    values, fell = tau[defined], fell[defined]
+    if len(values):
+        edges, beyond = _edges(values)
+        inside = np.minimum(values, edges[-1])
+        kept, dropped = (np.histogram(inside[which], edges)[0] for which in (~fell, fell))
+        widths, seen = np.diff(edges), dropped > 0
+        axes.bar(
+            edges[:-1], kept, widths, align="edge", color=AV.colour, alpha=0.55, ec=INK, lw=0.5,
+            label="without fallback" if fell.any() else None,
+        )  # fmt: skip
+        if fell.any():
+            axes.bar(
+                edges[:-1][seen], dropped[seen], widths[seen], bottom=kept[seen], align="edge",
+                fc="none", ec=VERMILLION, lw=0.8, hatch="////", label="the AV fell back",
+            )  # fmt: skip
+        _cut_spike(axes, edges, kept + dropped)
+        if beyond:
+            axes.plot([], [], " ", label=f"last bar: {beyond:,} pairs up to τ = {values.max():.3g}")
+    if mu is not None:
+        value, low, high = mu
+        axes.axvline(value, color=GREEN, lw=1.8, ls="-.", label=f"μ = {value:.4f}")
+        axes.axvspan(
+            low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {level(confidence)} interval"
+        )
+    axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
+    finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
+    legend_below(axes)
+
+
+def _edges(values: FloatArray) -> tuple[FloatArray, int]:
+    """Edges of the bars, and how many values lie beyond and are counted in the last one.
+
+    A few very large τ do not make all others one bar: the axis ends at the 99.5 % quantile, if
+    the largest is much farther off.
+    """
+    few, many = _BINS
+    bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
+    low, high = float(values.min()), float(np.quantile(values, _SHOWN_SHARE))
+    if values.max() - low <= _FAR * (high - low) or high == low:
+        high = float(values.max())
+    edges = np.histogram_bin_edges(values, bins, (low, high) if high > low else None)
+    return edges, int(np.count_nonzero(values > edges[-1]))
+
+
+def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
+    """Cut a bar many times the next one (nobody met: τ = 1), and write its height."""
+    highest, second = np.sort(counts)[::-1][:2]
+    if second == 0 or highest <= _SPIKE * second:
+        return
+    top = 1.6 * float(second)
+    axes.set_ylim(0, top)
+    place = int(np.argmax(counts))
+    axes.annotate(
+        f"↑ {int(highest):,} pairs",
+        ((edges[place] + edges[place + 1]) / 2, top),
+        xytext=(6, -4),
+        textcoords="offset points",
+        va="top",
+        fontsize=9,
+    )

@@ -1,0 +1,136 @@
+"""Figures of recorded trajectories: where vehicles and pedestrians were, and one passing event.
+
+After the paper's figures of the data collection.  Each function draws into the axes that it is
+given and neither saves nor shows anything.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+
+from harness.core.encounter import FloatArray
+from harness.core.errors import unknown_name
+from harness.model.trajectories import Clip, ExtractionRules, Track, conflict_point
+from harness.report.drawing.style import BLUE, MUTED, VERMILLION, figure_text, finish, legend_below
+
+# Positions are drawn at this interval: the model's rows are as far apart, and dots stay apart.
+DRAWN_EVERY_S = 0.2
+
+
+def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> None:
+    """Routes of the vehicles over the positions of the pedestrians.
+
+    Args:
+        axes: drawn into; x and y in metres, equal scales.
+        clips: of one site and one frame of reference.
+        title: what is shown; the numbers of vehicles, pedestrians and clips stand below it.
+    """
+    walkers = [track for clip in clips for track in clip.pedestrians.values()]
+    vehicles = [track for clip in clips for track in clip.vehicles.values()]
+    dots = np.vstack([np.empty((0, 2)), *(_drawn(track)[1] for track in walkers)])
+    # The more dots, the fainter, so that busy places show as dark and lone walks stay visible.
+    alpha = float(np.clip(60 / np.sqrt(max(len(dots), 1)), 0.15, 0.8))
+    axes.plot(*dots.T, ".", color=BLUE, ms=3, alpha=alpha, mew=0)
+    for track in vehicles:
+        _draw_route(axes, track)
+    axes.plot([], [], color=VERMILLION, lw=2, label="vehicle route (from dot to arrow)")
+    axes.plot([], [], ".", color=BLUE, ms=9, label="pedestrian")
+    numbers = f"n = {len(vehicles)} vehicles, {len(walkers):,} pedestrians"
+    numbers += f", {len(dots):,} positions, {len(clips)} clip{'s'[: len(clips) != 1]}"
+    _finish(axes, clips, title or "Vehicle routes and pedestrian positions", numbers)
+
+
+def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) -> PathCollection:
+    """One vehicle and one pedestrian, coloured by time, with a colour bar.
+
+    Time runs from the first instant at which both were recorded; whole paths are drawn in grey,
+    and a cross marks their conflict point where they have one.
+
+    Args:
+        axes: drawn into; x and y in metres, equal scales. Its figure gets the colour bar.
+        clip: holds both tracks.
+        vehicle, pedestrian: identifiers in the clip.
+
+    Returns:
+        The coloured marks of the vehicle, whose colour scale both share.
+
+    Raises:
+        InputError: the clip has no such vehicle or pedestrian.
+    """
+    car = _named(clip, "vehicle", vehicle, clip.vehicles)
+    walker = _named(clip, "pedestrian", pedestrian, clip.pedestrians)
+    start = max(car.time_s[0], walker.time_s[0])
+    end = max(min(car.time_s[-1], walker.time_s[-1]), start)
+    place = "centre" if clip.vehicles[vehicle].front_offset_m > 0 else "front"
+    marks = _draw_timed(axes, car, "s", (start, end), f"vehicle ({place})")
+    _draw_timed(axes, walker, "o", (start, end), "pedestrian")
+    point = conflict_point(car, walker, ExtractionRules())
+    if point is not None:
+        label = "conflict point"
+        axes.plot(*point, "x", color=VERMILLION, ms=10, mew=2.2, zorder=4, ls="", label=label)
+    axes.figure.colorbar(marks, ax=axes, label="time since both were in view (s)")
+    numbers = f"{end - start:.1f} s in common, one mark every {DRAWN_EVERY_S:g} s"
+    _finish(axes, [clip], f"{clip.name}: vehicle {vehicle}, pedestrian {pedestrian}", numbers)
+    return marks
+
+
+def _draw_timed(
+    axes: Axes, track: Track, marker: str, span_s: tuple[float, float], name: str
+) -> PathCollection:
+    """A whole path in grey, its marks within the span coloured by time."""
+    axes.plot(*track.position_m.T, color=MUTED, lw=1.2, zorder=1)
+    times, xy = _drawn(track, *span_s)
+    return axes.scatter(
+        xy[:, 0],
+        xy[:, 1],
+        s=26,
+        c=times - span_s[0],
+        marker=marker,
+        linewidths=0,
+        zorder=3,
+        cmap="viridis",
+        vmin=0,
+        vmax=max(span_s[1] - span_s[0], DRAWN_EVERY_S),
+        label=f"{name}, n = {len(times)}",
+    )
+
+
+def _named(clip: Clip, kind: str, name: str, tracks: Mapping[str, Track]) -> Track:
+    """The track of that name, or a refusal with the nearest one."""
+    if name not in tracks:
+        raise unknown_name(f"clip {clip.name}", kind, name, tracks)
+    return tracks[name]
+
+
+def _drawn(
+    track: Track, start: float = -np.inf, end: float = np.inf
+) -> tuple[FloatArray, FloatArray]:
+    """Times and (n, 2) positions of a track at the drawing interval, within [start, end]."""
+    start, end = max(start, track.time_s[0]), min(end, track.time_s[-1])
+    times = np.arange(start, end + 1e-9, DRAWN_EVERY_S)
+    x, y = (np.interp(times, track.time_s, values) for values in track.position_m.T)
+    return times, np.column_stack([x, y])
+
+
+def _draw_route(axes: Axes, track: Track) -> None:
+    """A vehicle's path: a dot where it was first seen, an arrow head where it was last."""
+    axes.plot(*track.position_m.T, color=VERMILLION, lw=1.8, alpha=0.85)
+    axes.plot(*track.position_m[0], "o", color=VERMILLION, ms=4)
+    away = np.hypot(*(track.position_m - track.position_m[-1]).T)
+    if away.max() >= 1.0:
+        tail = track.position_m[np.flatnonzero(away >= 1.0)[-1]]
+        style = {"arrowstyle": "-|>", "color": VERMILLION, "mutation_scale": 13, "lw": 1.8}
+        axes.annotate("", xy=track.position_m[-1], xytext=tail, arrowprops=style)
+
+
+def _finish(axes: Axes, clips: Sequence[Clip], title: str, numbers: str) -> None:
+    """Units, equal scales, the title with the numbers below it, and the legend."""
+    finish(axes, "x (m)", "y (m)")
+    # The limits of the short side grow, so that it stays legible beside a long one.
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_title(f"{figure_text(title)}\n{numbers}", loc="left")
+    if any(clip.y_down for clip in clips):
+        axes.invert_yaxis()
+    legend_below(axes)

@@ -1,0 +1,73 @@
+"""Figures of a validation: errors of the pass time, speeds along the road.
+
+Each function draws into axes that it is given and neither saves nor shows anything.
+"""
+
+from collections.abc import Sequence
+
+from matplotlib.axes import Axes
+
+from harness.report.drawing import style
+from harness.studies.validation import DriverOutcome, Validation
+
+
+def draw_errors(axes: Axes, validation: Validation) -> None:
+    """Share of drives whose pass time is off by at most x: a line for every near driver."""
+    recorded = validation.recorded
+    for driver, look in zip(validation.findings.drivers, style.SERIES, strict=False):
+        errors_s = [
+            abs(drive.pass_time_s - truth.pass_time_s)
+            for drives, truth in zip(validation.outcomes[driver.driver], recorded, strict=True)
+            for drive in drives
+        ]
+        name = style.figure_text(driver.driver)
+        axes.ecdf(errors_s, color=look.colour, ls=look.dash, lw=1.7, label=name)
+    axes.set_xlim(0, None)
+    axes.set_ylim(0, 1.02)
+    count = f"n = {len(recorded):,} passages"
+    style.finish(axes, "absolute error of the pass time (s)", "share of drives at most x", count)
+    style.legend_below(axes)
+
+
+def draw_speeds(
+    axes: Axes, outcomes: Sequence[DriverOutcome], look: style.Look, name: str, highest_mps: float
+) -> None:
+    """Speed along the road of one drive of every passage."""
+    for drive in outcomes:
+        axes.plot(drive.trace.x_m, drive.trace.speed_mps, color=look.colour, lw=0.8, alpha=0.6)
+    axes.axvline(0.0, color=style.MUTED, lw=0.8, ls=":")
+    axes.set_xlim(-30, 15)
+    axes.set_ylim(0, highest_mps)
+    axes.set_title(style.figure_text(name), loc="left")
+    style.finish(axes, "front bumper from x = 0 (m)", "speed (m/s)")
+
+
+def pictures_of(validation: Validation) -> list[style.Picture]:
+    """The page's figures, to be made inside ``style.styled``."""
+    figure, (axes,) = style.new_figure()
+    draw_errors(axes, validation)
+    errors = style.Picture(
+        "errors",
+        "How far off the pass times are",
+        "The recorded drivers would be a step at 0. A random driver's drives of a passage count "
+        "one by one.",
+        figure,
+    )
+    shown = [driver.driver for driver in validation.findings.drivers[:3]]
+    figure, axes_of = style.new_figure(2, 2, height=5.6)
+    series = [("recorded drivers", validation.recorded)] + [
+        (name, [drives[0] for drives in validation.outcomes[name]]) for name in shown
+    ]
+    highest = 1.05 * max(drive.trace.speed_mps.max() for _, drives in series for drive in drives)
+    for panel, (name, drives), look in zip(axes_of, series, style.SERIES, strict=False):
+        draw_speeds(panel, drives, look, name, highest)
+    for panel in axes_of[len(series) :]:
+        panel.set_visible(False)
+    speeds = style.Picture(
+        "speeds",
+        "Speeds along the road, recorded and simulated",
+        "Every passage, x = 0 at the group's median conflict point; the first drive of a random "
+        "driver. Beside the recorded drivers the nearest ones.",
+        figure,
+    )
+    return [errors, speeds]

@@ -1,0 +1,1 @@
+"""Findings, drawings and traces in; pages of HTML out."""

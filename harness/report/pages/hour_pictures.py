@@ -1,0 +1,107 @@
+"""The figures of a run in traffic: delays and capacity over what is varied, queues over time."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import pandas as pd
+
+from harness.report.drawing import style
+from harness.report.drawing.hour_figures import time_space
+from harness.report.drawing.style import Picture
+from harness.report.drawing.sweep_figures import Line, draw_over
+from harness.report.pages.sweep_pictures import across_key, axis_label
+from harness.report.screens.tables import ARM_NAMES
+from harness.scenario import Cell, as_written
+from harness.store.hour_summaries import HoursSummary
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
+
+_OVER = (
+    ("vehicle_delay_s", "delay of vehicles (s)", "Delay of vehicles"),
+    ("pedestrian_delay_s", "delay of pedestrians (s)", "Delay of pedestrians"),
+    ("throughput_per_hour", "vehicles through per hour", "Vehicles let through"),
+)
+
+_WARM_UP = "traffic.warm_up_s"
+"""``--settle`` gives each cell its own; it makes no line of its own."""
+
+
+def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
+    """The figures of a run in traffic and of the hour shown; made inside ``style.styled``."""
+    key = across_key(run) if run.varied_keys else None
+    if key is not None:
+        for name, up, title in _OVER:
+            yield from _over(run, key, name, up, title)
+    elif not run.varied_keys:
+        yield _queues(run)
+    if hour is not None:
+        yield time_space(run, hour)
+
+
+def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:
+    """A measure over the main varied key: a line for each strategy, and one for the reference."""
+    groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
+    for cell, summary in run.hour_results:
+        others = [
+            as_written(value)
+            for other, value in cell.varied.items()
+            if other not in (key, _WARM_UP)
+        ]
+        groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
+    lines = [_line(f"AV's arm: {label}", own, key, name, 0) for label, own in groups.items()]
+    references = {cell.scenario.arms.human for cell, _ in run.hour_results}
+    if len(references) == 1:
+        # The second look is the human's.
+        label = f"reference: {next(iter(references))}"
+        lines.insert(1, _line(label, next(iter(groups.values())), key, name, 1))
+    lines = [line for line in lines if len(line.x)]
+    if not lines:
+        return
+    figure, (axes,) = style.new_figure()
+    draw_over(axes, lines[: len(style.SERIES)], axis_label(key), up)
+    left = len(lines) - len(style.SERIES)
+    more = f" {left} more strategies are in summary.csv." if left > 0 else ""
+    yield Picture(
+        f"over-{name.replace('_', '-')}",
+        f"{title} over {key}",
+        "Mean over the hours of a cell with its interval (Student's t). Where a road is saturated, "
+        f"its delay is that of the simulated hour alone.{more}",
+        figure,
+    )
+
+
+def _line(
+    label: str, cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int
+) -> Line:
+    """A measure of one arm over a key; a limit that is undefined is the value itself."""
+    intervals = ((float(cell.varied[key]), of.measures[name][arm]) for cell, of in cells)
+    points = sorted(
+        (x, of.value, *(of.value if limit is None else limit for limit in (of.low, of.high)))
+        for x, of in intervals
+        if of.value is not None
+    )
+    return Line(label, *np.array(points, dtype=float).reshape(-1, 4).T)
+
+
+def _queues(run: RunData) -> Picture:
+    """Queued vehicles over the hour, mean over pairs and lanes, both arms."""
+    figure, (axes,) = style.new_figure()
+    for arm, look in style.ARM_LOOKS.items():
+        own = run.queues[run.queues["arm"] == arm.value]
+        mean: pd.Series[float] = own.groupby("minute")["mean"].mean()
+        axes.plot(
+            mean.index,
+            mean.to_numpy(),
+            color=look.colour,
+            linestyle=look.dash,
+            label=ARM_NAMES[arm],
+        )
+    style.finish(axes, "minute", "queued vehicles per lane")
+    style.legend_below(axes)
+    return Picture(
+        "queues",
+        "Queue over time",
+        "Vehicles slower than 5 km/h on the approach, and those that wait upstream of the road; "
+        "mean of each minute over pairs and lanes.",
+        figure,
+    )

@@ -1,0 +1,278 @@
+"""A run folder as one page."""
+
+import math
+import shlex
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from harness.core.encounter import Arm
+from harness.core.errors import HarnessError, InputError, resume_command
+from harness.engine.network import place_of
+from harness.report.drawing import style
+from harness.report.drawing.plots import save
+from harness.report.drawing.style import Picture
+from harness.report.pages.hour_pictures import hour_pictures
+from harness.report.pages.pictures import pictures_of
+from harness.report.pages.player import run_player
+from harness.report.pages.template import drawn, flat, page_in, write_page
+from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.result_tables import cells_table, full_tables, statistics_table
+from harness.report.screens.screen import screen_lines
+from harness.report.screens.tables import Table, counted
+from harness.scenario import as_written, remarks
+from harness.studies.runs.compare import compare
+from harness.studies.runs.model_use import model_cells
+from harness.studies.runs.notes import sentence
+from harness.studies.runs.reported import remarks as remarks_on, reported
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair, shown_pairs
+from harness.studies.runs.strategy_groups import strategy_groups
+
+_MOST_FAILURES = 20
+_MOST_VALUES = 12
+_MOST_TABLES = 50
+"""Cells whose tables of every number are on the page; the others are in ``summary.csv``."""
+
+_MOST_COMPARISONS = 60
+"""Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """The files of ``write_report``; ``differing`` names episodes that differ when run again."""
+
+    page: Path
+    figures: tuple[Path, ...]
+    differing: tuple[str, ...]
+
+
+def write_report(
+    run: RunData, out: Path | None = None, figures: Path | None = None, missing: str = ""
+) -> Written:
+    """Write a run's page, and on request its figures as PDF and PNG.
+
+    It simulates nothing: of a run without traces it shows what ``write_shown`` has written.
+
+    Args:
+        run: finished or not, with at least one finished pair.
+        out: the file; default ``report.html`` in the run folder.
+        figures: a folder for the figures, made if missing.
+        missing: why there are no episodes to show.
+
+    Raises:
+        InputError: nothing is finished yet, tables are damaged, or a place cannot be written.
+    """
+    page = page_in(run.path, out)
+    if (run.hours if run.in_traffic else run.pairs).empty:
+        raise InputError(str(run.path), "no pair is finished yet", "a run with results")
+    # Whatever is damaged is found before anything is written.
+    context = _context(run)
+    shown = shown_pairs(run, page)
+    pictures, figure_remarks = _pictures(run, shown)
+    written: list[Path] = []
+    drawn_pictures = []
+    with style.styled():
+        for picture in pictures:
+            drawn_pictures.append(drawn(picture))
+            if figures is not None:
+                style.caption(picture.figure, picture.caption)
+                written += save(picture.figure, figures, picture.name)
+    episodes = {
+        "player": run_player(run, shown) if shown else None,
+        "no_player": missing or "There are no traces of episodes to show.",
+        "pictures": drawn_pictures,
+        "figure_remarks": figure_remarks,
+    }
+    write_page(page, context | episodes)
+    differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
+    return Written(page, tuple(written), tuple(differing))
+
+
+def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Picture], list[str]]:
+    """The figures, and remarks on those that are left out."""
+    if run.in_traffic:
+        return hour_pictures(run, shown[0] if shown else None), []
+    model, place = None, None
+    remarks = []
+    try:
+        model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
+    except InputError as error:
+        # A model may have gone since; the numbers are still there.
+        remarks = [f"Figures of the interaction model are left out: {error}."]
+    try:
+        place = place_of(run.scenario_of(0))
+    except HarnessError as error:
+        remarks.append(f"The figure of the site is left out: {error}.")
+    return pictures_of(run, model, place, shown), remarks
+
+
+def _context(run: RunData) -> dict[str, Any]:
+    """All of the page but episodes and figures."""
+    scenario = run.scenario
+    arms = f"{scenario.arms.av} against {scenario.arms.human}"
+    heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
+    compared_tables, compared_lines = ([], []) if run.in_traffic else _compared(run)
+    screen, results = _results(run)
+    return {
+        "title": f"{heading}, run report",
+        "heading": heading,
+        "folder": str(run.path),
+        "unfinished": _unfinished(run),
+        "opening": list(_opening(run)),
+        "screen": screen,
+        "tables": [*compared_tables, *results],
+        "remarks": [
+            *dict.fromkeys(
+                sentence(line) for cell in run.study.cells for line in remarks(cell.scenario)
+            ),
+            *remarks_on(run),
+            *compared_lines,
+        ],
+        "failures": _failures(run),
+        "facts": list(_facts(run)),
+        "scenario": list(_ran(run).items()),
+        "kind": "run report",
+        "where": "Run folder",
+        "maker": "harness report",
+        "made_from": "the run folder alone",
+    }
+
+
+def _results(run: RunData) -> tuple[list[str], list[Table]]:
+    """The first screen, and the tables of everything, folded."""
+    findings = reported(run)
+    *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
+    if run.varied_keys:
+        return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
+    statistics = [] if run.in_traffic else [statistics_table(run)]
+    return screen, [*full_tables(findings), *statistics]
+
+
+def _unfinished(run: RunData) -> str:
+    if run.finished:
+        return ""
+    return (
+        f"{_finished_pairs(run):,} of {run.planned_pairs:,} planned pairs are in this page. It was "
+        f"going on or broken off when the page was made; {resume_command(run.path)} goes on with "
+        "it."
+    )
+
+
+def _finished_pairs(run: RunData) -> int:
+    return len(run.hours) // 2 if run.in_traffic else len(run.pairs)
+
+
+def _opening(run: RunData) -> Iterator[str]:
+    scenario = run.scenario
+    if run.in_traffic:
+        yield (
+            f"Hours of traffic, each twice: with {_each(run, Arm.AV)} in the AV's share of the "
+            f"vehicles, and with {_each(run, Arm.HUMAN)} in all of them. Both arms have the same "
+            f"pedestrians and the same vehicles; seed {run.manifest['seed']}."
+        )
+        return
+    pairs = counted(len(run.pairs), "pair")
+    said = f"seed {run.manifest['seed']}"
+    if names := [str(entry.get("name")) for entry in _models(run)]:
+        said += f", interaction model {', '.join(names)}"
+    if run.varied_keys:
+        keys = ", ".join(run.varied_keys)
+        yield (
+            f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
+            f"the AV's strategy and the reference ({_each(run, Arm.HUMAN)}) meet the same "
+            f"pedestrians at the crosswalk; {said}."
+        )
+        return
+    yield (
+        f"Compared: the AV's strategy {scenario.arms.av} and {scenario.arms.human}, the reference "
+        "for a human driver, each meeting the same pedestrians at the same crosswalk in "
+        f"{pairs}; {said}."
+    )
+
+
+def _each(run: RunData, arm: Arm) -> str:
+    """The strategies of an arm in all cells."""
+    names = (getattr(cell.scenario.arms, arm.value) for cell in run.study.cells)
+    return ", ".join(dict.fromkeys(names))
+
+
+def _compared(run: RunData) -> tuple[list[Table], list[str]]:
+    """The comparison of a sweep's strategies; where it would take too long, how to get it."""
+    groups = strategy_groups(run.study) if run.finished else []
+    comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
+    if comparisons == 0:
+        return [], []
+    if comparisons > _MOST_COMPARISONS:
+        command = f"harness compare {shlex.quote(str(run.path))}"
+        return [], [f"Differences between strategies, pair by pair and with tests: {command}"]
+    comparison = compare(run)
+    return comparison_tables(comparison), comparison_lines(comparison)
+
+
+def _failures(run: RunData) -> dict[str, Any] | None:
+    failed = run.failures
+    if not failed:
+        return None
+    lines = [
+        f"cell {cell} pair {pair} {arm}: {reason}"
+        for cell, pair, arm, reason in failed[:_MOST_FAILURES]
+    ]
+    more = f", the first {_MOST_FAILURES} here" if len(failed) > _MOST_FAILURES else ""
+    words = f"{counted(len(failed), 'episode')} failed in the engine or in a strategy{more}:"
+    return {"words": words, "lines": lines}
+
+
+def _facts(run: RunData) -> Iterator[tuple[str, str]]:
+    manifest, ran = run.manifest, _ran(run)
+    yield "scenario", run.name
+    yield "arms", f"{_each(run, Arm.AV)} (AV), {_each(run, Arm.HUMAN)} (human)"
+    for entry in _models(run):
+        yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
+    if any(cell.scenario.walks_by_model for cell in run.study.cells):
+        yield "reading of walking speeds", ran["model.pedestrian_reading"]
+    yield "seed", str(manifest["seed"])
+    yield "step", f"{ran['experiment.step_s']} s, time-out {ran['experiment.timeout_s']} s"
+    for key in run.varied_keys:
+        yield f"varied: {key}", _listed(as_written(cell.varied[key]) for cell in run.study.cells)
+    if manifest["until"]:
+        (name, width) = next(iter(manifest["until"].items()))
+        yield "until", f"{name} within ± {width:g}; the intervals hold for all looks together"
+    made, scored = manifest["simulated_with"], manifest["scored_with"]["versions"]
+    yield "simulated with", _named(made["versions"])
+    if scored != made["versions"]:
+        yield "scored with", _named(scored)
+    for name, digest in made["strategies"].items():
+        yield f"strategy {name}", f"sha256 {digest[:16]}…"
+    yield "traces", "kept" if run.kept_traces else "not kept"
+
+
+def _models(run: RunData) -> list[dict[str, str]]:
+    """The interaction models of the manifest, where anybody walked or drove by them."""
+    return list(run.manifest["simulated_with"]["models"]) if model_cells(run) else []
+
+
+def _ran(run: RunData) -> dict[str, str]:
+    """Every key of the scenario that had a say, with its values in all cells."""
+    values: dict[str, list[str]] = {}
+    modelled = bool(model_cells(run))
+    for cell in run.study.cells:
+        tree, arms = cell.scenario.model_dump(), cell.scenario.arms.model_dump().values()
+        tree["strategies"] = {of: keys for of, keys in tree["strategies"].items() if of in arms}
+        if not modelled:
+            del tree["model"]
+        for key, text in flat(tree):
+            values.setdefault(key, []).append(text)
+    return {key: _listed(texts) for key, texts in values.items()}
+
+
+def _listed(texts: Iterable[str]) -> str:
+    """Texts, each once, the first few of many."""
+    each = list(dict.fromkeys(texts))
+    return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")
+
+
+def _named(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {version}" for name, version in versions.items())

@@ -1,0 +1,297 @@
+"""The figures of a run with their captions: data from its folder go into ``*_figures``."""
+
+from collections.abc import Iterator, Sequence
+from typing import cast
+
+import numpy as np
+import pandas as pd
+
+from harness.core.encounter import Arm, Ending, FloatArray, Side
+from harness.episode.arrivals import planned_arrivals
+from harness.model.interaction import InteractionModel
+from harness.report.drawing import (
+    episode_figures as episodes_drawn,
+    model_figures,
+    safety_figures,
+    site_figures,
+    style,
+    tau_figures,
+)
+from harness.report.drawing.style import Picture
+from harness.report.pages.sweep_pictures import sweep_pictures
+from harness.report.screens.tables import counted, level
+from harness.report.screens.words import pair_name
+from harness.scenario import Scenario
+from harness.site import Place, read_network, site_at
+from harness.studies.runs.model_use import model_cells
+from harness.studies.runs.reported import PAPER_MU, is_the_papers
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.shown import ShownPair
+
+ARRIVALS_S = 60.0
+_MOST_CONDITIONS = 300
+"""Pedestrians whose conditional densities are averaged."""
+_GRID = 160
+_SAFETY = (
+    ("min_ttc_s", "smallest TTC (s)"),
+    ("pet_s", "post-encroachment time (s)"),
+    ("min_time_advantage_s", "smallest time advantage (s)"),
+)
+_SAFETY_UP_TO_S = 10.0
+
+
+def pictures_of(
+    run: RunData, model: InteractionModel | None, place: Place | None, shown: Sequence[ShownPair]
+) -> Iterator[Picture]:
+    """The figures of a run, the paper's first; made inside ``style.styled``.
+
+    Args:
+        run: with at least one finished pair.
+        model: of the first of ``model_cells``; None leaves out what is drawn from it.
+        place: of its first cell's crosswalk; None leaves out the site.
+        shown: the pairs with traces; none leaves out the speed profiles.
+    """
+    if run.varied_keys:
+        yield from sweep_pictures(run)
+    else:
+        yield from _tau_pictures(run)
+    if _comes_at_random(run.scenario_of(0)):
+        yield _arrivals(run)
+    if shown:
+        yield from _profiles(run, shown)
+    if place is not None:
+        yield _site(run, place)
+    if not run.varied_keys:
+        yield _safety(run)
+    if model is not None:
+        walking = _walking(run, model)
+        if walking is not None and not run.varied_keys:
+            yield walking
+        yield _model(model, model_cells(run)[0].scenario)
+
+
+def _tau_pictures(run: RunData) -> Iterator[Picture]:
+    tau = run.pairs["tau"].to_numpy(dtype=float)
+    scenario = run.scenario_of(0)
+    defined = int(np.count_nonzero(~np.isnan(tau)))
+    count = f"n = {defined:,} of {counted(len(tau), 'pair')}"
+    figure, (axes,) = style.new_figure()
+    reference = PAPER_MU if is_the_papers(scenario) else None
+    tau_figures.draw_running_mean(axes, tau, reference)
+    yield Picture(
+        "tau-mean",
+        "Running mean of τ",
+        "Mean of the first n values of τ = AV time / human time, with its 95 % band (Student's t): "
+        f"{count}.",
+        figure,
+    )
+    figure, (axes,) = style.new_figure()
+    row = run.summary.iloc[0]
+    interval = float(row["mu"]), float(row["mu_ci_low"]), float(row["mu_ci_high"])
+    mu = interval if np.isfinite(interval).all() else None
+    fallback = _of_arm(run.episodes, Arm.AV)["fallback"].to_numpy(dtype=bool)
+    tau_figures.draw_tau_distribution(axes, tau, fallback, mu, run.confidence)
+    yield Picture(
+        "tau-distribution",
+        "Distribution of τ",
+        f"Histogram of τ with μ and its {level(run.confidence)} interval; {count}, "
+        f"{int(fallback.sum()):,} with a fallback of the AV.",
+        figure,
+    )
+
+
+def _arrivals(run: RunData) -> Picture:
+    """Arrivals of the first pair to which at least the mean number comes within a minute."""
+    scenario = run.scenario_of(0)
+    flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
+    wanted = max(1, round(flow * ARRIVALS_S / 3600))
+    planned = {
+        pair: planned_arrivals(_for_a_minute(scenario), pair)
+        for pair in range(min(20, scenario.experiment.pairs))
+    }
+    pair = next((pair for pair, who in planned.items() if len(who) >= wanted), 0)
+    figure, (axes,) = style.new_figure()
+    episodes_drawn.draw_arrivals(axes, planned[pair], flow, most, ARRIVALS_S)
+    first = ", the first at the trigger" if scenario.pedestrians.first_at_trigger else ""
+    limit = ""
+    if most is not None:
+        limit = f"; at most {most} of each pair {'is' if most == 1 else 'are'} simulated (filled)"
+    return Picture(
+        "arrivals",
+        "Arrival times of one pair",
+        f"Pedestrians who arrive within {ARRIVALS_S:g} s of the trigger in "
+        f"{pair_name(run, 0, pair)}: a Poisson process, λ = {flow:g} per hour{first}{limit}; "
+        f"n = {len(planned[pair])}.",
+        figure,
+    )
+
+
+def _comes_at_random(scenario: Scenario) -> bool:
+    """Whether anybody comes of a flow: neither timed nor chosen for what happens to them."""
+    people = scenario.pedestrians
+    return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
+
+
+def _for_a_minute(scenario: Scenario) -> Scenario:
+    """The same pedestrians, as many as come within the figure's minute."""
+    experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
+    pedestrians = scenario.pedestrians.model_copy(update={"max_count": None})
+    return scenario.model_copy(update={"experiment": experiment, "pedestrians": pedestrians})
+
+
+def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
+    """Speeds of the pairs with the lowest, the median and the highest τ."""
+    chosen: dict[str, ShownPair] = {}
+    for reason in ("lowest τ", "median τ", "highest τ"):
+        pair = next((pair for pair in shown if reason in pair.reasons), None)
+        if pair is not None and not any(other is pair for other in chosen.values()):
+            chosen[f"{pair_name(run, pair.cell, pair.pair)}, {reason}"] = pair
+    if not chosen:
+        chosen[f"pair {shown[0].pair} of cell {shown[0].cell}"] = shown[0]
+    traces = {label: pair.traces for label, pair in chosen.items()}
+    caption = (
+        "The ego's speed over its {} in chosen pairs, one colour for each pair, solid for the AV, "
+        f"dashed for the human; n = {counted(len(traces), 'pair')}."
+    )
+    figure, (axes,) = style.new_figure(height=4.4)
+    width_m = run.scenario_of(shown[0].cell).crossing.width_m
+    episodes_drawn.draw_speed_over_distance(axes, traces, width_m)
+    title = "Speed over distance"
+    yield Picture("speed-distance", title, caption.format("distance to the crosswalk"), figure)
+    figure, (axes,) = style.new_figure(height=4.4)
+    episodes_drawn.draw_speed_over_time(axes, traces)
+    yield Picture("speed-time", "Speed over time", caption.format("time"), figure)
+
+
+def _site(run: RunData, place: Place) -> Picture:
+    scenario = run.scenario_of(0)
+    network = read_network(place.net)
+    figure, (axes,) = style.new_figure(height=5.2)
+    site = site_at(network, place.edge, place.approach, lane=place.lane)
+    site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
+    crossing = scenario.crossing
+    where = "at a place that is not given"
+    if crossing.latitude_deg is not None:
+        where = f"at {crossing.latitude_deg:.6f}°, {crossing.longitude_deg:.6f}°"
+    return Picture(
+        "site",
+        "The site",
+        f"Drawn from the SUMO network, north up: crosswalk {crossing.length_m:g} m kerb to kerb "
+        f"and {crossing.width_m:g} m wide {where}, the ego's bearing {crossing.bearing_deg:g}°; "
+        "n = 1 site.",
+        figure,
+    )
+
+
+def _safety(run: RunData) -> Picture:
+    ran = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
+    av, human = (_of_arm(ran, arm) for arm in (Arm.AV, Arm.HUMAN))
+    figure, axes = style.new_figure(3, 1, height=9.0)
+    for panel, (column, label) in zip(axes, _SAFETY, strict=True):
+        values = {
+            name: rows[column].to_numpy(dtype=float)
+            for name, rows in (("AV", av), ("human", human))
+        }
+        safety_figures.draw_shares(panel, values, label, _SAFETY_UP_TO_S)
+    return Picture(
+        "safety",
+        "TTC, PET and time advantage",
+        "Share of episodes whose smallest TTC, post-encroachment time and smallest time advantage "
+        "are at most x; a curve ends below 1 where episodes have none. "
+        f"n = {len(av):,} AV and {len(human):,} human episodes.",
+        figure,
+    )
+
+
+def _walking(run: RunData, model: InteractionModel) -> Picture | None:
+    """Speeds of everyone who stepped off in the AV's arm, beside the model's mean density."""
+    scenario = run.scenario_of(0)
+    # Those who are timed have no quantile: their speed is none of the model's.
+    walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset=["speed_mps", "quantile"])
+    if walkers.empty or not scenario.walks_by_model:
+        return None
+    lower, upper = (bound[2] for bound in (model.mixture.lower, model.mixture.upper))
+    grid = np.linspace(lower, upper, _GRID)
+    density = _mean_density(model, scenario, walkers, grid)
+    figure, (axes,) = style.new_figure()
+    safety_figures.draw_walking_speeds(axes, walkers["speed_mps"].to_numpy(), grid, density)
+    return Picture(
+        "walking-speeds",
+        "Walking speeds and the model's density",
+        "Walking speeds of everyone who stepped off in the AV's arm, beside the mean of the "
+        f"model's densities given what each of them saw; n = {len(walkers):,}.",
+        figure,
+    )
+
+
+def _mean_density(
+    model: InteractionModel, scenario: Scenario, walkers: pd.DataFrame, grid: FloatArray
+) -> FloatArray:
+    """Mean of f(v_p | the state each walker saw), over some of the walkers where they are many."""
+    few = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
+    some = walkers.iloc[few]
+    crossing = scenario.crosswalk()
+    on_curve = scenario.model.pedestrian_reading == "curve"
+    if scenario.model.pedestrian_reading == "unconditional":
+        return model.walking_speed_density_unconditional(grid)
+    total = np.zeros_like(grid)
+    seen = some.groupby(["range_m", "vehicle_speed_mps", "side"], sort=False).size()
+    for condition, count in seen.items():
+        range_m, speed, side = cast("tuple[float, float, str]", condition)
+        if range_m <= 0:
+            total += count * model.walking_speed_density_unconditional(grid)
+            continue
+        state = (np.full_like(grid, range_m), np.full_like(grid, speed))
+        density = np.full_like(grid, np.nan)
+        if on_curve:
+            away = np.full_like(grid, crossing.to_lane_m(Side(side)))
+            density = model.walking_speed_density(grid, *state, lateral_m=away)
+        if not np.isfinite(density).all():
+            # As in a run: where no walking speed fits the box, L says nothing.
+            density = model.walking_speed_density(grid, *state)
+        total += count * density
+    return total / len(some)
+
+
+def _model(model: InteractionModel, scenario: Scenario) -> Picture:
+    """f(v_p | 1/R, v) about the trigger's state, f(v | 1/R, v_p, 1/T_adv) of the human driver."""
+    drives = "human_gmm" in scenario.arms.model_dump().values()
+    figure, axes = style.new_figure(1 + drives, 1, height=3.5 + 3.1 * drives)
+    range_m, speed = scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps
+    model_figures.draw_walking_speed(
+        axes[0],
+        model,
+        [{"range_m": range_m, "vehicle_speed_mps": share * speed} for share in (0.4, 0.7, 1.0)],
+        "v_p",
+    )
+    shown, dots = "walking speeds given the vehicle", "modes"
+    if drives:
+        model_figures.draw_driving_speed(
+            axes[1],
+            model,
+            [
+                {
+                    "range_m": share * range_m,
+                    "pedestrian_speed_mps": 1.2,
+                    "inverse_time_advantage_per_s": 0.1,
+                }
+                for share in (1.0, 0.5, 0.25)
+            ],
+            "v",
+        )
+        shown += ", driving speeds given the pedestrian"
+        if scenario.strategies.get("human_gmm", {}).get("speed", "mode") == "mode":
+            dots += ", the speeds the human driver goes for"
+    rows = model.provenance.get("rows")
+    fitted = f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
+    return Picture(
+        "model",
+        "Conditional densities of the model",
+        f"Model {model.name}, K = {model.mixture.weights.size} components{fitted}: {shown}. Dots: "
+        f"{dots}.",
+        figure,
+    )
+
+
+def _of_arm(rows: pd.DataFrame, arm: Arm) -> pd.DataFrame:
+    return rows[rows["arm"] == arm.value]

@@ -1,0 +1,76 @@
+"""A finished risk as one page: the first screen, then everything."""
+
+import shlex
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+from harness.report.pages.template import flat, page_in, write_page
+from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
+from harness.report.screens.screen import screen_lines
+from harness.scenario import as_written
+from harness.studies.risk.asking import SettingsDocument
+from harness.studies.risk.folder import read_risk, read_settings
+
+
+def write_risk_page(folder: Path, out: Path | None = None) -> Path:
+    """Write a risk's page.
+
+    Args:
+        folder: of the finished risk.
+        out: the file; default ``report.html`` in the folder.
+
+    Raises:
+        InputError: the folder holds no finished risk, or the place is a folder.
+    """
+    settings, findings = read_settings(folder), read_risk(folder)
+    page = page_in(folder, out)
+    critical = shlex.quote(str(folder / "critical.toml"))
+    differing = [*findings.differences, *findings.ties]
+    write_page(
+        page,
+        {
+            "kind": "risk",
+            "title": f"{heading(findings)}, risk",
+            "heading": heading(findings),
+            "where": "Folder",
+            "folder": str(folder),
+            "screen": screen_lines(risk_screen(findings, folder)),
+            "tables": [replace(table, folded=True) for table in risk_tables(findings)],
+            "remarks": [
+                "The estimate is by brute force: the share of events among independent nominal "
+                "draws, which covers every way to the event."
+                if findings.by_brute_force
+                else "The estimate is the mean weight of independent draws around the events that "
+                "the explorations found. It covers the ways that were found; only the nominal "
+                "draws bound the probability of all other ways."
+            ],
+            "failures": {
+                "words": "The first episodes in which the two engines differ:",
+                "lines": differing,
+            }
+            if differing
+            else None,
+            "no_player": f"The likeliest episodes are pairs of a scenario: harness run {critical} "
+            "--traces --out CRITICAL, then harness report CRITICAL, whose page plays them."
+            if findings.ways
+            else "No episode of the estimate ended in the event.",
+            "figure_remarks": ["A risk has no figures."],
+            "facts": list(_facts(settings)),
+            "scenario": list(flat(settings.scenario)),
+            "maker": "harness report",
+            "made_from": "the folder of harness risk alone",
+        },
+    )
+    return page
+
+
+def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:
+    yield "scenario", settings.name
+    yield "arm", settings.arm.value
+    yield "event", settings.event
+    yield "engine", "SUMO" if settings.in_sumo else "plain, checked in SUMO"
+    yield "wanted coefficient of variation", as_written(settings.target_cv)
+    yield "seed", str(settings.seed)
+    yield "interaction model", f"{settings.model['name']}, sha256 {settings.model['sha256'][:16]}…"
+    yield "versions", ", ".join(f"{name} {version}" for name, version in settings.versions.items())

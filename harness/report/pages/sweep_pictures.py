@@ -1,0 +1,187 @@
+"""The figures of a sweep: measures over its main key, and over a strategy's aggressiveness."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from harness.report.drawing import style, sweep_figures as draw
+from harness.report.drawing.style import Picture
+from harness.report.screens.comparison_tables import allowed_lines
+from harness.report.screens.tables import level as words_of_level
+from harness.scenario import as_written
+from harness.statistics import Limits, Verdict
+from harness.studies.runs.compare import allowed_values
+from harness.studies.runs.comparisons import SweepResult
+from harness.studies.runs.run_data import RunData
+from harness.studies.runs.strategy_groups import (
+    ParameterSweep,
+    StrategyGroup,
+    parameter_sweeps,
+    strategy_groups,
+)
+
+_FLOW = "pedestrians.flow_per_hour"
+_MEASURES = (
+    (
+        "time_ratio",
+        "AV times / human times",
+        "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
+    ),
+    ("mu", "μ: AV time / human time", "μ, mean of AV time / human time"),
+    ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
+    ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
+    ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
+)
+_BESIDE = (_MEASURES[0], *_MEASURES[3:])
+"""Those that the figure of a parameter's aggressiveness does not show."""
+
+_MOST_SWEEPS = 4
+"""Parameters swept that get a figure each."""
+
+_FEWEST_VALUES = 3
+
+
+def sweep_pictures(run: RunData) -> Iterator[Picture]:
+    """The figures over cells; made inside ``style.styled``."""
+    swept = _parameters(run)
+    for number, (group, parameter) in enumerate(swept):
+        yield _aggressiveness(run, group, parameter, number if len(swept) > 1 else None)
+    key = across_key(run)
+    if key is not None:
+        drawn = any(parameter.key == key for _, parameter in swept)
+        yield from _over(run, key, _BESIDE if drawn else _MEASURES)
+
+
+def across_key(run: RunData) -> str | None:
+    """The varied key to draw over: the flow, else the numeric one with the most values."""
+    numeric = {
+        key: run.summary[key].nunique()
+        for key in run.varied_keys
+        if pd.api.types.is_numeric_dtype(run.summary[key])
+        and not pd.api.types.is_bool_dtype(run.summary[key])
+        and run.summary[key].notna().all()
+        and run.summary[key].nunique() > 1
+    }
+    if _FLOW in numeric:
+        return _FLOW
+    return max(numeric, key=lambda key: numeric[key]) if numeric else None
+
+
+def axis_label(key: str) -> str:
+    """A varied key as the label of an axis, with its unit where the name tells it."""
+    if key == _FLOW:
+        return "pedestrian flow λ (per hour)"
+    *section, name = key.split(".")
+    owner = f"{section[1]}: " if section[:1] == ["strategies"] and len(section) > 1 else ""
+    for ending, unit in (("_mps2", "m/s²"), ("_mps", "m/s"), ("_m", "m"), ("_s", "s")):
+        if name.endswith(ending):
+            return f"{owner}{name.removesuffix(ending).replace('_', ' ')} ({unit})"
+    return owner + name.replace("_", " ")
+
+
+def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) -> Iterator[Picture]:
+    """Measures over one key, a line for each combination of the others."""
+    summary = run.summary
+    others = [name for name in run.varied_keys if name != key]
+    labels = [", ".join(as_written(row[name]) for name in others) for _, row in summary.iterrows()]
+    if not others:
+        labels = [run.scenario.arms.av] * len(summary)
+    if len(set(labels)) > len(style.SERIES):
+        return
+    counted = f"n = {_range_of(summary['pairs'])} pairs per point"
+    x = summary[key].astype(float).tolist()
+    for measure, up, words in measures:
+        if summary[measure].isna().all():
+            continue
+        figure, (axes,) = style.new_figure()
+        level = (1.0, "as fast as the human") if measure == "time_ratio" else None
+        lines = draw.lines_of(summary, x, labels, measure)
+        # Cells that differ in the AV alone have the same human arm.
+        if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
+            one_av = np.array(labels) == labels[0]
+            label = f"{run.scenario.arms.human} (human's arm)"
+            places = summary[key][one_av].tolist()
+            lines += draw.lines_of(
+                summary[one_av], places, [label] * len(places), "pedestrian_delay_human_s"
+            )
+        draw.draw_over(axes, lines, axis_label(key), up, counted, level)
+        yield Picture(
+            f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
+            f"{words} over {axis_label(key)}",
+            f"Over {key}: {words} with its {words_of_level(run.confidence)} interval, one line for "
+            f"each {' and '.join(others) if others else 'strategy'}; {counted}. Points stand a "
+            "little apart so that bars do not cover each other.",
+            figure,
+        )
+
+
+def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
+    """The parameters of strategies that the run sweeps; none where they are too many to draw."""
+    found = [
+        (group, parameter)
+        for group in strategy_groups(run.study)
+        for parameter in parameter_sweeps(group)
+        # How late an AV sees is drawn for all strategies together.
+        if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_perception
+    ]
+    return found if len(found) <= _MOST_SWEEPS else []
+
+
+def _aggressiveness(
+    run: RunData, group: StrategyGroup, parameter: ParameterSweep, number: int | None
+) -> Picture:
+    """μ and κ over one parameter of a strategy, with the limits and what they allow."""
+    judged = _judged(run, group, parameter)
+    bold = parameter.aggressiveness
+    x = np.array(bold or parameter.values)
+    label = f"aggressiveness: −{parameter.parameter}" if bold else axis_label(parameter.key)
+    cells = [group.cells[position].cell.number for position in parameter.cells]
+    rows = run.summary.set_index("cell").reindex(cells)
+    counted = f"n = {_range_of(rows['pairs'].dropna())} pairs per point"
+    allowed: list[float] = []
+    if judged is not None:
+        verdicts = (judgement.verdict for judgement in judged.found.judgements)
+        allowed = [float(at) for at, of in zip(x, verdicts, strict=True) if of is Verdict.ALLOWED]
+    figure, panels = style.new_figure(2, 1, height=6.4)
+    for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
+        if judged is None:
+            drivers = [parameter.strategy] * len(x)
+            (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
+            limit, band = None, f"{words_of_level(run.confidence)} interval"
+        else:
+            swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
+            parts = ("value", "low", "high")
+            values = [np.array([getattr(of, part) for of in swept], dtype=float) for part in parts]
+            line = draw.Line(parameter.strategy, x, *values)
+            limits, band = judged.limits, "bounds for all values together"
+            limit = (limits.mu0, "μ0") if measure == "mu" else (limits.kappa0, "κ0")
+        draw.draw_aggressiveness(panel, line, label, up, counted, limit, allowed, band)
+    where = "".join(f", {key} = {as_written(value)}" for key, value in group.shared.items())
+    said = "no limits μ0 and κ0 given, so no interval is marked as allowed"
+    if judged is not None:
+        said = " ".join(allowed_lines(judged, 1 - run.confidence)).rstrip(".")
+    name = "aggressiveness" if number is None else f"aggressiveness-{number}"
+    return Picture(
+        name,
+        f"μ and κ over {parameter.key}",
+        f"Influence of {'the aggressiveness' if bold else parameter.parameter} of "
+        f"{parameter.strategy}{where}: {said}; {counted}. μ with the human's crashes as if "
+        "untouched, κ with time-outs and failures as crashes.",
+        figure,
+    )
+
+
+def _judged(run: RunData, group: StrategyGroup, parameter: ParameterSweep) -> SweepResult | None:
+    """The verdict on a finished sweep whose scenario has both limits."""
+    given = group.cells[0].cell.scenario.limits
+    if not run.finished or given.mu0 is None or given.kappa0 is None:
+        return None
+    limits = Limits(given.mu0, given.kappa0)
+    results = allowed_values(run, group, limits)
+    return next(result for result in results if result.sweep == parameter)
+
+
+def _range_of(values: "pd.Series[int]") -> str:
+    low, high = int(values.min()), int(values.max())
+    return f"{low:,}" if low == high else f"{low:,} to {high:,}"

@@ -1,0 +1,150 @@
+"""A validation as one page: tables, figures, passages to watch."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from harness.core.encounter import Arm, Trace, Walk
+from harness.core.files import write_file
+from harness.measures.motion.walking import cleared_s, states_at
+from harness.report.drawing import style
+from harness.report.drawing.validation_figures import pictures_of
+from harness.report.pages.player import Player, scene_of, shown_arm
+from harness.report.pages.template import drawn, write_page
+from harness.report.screens.screen import screen_lines
+from harness.report.screens.validation_tables import (
+    READING,
+    scope,
+    validation_screen,
+    validation_tables,
+)
+from harness.studies.validation import DriverOutcome, Passage, Validation
+
+PAGE, DOCUMENT = "validation.html", "validation.json"
+_MOST_PASSAGES = 40
+
+
+def write_validation(validation: Validation, folder: Path) -> list[Path]:
+    """Write a validation's page and its JSON document.
+
+    Args:
+        validation: to be shown.
+        folder: made if missing.
+    """
+    page, document = folder / PAGE, folder / DOCUMENT
+    text = json.dumps(validation.findings.document(), indent=1, ensure_ascii=False)
+    with style.styled():
+        pictures = [drawn(picture) for picture in pictures_of(validation)]
+    context = _context(validation) | {"pictures": pictures}
+    folder.mkdir(parents=True, exist_ok=True)
+    write_file(document, text.encode())
+    write_page(page, context)
+    return [page, document]
+
+
+def _context(validation: Validation) -> dict[str, Any]:
+    findings = validation.findings
+    sources = ", ".join(findings.sources)
+    heading = f"Drivers held against {sources}"
+    return {
+        "kind": "validation",
+        "title": f"{heading}, validation",
+        "heading": heading,
+        "where": "Data",
+        "folder": sources,
+        "screen": screen_lines(validation_screen(findings)),
+        "tables": [replace(table, folded=True) for table in validation_tables(findings)],
+        "remarks": [READING, *findings.remarks],
+        "player": _player(validation),
+        "facts": [
+            ("data", sources),
+            ("recorded", f"{scope(findings)}, {findings.encounters:,} encounters"),
+            ("drivers", ", ".join(driver.driver for driver in findings.drivers)),
+        ],
+        "maker": "harness validate",
+        "made_from": "the recordings",
+    }
+
+
+def _player(validation: Validation) -> Player:
+    """Recorded vehicle and nearest driver of each passage, side by side."""
+    driver = validation.findings.drivers[0].driver
+    used = validation.passages.used[:_MOST_PASSAGES]
+    episodes, scenes = [], {}
+    for number, passage in enumerate(used):
+        simulated, recorded = validation.outcomes[driver][number][0], validation.recorded[number]
+        off = f"{simulated.pass_time_s - recorded.pass_time_s:+.1f} s"
+        arms = [
+            _arm(passage, simulated, Arm.AV, f"simulated: {driver}"),
+            _arm(passage, recorded, Arm.HUMAN, "recorded"),
+        ]
+        scenes[str(number)] = scene_of(passage.crossing, passage.vehicle)
+        marked = sum(passage.extended)
+        episodes.append(
+            {
+                "scene": str(number),
+                "name": passage.name,
+                "label": passage.name,
+                "result": f"{driver} passes {off} from the record",
+                "small": off,
+                "note": f"{marked} of {len(passage.arrivals)} walks go on beyond their record.",
+                "from": 0.0,
+                "until": max((of["vehicles"][0]["t"][-1] for of in arms), default=0.0),
+                "step": simulated.trace.step_s,
+                "speed": 1,
+                "arms": arms,
+            }
+        )
+    words = (
+        f"{len(episodes)} of {len(validation.passages.used)} passages: {driver} and the recorded "
+        "vehicle side by side; people walk as recorded in both."
+    )
+    return Player(words, scenes, episodes, {"Passages": range(len(episodes))})
+
+
+def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> dict[str, Any]:
+    ended = "timed out" if outcome.timed_out else f"passed in {outcome.pass_time_s:.1f} s"
+    touched = ", with a contact" if outcome.contact else ""
+    trace = outcome.trace
+    walks = [
+        Walk(arrival, arrival.arrival_s, 1.0, legs=arrival.path) for arrival in passage.arrivals
+    ]
+    rows = pd.concat([_ego_rows(trace), *(_walk_rows(walk, trace) for walk in walks)])
+    people = pd.DataFrame(
+        {
+            "index": [walk.arrival.index for walk in walks],
+            "side": [walk.arrival.side.value for walk in walks],
+            "arrival_s": [walk.arrival.arrival_s for walk in walks],
+            "start_s": [walk.start_s for walk in walks],
+        }
+    )
+    there = people["start_s"] <= float(rows["time_s"].max())
+    return shown_arm(arm, title, rows, people[there], passage.crossing, ended + touched)
+
+
+def _ego_rows(trace: Trace) -> pd.DataFrame:
+    columns = {
+        "time_s": np.arange(len(trace.x_m)) * trace.step_s,
+        "object": "ego",
+        "x_m": trace.x_m,
+        "y_m": trace.crossing.lane_centre_m,
+        "speed_mps": trace.speed_mps,
+    }
+    return pd.DataFrame(columns)
+
+
+def _walk_rows(walk: Walk, trace: Trace) -> pd.DataFrame:
+    """Places of a pedestrian at the steps at which they are there."""
+    last, cleared = len(trace.x_m) - 1, cleared_s(walk, trace.crossing)
+    if cleared is not None:
+        last = min(last, int(cleared / trace.step_s))
+    first = int(np.ceil(walk.arrival.arrival_s / trace.step_s - 1e-9))
+    times_s = np.arange(first, last + 1, dtype=np.float64) * trace.step_s
+    x, y, speed, _ = states_at(walk, trace.crossing, times_s)
+    name = f"pedestrian-{walk.arrival.index}"
+    columns = {"time_s": times_s, "object": name, "x_m": x, "y_m": y, "speed_mps": speed}
+    return pd.DataFrame(columns)

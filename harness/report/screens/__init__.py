@@ -1,0 +1,1 @@
+"""Findings in; screens, tables and JSON out."""

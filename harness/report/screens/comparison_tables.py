@@ -1,0 +1,300 @@
+"""The tables and sentences of a comparison, for the terminal and the page alike."""
+
+from harness.report.screens.result_screen import joined_notes, with_limits
+from harness.report.screens.tables import (
+    Table,
+    TableCell,
+    count_cell,
+    counted,
+    entry_cell,
+    entry_heading,
+    entry_value,
+    interval_cell,
+    level,
+    named_values,
+    share_cell,
+    value_cell,
+)
+from harness.scenario import as_written
+from harness.statistics import (
+    DIFFERENCES,
+    ENCOUNTERS,
+    Findings,
+    Place,
+    Standing,
+    SweepVerdict,
+    Verdict,
+)
+from harness.studies.runs.comparisons import GroupResult, RunComparison, SweepResult
+from harness.studies.runs.notes import av_label, encounter_notes
+
+_NAMED = 4
+"""Cells named in a word about another; the JSON document has all."""
+
+
+def comparison_tables(result: RunComparison) -> list[Table]:
+    """Every group's cells and their front, the differences, and the allowed values."""
+    tables = []
+    for place, group in enumerate(result.groups):
+        shared = named_values(group.group.shared)
+        name = f"{result.name}, {shared}" if shared else result.name
+        tables.append(_cell_table(group, f"compared-{place}", name))
+        if group.comparisons:
+            tables.append(_difference_table(group, f"differences-{place}", name))
+        tables += [
+            _sweep_table(sweep, group, f"allowed-{place}-{position}")
+            for position, sweep in enumerate(group.sweeps)
+        ]
+    return tables
+
+
+def comparison_caveats(result: RunComparison) -> list[str]:
+    """What a reader has to know before any number of the comparison."""
+    cells = [
+        (cell.number, encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS))
+        for group in result.groups
+        for cell, summary in zip(group.group.cells, group.summaries, strict=True)
+    ]
+    return [note.text for note in sorted(joined_notes(cells), key=lambda note: note.rank)]
+
+
+_SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all")
+"""Findings of each cell on the terminal; the page has those of ``_ON_PAGE``, too."""
+
+_ON_PAGE = ("mu_worst", "delay_worst_s", "timed_out_av", "defined_pairs")
+_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
+
+
+def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
+    thresholds = result.group.cells[0].cell.scenario.conflicts.model_dump()
+    rows = []
+    for cell, summary, standing in zip(
+        result.group.cells, result.summaries, result.standings(), strict=True
+    ):
+        findings = summary.findings
+        shown, on_page = (
+            [entry_cell(_ENTRIES[of], findings, of) for of in names] for names in (_SHOWN, _ON_PAGE)
+        )
+        rows.append(
+            (
+                count_cell(cell.number),
+                TableCell(av_label(cell.label, findings)),
+                count_cell(findings["pairs"].count),
+                *shown,
+                TableCell(_words(standing, result)),
+                *on_page,
+            )
+        )
+    headings = [
+        [_ENTRIES[of].title_of(of, thresholds) for of in names] for names in (_SHOWN, _ON_PAGE)
+    ]
+    front = ("cell", "AV", "pairs", *headings[0], "front")
+    return Table(
+        name,
+        f"{caption}: strategies",
+        (*front, *headings[1]),
+        tuple(rows),
+        sortable=True,
+        terminal=tuple(range(len(front))),
+    )
+
+
+def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
+    numbers = [cell.number for cell in result.group.cells]
+    entries = [entry for entry in DIFFERENCES if entry.first_screen]
+    rows = []
+    for item in result.comparisons:
+        differences = [
+            interval_cell(
+                getattr(item, entry.key), entry.digits, " *" * (entry.key in item.indicative)
+            )
+            for entry in entries
+        ]
+        rows.append(
+            (
+                count_cell(numbers[item.a]),
+                count_cell(numbers[item.b]),
+                count_cell(item.counted_in_both),
+                *differences,
+                _p_cell(item.time_ratio_p_holm),
+                TableCell(f"{item.crashes.only_a} / {item.crashes.only_b}"),
+                _p_cell(item.p_holm),
+                TableCell(f"{item.misses.only_a} / {item.misses.only_b}"),
+                _p_cell(item.misses_p_holm),
+                _p_cell(item.crashes.p),
+                count_cell(item.defined_in_both),
+            )
+        )
+    front = (
+        "A", "B", "pairs", *(entry_heading(entry, {}) for entry in entries), "times, p (Holm)",
+        "crashed in A / B alone", "p (Holm)", "missed in A / B alone", "missed, p (Holm)",
+    )  # fmt: skip
+    words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
+    headings = (*front, "crashed, p", "pairs of μ")
+    shown = tuple(range(len(front)))
+    return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
+
+
+def _sweep_table(result: SweepResult, group: GroupResult, name: str) -> Table:
+    sweep, allowed = result.sweep, result.limits
+    fixed = "".join(f", {name} = {as_written(value)}" for name, value in sweep.fixed.items())
+    bold = sweep.aggressiveness
+    rows = []
+    for position, judgement in enumerate(result.found.judgements):
+        star = "*" if result.indicative[position] else ""
+        needed, cell = judgement.pairs_needed, sweep.cells[position]
+        summary = group.summaries[cell]
+        rows.append(
+            (
+                value_cell(sweep.values[position]),
+                *([value_cell(bold[position])] if bold else []),
+                count_cell(group.group.cells[cell].number),
+                count_cell(judgement.swept.pairs),
+                interval_cell(judgement.swept.mu, 4, star),
+                interval_cell(summary.mu_worst, 4),
+                share_cell(judgement.swept.kappa),
+                count_cell(summary.failed_engine),
+                TableCell(judgement.verdict.value),
+                TableCell("") if needed is None else count_cell(needed),
+            )
+        )
+    headings = (
+        sweep.parameter,
+        *(["aggressiveness"] if bold else []),
+        *("cell", "pairs", "μ, bounds", "μ, worst case", "κ, bounds", "engine failed"),
+        *("verdict", "pairs needed"),
+    )
+    caption = f"allowed values of {sweep.key}{fixed}: μ < {allowed.mu0:g}, κ < {allowed.kappa0:g}"
+    caption += (
+        " (μ: a human who crashed counts as if they had driven on; κ: time-outs and failures "
+    )
+    caption += "of the strategy count as crashes)"
+    return Table(name, caption, headings, tuple(rows))
+
+
+def allowed_lines(result: SweepResult, error: float) -> list[str]:
+    """The verdict in words.
+
+    Args:
+        result: the judgement of each value of one parameter.
+        error: chance that any of the bounds is wrong.
+    """
+    sweep, found = result.sweep, result.found
+    together = f"with {level(1 - error)} confidence for all {len(sweep.values)} values together"
+    within = f"μ below {result.limits.mu0:g} and κ below {result.limits.kappa0:g}"
+    if found.verdict is SweepVerdict.SOME:
+        allowed = _values(result, Verdict.ALLOWED)
+        words = " Bounds of μ unreliable: too few informative pairs."
+        few = words if any(result.indicative) else ""
+        lines = [f"Allowed: {sweep.parameter} = {allowed}: {within}, {together}.{few}"]
+        if Verdict.UNDECIDED in {judgement.verdict for judgement in found.judgements}:
+            lines.append(f"Undecided: {sweep.parameter} = {_values(result, Verdict.UNDECIDED)}.")
+        return lines
+    if found.verdict is SweepVerdict.NONE:
+        return [f"No value is allowed: none has {within}, {together}."]
+    undecided = _values(result, Verdict.UNDECIDED)
+    line = f"Too few pairs to tell: {sweep.parameter} = {undecided} undecided."
+    if found.pairs_needed is None:
+        return [f"{line} The present estimates do not say how many would do."]
+    what = "one of them allowed" if found.expected is SweepVerdict.SOME else "that none is allowed"
+    return [
+        f"{line} At the present estimates about {found.pairs_needed:,} pairs would show {what}."
+    ]
+
+
+def best_lines(result: GroupResult) -> list[str]:
+    """The best of a group's allowed cells in words; nothing where nothing is judged."""
+    if result.judged is None:
+        return []
+    cells, best = result.group.cells, result.best_allowed
+    shared = named_values(result.group.shared)
+    where = "Best allowed cell" + (f" at {shared}" if shared else "")
+    sure = f"by bounds of all {len(cells)} cells together, {level(1 - result.level)}"
+    if best is None:
+        return [f"{where}: none is allowed, {sure}."]
+    findings, alike = result.summaries[best].findings, result.untold_from(best)
+    times = findings["time_ratio"]
+    few = f"; {times.reason}" if times.reason else ""
+    text = (
+        f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
+        f"{with_limits(_ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
+        f"least of {counted(len(result.allowed), 'cell')} allowed {sure}."
+    )
+    if alike:
+        names = ", ".join(str(cells[at].number) for at in alike)
+        text += f" Not shown to differ from it: cell{'s' * (len(alike) > 1)} {names}."
+    return [text]
+
+
+def _left_out(findings: Findings) -> str:
+    """How many pairs the ratio of times leaves out and why, with its worst case."""
+    count = findings["pairs"].count - findings["time_ratio_pairs"].count
+    if not count:
+        return "no pair left out"
+    worst = entry_value(_ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
+    why = "as the AV crashed or an arm failed"
+    return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
+
+
+def comparison_lines(result: RunComparison) -> list[str]:
+    """The tables' findings in words, and how to read them."""
+    tests = sum(len(group.comparisons) for group in result.groups)
+    error = f"{1 - result.confidence:.2g}"
+    notes = [
+        line
+        for group in result.groups
+        for sweep in group.sweeps
+        for line in allowed_lines(sweep, group.level)
+    ]
+    notes += [
+        f"Intervals: {level(result.confidence)} each; of differences they leave out 0 only where "
+        "the sign-flip test of the pairs rejects. p: exact McNemar test of the crash rates; Holm: "
+        f"within the family of all {tests} of this comparison.",
+        "Ratio of times: sum of the AV's times / sum of the reference's, over the pairs in which "
+        "nobody failed and the AV did not crash. Missed: crashed, timed out or strategy failed; "
+        "these are in κ with time-outs.",
+        "Front: by ratio of times and κ with time-outs, told apart where p (Holm) of either is "
+        f"below {error}, within the family of all {2 * tests} tests of both, which an interval may "
+        "contradict; alike where no pair differs.",
+    ]
+    few = any(
+        not finding.reliable
+        for group in result.groups
+        for summary in group.summaries
+        for finding in summary.findings.values()
+    )
+    few = few or any(item.indicative for group in result.groups for item in group.comparisons)
+    few = few or any(any(s.indicative) for group in result.groups for s in group.sweeps)
+    if few:
+        notes.append("* unreliable: too few informative pairs.")
+    repeats = sum(group.group.repeats for group in result.groups)
+    if repeats:
+        notes.append(f"{repeats} cells repeat another's strategy and parameters; left out.")
+    notes += [line for group in result.groups for line in best_lines(group)]
+    return notes
+
+
+def _p_cell(p: float) -> TableCell:
+    return TableCell(f"{p:.2g}", sort=repr(p))
+
+
+def _values(result: SweepResult, verdict: Verdict) -> str:
+    judged = zip(result.sweep.values, result.found.judgements, strict=True)
+    return ", ".join(
+        as_written(value) for value, judgement in judged if judgement.verdict is verdict
+    )
+
+
+def _words(standing: Standing, result: GroupResult) -> str:
+    if standing.place is Place.DOMINATED:
+        return f"dominated by {_numbers(standing.dominated_by, result)}"
+    if standing.place is Place.UNDECIDED:
+        return f"undecided against {_numbers(standing.open_against, result)}"
+    return standing.place.value
+
+
+def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
+    """The numbers of the first few of these cells."""
+    shown = [str(result.group.cells[position].number) for position in positions]
+    more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
+    return ", ".join(shown[:_NAMED]) + more

@@ -1,0 +1,131 @@
+"""The results of ``strategies`` and ``doctor`` as plain data."""
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness.core.encounter import Observation, StrategyFactory
+from harness.core.errors import HarnessError, InputError, InterruptedRunError
+from harness.engine.installation import check_packages
+from harness.report.screens.tables import counted
+from harness.strategies.parameters import describe, knows_the_model, parameters_of
+from harness.strategies.registry import available
+from harness.studies.conformance import RuleResult
+
+_SHOWN = 5
+"""Pedestrians of an observation that are told."""
+
+CHECKS = (
+    "SUMO is installed in the version needed",
+    "SUMO's library loads",
+    "SUMO's netconvert builds a network",
+    "one pair runs in SUMO",
+)
+
+
+def strategy_documents() -> list[dict[str, Any]]:
+    """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable.
+
+    ``knows`` says of one that is given the interaction model what that means; None for others.
+    """
+    documents: list[dict[str, Any]] = []
+    for name, factory in available().items():
+        if isinstance(factory, InputError):
+            documents.append({"name": name, "problem": str(factory)})
+            continue
+        parameters = [
+            {
+                "name": parameter.name,
+                "kind": describe(parameter.annotation),
+                "default": None if parameter.required else repr(parameter.default),
+                "required": parameter.required,
+            }
+            for parameter in parameters_of(factory)
+        ]
+        summary = (factory.__doc__ or "no description").strip().splitlines()[0]
+        known = knowledge_of(factory)
+        documents.append(
+            {"name": name, "summary": summary, "parameters": parameters, "knows": known}
+        )
+    return documents
+
+
+def knowledge_of(strategy: StrategyFactory) -> str | None:
+    """Knowledge that a strategy is given and no driver or AV has; None where there is none."""
+    if not knows_the_model(strategy):
+        return None
+    return "knows the pedestrians' distribution: it is given the model that they are drawn from"
+
+
+def observation_lines(observation: Observation | None) -> list[str]:
+    """An observation in words: the ego, then everybody at the crosswalk."""
+    if observation is None:
+        return []
+    ego = observation.ego
+    lines = [
+        f"shown at t = {observation.time_s:.3f} s: R = {ego.range_m:.3f} m, "
+        f"v = {ego.speed_mps:.3f} m/s, a = {ego.acceleration_mps2:.3f} m/s², "
+        f"{counted(len(observation.pedestrians), 'pedestrian')}"
+    ]
+    lines += [
+        f"{person.index} from the {person.side.value} side: L = {person.lateral_m:.3f} m, "
+        f"{person.remaining_m:.3f} m to the other kerb, {person.speed_mps:.3f} m/s, "
+        f"{'on the crossing' if person.on_crossing else 'not on the crossing'}"
+        for person in observation.pedestrians[:_SHOWN]
+    ]
+    more = len(observation.pedestrians) - _SHOWN
+    return [*lines, *([f"and {more} more"] if more > 0 else [])]
+
+
+def verdict_document(verdict: RuleResult) -> dict[str, Any]:
+    """The entry of ``strategies --check --json`` for one rule."""
+    return {
+        "check": verdict.check,
+        "problem": verdict.problem,
+        "observation": observation_lines(verdict.observation),
+    }
+
+
+def installation_checks() -> Iterator[tuple[str, str | None]]:
+    """Check the installation step by step: what, and the problem or None; ends at the first one."""
+    checks = (check_packages, _check_library, _check_network, _check_episode)
+    for title, check in zip(CHECKS, checks, strict=True):
+        try:
+            check()
+        except InterruptedRunError:
+            raise KeyboardInterrupt from None  # of a run in a folder that is gone
+        except (HarnessError, ImportError, OSError) as error:
+            yield title, str(error)
+            return
+        yield title, None
+
+
+def _check_library() -> None:
+    from harness.studies.workers.pool import LocalPool
+
+    # In a process of its own: a broken library may take its process with it.
+    pool = LocalPool(1)
+    try:
+        pool.submit(abs, -1).result()
+    finally:
+        pool.stop()
+
+
+def _check_network() -> None:
+    from harness.engine.network import build_network
+    from harness.scenario.sections import CrossingSection
+
+    with tempfile.TemporaryDirectory() as folder:
+        build_network(CrossingSection(length_m=10.0), Path(folder), "doctor")
+
+
+def _check_episode() -> None:
+    from harness.scenario import Options, Setting, read_scenario_file, study_of
+    from harness.studies.batch.experiment import run_study
+
+    study = study_of(read_scenario_file("cctc", [Setting("experiment.pairs", 1)]))
+    with tempfile.TemporaryDirectory() as folder:
+        failures = run_study(study, Options(), out=Path(folder) / "run").failures
+    if failures:
+        raise HarnessError(failures[0][-1])

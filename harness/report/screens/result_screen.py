@@ -1,0 +1,216 @@
+"""The first screen of a run, a view of its findings."""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from harness.report.screens.screen import Screen
+from harness.report.screens.tables import (
+    counted,
+    entry_heading,
+    entry_limits,
+    entry_value,
+    named_values,
+    per_cent,
+)
+from harness.scenario import as_written
+from harness.statistics import zero_bound
+from harness.statistics.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
+from harness.studies.runs.notes import short_name
+
+MOST_CELLS = 2_000
+"""Cells of a sweep that a screen lists; the others are in the run folder's files."""
+
+MOST_NOTED = 8
+"""Cells that a note names."""
+
+PAPER_HEADING = "paper, N = 50"
+_NO_FINDING = Finding(None)
+
+
+def screen_of(run: RunFindings) -> Screen:
+    """The first screen: one cell row by row, or a sweep with a row for each cell."""
+    footer = f"All measures: --full. Page: harness report {run.folder}"
+    if len(run.cells) == 1 and not run.cells[0].varied:
+        return _one_cell(run, run.cells[0], footer)
+    return _sweep(run, footer)
+
+
+def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
+    rows = [
+        _entry_row(entry, cell, run.paper)
+        for entry in run.catalogue
+        if entry.first_screen and _has_something(entry, cell)
+    ]
+    if left_out(cell):
+        parts = [f"{worst_name(entry)} {text}" for entry, text in _worst_values(run, cell)]
+        rows.append(("worst case", ", ".join(parts)))
+    return Screen(
+        title=f"{run.name}: {cell.av} against {cell.reference}",
+        scope=f"{counted(cell.pairs, 'pair')}, {run.scope}",
+        headings=("", "AV", cell.reference, "AV against reference", PAPER_HEADING),
+        rows=tuple(rows),
+        notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
+        footer=footer,
+        aside=True,
+    )
+
+
+def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str, ...]:
+    av, reference, both = (None if name is None else cell.findings[name] for name in entry.names)
+    return (
+        entry_heading(entry, cell.thresholds),
+        entry_value(entry, av),
+        entry_value(entry, reference),
+        _both(entry, av, reference) if both is None else with_limits(entry, both),
+        entry.paper if paper else "",
+    )
+
+
+def with_limits(entry: Entry[Any], both: Finding) -> str:
+    """A number of both arms with its interval."""
+    value = entry_value(entry, both, entry.paired_digits)
+    limits = entry_limits(entry, both, entry.paired_digits)
+    return f"{value} ({limits})" if limits else value
+
+
+def _both(entry: Entry[Any], av: Finding | None, reference: Finding | None) -> str:
+    """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
+    if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
+        return ""
+    limits = [entry_limits(entry, finding) for finding in (av, reference)]
+    if not all(limits):
+        return ""
+    if av.events == reference.events == 0 and av.n == reference.n and av.n:
+        return f"each below {per_cent(zero_bound(av.n), 1)} %"
+    return f"{limits[0]} / {limits[1]} %"
+
+
+def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
+    """Whether a number of the entry is defined, or a note says why it is not."""
+    findings = [cell.findings[name] for name in entry.names if name is not None]
+    return any(finding.value is not None or finding.reason for finding in findings)
+
+
+def left_out(cell: CellFindings) -> bool:
+    """Whether a pair of the cell failed, timed out, or counts in some rows alone."""
+    return any(Rank.FAILURES <= note.rank <= Rank.LEFT_OUT for note in cell.notes)
+
+
+def worst_name(entry: Entry[Any]) -> str:
+    """What a worst case is of."""
+    return entry.heading.removesuffix(", worst case")
+
+
+def _worst_values(run: RunFindings, cell: CellFindings) -> Iterable[tuple[Entry[Any], str]]:
+    """The AV's worst cases, or those of both arms together."""
+    for entry in run.catalogue:
+        if entry.worst_case:
+            av, _, both = entry.names
+            digits = entry.paired_digits if both else None
+            finding = cell.findings.get(both or av or "", _NO_FINDING)
+            unit = f" {entry.unit}" if entry.unit and finding.value is not None else ""
+            yield entry, entry_value(entry, finding, digits) + unit
+
+
+def _sweep(run: RunFindings, footer: str) -> Screen:
+    shown = run.cells[:MOST_CELLS]
+    # A heading that names a threshold holds for all cells, or the entry is in their tables alone.
+    entries = [
+        entry
+        for entry in run.catalogue
+        if entry.first_screen
+        and len({entry.title(cell.thresholds) for cell in shown}) == 1
+        and any(_has_something(entry, cell) for cell in shown)
+    ]
+    worst = any(map(left_out, shown))
+    labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
+    scope = run.scope
+    if len({*pairs}) == 1:
+        scope = f"{counted(shown[0].pairs, 'pair')} each, {scope}"
+    else:
+        labels["pairs"] = pairs
+    headings, columns = [*labels], [*labels.values()]
+    for place, entry in enumerate(entries):
+        both = entry.names[2] if entry.names[2] and (place == 0 or not entry.names[0]) else None
+        name = entry_heading(entry, shown[0].thresholds)
+        if both is not None:
+            name = entry.paired_heading or short_name(entry)
+        headings.append(name)
+        columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
+        if place == 0 and worst:
+            headings.append("worst case")
+            columns.append([_first_worst(run, cell) for cell in shown])
+    total, some = len(run.cells), len(shown)
+    first = f", the first {some:,} here" if some < total else ""
+    return Screen(
+        title=f"{run.name}: {total:,} cells{first}; two numbers are the AV's / the reference's",
+        scope=scope,
+        headings=tuple(headings),
+        rows=tuple(zip(*columns, strict=True)),
+        notes=tuple(
+            sorted(
+                (*run.notes, *joined_notes([(cell.cell, cell.notes) for cell in shown])),
+                key=lambda note: note.rank,
+            )
+        ),
+        footer=footer,
+        most_lines=None,
+    )
+
+
+def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:
+    """What tells cells apart, by heading: numbers, varied keys, and who drove in the AV's place."""
+    keys = list(cells[0].varied)
+    words = [key.split(".")[-1] for key in keys]
+    headings = words if len({*words}) == len(words) else keys
+    labels = {"cell": [str(cell.cell) for cell in cells]}
+    for key, heading in zip(keys, headings, strict=True):
+        # The AV's name says what drove in its place.
+        labels[heading] = [
+            cell.av if key == "arms.av" else as_written(cell.varied[key]) for cell in cells
+        ]
+    drivers = [cell.av for cell in cells]
+    if "arms.av" not in keys and len({*drivers}) > 1:
+        labels["AV drove"] = drivers
+    return labels
+
+
+def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits: bool) -> str:
+    """The number of both arms, on request with its interval; or those of each arm."""
+    if both is not None and limits:
+        return with_limits(entry, cell.findings[both])
+    if both is not None:
+        return entry_value(entry, cell.findings[both], entry.paired_digits)
+    arms = [entry_value(entry, cell.findings[name]) for name in entry.names[:2] if name is not None]
+    texts = [text.split(" of ")[0] for text in arms]
+    if all(text.endswith(" %") for text in texts):
+        texts[0] = texts[0].removesuffix(" %")
+    return " / ".join(texts)
+
+
+def _first_worst(run: RunFindings, cell: CellFindings) -> str:
+    """The worst case of the first entry, which stands beside it."""
+    return next((text for _, text in _worst_values(run, cell)), "") if left_out(cell) else ""
+
+
+def joined_notes(cells: Sequence[tuple[int, Sequence[Note]]]) -> list[Note]:
+    """The notes of several cells by number; those that say the same name their cells together."""
+    numbers: dict[Note, list[int]] = {}
+    for cell, notes in cells:
+        for note in notes:
+            numbers.setdefault(note, []).append(cell)
+    return [
+        note if len(where) == len(cells) > 1 else Note(note.rank, f"{_cells(where)}: {note.text}")
+        for note, where in numbers.items()
+    ]
+
+
+def _cells(numbers: list[int]) -> str:
+    shown = ", ".join(str(number) for number in numbers[:MOST_NOTED])
+    more = f" and {len(numbers) - MOST_NOTED:,} more" if len(numbers) > MOST_NOTED else ""
+    return f"Cell{'s' * (len(numbers) > 1)} {shown}{more}"
+
+
+def cell_name(cell: CellFindings) -> str:
+    """A cell of a sweep by its number and keys; empty for a run of one cell."""
+    return f"cell {cell.cell}: {named_values(cell.varied)}" if cell.varied else ""

@@ -1,0 +1,100 @@
+"""Every number of a run in tables, views of its findings; and the statistics of its measures."""
+
+import re
+
+from harness.measures import MEASURES
+from harness.report.screens.result_screen import MOST_CELLS, cell_labels, cell_name
+from harness.report.screens.tables import (
+    Table,
+    TableCell,
+    count_cell,
+    entry_cell,
+    entry_heading,
+    level,
+    sort_key,
+    value_cell,
+)
+from harness.statistics.findings import CellFindings, Finding, RunFindings
+from harness.studies.runs.run_data import RunData
+
+STAR = "; * unreliable: too few informative pairs (n)"
+"""What the star behind a value says, in a caption."""
+
+
+def full_tables(run: RunFindings) -> list[Table]:
+    """A table of every entry for each cell."""
+    return [_every_entry(run, cell) for cell in run.cells[:MOST_CELLS]]
+
+
+def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
+    rows = []
+    for entry in run.catalogue:
+        av, reference, both = (cell.findings[name] if name else None for name in entry.names)
+        basis = both or av or Finding(None)
+        undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
+        rows.append(
+            (
+                TableCell(entry_heading(entry, cell.thresholds)),
+                *(entry_cell(entry, cell.findings, name) for name in entry.names),
+                TableCell("" if basis.n is None else f"{basis.n:,}"),
+                *([TableCell(entry.paper)] if run.paper else []),
+                TableCell("; ".join(dict.fromkeys(of.reason or "" for of in undefined))),
+            )
+        )
+    paper = ["paper, N = 50"] if run.paper else []
+    headings = ("measure", "AV", cell.reference, "AV against reference", "n", *paper, "remark")
+    name = cell_name(cell) or f"{cell.av} against {cell.reference}"
+    caption = f"{name}: every measure, {level(run.confidence)} intervals{STAR}"
+    return Table(f"every-{cell.cell}", caption, headings, tuple(rows), folded=True)
+
+
+def cells_table(run: RunFindings) -> Table:
+    """The first screen's numbers of every cell of a sweep, to be sorted on the page."""
+    shown = run.cells[:MOST_CELLS]
+    labels = cell_labels(shown)
+    entries = [of for of in run.catalogue if of.first_screen or of.worst_case]
+    rows = []
+    for place, cell in enumerate(shown):
+        row = [value_cell(column[place]) for column in labels.values()]
+        row.append(count_cell(cell.pairs))
+        for entry in entries:
+            row += [entry_cell(entry, cell.findings, name) for name in filter(None, entry.names)]
+        rows.append(tuple(row))
+    thresholds = shown[0].thresholds
+    headings = [
+        entry.title_of(name, thresholds) for entry in entries for name in filter(None, entry.names)
+    ]
+    caption = f"Cells, {level(run.confidence)} intervals; all measures: summary.csv{STAR}"
+    return Table("cells", caption, (*labels, "pairs", *headings), tuple(rows), sortable=True)
+
+
+def statistics_table(run: RunData) -> Table:
+    """Mean and quantiles of every measure, both arms."""
+    of = {(row["arm"], row["measure"]): row for _, row in run.measures.iterrows()}
+    rows = []
+    for measure in MEASURES:
+        unit = f" ({measure.unit})" if measure.unit else ""
+        cells = [TableCell(f"{_spoken(measure.column)}{unit}", measure.formula)]
+        for arm in ("av", "human"):
+            row = of[arm, measure.column]
+            low, middle, high = (_three(row[name]) for name in ("p05", "p50", "p95"))
+            quantiles = f"{low} / {middle} / {high}" if row["defined"] else ""
+            cells += [
+                TableCell(f"{row['defined']:,}", sort=str(row["defined"])),
+                TableCell(_three(row["mean"]), quantiles, sort_key(row["mean"])),
+            ]
+        rows.append(tuple(cells))
+    headings = ("measure", "n, AV", "mean, AV", "n, human", "mean, human")
+    caption = "Every measure over the episodes in which it is defined: mean, and 5 % / 50 % / 95 %"
+    return Table("statistics", caption, headings, tuple(rows), folded=True)
+
+
+def _three(value: float | None) -> str:
+    # Differences of times end in the last bits of their sums.
+    return "undefined" if value is None or value != value else f"{round(value, 9) + 0.0:.3g}"
+
+
+def _spoken(column: str) -> str:
+    """A column's name without its unit."""
+    words = re.sub(r"_(s|m|mps|mps2|mps3)$", "", column).split("_")
+    return " ".join(word.upper() if word in ("ttc", "pet", "drac") else word for word in words)

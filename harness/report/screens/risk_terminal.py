@@ -1,0 +1,163 @@
+"""The findings of a risk on the terminal: the first screen, and everything."""
+
+import shlex
+from collections.abc import Iterator
+from pathlib import Path
+
+from harness.report.screens.console import make_console, print_table
+from harness.report.screens.screen import Screen, screen_lines
+from harness.report.screens.tables import Table, TableCell, counted, level, per_cent
+from harness.studies.risk.findings import ENTRIES, Person, RiskFindings
+
+_PEOPLE_SHOWN = 2
+
+
+def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
+    """Print the first screen; with ``full`` every note and number."""
+    console = make_console()
+    for line in screen_lines(risk_screen(findings, folder, full=full), console.width):
+        console.print(line)
+    for table in risk_tables(findings) if full else ():
+        print_table(console, table)
+
+
+def risk_screen(findings: RiskFindings, folder: Path, *, full: bool = False) -> Screen:
+    """The first screen of a risk; ``full`` lifts its limit of lines."""
+    footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
+    if findings.ways:
+        footer += f"; its episodes: harness run {shlex.quote(str(folder / 'critical.toml'))}"
+    return Screen(
+        title=heading(findings),
+        scope=counted(findings.episodes, "episode"),
+        headings=("", "estimate", f"{level(findings.confidence)} interval"),
+        rows=tuple(_rows(findings)),
+        notes=findings.notes,
+        footer=footer,
+        most_lines=None if full else 16,
+    )
+
+
+def heading(findings: RiskFindings) -> str:
+    """What the risk is of."""
+    who = f"{findings.strategy} ({findings.arm.value})"
+    return f"{findings.scenario}: probability of {findings.event}, {who}"
+
+
+def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
+    values = findings.findings
+    probability, bound = values["probability"], values["nominal_high"]
+    ways = "all ways" if findings.by_brute_force else "ways that were found"
+    limits = f"{number(probability.low)} … {number(probability.high)}"
+    yield (
+        f"probability per episode, {ways}",
+        number(probability.value),
+        limits if probability.value is not None else "",
+    )
+    if not findings.by_brute_force or probability.value is None:
+        yield ("upper bound on all ways, one-sided", number(bound.value), nominal_words(findings))
+    yield (
+        "effective sample size",
+        number(findings.effective_sample_size),
+        f"{counted(findings.events, 'event')} in {counted(findings.draws, 'draw')}",
+    )
+    yield (
+        "episodes that brute force would need",
+        number(findings.brute_force_episodes),
+        f"this risk ran {findings.episodes:,}",
+    )
+    if findings.compared_with_other_engine:
+        yield ("episodes run in both engines", agreement(findings))
+    for way in findings.ways:
+        people = "; ".join(map(person_words, way.pedestrians[:_PEOPLE_SHOWN]))
+        more = len(way.pedestrians) - _PEOPLE_SHOWN
+        yield (
+            f"way with {per_cent(way.share, 0)} % of the probability",
+            f"{people}; {more} more" if more > 0 else people,
+        )
+
+
+def agreement(findings: RiskFindings) -> str:
+    """How many episodes both engines ran, and in how many they differ."""
+    words = f"{findings.compared_with_other_engine:,}, "
+    words += f"{findings.differing:,} differ" if findings.differing else "all equal"
+    ties = findings.differing_by_a_tie
+    return f"{words} but for {ties:,} that differ by a tie of the strategy" if ties else words
+
+
+def nominal_words(findings: RiskFindings) -> str:
+    """The draws behind the upper bound."""
+    events = counted(findings.nominal_events, "event")
+    return f"{events} in {counted(findings.nominal_draws, 'nominal draw')}"
+
+
+def number(value: float | str | None) -> str:
+    """A number of a risk: whole ones in full up to a million, others to three digits.
+
+    >>> number(999_999), number(9.2345e-10), number(None)
+    ('999,999', '9.23e-10', '–')
+    """
+    if value is None:
+        return "–"
+    whole = isinstance(value, int) and value < 1_000_000
+    return f"{value:,}" if whole else f"{value:.3g}"
+
+
+def person_words(person: Person) -> str:
+    """From which side a pedestrian comes, when, and how.
+
+    >>> person_words(Person(arrival_s=1.5, side="far", quantile=0.4, critical_gap_s=None,
+    ...                     found_at_look=3))
+    'far at 1.5 s, speed quantile 0.400, found at look 3'
+    """
+    words = [f"{person.side.value} at {person.arrival_s:.1f} s"]
+    words.append("timed" if person.quantile is None else f"speed quantile {person.quantile:.3f}")
+    if person.critical_gap_s is not None:
+        words.append(f"gap {person.critical_gap_s:.1f} s")
+    if person.found_at_look is not None:
+        words.append(f"found at look {person.found_at_look}")
+    return ", ".join(words)
+
+
+def risk_tables(findings: RiskFindings) -> Iterator[Table]:
+    """Every number, the pedestrians of each way, the levels; for the terminal and the page."""
+    rows = []
+    for entry in ENTRIES:
+        finding = findings.findings[entry.key]
+        limits = "" if finding.low is None else f"{number(finding.low)} … {number(finding.high)}"
+        value = TableCell(
+            number(finding.value), limits, "" if finding.value is None else str(finding.value)
+        )
+        rows.append((TableCell(entry.heading), value, TableCell(finding.reason or "")))
+    yield Table("estimate", "The estimate", ("number", "value", "remark"), tuple(rows))
+    for place, way in enumerate(findings.ways, 1):
+        first, last = way.critical_pairs
+        people = (
+            (
+                _cell(person.arrival_s, ".2f"),
+                TableCell(person.side.value),
+                _cell(person.quantile, ".3f"),
+                _cell(person.critical_gap_s, ".2f"),
+                _cell(person.found_at_look, "d"),
+            )
+            for person in way.pedestrians
+        )
+        yield Table(
+            f"way-{place}",
+            f"Way {place}: {per_cent(way.share, 0)} % of the probability, "
+            f"{counted(way.events, 'event')}, pairs {first} to {last} of critical.toml; the "
+            "pedestrians of its likeliest episode",
+            ("arrives, s", "side", "speed quantile", "critical gap, s", "found at look"),
+            tuple(people),
+        )
+    levels = [
+        (TableCell(str(place)), TableCell(", ".join(f"{score:.3g}" for score in scores) or "none"))
+        for place, scores in enumerate(findings.levels, 1)
+    ]
+    if levels:
+        headings = ("exploration", "thresholds of the score")
+        yield Table("levels", "The levels of the explorations", headings, tuple(levels))
+
+
+def _cell(value: float | None, form: str) -> TableCell:
+    """A number of a pedestrian; empty where they have none."""
+    return TableCell("") if value is None else TableCell(f"{value:{form}}", sort=str(value))

@@ -1,0 +1,49 @@
+"""Prints runs and comparisons on the terminal."""
+
+from rich.console import Console
+
+from harness.report.screens.comparison_tables import (
+    comparison_caveats,
+    comparison_lines,
+    comparison_tables,
+)
+from harness.report.screens.console import make_console, print_table
+from harness.report.screens.result_screen import screen_of
+from harness.report.screens.result_tables import full_tables
+from harness.report.screens.screen import Screen, screen_lines
+from harness.studies.runs.comparisons import RunComparison
+from harness.studies.runs.references import reference_lines
+from harness.studies.runs.reported import remarks, reported
+from harness.studies.runs.run_data import RunData
+
+
+def print_run(run: RunData, full: bool = False) -> None:
+    """Print the first screen of a run; with ``full`` every number and remark after it."""
+    console = make_console()
+    findings = reported(run)
+    print_screen(console, screen_of(findings))
+    if full:
+        for table in full_tables(findings):
+            print_table(console, table)
+        for line in remarks(run):
+            console.print(line)
+
+
+def print_screen(console: Console, screen: Screen) -> None:
+    """Print a first screen, as wide as the terminal allows."""
+    for line in screen_lines(screen, console.width):
+        console.print(line, soft_wrap=True)
+
+
+def print_comparison(result: RunComparison) -> None:
+    """Print the tables of a comparison and what they say in words."""
+    console = make_console()
+    for line in comparison_caveats(result):
+        console.print(line)
+    for table in comparison_tables(result):
+        print_table(console, table)
+    for line in comparison_lines(result):
+        console.print(line)
+    cells = [member.cell for group in result.groups for member in group.group.cells]
+    for line in reference_lines(cell.scenario for cell in cells):
+        console.print(line)

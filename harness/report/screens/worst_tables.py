@@ -1,0 +1,60 @@
+"""The episodes of ``harness worst`` as a table and as a JSON document."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from harness.core.encounter import Ending
+from harness.report.screens.tables import Table, TableCell, count_cell, number, sort_key
+from harness.scenario import as_written
+from harness.studies.runs.worst import WorstEpisode
+
+
+def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
+    """Where each episode is, how bad it was, and how bad before where runs are compared."""
+    compared = any(episode.ending_before is not None for episode in episodes)
+    # Its number is what --cell asks for, its keys what it is.
+    keys = list(episodes[0].varied) if episodes else []
+    rows = [
+        (
+            count_cell(episode.cell),
+            *(TableCell(as_written(episode.varied[key])) for key in keys),
+            count_cell(episode.pair),
+            *([_outcome(episode.before, episode.ending_before)] if compared else []),
+            _outcome(episode.value, episode.ending),
+        )
+        for episode in episodes
+    ]
+    words = "got worse" if compared else "worst"
+    headings = ("cell", *keys, "pair", *([f"{by} before"] if compared else []), by)
+    if not episodes:
+        return Table("worst", f"no episode to look at, by {by}", headings, ())
+    caption = f"{words} by {by}: {episodes[0].run}, {episodes[0].arm.value}"
+    return Table("worst", caption, headings, tuple(rows))
+
+
+def worst_document(episodes: Sequence[WorstEpisode], by: str) -> dict[str, Any]:
+    """The document that ``--json`` prints."""
+    return {
+        "by": by,
+        "episodes": [
+            {
+                "cell": episode.cell,
+                "varied": dict(episode.varied),
+                "pair": episode.pair,
+                "arm": episode.arm.value,
+                "ending": episode.ending.value,
+                by: episode.value,
+                "before": episode.before,
+                "ending_before": episode.ending_before,
+                "command": episode.command,
+            }
+            for episode in episodes
+        ],
+    }
+
+
+def _outcome(value: float | None, ending: Ending | None) -> TableCell:
+    """The value, and beneath it an ending that is no passage."""
+    small = "" if ending in (None, Ending.CROSSED) else str(ending)
+    text = "none" if value is None else number(value, 3)
+    return TableCell(text, small, sort_key(value))
