@@ -1,7 +1,8 @@
 """Every measure, defined once.
 
-A new measure is a function of a chunk in one of this package's files and an attribute of
-``Measured`` here; tables, statistics, docs/measures.md's check and the conformance tests follow.
+To add a measure, write a function of a chunk in one of this package's files and an attribute of
+``Measured`` here.  Tables, statistics, the check of docs/measures.md and the conformance tests are
+made from it.
 """
 
 from collections.abc import Callable
@@ -18,12 +19,12 @@ from harness.measures.chunk import Chunk
 class Measure:
     """One number of an episode, for either arm.
 
-    ``compute`` gives one value for each trace of a chunk, NaN where undefined; each value depends
-    on that trace alone, to the last bit.  ``on_step`` says what the length of a step does to it:
-    nothing (``exact``); it is an extreme over states, of which a shorter step has more
-    (``states``); or it is counted in steps (``steps``).  ``worse`` says which values are the bad
-    ones, None where neither end is; by a measure of conflicts a crash is worse than every value.
-    ``column`` and the type that it is kept as, ``kind``, are those of its attribute in
+    ``compute`` returns one value for each trace of a chunk, NaN where it is undefined; each value
+    depends on that trace alone, to the last bit.  ``on_step`` says how the value depends on the
+    length of a step: not at all (``exact``); it is an extreme over the states, of which a shorter
+    step has more (``states``); or it is counted in steps (``steps``).  ``worse`` says whether small
+    or large values are bad; it is None if neither are.  For a measure of conflicts a crash is worse
+    than every value.  ``column`` is the name and ``kind`` the type of its attribute in
     ``Measured``.
     """
 
@@ -40,7 +41,7 @@ class Measure:
 
 
 def _measured(compute: Callable[[Chunk], FloatArray], unit: str, formula: str, **more: Any) -> Any:
-    """An attribute with its definition: what ``Measure`` needs beside its name and type."""
+    """An attribute with its definition: what ``Measure`` needs besides a name and a type."""
     return field(metadata={"compute": compute, "unit": unit, "formula": formula, **more})
 
 

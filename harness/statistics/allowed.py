@@ -1,11 +1,12 @@
-"""Which values of a strategy's parameter keep μ below μ0 and κ below κ0 (paper, figure of the
-vehicle's aggressiveness), as far as the pairs can tell.
+"""Which values of a strategy's parameter keep μ below μ0 and κ below κ0, as far as the pairs
+decide it (after the paper's figure of the vehicle's aggressiveness).
 
-μ is that of all pairs in which the AV crossed, with the human's crashes as if untouched; κ counts
-time-outs and failures of the strategy as crashes: an AV that does not arrive is not allowed.
+μ is over all pairs in which the AV crossed; a human who crashed counts as if they had driven on.
+κ counts time-outs and failures of the strategy as crashes: an AV that does not arrive is not
+allowed.
 
-All bounds of a sweep hold together: m values have 2 m upper bounds, each one-sided at
-1 − level / 2m (Bonferroni), and as many lower ones.
+All bounds of a sweep hold simultaneously: m values have 2 m upper bounds, each one-sided at
+1 − level / 2m (Bonferroni), and as many lower bounds.
 """
 
 import math
@@ -20,11 +21,11 @@ from harness.statistics.bootstrap import Resampled, bootstrap_mean
 from harness.statistics.intervals import Proportion, clopper_pearson, proportion
 
 MOST_PAIRS = 10**9
-"""Numbers of pairs beyond are not worth naming."""
+"""Larger numbers of pairs are not reported."""
 
 
 class Verdict(StrEnum):
-    """On one value of the parameter."""
+    """The verdict on one value of the parameter."""
 
     ALLOWED = "allowed"
     """The upper bounds of μ and κ lie below μ0 and κ0."""
@@ -43,7 +44,7 @@ class SweepVerdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Below which μ and κ have to be: μ0 > 0, 0 < κ0 ≤ 1."""
+    """The limits below which μ and κ must be: μ0 > 0, 0 < κ0 ≤ 1."""
 
     mu0: float
     kappa0: float
@@ -53,7 +54,7 @@ class Limits:
 class SweptValue:
     """μ and κ at one value; each limit of their intervals is a one-sided bound of the sweep.
 
-    ``defined_pairs`` of the ``pairs`` have a τ.
+    ``defined_pairs`` is the number of ``pairs`` that have a τ.
     """
 
     mu: Resampled
@@ -64,7 +65,7 @@ class SweptValue:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """On one value; ``pairs_needed`` would decide an undecided one at the present estimates."""
+    """The verdict on one value; an undecided one would need ``pairs_needed`` at these estimates."""
 
     swept: SweptValue
     verdict: Verdict
@@ -73,10 +74,11 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True)
 class AllowedInterval:
-    """On a sweep: allowed values, or none, or too few pairs to tell.
+    """The verdict on a sweep: some values are allowed, none is, or there are too few pairs.
 
-    With too few, ``expected`` is what the present estimates point to, and ``pairs_needed`` would
-    show it: the first value allowed, or all of them denied.  None where no number is known.
+    If there are too few pairs, ``expected`` is the verdict that the present estimates suggest, and
+    ``pairs_needed`` pairs would show it: one value allowed, or all of them denied.
+    ``pairs_needed`` is None if the number is unknown.
     """
 
     verdict: SweepVerdict
@@ -97,11 +99,11 @@ def swept_value(
 
     Args:
         tau: ``tau_all`` of each pair, NaN where undefined.
-        missed: whether the AV crashed, timed out, or failed by its strategy's fault.
+        missed: whether the AV crashed, timed out, or failed because of its strategy.
         tried: whether its episode did not fail in the engine.
         rng: draws the resamples.
         values: m, the number of values swept.
-        level: chance that any upper (or any lower) bound is wrong.
+        level: probability that any upper (or any lower) bound is wrong.
     """
     confidence = 1 - 2 * _tail(values, level)
     defined = tau[~np.isnan(tau)]
@@ -119,7 +121,7 @@ def allowed_interval(sweep: Sequence[SweptValue], limits: Limits, level: float) 
     Args:
         sweep: see ``swept_value``.
         limits: μ0 and κ0.
-        level: the same as of the bounds.
+        level: as given to ``swept_value``.
     """
     tail = _tail(len(sweep), level)
     judgements = tuple(_judge(swept, limits, tail) for swept in sweep)
@@ -154,7 +156,7 @@ def _judge(swept: SweptValue, limits: Limits, tail: float) -> Judgement:
 
 
 def _pairs_needed(swept: SweptValue, limits: Limits, tail: float) -> int | None:
-    """Where both estimates lie below, to show it; else to show one of them beyond."""
+    """Pairs that would show both estimates below their limits, or else one of them beyond."""
     sides = [
         (swept.mu.value, limits.mu0, _pairs_for_mu(swept, limits.mu0)),
         (swept.kappa.value, limits.kappa0, _pairs_for_kappa(swept, limits.kappa0, tail)),
@@ -182,16 +184,16 @@ def _within(swept: SweptValue, limits: Limits) -> bool:
 
 
 def _pairs_for_mu(swept: SweptValue, limit: float) -> int | None:
-    """At which the bound on the limit's side would reach it: its distance goes with 1/√N."""
+    """Pairs at which the bound would reach the limit: its distance from μ shrinks with 1/√N."""
     mu = swept.mu
     if mu.value is None or mu.low is None or mu.high is None or mu.value == limit:
         return None
     distance = mu.high - mu.value if mu.value < limit else mu.value - mu.low
-    return _named(swept.pairs * (distance / (limit - mu.value)) ** 2)
+    return _reported(swept.pairs * (distance / (limit - mu.value)) ** 2)
 
 
 def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None:
-    """At which the Clopper–Pearson bound on the limit's side would pass it, at the same share."""
+    """Pairs at which the Clopper–Pearson bound would pass the limit, at the same share."""
     rate, trials = swept.kappa.value, swept.kappa.trials
     if rate is None or rate == limit:
         return None
@@ -207,13 +209,13 @@ def _pairs_for_kappa(swept: SweptValue, limit: float, tail: float) -> int | None
     while enough - few > 1:
         middle = (few + enough) // 2
         few, enough = (few, middle) if passes(middle) else (middle, enough)
-    return _named(enough * swept.pairs / trials)
+    return _reported(enough * swept.pairs / trials)
 
 
 def _bounds(rate: float, n: int, tail: float) -> tuple[float, float]:
     return clopper_pearson(rate * n, n, 1 - 2 * tail)
 
 
-def _named(pairs: float) -> int | None:
+def _reported(pairs: float) -> int | None:
     whole = math.ceil(pairs)
     return whole if whole <= MOST_PAIRS else None

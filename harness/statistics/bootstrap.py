@@ -1,6 +1,6 @@
-"""The BCa bootstrap of means, coefficients of variation and ratios, and what it rests on.
+"""The BCa bootstrap of means, coefficients of variation and ratios.
 
-Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
+Intervals are two-sided, 95 % by default.  Undefined values are None.
 """
 
 import copy
@@ -22,24 +22,25 @@ FEWEST_RESAMPLES = 1_999
 _DRAWS_IN_MEMORY = 2_000_000
 
 _DIGITS = 9
-"""Values of the same digits after the point are the same: sums end in other last bits."""
+"""Values that agree to this many decimals count as equal: sums differ in their last bits."""
 
 _RESAMPLES_BEYOND = 20
-"""At least so many resamples lie beyond each limit of an interval."""
+"""At least this many resamples lie beyond each limit of an interval."""
 
 
 @dataclass(frozen=True, slots=True)
 class Resampled(Interval):
-    """A bootstrap's interval, and how many of its values it rests on.
+    """A bootstrap's interval, and the number of values that inform it.
 
-    ``informative`` values are not the commonest one, which in flows is that of the pairs that met
-    nobody; where no two are the same, all are.
+    ``informative`` is the number of values that differ from the most common one.  With a flow of
+    pedestrians the most common value is usually that of the pairs that met nobody.  If no two
+    values are equal, all are informative.
     """
 
     informative: int
 
     def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
-        """As of an interval, with ``<name>_<kind>_informative``."""
+        """The columns of an interval, and ``<name>_<kind>_informative``."""
         limits = Interval.columns(self, name, kind)
         return {**limits, f"{name}_{kind}_informative": self.informative}
 
@@ -64,19 +65,20 @@ def bootstrap_mean(
         confidence: of the interval, two-sided.
 
     Returns:
-        Zero spread gives the point as its own interval; n = 1 gives no interval; n = 0 nothing.
+        If all values are equal, the interval is that point.  With n = 1 there is no interval; with
+        n = 0 everything is None.
     """
     n = len(values)
     if n == 0:
         return UNKNOWN
-    mean, rests_on = float(np.mean(values)), _informative(values)
+    mean, informative = float(np.mean(values)), _informative(values)
     if n == 1:
-        return Resampled(mean, None, None, rests_on)
-    if rests_on == 0:
+        return Resampled(mean, None, None, informative)
+    if informative == 0:
         return Resampled(mean, mean, mean, 0)
     total = _resamples(n, confidence)
     means = np.concatenate([np.mean(sample, axis=-1) for sample in _samples(values, rng, total)])
-    return _bca(mean, means, mean - (values - mean) / (n - 1), rests_on, confidence)
+    return _bca(mean, means, mean - (values - mean) / (n - 1), informative, confidence)
 
 
 def bootstrap_mean_and_cv(
@@ -84,10 +86,10 @@ def bootstrap_mean_and_cv(
 ) -> tuple[Resampled, Resampled]:
     """Mean and coefficient of variation with BCa intervals from the same resamples.
 
-    As ``bootstrap_mean``; c_v needs a positive mean.
+    Arguments and results are as in ``bootstrap_mean``; c_v needs a positive mean.
     """
-    n, rests_on = len(values), _informative(values)
-    if n < 2 or rests_on == 0:
+    n, informative = len(values), _informative(values)
+    if n < 2 or informative == 0:
         spread = UNKNOWN if n < 2 else Resampled(0.0, 0.0, 0.0, 0)
         return bootstrap_mean(values, rng, confidence), spread
     mean, cv = float(np.mean(values)), float(coefficient_of_variation(values))
@@ -98,13 +100,13 @@ def bootstrap_mean_and_cv(
             cvs.append(np.std(sample, axis=-1) / means[-1])
     deviation = values - mean
     left_out_mean = mean - deviation / (n - 1)
-    # Variance without value i, from Σd² of the whole: no n × n table.
+    # Variance without value i, computed from Σd² of all values: it needs no n × n table.
     left_out_variance = (np.sum(deviation**2) - deviation**2) / (n - 1) - (deviation / (n - 1)) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         left_out_cv = np.sqrt(np.maximum(left_out_variance, 0.0)) / left_out_mean
     return (
-        _bca(mean, np.concatenate(means), left_out_mean, rests_on, confidence),
-        _bca(cv, np.concatenate(cvs), left_out_cv, rests_on, confidence),
+        _bca(mean, np.concatenate(means), left_out_mean, informative, confidence),
+        _bca(cv, np.concatenate(cvs), left_out_cv, informative, confidence),
     )
 
 
@@ -123,39 +125,39 @@ def bootstrap_ratio(
         confidence: of the interval, two-sided.
 
     Returns:
-        None for all where the denominators are all 0.  No interval where a sum without one unit,
-        or the sum of a resample, has a denominator of 0: too few units count then.
+        Everything is None if all denominators are 0.  There is no interval if the denominators
+        sum to 0 without one of the units, or in a resample: too few units count then.
     """
     n, total = len(numerators), float(np.sum(denominators))
     if total == 0:
         return UNKNOWN
     value = float(np.sum(numerators)) / total
-    rest, rests_on = total - denominators, _informative(numerators - value * denominators)
+    rest, informative = total - denominators, _informative(numerators - value * denominators)
     if n < 2 or (rest == 0).any():
-        return Resampled(value, None, None, rests_on)
-    if rests_on == 0:
+        return Resampled(value, None, None, informative)
+    if informative == 0:
         return Resampled(value, value, value, 0)
     left_out = (np.sum(numerators) - numerators) / rest
     ratios = []
     for drawn in _draws(n, rng, _resamples(n, confidence)):
         below = denominators.take(drawn).sum(axis=-1)
         if (below == 0).any():
-            return Resampled(value, None, None, rests_on)
+            return Resampled(value, None, None, informative)
         ratios.append(numerators.take(drawn).sum(axis=-1) / below)
-    return _bca(value, np.concatenate(ratios), left_out, rests_on, confidence)
+    return _bca(value, np.concatenate(ratios), left_out, informative, confidence)
 
 
 def _informative(values: FloatArray) -> int:
-    """How many differ from the commonest value by more than rounding; all if no two are alike."""
+    """How many differ from the most common value by more than rounding; all if no two are equal."""
     _, counts = np.unique(np.round(values, _DIGITS), return_counts=True)
     most = int(counts.max(initial=0))
     return len(values) - (most if most > 1 else 0)
 
 
 def _resamples(n: int, confidence: float) -> int:
-    """So many that the work stays bounded: 4,999 up to 4,000 values, 1,999 from 10,000 on.
+    """The number of resamples: 4,999 up to 4,000 values, 1,999 from 10,000 on, to bound the work.
 
-    More where the confidence leaves too few beyond the limits otherwise.
+    There are more if otherwise too few would lie beyond the limits at this confidence.
     """
     beyond = round(_RESAMPLES_BEYOND / ((1 - confidence) / 2))
     return max(FEWEST_RESAMPLES, min(RESAMPLES, 20_000_000 // n), beyond)
@@ -170,8 +172,8 @@ def _samples(values: FloatArray, rng: np.random.Generator, total: int) -> Iterat
 def _draws(n: int, rng: np.random.Generator, total: int) -> Iterator[NDArray[np.int64]]:
     """Which of n values each of ``total`` resamples takes, in batches of shape (some, n).
 
-    The generator is copied and never goes on: the same values have the same interval wherever they
-    stand, whatever else was resampled before.
+    The generator is copied and its state is left as it was: the same values always have the same
+    interval, whatever was resampled before.
     """
     rng = copy.deepcopy(rng)
     batch = max(1, _DRAWS_IN_MEMORY // n)
@@ -187,7 +189,7 @@ def _bca(
     confidence: float,
 ) -> Resampled:
     """Efron (1987): percentiles shifted by the bias z0 and the acceleration a."""
-    # A resample of the same values summed in another order is the same, whatever its last bit.
+    # Resamples of the same values summed in another order differ in their last bits alone.
     same = 1e-9 * np.ptp(resampled)
     below = (np.mean(resampled < estimate - same) + np.mean(resampled <= estimate + same)) / 2
     bias = special.ndtri(below)

@@ -1,7 +1,7 @@
 """Every number that a run of encounters reports, each defined once.
 
-A further number is a further entry: tables of the run, JSON, terminal, page and the reference in
-the documentation follow from it.
+To report another number, add an entry: the run's tables, JSON, terminal, page and the reference
+in the documentation are made from it.
 """
 
 from dataclasses import dataclass
@@ -17,14 +17,14 @@ from harness.statistics.encounter_columns import (
 from harness.statistics.findings import Entry, Findings, Form
 from harness.statistics.intervals import Proportion
 
-_OF_REFERENCE = "A reference that crashed counts as if it had driven on."
-_WORST = "Crashes, failures and time-outs of the AV count as its time-out."
-_MET = "Only pairs that met someone count."
-_NO_TAU = "both vehicles crossed in no pair"
+_REFERENCE_CRASHED = "A reference driver who crashed counts as if they had driven on."
+_WORST = "An AV that crashed, failed or timed out counts with `timeout_s`."
+_MET = "Only pairs in which someone stepped off count."
+_NO_TAU = "there is no pair in which both vehicles crossed"
 _NOT_CROSSED = "no episode crossed"
 _ALL_FAILED = "every episode failed"
 _NOT_COUNTED = "in every pair an episode failed or the AV crashed"
-_NO_PASSAGE = "the AV crossed, and the reference passed, in no pair"
+_NO_PASSAGE = "there is no pair in which the AV crossed and the reference passed"
 _NOBODY = "nobody was met"
 
 
@@ -32,8 +32,9 @@ _NOBODY = "nobody was met"
 class Conflict:
     """A kind of conflict: a measure beyond a threshold.
 
-    ``threshold`` is the key of ``[conflicts]``; ``above`` says on which side of it the conflict is.
-    ``heading`` holds the threshold's key in braces, see ``Entry.title``.
+    ``threshold`` is a key of ``[conflicts]``.  A value is a conflict above the threshold if
+    ``above`` is set, otherwise below it.  ``heading`` holds the threshold's key in braces, see
+    ``Entry.title``.
     """
 
     name: str
@@ -64,14 +65,14 @@ CONFLICTS = (
 
 
 def _conflicts(conflict: Conflict) -> tuple[Entry[EncounterColumns], Entry[EncounterColumns]]:
-    """The rate of a kind of conflict, and that of the pairs that met someone."""
+    """The rate of a kind of conflict over all pairs, and over those that met someone."""
     name = conflict.name
     return (
         Entry(
             f"conflict_{name}",
             conflict.heading,
-            f"Share of the episodes with a conflict by `conflicts.{conflict.threshold}`; a crash "
-            "is one of every kind.",
+            f"Share of episodes with a conflict, by the threshold "
+            f"`conflicts.{conflict.threshold}`; a crash counts as a conflict of every kind.",
             form=Form.SHARE,
             digits=0,
             interval=Proportion,
@@ -82,7 +83,7 @@ def _conflicts(conflict: Conflict) -> tuple[Entry[EncounterColumns], Entry[Encou
         Entry(
             f"conflict_{name}_met_someone",
             f"{conflict.heading}, pairs that met someone",
-            f"The same share. {_MET}",
+            f"Share of episodes with such a conflict. {_MET}",
             form=Form.SHARE,
             interval=Proportion,
             of_arm=lambda c, arm: c.met.conflict_rate(name, arm),
@@ -95,8 +96,8 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "time_s",
         "time to cross",
-        "Mean time of the pairs in which no episode failed and the AV did not crash. A time-out "
-        f"counts as `timeout_s`. {_OF_REFERENCE}",
+        "Mean time to cross, over the pairs in which no episode failed and the AV did not crash. "
+        f"A time-out counts as `timeout_s`. {_REFERENCE_CRASHED}",
         unit="s",
         digits=1,
         of_arm=lambda c, arm: c.mean(c.times[arm]),
@@ -107,14 +108,14 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         undefined=_NOT_COUNTED,
         first_screen=True,
         paired_heading="ratio of times",
-        paired_meaning="Ratio of times: the sum of the AV's over the sum of the reference's.",
+        paired_meaning="Ratio of times: the sum of the AV's times over the sum of the reference's.",
         paired_digits=2,
     ),
     Entry(
         "time_ratio_worst",
         "ratio of times, worst case",
-        f"Ratio of times over all pairs. {_WORST} A reference without a passage counts as "
-        "undisturbed.",
+        f"Ratio of times over all pairs. {_WORST} A reference that did not pass counts with the "
+        "time of an undisturbed passage.",
         digits=2,
         paired=lambda c: c.ratio(*c.worst),
         interval=Resampled,
@@ -124,7 +125,8 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "mu",
         "μ, mean ratio of times",
-        "μ, the mean of τ = AV's time / reference's time of each pair in which both crossed.",
+        "μ, the mean of τ over the pairs in which both vehicles crossed; τ is the AV's time over "
+        "the reference's time.",
         digits=3,
         paired=lambda c: c.mu_and_cv[0],
         interval=Resampled,
@@ -182,13 +184,13 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         reliable_from=200,
         undefined=_NOT_CROSSED,
         first_screen=True,
-        paired_meaning="Mean of AV's delay − reference's delay over the pairs of `mu_all`.",
+        paired_meaning="Mean of the AV's delay minus the reference's, over the pairs of `mu_all`.",
         paired_from=1_000,
     ),
     Entry(
         "pedestrian_delay_s",
         "people's wait",
-        "Sum of the waits at the kerb over the number of people who arrived.",
+        "Mean wait at the kerb: the sum of all waits over the number of people who arrived.",
         unit="s",
         digits=1,
         of_arm=lambda c, arm: c.walking_delay(arm),
@@ -206,7 +208,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "mu_all",
         "μ over all pairs in which the AV crossed",
-        f"μ over all pairs in which the AV crossed. {_OF_REFERENCE}",
+        f"μ over all pairs in which the AV crossed. {_REFERENCE_CRASHED}",
         digits=3,
         paired=lambda c: c.mean(c.pairs.tau_all),
         interval=Resampled,
@@ -229,12 +231,13 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         "μ of the pairs in which the AV's strategy did not fall back on another one.",
         digits=3,
         paired=lambda c: mean_of(c.pairs.tau[~c.pairs.av_fallback]),
-        undefined="both vehicles crossed in no pair without fallback",
+        undefined="there is no pair without fallback in which both vehicles crossed",
     ),
     Entry(
         "mu_worst",
         "μ, worst case",
-        f"μ over all pairs. {_WORST} A reference without a passage counts as undisturbed.",
+        f"μ over all pairs. {_WORST} A reference that did not pass counts with the time of an "
+        "undisturbed passage.",
         digits=3,
         paired=lambda c: c.mean(c.pairs.tau_worst(c.timeout_s, c.free_pass_s)),
         interval=Resampled,
@@ -244,8 +247,8 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "kappa_all",
         "crashes, time-outs, failures",
-        "κ with time-outs and failures of the AV's strategy as crashes; failures of the engine "
-        "are left out.",
+        "κ if time-outs and failures of the AV's strategy count as crashes. Failures of the "
+        "engine are left out.",
         form=Form.SHARE,
         of_arm=lambda c, _: c.share(c.pairs.av_missed, c.pairs.av_tried),
         interval=Proportion,
@@ -255,7 +258,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "kappa_front",
         "crashes with the vehicle's front",
-        "Share of the episodes that did not fail in which the vehicle's front hit someone.",
+        "Share of the episodes that did not fail in which the front of the vehicle hit someone.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.rate(c.pairs.front, arm),
         interval=Proportion,
@@ -296,7 +299,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "delay_worst_s",
         "delay, worst case",
-        f"Mean delay over all pairs. {_WORST} A reference without a passage has no delay.",
+        f"Mean delay over all pairs. {_WORST} A reference that did not pass counts without delay.",
         unit="s",
         digits=1,
         of_arm=lambda c, arm: c.mean(c.worst[arm] - c.free_pass_s),
@@ -332,48 +335,48 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "pairs",
         "pairs",
-        "All pairs.",
+        "Number of pairs.",
         form=Form.COUNT,
         paired=lambda c: len(c.pairs.tau),
     ),
     Entry(
         "met_someone",
         "pairs that met someone",
-        "Pairs in which somebody stepped off.",
+        "Pairs in which someone stepped off, in either episode.",
         form=Form.COUNT,
         paired=lambda c: count(c.pairs.met_someone),
     ),
     Entry(
         "met_nobody",
         "pairs that met nobody",
-        "Pairs in which nobody stepped off and no episode failed.",
+        "Pairs in which nobody stepped off and neither episode failed.",
         form=Form.COUNT,
         paired=lambda c: count(~c.pairs.met_someone & ~c.pairs.any_failed),
     ),
     Entry(
         "time_ratio_pairs",
-        "pairs of the ratio of times",
-        "Pairs that the ratio of times counts: no episode failed, and the AV did not crash.",
+        "pairs in the ratio of times",
+        "Pairs that the ratio of times counts: neither episode failed, and the AV did not crash.",
         form=Form.COUNT,
         paired=lambda c: len(c.times[0]),
     ),
     Entry(
         "defined_pairs",
-        "pairs of μ",
-        "Pairs in which both vehicles crossed, which have a τ.",
+        "pairs in μ",
+        "Pairs that have a τ: both vehicles crossed.",
         form=Form.COUNT,
         paired=lambda c: count_defined(c.pairs.tau),
     ),
     Entry(
         "defined_pairs_met_someone",
-        "pairs of μ that met someone",
+        "pairs in μ that met someone",
         "Pairs that met someone and have a τ.",
         form=Form.COUNT,
         paired=lambda c: count_defined(c.met.pairs.tau),
     ),
     Entry(
         "pairs_all",
-        "pairs of μ over all pairs in which the AV crossed",
+        "pairs in μ over all pairs in which the AV crossed",
         "Pairs that `mu_all` counts.",
         form=Form.COUNT,
         paired=lambda c: count_defined(c.pairs.tau_all),
@@ -422,8 +425,9 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     ),
     Entry(
         "fallback_share",
-        "fallbacks where someone was met",
-        "Share of the AV's episodes that met someone in which its strategy fell back.",
+        "fallbacks among episodes that met someone",
+        "Share of those episodes of the AV that met someone in which its strategy fell back on "
+        "another one.",
         form=Form.SHARE,
         of_arm=lambda c, _: mean_of(c.pairs.av_fallback[c.pairs.met[0] > 0].astype(float)),
         keys=("fallback_share", "", ""),
@@ -431,33 +435,34 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     ),
     Entry(
         "clamped_share",
-        "questions to the model outside its box",
-        "Share of the arm's questions to the interaction model about a vehicle that was faster or "
-        "farther away than its box.",
+        "uses of the model outside its box",
+        "How often the interaction model was used for a vehicle that was faster or farther away "
+        "than its box, as a share of all its uses in the arm.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.clamped_share(arm),
-        undefined="the model was not asked",
+        undefined="the model was not used",
     ),
     Entry(
         "clamped_speed_excess_mps",
-        "largest speed beyond the box",
-        "By how much the vehicle was faster than the box, at most, over both arms.",
+        "largest speed beyond the model's box",
+        "Largest amount by which the vehicle was faster than the model's box, over both arms.",
         unit="m/s",
         paired=lambda c: largest(*c.pairs.speed_excess_mps),
-        undefined="no vehicle was faster",
+        undefined="no vehicle was faster than the model's box",
     ),
     Entry(
         "clamped_range_excess_m",
-        "largest distance beyond the box",
-        "By how much the vehicle was farther away than the box, at most, over both arms.",
+        "largest distance beyond the model's box",
+        "Largest amount by which the vehicle was farther away than the model's box, over both "
+        "arms.",
         unit="m",
         paired=lambda c: largest(*c.pairs.range_excess_m),
-        undefined="no vehicle was farther away",
+        undefined="no vehicle was farther away than the model's box",
     ),
     Entry(
         "confidence",
         "confidence of each interval",
-        "Confidence of every interval: 0.95; with `--until` 1 − 0.05 / looks.",
+        "Confidence of every interval: 0.95, or 1 − 0.05 / looks with `--until`.",
         form=Form.SHARE,
         paired=lambda c: c.confidence,
     ),
@@ -466,6 +471,6 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
 
 
 def anything_left_out(findings: Findings) -> bool:
-    """Whether a pair is left out of the ratio of times, or counts in it as a time-out."""
+    """Whether the ratio of times leaves out a pair, or counts a pair with a time-out."""
     counted, pairs = findings["time_ratio_pairs"].count, findings["pairs"].count
     return findings["timed_out"].count > 0 or counted < pairs

@@ -13,9 +13,9 @@ from harness.statistics.paired import Difference, paired_difference, ratio_diffe
 
 @dataclass(frozen=True)
 class ComparedColumns:
-    """The columns of two cells over the pairs they have in common; entry i of both is pair i.
+    """The columns of two cells over their common pairs; entry i of both belongs to pair i.
 
-    The other attributes are those of ``EncounterColumns``.
+    The other attributes are as in ``EncounterColumns``.
     """
 
     first: PairColumns
@@ -77,7 +77,7 @@ DIFFERENCES: tuple[Entry[ComparedColumns], ...] = (
     Entry(
         "delay_difference_s",
         "delay",
-        "Difference of the AV's delay, over the pairs that it crossed in both cells.",
+        "Difference of the AV's delay, over the pairs in which it crossed in both cells.",
         unit="s",
         paired=ComparedColumns.delay,
         interval=Resampled,
@@ -103,7 +103,7 @@ DIFFERENCES: tuple[Entry[ComparedColumns], ...] = (
         reliable_from=1_000,
     ),
 )
-"""The catalogue of a comparison: cell A less cell B."""
+"""The catalogue of a comparison: cell A minus cell B."""
 
 MU_BOUND_FROM = 2_000
-"""Informative pairs from which on the bound of μ at a swept value holds what it says."""
+"""From this number of informative pairs on, the bound of μ at a swept value is reliable."""

@@ -1,4 +1,4 @@
-"""What the reported numbers of encounters are computed from: the pairs of a cell, and its times."""
+"""The columns from which the reported numbers of encounters are computed."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ from harness.statistics.pair_columns import BothArms, PairColumns
 
 @dataclass(frozen=True)
 class EncounterColumns:
-    """The aligned columns of a cell, and what their statistics need beside them.
+    """The aligned columns of a cell, and what else their statistics need.
 
     Attributes:
         pairs: the columns, of at least one pair.
@@ -39,7 +39,7 @@ class EncounterColumns:
 
     @cached_property
     def met(self) -> "EncounterColumns":
-        """The same of the pairs that met someone."""
+        """The columns of the pairs that met someone."""
         met = self.pairs.met_someone
         conflicts = {name: (av[met], human[met]) for name, (av, human) in self.conflicts.items()}
         return replace(self, pairs=self.pairs.where(met), conflicts=conflicts)
@@ -58,7 +58,7 @@ class EncounterColumns:
 
     @cached_property
     def worst(self) -> BothArms:
-        """Both arms' times of every pair, with all that is missing counted against the AV."""
+        """Both arms' times of every pair; what is missing counts against the AV."""
         return self.pairs.times_worst(self.timeout_s, self.free_pass_s)
 
     def ran(self, arm: int) -> np.ndarray:
@@ -78,7 +78,7 @@ class EncounterColumns:
         return self.share(marked[arm] & self.ran(arm), self.ran(arm))
 
     def conflict_rate(self, name: str, arm: int) -> Proportion:
-        """The share of an arm's episodes with a conflict of a kind; undefined if it is not kept."""
+        """The share of an arm's episodes with a conflict of a kind; undefined if none is stored."""
         marked = self.conflicts.get(name)
         return UNKNOWN_PROPORTION if marked is None else self.rate(marked, arm)
 
@@ -99,14 +99,14 @@ class EncounterColumns:
         return self.ratio(waited_s[ran], arrivals[ran])
 
     def clamped_share(self, arm: int) -> float | None:
-        """The share of an arm's questions to the interaction model that were outside its box."""
+        """The share of an arm's uses of the interaction model that were outside its box."""
         conditionings = np.nansum(self.pairs.conditionings[arm])
         return float(np.nansum(self.pairs.clamped[arm]) / conditionings) if conditionings else None
 
     def failures_of_engine(self) -> int:
         """Pairs in which the engine failed in either arm."""
-        failed, of_strategy = self.pairs.failed, self.pairs.failed_strategy
-        return count((failed[0] & ~of_strategy[0]) | (failed[1] & ~of_strategy[1]))
+        failed, strategy = self.pairs.failed, self.pairs.failed_strategy
+        return count((failed[0] & ~strategy[0]) | (failed[1] & ~strategy[1]))
 
 
 def count(marked: np.ndarray) -> int:

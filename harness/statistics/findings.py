@@ -1,7 +1,7 @@
 """What a run reports: a catalogue of entries, and their values, the findings.
 
-An entry defines a reported number once.  Tables of a run, terminal, page, JSON, CSV and the
-reference in the documentation are views of findings, and compute nothing.
+An entry defines a reported number once.  The tables of a run, terminal, page, JSON, CSV and the
+reference in the documentation are views of findings; they compute nothing.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +22,7 @@ Reported = Interval | Plain
 """What an entry's computation returns: a value with its interval, or a value alone."""
 
 ALIKE_FROM = 20
-"""Pairs that met someone from which on values that are all the same are taken to be so always."""
+"""With fewer pairs that met someone, an interval is unreliable even if all values are equal."""
 
 
 class Form(StrEnum):
@@ -31,7 +31,7 @@ class Form(StrEnum):
     NUMBER = "number"
     SHARE = "share"
     EVENTS = "events"
-    """A share of which events and trials say more: 0 of 50."""
+    """A share written as events of trials, for example 0 of 50."""
     COUNT = "count"
     FLAG = "flag"
     WORD = "word"
@@ -44,16 +44,16 @@ _STORED: Mapping[type[Interval] | None, tuple[tuple[str, str, type], ...]] = {
     Resampled: (*_LIMITS, ("_ci_informative", "n", int)),
     Proportion: (*_LIMITS, ("_events", "events", int), ("_n", "n", int)),
 }
-"""What stands beside a value in ``summary.csv``: suffix of the column, field of a finding, type."""
+"""What ``summary.csv`` holds beside a value: suffix of the column, field of a finding, type."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A reported value with its interval, and how far to trust it.
+    """A reported value with its interval, and whether the interval is reliable.
 
-    ``n`` is the number of informative pairs behind an interval, or that of the trials behind a
-    share, of which ``events`` were counted.  ``reason`` says why the value is undefined or why
-    the interval is unreliable; it is None where neither is so.
+    ``n`` is the number of informative pairs behind an interval, or the number of trials behind a
+    share; ``events`` is the number of events among these trials.  ``reason`` says why the value is
+    undefined or why the interval is unreliable; it is None if neither is the case.
     """
 
     value: Plain
@@ -66,7 +66,7 @@ class Finding:
 
     @property
     def number(self) -> float | None:
-        """The value as a number; None where it is undefined, or a word."""
+        """The value as a number; None if it is undefined or a word."""
         return None if self.value is None or isinstance(self.value, str) else float(self.value)
 
     @property
@@ -76,7 +76,7 @@ class Finding:
 
     @property
     def half_width(self) -> float | None:
-        """Half of the distance between the limits; None where there are none."""
+        """Half of the distance between the limits; None if there is no interval."""
         return None if self.low is None or self.high is None else (self.high - self.low) / 2
 
 
@@ -92,26 +92,27 @@ class Entry(Generic[Source]):
         key: its name in ``summary.csv`` and in JSON, with its unit.
         heading: its name on screens and pages, without its unit.  It may hold the name of a
             threshold of conflicts in braces, see ``title``.
-        meaning: one sentence for the reference in the documentation.
+        meaning: its meaning, for the reference in the documentation.
         form: how it is written.
         unit: empty for pure numbers; a share is written in per cent.
         digits: decimals on a screen.
-        of_arm: computes the number of one arm, 0 for the AV's and 1 for the reference's.
+        of_arm: computes the number of one arm: 0 is the AV's arm, 1 the reference's.
         paired: computes the number of both arms together, a ratio or the difference AV − reference.
-        interval: which interval the numbers have; None where they have none.
+        interval: the kind of interval that the numbers have; None if they have no interval.
         keys: the names of the three numbers in ``summary.csv``; an empty name is not reported.  By
             default the AV's is ``key``, the reference's ``key_human`` and the paired one
-            ``key_difference``, or ``key`` where there is no number of one arm.
-        reliable_from: informative pairs from which on a bootstrap interval covers what it says.
-        undefined: why it is undefined where it is.
+            ``key_difference``, or ``key`` if no single arm has a number.
+        reliable_from: the number of informative pairs from which on a bootstrap interval is
+            reliable.
+        undefined: the reason if the number is undefined.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
-        worst_case: whether the first screen shows it where anything was left out.
+        worst_case: whether the first screen shows it if anything was left out.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
-        paired_heading: name of the paired number where each arm has one, too, with its unit; by
-            default it is their difference.
-        paired_meaning: one sentence on the paired number where each arm has one, too.
+        paired_heading: if each arm has a number, too: the name of the paired number with its
+            unit; by default it is the difference of the arms.
+        paired_meaning: if each arm has a number, too: the meaning of the paired number.
         paired_digits: decimals of the paired number; None: ``digits``.
-        paired_from: as ``reliable_from``, of the paired number; None: the same.
+        paired_from: ``reliable_from`` of the paired number; None: the same.
     """
 
     key: str
@@ -130,13 +131,13 @@ class Entry(Generic[Source]):
     worst_case: bool = False
     paper: str = ""
     paired_heading: str = ""
-    paired_meaning: str = "The AV's less the reference's."
+    paired_meaning: str = "The AV's value minus the reference's."
     paired_digits: int | None = None
     paired_from: int | None = None
 
     @property
     def names(self) -> tuple[str | None, str | None, str | None]:
-        """The names of the AV's, the reference's and the paired number; None where there is none.
+        """The names of the AV's, the reference's and the paired number; None if it is not reported.
 
         >>> Entry("delay_s", "delay", "", of_arm=lambda c, arm: 1.0, paired=lambda c: 0.0).names
         ('delay_s', 'delay_s_human', 'delay_s_difference')
@@ -174,12 +175,12 @@ class Entry(Generic[Source]):
         return f"{self.title(thresholds)}{end}{self.unit and ', ' + self.unit}"
 
     def least(self, name: str) -> int | None:
-        """Informative pairs from which on the interval of that name covers what it says."""
+        """The number of informative pairs from which on the interval of that name is reliable."""
         paired = name == self.names[2] and self.paired_from is not None
         return self.paired_from if paired else self.reliable_from
 
     def interval_of(self, name: str) -> type[Interval] | None:
-        """Which interval the number of that name has: a difference of shares is no share."""
+        """The kind of interval of the number of that name: a difference of shares is no share."""
         difference = self.of_arm is not None and name == self.names[2]
         return Interval if difference and self.interval is Proportion else self.interval
 
@@ -189,7 +190,7 @@ class Entry(Generic[Source]):
         columns: dict[str, type] = {}
         for name in filter(None, self.names):
             columns |= {name: kind}
-            columns |= {f"{name}{end}": of for end, _, of in _STORED[self.interval_of(name)]}
+            columns |= {f"{name}{end}": kind for end, _, kind in _STORED[self.interval_of(name)]}
         return columns
 
     def findings(self, source: Source, met_someone: int) -> dict[str, Finding]:
@@ -239,14 +240,14 @@ class Entry(Generic[Source]):
         return findings
 
     def _judged(self, name: str, finding: Finding, met_someone: int) -> Finding:
-        """With the reason why it is undefined or its interval unreliable."""
+        """The finding with the reason why it is undefined or its interval is unreliable."""
         if finding.value is None:
             return replace(finding, reason=self.undefined or None)
         least = self.least(name)
         if self.interval is not Resampled or least is None or finding.low is None:
             return finding
-        # Where all values are the same there is nothing that the width could be too small for,
-        # unless hardly anybody was met.
+        # If all values are equal, n is 0 and the interval is a point.  It is unreliable only if
+        # hardly any pair met someone.
         few = finding.n < least if finding.n else met_someone < ALIKE_FROM
         reason = f"unreliable below {least:,} informative pairs (has {finding.n:,})"
         return replace(finding, reliable=False, reason=reason) if few else finding
@@ -287,7 +288,7 @@ def findings_from(
 
 
 class Rank(IntEnum):
-    """What a note is about; notes stand in this order."""
+    """The subject of a note; notes are shown in this order."""
 
     NOTHING_TESTED = 0
     FAILURES = 1
@@ -304,7 +305,7 @@ class Rank(IntEnum):
 
 @dataclass(frozen=True, slots=True, order=True)
 class Note:
-    """A sentence that has to be read with the numbers."""
+    """A sentence without which the numbers mislead."""
 
     rank: Rank
     text: str
@@ -314,9 +315,9 @@ class Note:
 class CellFindings:
     """What a run reports of one cell.
 
-    ``varied`` are the keys that a sweep varies, with the cell's values.  ``av`` and ``reference``
-    are the drivers' names as screens show them.  ``thresholds`` are those of conflicts, for
-    ``Entry.title``.  ``notes`` are in the order of their ranks.
+    ``varied`` maps the keys that a sweep varies to the cell's values.  ``av`` and ``reference``
+    are the drivers' names as screens show them.  ``thresholds`` are the thresholds of conflicts,
+    for ``Entry.title``.  ``notes`` are in the order of their ranks.
     """
 
     cell: int
@@ -333,9 +334,9 @@ class CellFindings:
 class RunFindings:
     """What a run reports: its cells, and the notes about the run as a whole.
 
-    ``catalogue`` is that of the run's kind.  ``scope`` says what the run consists of beside its
-    pairs, such as its seed and its audit.  ``paper`` says whether its only cell is the paper's
-    experiment.
+    ``catalogue`` is the catalogue of the run's kind.  ``scope`` says what the run consists of
+    besides its pairs, such as its seed and its audit.  ``paper`` says whether the run's only cell
+    is the paper's experiment.
     """
 
     catalogue: Catalogue

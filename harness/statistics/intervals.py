@@ -1,6 +1,6 @@
 """Point estimates with intervals: Student's t for means, Clopper–Pearson for shares.
 
-Intervals are two-sided 95 % unless asked otherwise.  Undefined is None.
+Intervals are two-sided, 95 % by default.  Undefined values are None.
 """
 
 import math
@@ -16,7 +16,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A point estimate with its two-sided interval; None where undefined."""
+    """A point estimate with its two-sided interval; None if undefined."""
 
     value: float | None
     low: float | None
@@ -24,21 +24,21 @@ class Interval:
 
     @property
     def half_width(self) -> float | None:
-        """Half of the distance between the limits; None where there are none."""
+        """Half of the distance between the limits; None if there is no interval."""
         return None if self.low is None or self.high is None else (self.high - self.low) / 2
 
     def within(self, least: float = -math.inf, most: float = math.inf) -> "Interval":
-        """The same, cut at what is possible, which loses no coverage."""
+        """The interval cut at the possible range of the value, which loses no coverage."""
         if self.low is None or self.high is None:
             return self
         return Interval(self.value, max(self.low, least), min(self.high, most))
 
     def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
-        """The value under a name, its limits under ``<name>_<kind>_low`` and ``_high``."""
+        """The value under ``name``, its limits under ``<name>_<kind>_low`` and ``_high``."""
         return {name: self.value, f"{name}_{kind}_low": self.low, f"{name}_{kind}_high": self.high}
 
     def words(self, form: str) -> str:
-        """The value with its limits, where there are any; ``form`` as in ``format``."""
+        """The value with its limits, if there are any; ``form`` is a format specification."""
         if self.value is None:
             return "undefined"
         if self.low is None or self.high is None:
@@ -61,7 +61,7 @@ UNKNOWN_PROPORTION = Proportion(None, None, None, 0, 0)
 
 
 def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval:
-    """Mean with Student's t interval; no interval of fewer than two values.
+    """Mean with Student's t interval; fewer than two values have no interval.
 
     >>> student_mean(np.array([1.0, 2.0, 3.0]))
     Interval(value=2.0, low=-0.484137711..., high=4.484137711...)
@@ -80,10 +80,10 @@ def student_mean(values: FloatArray, confidence: float = CONFIDENCE) -> Interval
 def student_ratio(
     numerators: FloatArray, denominators: FloatArray, confidence: float = CONFIDENCE
 ) -> Interval:
-    """Ratio of two sums, Σ a / Σ b, with Fieller's (1954) interval: all ρ that Student's t leaves.
+    """Ratio of two sums, Σ a / Σ b, with the interval of Fieller (1954).
 
-    These are the ρ for which the mean of a − ρ b does not differ from 0; exact for normal (a, b),
-    with however few of them.
+    It holds all ρ for which Student's t test does not reject that the mean of a − ρ b is 0.  It is
+    exact for normally distributed (a, b), however few they are.
 
     Args:
         numerators: a, one for each unit, shape (n,), finite.
@@ -91,7 +91,7 @@ def student_ratio(
         confidence: of the interval, two-sided.
 
     Returns:
-        Undefined where Σ b is 0; no interval of fewer than two, or where it has no end.
+        Undefined if Σ b is 0; there is no interval for fewer than two units, or if it is unbounded.
 
     >>> student_ratio(np.array([20.0, 23.0, 23.0]), np.array([10.0, 11.0, 12.0]))
     Interval(value=2.0, low=1.7..., high=2.2...)
@@ -104,9 +104,9 @@ def student_ratio(
         return Interval(value, None, None)
     a, b = float(np.mean(numerators)), float(np.mean(denominators))
     reach = float(special.stdtrit(count - 1, (1 + confidence) / 2)) ** 2 / count
-    (of_a, of_both), (_, of_b) = (reach * np.cov(numerators, denominators)).tolist()
+    (a_variance, covariance), (_, b_variance) = (reach * np.cov(numerators, denominators)).tolist()
     # (a − ρ b)² = reach · Var(a − ρ b), a quadratic in ρ.
-    square, linear, constant = b**2 - of_b, a * b - of_both, a**2 - of_a
+    square, linear, constant = b**2 - b_variance, a * b - covariance, a**2 - a_variance
     if square <= 0:
         return Interval(value, None, None)
     root = math.sqrt(max(0.0, linear**2 - square * constant))
@@ -114,7 +114,7 @@ def student_ratio(
 
 
 def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> Proportion:
-    """A proportion with its Clopper–Pearson interval; undefined for no trials."""
+    """A proportion with its Clopper–Pearson interval; undefined if there are no trials."""
     if trials == 0:
         return UNKNOWN_PROPORTION
     return Proportion(
@@ -125,20 +125,20 @@ def proportion(successes: int, trials: int, confidence: float = CONFIDENCE) -> P
 def clustered_proportion(
     successes: FloatArray, trials: FloatArray, confidence: float = CONFIDENCE
 ) -> Proportion:
-    """A proportion of trials that come in clusters, within which they may go together.
+    """A proportion of trials that come in clusters, within which they may be correlated.
 
-    The interval of Korn and Graubard (1998): Clopper and Pearson's for as many independent trials
-    as tell as much: the trials over the design effect, which is the variance between clusters over
-    the binomial one and counts as 1 where it is smaller or there is nothing to tell it from; times
-    the squared ratio of Student's t for the trials to that for the clusters.
+    The interval is that of Korn and Graubard (1998): Clopper and Pearson's for the effective number
+    of trials.  This is the number of trials over the design effect, times the squared ratio of
+    Student's t for the trials to that for the clusters.  The design effect is the variance between
+    clusters over the binomial variance; it is at least 1, and 1 if the binomial variance is 0.
 
     Args:
-        successes: of each cluster, shape (k,).
+        successes: their number in each cluster, shape (k,).
         trials: likewise.
         confidence: of the interval, two-sided.
 
     Returns:
-        Undefined for no trials; no interval for a single cluster.
+        Undefined if there are no trials; a single cluster has no interval.
 
     >>> ones = np.ones(1_000)
     >>> clustered_proportion(np.arange(1_000) % 10 == 0, ones)  # nearly Clopper and Pearson's
@@ -166,7 +166,7 @@ def clustered_proportion(
 def clopper_pearson(
     successes: float, trials: float, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """The exact interval of a proportion (Clopper and Pearson 1934), by quantiles of the beta."""
+    """The exact interval of a proportion (Clopper and Pearson 1934), by beta quantiles."""
     tail, failures = (1 - confidence) / 2, trials - successes
     low = special.betaincinv(successes, failures + 1, tail) if successes else 0.0
     high = special.betaincinv(successes + 1, failures, 1 - tail) if failures else 1.0
@@ -174,5 +174,5 @@ def clopper_pearson(
 
 
 def zero_bound(trials: int) -> float:
-    """Upper one-sided 95 % bound of a proportion of which 0 of ``trials`` were seen."""
+    """Upper one-sided 95 % bound of a proportion if 0 of ``trials`` were successes."""
     return float(1 - (1 - CONFIDENCE) ** (1 / trials))

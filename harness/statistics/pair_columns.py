@@ -1,4 +1,4 @@
-"""Aligned columns of a cell, of which every statistic of its pairs is made."""
+"""Aligned columns of a cell, from which all statistics of its pairs are computed."""
 
 from dataclasses import dataclass, fields
 from typing import Any
@@ -16,14 +16,15 @@ class PairColumns:
     """Aligned columns of a cell, one entry for each pair.
 
     ``time_s`` and ``delay_s`` are NaN where the arm did not cross. ``untouched_time_s`` is the
-    pass time had nobody been touched; it is NaN where the ego never passed. ``stops`` and
+    pass time if contacts are ignored; it is NaN where the ego never passed. ``stops`` and
     ``stopped_s`` are NaN where the arm failed. ``front`` marks contacts with the front,
-    ``avoidable`` crashes that full braking would have prevented, ``failed_strategy`` failures
-    of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is the
-    number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
-    ``conditionings`` counts how often the interaction model was asked, ``clamped`` how often
-    about an ego that is faster or farther away than its box, by at most the two excesses, which
-    are NaN where that never was. ``max_speed_mps`` is the ego's largest speed.
+    ``avoidable`` marks crashes that full braking would have prevented, ``failed_strategy`` marks
+    failures of the strategy. ``met`` is the number of pedestrians who stepped off. ``arrivals`` is
+    the number of those who arrived, ``waited_s`` the sum of their waits at the kerb.
+    ``conditionings`` is how often the interaction model was used, ``clamped`` how often it was used
+    for an ego that was faster or farther away than its box. The two excesses are the largest
+    amounts by which it was; they are NaN where it never was. ``max_speed_mps`` is the ego's
+    largest speed.
     """
 
     time_s: BothArms
@@ -48,14 +49,16 @@ class PairColumns:
     av_fallback: np.ndarray
 
     def where(self, keep: "np.ndarray | slice") -> "PairColumns":
-        """The columns of some pairs alone: those of a mask, or of a slice."""
+        """The columns of the pairs of a mask or a slice."""
 
         def kept(column: np.ndarray | BothArms) -> Any:
             if isinstance(column, tuple):
                 return column[0][keep], column[1][keep]
             return column[keep]
 
-        return PairColumns(**{of.name: kept(getattr(self, of.name)) for of in fields(self)})
+        return PairColumns(
+            **{field.name: kept(getattr(self, field.name)) for field in fields(self)}
+        )
 
     @property
     def tau(self) -> FloatArray:
@@ -66,26 +69,27 @@ class PairColumns:
 
     @property
     def tau_all(self) -> FloatArray:
-        """τ with the human's crashes counted by when it had passed had nobody been touched.
+        """τ over all pairs in which the AV crossed; a human who crashed counts as driving on.
 
-        NaN where the AV did not cross, where the human never passed, and where that time is not
-        kept.
+        It is NaN where the AV did not cross, where the human never passed, and where the time
+        that ignores contacts is not stored.
         """
         ratio: FloatArray = self.time_s[0] / self.untouched_time_s[1]
         return ratio
 
     @property
     def delay_difference_s(self) -> FloatArray:
-        """AV's delay less the human's over the pairs of ``tau_all``; NaN elsewhere."""
+        """The AV's delay minus the human's over the pairs of ``tau_all``; NaN elsewhere."""
         difference: FloatArray = self.time_s[0] - self.untouched_time_s[1]
         return difference
 
     def times_counted(self, timeout_s: float) -> BothArms:
-        """Both arms' times of the pairs whose sums make the ratio of times; NaN in all others.
+        """Both arms' times of the pairs that the ratio of times counts; NaN in all others.
 
-        They are the pairs in which no arm failed and the AV did not crash.  Whoever has not passed
-        at ``timeout_s`` counts with that; a human who crashed with ``untouched_time_s``.  Where a
-        run did not keep that, the pairs in which the human crashed are left out.
+        These are the pairs in which no arm failed and the AV did not crash.  A driver who has not
+        passed at ``timeout_s`` counts with ``timeout_s``; a human who crashed counts with
+        ``untouched_time_s``.  If a run did not store that, the pairs in which the human crashed
+        are left out.
         """
         av = np.where(self.timed_out[0], timeout_s, self.time_s[0])
         human = np.where(self.crashed[1], self.untouched_time_s[1], self.time_s[1])
@@ -96,10 +100,10 @@ class PairColumns:
         return np.where(counted, av, np.nan), np.where(counted, human, np.nan)
 
     def times_worst(self, timeout_s: float, free_pass_s: float) -> BothArms:
-        """Both arms' times of every pair, with whatever is missing counted against the AV.
+        """Both arms' times of every pair; what is missing counts against the AV.
 
-        An AV that crashed, failed or timed out counts at ``timeout_s``, a human without a passage
-        at ``free_pass_s``.
+        An AV that crashed, failed or timed out counts with ``timeout_s``; a human who did not pass
+        counts with ``free_pass_s``.
         """
         av, human = self.time_s[0], self.untouched_time_s[1]
         human = np.where(np.isnan(human), self.time_s[1], human)
@@ -116,13 +120,13 @@ class PairColumns:
 
     @property
     def av_missed(self) -> np.ndarray:
-        """Whether the AV crashed, timed out, or failed by its strategy's fault."""
+        """Whether the AV crashed, timed out, or failed because of its strategy."""
         missed: np.ndarray = self.crashed[0] | self.timed_out[0] | self.failed_strategy[0]
         return missed
 
     @property
     def av_tried(self) -> np.ndarray:
-        """Whether the AV's episode ran, or failed by its strategy's fault."""
+        """Whether the AV's episode ran, or failed because of its strategy."""
         tried: np.ndarray = ~self.failed[0] | self.failed_strategy[0]
         return tried
 

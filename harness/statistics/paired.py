@@ -17,15 +17,16 @@ from harness.statistics.intervals import CONFIDENCE
 _FLIPPED = 16
 
 _ROUNDING = 1e-9
-"""Differences below are of the last bits of sums."""
+"""Smaller differences are rounding errors of sums."""
 
 
 @dataclass(frozen=True, slots=True)
 class CrashTest:
     """Crashes of two cells over the same pairs, and the exact McNemar test of equal crash rates.
 
-    ``pairs`` ran in both cells; ``only_a`` and ``only_b`` are the discordant ones, in which the AV
-    crashed in that cell alone.  ``ran_in_one`` counts the pairs that ran in one cell alone.
+    ``pairs`` is the number of pairs that ran in both cells.  ``only_a`` and ``only_b`` are the
+    numbers of discordant pairs, in which the AV crashed in one of the cells alone.  ``ran_in_one``
+    is the number of pairs that ran in one cell alone.
     """
 
     pairs: int
@@ -36,21 +37,22 @@ class CrashTest:
 
     @property
     def kappa_difference(self) -> float | None:
-        """κ of cell A less κ of cell B over these pairs; undefined without any."""
+        """κ of cell A minus κ of cell B over these pairs; undefined if there are none."""
         return (self.only_a - self.only_b) / self.pairs if self.pairs else None
 
 
 @dataclass(frozen=True, slots=True)
 class Difference(Resampled):
-    """A difference of two cells over the same pairs, and the p of the sign-flip test of none.
+    """A difference of two cells over the same pairs, and the p of the sign-flip test.
 
-    ``informative`` pairs differ.  The interval leaves out 0 only where the test rejects.
+    The test's hypothesis is that the cells do not differ.  ``informative`` is the number of pairs
+    that differ.  The interval excludes 0 only if the test rejects.
     """
 
     p: float
 
     def columns(self, name: str, kind: str = "ci") -> dict[str, float | None]:
-        """As of a bootstrap's interval, with ``<name>_p``."""
+        """The columns of a bootstrap's interval, and ``<name>_p``."""
         return {**Resampled.columns(self, name, kind), f"{name}_p": self.p}
 
 
@@ -59,19 +61,19 @@ def paired_difference(
 ) -> Difference:
     """Mean of a − b with its interval over the pairs in which both are defined.
 
-    The interval is the BCa bootstrap's, drawn out to 0 where the sign-flip test does not reject at
-    1 − ``confidence``: the bootstrap of few pairs that differ, all of one sign, leaves out 0
-    always.
+    The interval is the BCa bootstrap's.  It is extended to 0 if the sign-flip test does not reject
+    at 1 − ``confidence``: if few pairs differ and all differences have one sign, the bootstrap's
+    interval always excludes 0.
 
     Args:
         a: shape (n,), NaN where undefined.
-        b: the other cell's, of the same shape.
+        b: of the other cell, same shape.
         rng: draws the resamples.
         confidence: of the interval, two-sided.
 
     Returns:
-        As ``bootstrap_mean``: the same difference in all pairs gives the point as its own
-        interval, one pair gives no interval, none gives nothing.
+        As ``bootstrap_mean``: if all differences are equal, the interval is that point; one pair
+        has no interval; without a pair everything is None.
     """
     difference = _without_rounding(a - b)
     difference = difference[~np.isnan(difference)]
@@ -87,39 +89,39 @@ def ratio_difference(
 ) -> Difference:
     """Σ(a − b) / Σ ``reference`` over the pairs in which both are defined.
 
-    Args, interval and test as of ``paired_difference``; ``reference`` is above 0 where both are
-    defined.
+    Arguments, interval and test are as in ``paired_difference``; ``reference`` is above 0 where
+    both are defined.
     """
     difference = _without_rounding(a - b)
     counted = ~np.isnan(difference)
-    found = bootstrap_ratio(difference[counted], reference[counted], rng, confidence)
-    return _tested(found, difference[counted], confidence)
+    ratio = bootstrap_ratio(difference[counted], reference[counted], rng, confidence)
+    return _tested(ratio, difference[counted], confidence)
 
 
 def _without_rounding(difference: FloatArray) -> FloatArray:
     return np.where(np.abs(difference) < _ROUNDING, 0.0, difference)
 
 
-def _tested(found: Resampled, differences: FloatArray, confidence: float) -> Difference:
-    p, low, high = sign_flip_p(differences), found.low, found.high
+def _tested(estimate: Resampled, differences: FloatArray, confidence: float) -> Difference:
+    p, low, high = sign_flip_p(differences), estimate.low, estimate.high
     if low is not None and high is not None and p >= 1 - confidence:
         low, high = min(low, 0.0), max(high, 0.0)
-    return Difference(found.value, low, high, int(np.count_nonzero(differences)), p)
+    return Difference(estimate.value, low, high, int(np.count_nonzero(differences)), p)
 
 
 def sign_flip_p(differences: FloatArray) -> float:
-    """Two-sided p of the sum of paired differences, each of which might have had either sign.
+    """Two-sided p of the sum of paired differences under random signs (Fisher 1935).
 
-    So it is where the cells are equal in law (Fisher 1935, permutation of the arms within pairs).
-    All signs of the ``_FLIPPED`` largest are tried; the sum of the others, none of them larger, is
-    taken as normal with their sum of squares.  With no more than ``_FLIPPED`` that differ from 0
-    the test is exact: k of one sign have p = 2^(1 − k).
+    If the two cells have the same distribution, each difference is as likely to have either sign.
+    All signs of the ``_FLIPPED`` largest differences are enumerated; the sum of the others is
+    approximated by a normal distribution whose variance is their sum of squares.  If at most
+    ``_FLIPPED`` differences are not 0, the test is exact: k of one sign have p = 2^(1 − k).
 
     Args:
         differences: shape (n,), finite.
 
     Returns:
-        1 where none differs from 0.
+        1 if all differences are 0.
     """
     sizes = np.sort(np.abs(differences[differences != 0]))[::-1]
     sums = np.zeros(1)
@@ -129,7 +131,7 @@ def sign_flip_p(differences: FloatArray) -> float:
     if len(sizes) <= _FLIPPED:
         beyond = np.mean(sums >= total * (1 - _ROUNDING))
     else:
-        # As far as half the step between two sums where all sizes are the same.
+        # Continuity correction: half the step between two sums if all sizes are equal.
         gap = (sums + sizes[-1] - total) / np.sqrt(np.sum(sizes[_FLIPPED:] ** 2))
         beyond = np.mean(special.ndtr(gap))
     return min(1.0, 2 * float(beyond))
@@ -142,12 +144,12 @@ def mcnemar(
 
     Args:
         crashed_a: whether the AV crashed, shape (n,).
-        crashed_b: the other cell's.
-        ran_a: whether its episode ran, that is, did not fail in the engine.
-        ran_b: the other cell's.
+        crashed_b: the same, of the other cell.
+        ran_a: whether the AV's episode ran, that is, did not fail in the engine.
+        ran_b: the same, of the other cell.
 
     Returns:
-        With the two-sided p; p = 1 without discordant pairs.
+        The counts and the two-sided p, which is 1 if there are no discordant pairs.
     """
     ran = ran_a & ran_b
     only_a = int((ran & crashed_a & ~crashed_b).sum())
@@ -160,9 +162,9 @@ def mcnemar(
 def holm(p_values: Sequence[float]) -> list[float]:
     """Adjusted p of each test of a family (Holm 1979).
 
-    The j-th smallest of m is multiplied by m − j + 1, never falls below a smaller one's, and is
-    at most 1.  Rejecting where it is below 5 % is wrong anywhere in the family with at most 5 %,
-    however the tests depend on each other.
+    The j-th smallest of m values of p is multiplied by m − j + 1.  The result is at most 1, and
+    never below the result for a smaller p.  If tests are rejected below 5 %, the probability of
+    any wrong rejection in the family is at most 5 %, however the tests depend on each other.
     """
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p, kind="stable")

@@ -1,4 +1,4 @@
-"""Which cells no other beats in both the ratio of times and κ, as far as the pairs can tell."""
+"""Which cells are on the Pareto front of ratio of times and κ, as far as the pairs decide it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,22 +9,22 @@ from harness.statistics.paired import CrashTest
 
 
 class Relation(StrEnum):
-    """How one cell stands to another in one measure; less is better in both measures."""
+    """How one cell compares with another in one measure; smaller is better in both measures."""
 
     BETTER = "better"
     WORSE = "worse"
     ALIKE = "alike"
-    """The same in every single pair."""
+    """The measure is equal in every pair."""
     UNDECIDED = "undecided"
 
     def reversed(self) -> "Relation":
-        """The other way round."""
+        """The relation of the second cell to the first."""
         turned = {Relation.BETTER: Relation.WORSE, Relation.WORSE: Relation.BETTER}
         return turned.get(self, self)
 
 
 class Place(StrEnum):
-    """A cell's place on the front, and the cells that matter for it."""
+    """Where a cell is with respect to the front."""
 
     FRONT = "on the front"
     DOMINATED = "dominated"
@@ -35,8 +35,8 @@ class Place(StrEnum):
 class Standing:
     """A cell's place on the Pareto front of (ratio of times, κ).
 
-    ``dominated_by`` and ``open_against`` hold positions of other cells: those that dominate it,
-    and those of which it cannot be told whether they do.
+    ``dominated_by`` holds the positions of the cells that dominate it; ``open_against`` those of
+    the cells for which this is undecided.
     """
 
     place: Place
@@ -49,9 +49,9 @@ def relation_of_times(
 ) -> Relation:
     """The relation by a paired difference a − b.
 
-    Decided where its interval leaves out 0 and the sign-flip test, adjusted within its family,
-    rejects at ``level``.  Cells of which ``counted_in_one`` pairs count in one alone are never
-    alike.
+    It is decided if the interval excludes 0 and the sign-flip test, adjusted within its family,
+    rejects at ``level``.  ``counted_in_one`` is the number of pairs that count in one cell alone;
+    if there are any, the cells are never alike.
     """
     if difference.low is None or difference.high is None:
         return Relation.UNDECIDED
@@ -63,7 +63,7 @@ def relation_of_times(
 
 
 def relation_of_crashes(test: CrashTest, adjusted_p: float, level: float) -> Relation:
-    """Decided where the McNemar test, adjusted within its family, rejects at ``level``."""
+    """The relation by crash rates, decided if the adjusted McNemar test rejects at ``level``."""
     if test.pairs and test.only_a == test.only_b == test.ran_in_one == 0:
         return Relation.ALIKE
     if adjusted_p >= level:
@@ -76,9 +76,9 @@ def pareto_front(
 ) -> list[Standing]:
     """The place of every cell.
 
-    A dominates B if it is better in one measure and better or alike in the other.  It does not if
-    B is better in a measure, or if both are alike.  Otherwise it cannot be told.  A cell is on the
-    front if no cell dominates it and all can be told.
+    A dominates B if A is better in one measure and better or alike in the other.  A does not
+    dominate B if B is better in a measure, or if the cells are alike in both.  Otherwise it is
+    undecided.  A cell is on the front if it is decided that no cell dominates it.
 
     Args:
         count: number of cells.
@@ -87,7 +87,7 @@ def pareto_front(
     standings = []
     for b in range(count):
         dominating: list[int] = []
-        untold: list[int] = []
+        undecided: list[int] = []
         for a in range(count):
             if a == b:
                 continue
@@ -97,7 +97,7 @@ def pareto_front(
                 pair = [relation.reversed() for relation in relations[b, a]]
             if Relation.WORSE in pair or set(pair) == {Relation.ALIKE}:
                 continue
-            (untold if Relation.UNDECIDED in pair else dominating).append(a)
-        place = Place.DOMINATED if dominating else Place.UNDECIDED if untold else Place.FRONT
-        standings.append(Standing(place, tuple(dominating), tuple(untold)))
+            (undecided if Relation.UNDECIDED in pair else dominating).append(a)
+        place = Place.DOMINATED if dominating else Place.UNDECIDED if undecided else Place.FRONT
+        standings.append(Standing(place, tuple(dominating), tuple(undecided)))
     return standings

@@ -14,12 +14,12 @@ _ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.n
 
 @dataclass(frozen=True)
 class Summary:
-    """What is reported of a cell of encounters; an attribute for each finding."""
+    """The findings of a cell of encounters; each is an attribute."""
 
     findings: Findings
 
     def __getattr__(self, name: str) -> Any:
-        """A finding as its interval, or as its value where it has none."""
+        """A finding as its interval, or as its value if it has no interval."""
         if name not in _ENTRIES:
             raise AttributeError(name)
         finding, kind = self.findings[name], _ENTRIES[name].interval

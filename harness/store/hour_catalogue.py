@@ -3,10 +3,10 @@
 from harness.statistics import CONFLICTS, Entry, Form, Interval, Proportion
 from harness.store.hour_columns import HourColumns, scaled
 
-_NO_VEHICLE = "no vehicle counts, or there is a permanent queue"
-_NO_KIND = "no such vehicle counts, or there is a permanent queue"
-_NOBODY = "nobody came"
-_NOBODY_MET = "no passage met anybody"
+_NO_VEHICLE = "no vehicle counts, or the queue is permanent"
+_NO_KIND = "no such vehicle counts, or the queue is permanent"
+_NOBODY = "nobody arrived"
+_NOBODY_MET = "no passage met anyone"
 _NOT_REACHED = "no vehicle reached the crosswalk"
 _NO_HANDBOOK = "see `no_handbook`"
 
@@ -20,7 +20,7 @@ def _mean(
     *,
     first_screen: bool = False,
 ) -> Entry[HourColumns]:
-    """The mean of a column of that name over hours, and the difference hour by hour."""
+    """The mean over hours of the column ``key``, and its difference hour by hour."""
     return Entry(
         key,
         heading,
@@ -51,7 +51,7 @@ def _per_1000(
 
 
 def _total(key: str, heading: str, meaning: str) -> Entry[HourColumns]:
-    """The sum of a column of that name."""
+    """The sum of the column ``key``."""
     return Entry(key, heading, meaning, form=Form.COUNT, of_arm=lambda c, arm: c.total(key, arm))
 
 
@@ -59,8 +59,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     _mean(
         "automated_delay_s",
         "delay of AVs",
-        "Mean delay of the vehicles that `arms.av` drives; in the reference's arm that of the same "
-        "vehicles.",
+        "Mean delay of the vehicles that `arms.av` drives. In the reference's arm it is the mean "
+        "delay of the same vehicles.",
         "s",
         _NO_KIND,
         first_screen=True,
@@ -84,7 +84,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "queue_p95_m",
         "queue, 95 %",
-        "`queue_p95` in metres, each vehicle with its `traffic.min_gap_m`.",
+        "`queue_p95` in metres: each vehicle counts with its length and `traffic.min_gap_m`.",
         unit="m",
         digits=1,
         of_arm=lambda c, arm: c.queue_m(arm),
@@ -96,7 +96,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "los_vehicles",
         "level of service, vehicles",
-        "Level of service of vehicles by their control delay (HCM); F on a saturated road.",
+        "Level of service of vehicles (HCM), by their control delay; F if the road is saturated.",
         form=Form.WORD,
         of_arm=lambda c, arm: c.los_vehicles(arm),
         undefined=_NO_VEHICLE,
@@ -105,7 +105,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "los_pedestrians",
         "level of service, people",
-        "Level of service of pedestrians by their wait (HCM).",
+        "Level of service of pedestrians (HCM), by their mean wait.",
         form=Form.WORD,
         of_arm=lambda c, arm: c.los_pedestrians(arm),
         undefined=_NOBODY,
@@ -115,7 +115,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "kappa",
         "crashes",
-        "κ, crashes over vehicles that reached the crosswalk or crashed before it.",
+        "κ, the number of crashes over the number of vehicles that reached the crosswalk or "
+        "crashed before it.",
         form=Form.EVENTS,
         of_arm=lambda c, arm: c.share("crashes", "reached", arm),
         interval=Proportion,
@@ -124,7 +125,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "time_ratio",
         "ratio of travel times",
-        "Sum of the travel times of the AV's arm over that of the reference's.",
+        "Sum of the travel times in the AV's arm over the sum in the reference's arm.",
         digits=3,
         paired=lambda c: c.time_ratio(),
         interval=Interval,
@@ -134,30 +135,41 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     _mean(
         "control_delay_s",
         "delay to the road's end",
-        "Mean delay to where vehicles leave the road.",
+        "Mean delay up to the point at which vehicles leave the road.",
         "s",
     ),
     _mean(
         "person_delay_h",
         "delay of all persons",
-        "`traffic.occupancy` × the vehicles' delays + the people's waits.",
+        "Delay of all persons: `traffic.occupancy` × the vehicles' delays plus the pedestrians' "
+        "waits.",
         "h",
     ),
     _mean(
         "throughput_per_hour",
-        "vehicles through per hour",
-        "Vehicles that passed the crosswalk, per hour.",
+        "throughput, vehicles per hour",
+        "Number of vehicles that passed the crosswalk, per hour.",
         "1/h",
     ),
-    _mean("queue_mean", "queue, mean", "Vehicles queued in a lane, mean over seconds and lanes."),
-    _mean("queue_p95", "queue, 95 %, in vehicles", "95 % quantile of the same."),
-    _mean("queue_longest", "queue, longest, in vehicles", "Longest queue of a lane."),
-    _mean("stops_per_vehicle", "stops per vehicle", "Stops per vehicle, from where it enters on."),
+    _mean(
+        "queue_mean",
+        "queue, mean",
+        "Number of queued vehicles in a lane, mean over seconds and lanes.",
+    ),
+    _mean(
+        "queue_p95",
+        "queue, 95 %, in vehicles",
+        "Number of queued vehicles in a lane, 95 % quantile over seconds and lanes.",
+    ),
+    _mean("queue_longest", "queue, longest, in vehicles", "Longest queue in a lane."),
+    _mean(
+        "stops_per_vehicle", "stops per vehicle", "Number of stops per vehicle, from its entry on."
+    ),
     Entry(
         "first_driver_yield_share",
         "people for whom the first driver yielded",
-        "Share of the people who had to wait who went before the first vehicle that kept them "
-        "waiting.",
+        "Among the people who had to wait, the share who went before the first vehicle that kept "
+        "them waiting.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.share("let_go", "had_to_wait", arm),
         paired=lambda c: c.share_difference("let_go", "had_to_wait"),
@@ -168,32 +180,36 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         _per_1000(
             f"conflicts_{conflict.name}",
             conflict.heading,
-            f"Conflicts by `conflicts.{conflict.threshold}`",
+            f"Conflicts, by the threshold `conflicts.{conflict.threshold}`,",
         )
         for conflict in CONFLICTS
     ),
     Entry(
-        "pairs", "pairs of hours", "All pairs of hours.", form=Form.COUNT, paired=lambda c: c.pairs
+        "pairs",
+        "pairs of hours",
+        "Number of pairs of hours.",
+        form=Form.COUNT,
+        paired=lambda c: c.pairs,
     ),
     Entry(
         "failed",
         "failures",
-        "Pairs in which an hour failed; they count nowhere else.",
+        "Pairs in which an hour failed. No other number counts them.",
         form=Form.COUNT,
         paired=lambda c: c.failed,
     ),
     Entry(
         "saturated",
         "saturated",
-        "Whether more vehicles came than got through.",
+        "Whether the road is saturated: more vehicles arrived than passed.",
         form=Form.FLAG,
         of_arm=lambda c, arm: c.saturated(arm),
     ),
     Entry(
         "growth",
         "growth of late vehicles",
-        "Growth of the number of late vehicles from the first half to the second, over the "
-        "arrivals.",
+        "Growth of the number of late vehicles from the first half of the hour to the second, as a "
+        "share of the arrivals.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.growth(arm).share,
         undefined=_NO_VEHICLE,
@@ -201,7 +217,7 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "growth_bound",
         "growth by chance",
-        "Growth that chance alone explains.",
+        "Largest growth that chance alone explains.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.growth(arm).bound,
         undefined=_NO_VEHICLE,
@@ -209,7 +225,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "rising_s",
         "rise of the delay",
-        "Mean delay of vehicles due in the last third of an hour less that of the first.",
+        "Mean delay of the vehicles due in the last third of an hour minus that of the vehicles "
+        "due in the first third.",
         unit="s",
         of_arm=lambda c, arm: c.rise_s(arm),
         interval=Interval,
@@ -217,8 +234,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     ),
     _total(
         "not_through",
-        "vehicles that never got through",
-        "Vehicles that were not through at the end.",
+        "vehicles that never passed",
+        "Vehicles that had not passed the crosswalk at the end.",
     ),
     _total("never_went", "people who never went", "People who had not stepped off at the end."),
     Entry(
@@ -230,13 +247,15 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     ),
     _total(
         "conflicts_unreached",
-        "those of them with a conflict",
-        "Those of them with a conflict of any kind, which no rate counts.",
+        "vehicles that never reached it, with a conflict",
+        "Vehicles that never reached the crosswalk but had a conflict of any kind. No rate counts "
+        "these conflicts.",
     ),
     Entry(
         "fallback_share",
-        "fallbacks where someone was met",
-        "Share of the passages of the arm's own strategy that met someone in which it fell back.",
+        "fallbacks among passages that met someone",
+        "Among the passages that met someone and were driven by the arm's strategy, the share in "
+        "which the strategy fell back on another one.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.share("fallbacks", "met", arm),
         interval=Proportion,
@@ -245,7 +264,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "hcm_pedestrian_delay_s",
         "people's wait by the HCM",
-        "Mean wait of pedestrians by the HCM 2010, with the drivers' declared yield rates.",
+        "Mean wait of pedestrians by the formula of the HCM 2010, with the drivers' declared yield "
+        "rates.",
         unit="s",
         of_arm=lambda c, arm: c.handbook(arm).hcm_s,
         undefined=_NO_HANDBOOK,
@@ -253,7 +273,8 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "nchrp_pedestrian_delay_s",
         "people's wait by NCHRP 17-87",
-        "Mean wait of pedestrians by NCHRP 17-87, with the drivers' declared yield rates.",
+        "Mean wait of pedestrians by the formula of NCHRP 17-87, with the drivers' declared yield "
+        "rates.",
         unit="s",
         of_arm=lambda c, arm: c.handbook(arm).nchrp_s,
         undefined=_NO_HANDBOOK,
@@ -261,15 +282,16 @@ HOURS: tuple[Entry[HourColumns], ...] = (
     Entry(
         "yield_rate",
         "declared yield rate",
-        "Yield rate that the drivers of the arm declare, by their shares of vehicles.",
+        "Mean of the yield rates that the arm's drivers declare, weighted by their shares of the "
+        "vehicles.",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.handbook(arm).yield_rate,
         undefined=_NO_HANDBOOK,
     ),
     Entry(
         "no_handbook",
-        "why no handbook applies",
-        "Why there is no delay by the handbooks.",
+        "why the handbooks do not apply",
+        "Reason why the handbooks give no wait.",
         form=Form.WORD,
         of_arm=lambda c, arm: c.handbook(arm).reason,
         undefined="the handbooks apply",
