@@ -1,1 +1,1 @@
-"""Arguments of the command line in; calls of the rooms, output and exit codes out."""
+"""Command-line arguments come in; printed results and exit codes go out."""

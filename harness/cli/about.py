@@ -40,7 +40,7 @@ def network(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Build the scenario's SUMO network, with its plain-XML sources."""
+    """Build the scenario's SUMO network and write its plain-XML sources."""
     from harness.scenario import read_scenario_file
 
     file = read_scenario_file(scenario, settings_of(settings))
@@ -56,17 +56,17 @@ def strategies(
     check: Annotated[
         str | None,
         typer.Option(
-            help="Check a strategy of your own, e.g. my_module:MyStrategy, or any of the list.",
+            help="Check your own strategy, e.g. my_module:MyStrategy, or one from the list.",
             metavar="STRATEGY",
         ),
     ] = None,
     scenario: Annotated[
         str,
-        typer.Option(help="With --check: whose crosswalk, ego and parameters."),
+        typer.Option(help="With --check: the scenario that sets crosswalk, ego and parameters."),
     ] = "cctc",
     settings: SetOption = None,
     limit: Annotated[
-        float, typer.Option(help="With --check: seconds of wall time for all checks together.")
+        float, typer.Option(help="With --check: time limit for all checks together, in seconds.")
     ] = _LIMIT_S,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print only names, or failed checks.")
@@ -113,7 +113,7 @@ def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only failed checks.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check this installation: versions, SUMO, a network, a pair."""
+    """Check this installation: versions, SUMO, a network and one pair."""
     from harness.core.versions import versions_of_runs
     from harness.report.screens.listings import installation_checks
 
@@ -136,7 +136,7 @@ def doctor(
 
 
 def _print_results(name: str, results: "Sequence[RuleResult]", quiet: bool, as_json: bool) -> None:
-    """Print which rules a strategy keeps, and what it was shown where it broke one."""
+    """Print which rules a strategy keeps, and the observations with which it broke one."""
     from harness.report.screens.listings import knowledge_of, observation_lines, verdict_document
     from harness.strategies.registry import find_strategy
 

@@ -1,4 +1,4 @@
-"""The application: every command, and how refusals and interruptions end it."""
+"""The application: all commands, and the exit codes of refusals and interruptions."""
 
 import errno
 import io
@@ -32,7 +32,7 @@ COMMANDS = (
     model.fit,
     validation.validate,
 )
-"""In the order in which ``harness --help`` lists them; ``model show`` is a group of its own."""
+"""The order is that of ``harness --help``; ``model show`` belongs to a separate group."""
 
 app = typer.Typer(
     name="harness",
@@ -54,24 +54,24 @@ def _harness(
         ),
     ] = False,
 ) -> None:
-    """Options of no command."""
+    """Take the options that do not belong to a command."""
 
 
 for command in COMMANDS:
     app.command()(command)
     if command is batch.run:
-        app.command("sweep", help="The other name of `harness run`.")(command)
+        app.command("sweep", help="Another name for `harness run`.")(command)
 app.add_typer(model.group, name="model")
 
 
 _INTERRUPTED = 130
-"""typer's exit code where a command did not catch the interruption."""
+"""typer's exit code if a command did not catch the interruption."""
 
 _NO_NAME = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EINVAL)
-"""Errors of a name that the user chose, not of the file system's state."""
+"""Errors caused by a name that the user chose, not by the state of the file system."""
 
 _OURS = (
-    "harness: this is a bug of the harness, not a fault of your files; please report the command "
+    "harness: this is a bug in the harness, not an error in your files; please report the command "
     "and the lines above"
 )
 
@@ -79,7 +79,7 @@ _OURS = (
 def main() -> None:
     """Run the command line; every refusal becomes one line on stderr and exit code 2."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A terminal that cannot print μ does not end the command, nor does a path that is no text.
+        # Text that the terminal cannot encode, such as μ, must not end the command.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code = app(standalone_mode=False)
@@ -87,8 +87,10 @@ def main() -> None:
             raise KeyboardInterrupt
     except (InputError, TyperException) as error:
         text = error.format_message() if isinstance(error, TyperException) else str(error)
-        text = text.replace("Value error, ", "")  # pydantic's, by which typer checks choices
-        # `harness` or `harness model` alone: typer's answer is the whole help.
+        text = text.replace(
+            "Value error, ", ""
+        )  # prefix of pydantic, which typer uses to check choices
+        # For `harness` or `harness model` alone typer answers with the whole help.
         say(text if text.startswith("Usage:") else one_line(f"harness: {text}"))
         code = 2
     except BrokenOffError as error:
@@ -98,7 +100,7 @@ def main() -> None:
         say(one_line(f"harness: {error}"))
         code = 1
     except OSError as error:
-        # No module handled it: a name that no file can have, or a disk that went away.
+        # No module handled it: the file name is impossible, or a disk has disappeared.
         name = "" if error.filename is None else f"{error.filename}: "
         say(one_line(f"harness: {name}{error.strerror or error}"))
         code = 2 if error.errno in _NO_NAME else 1
@@ -111,7 +113,7 @@ def main() -> None:
         say("harness: there is not enough memory for this")
         code = 1
     except Exception:
-        # Files and options are checked where they are read: what is left is a bug.
+        # Files and options are checked when they are read, so any other error is a bug.
         traceback.print_exc()
         say(_OURS)
         code = 1

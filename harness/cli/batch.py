@@ -1,4 +1,4 @@
-"""``run`` (``sweep`` is its other name) and ``resume``."""
+"""The commands ``run`` (also called ``sweep``) and ``resume``."""
 
 from typing import TYPE_CHECKING
 
@@ -55,9 +55,9 @@ def run(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run every pair once with the AV, once with the human driver.
+    """Run every pair twice: once with the AV, once with the human driver.
 
-    With --vary every cell of the sweep is run.
+    With --vary, the command runs every cell of the sweep.
     """
     from harness.scenario import Options, parse_variation, read_scenario_file, remarks, study_of
     from harness.scenario.options import AUDIT_SHARE
@@ -83,8 +83,8 @@ def run(
         study = _settled(study, options, quiet or as_json)
     from harness.studies.workers.executors import executor_for
 
-    # Local workers import while this process still does; a wrong address is refused before there
-    # is a run folder.
+    # Local workers import modules while this process still does.  A wrong address is refused before
+    # a run folder exists.
     executor = executor_for(study, options, dask)
     try:
         from harness.studies.batch.experiment import run_study
@@ -105,7 +105,7 @@ def _settled(study: "Study", options: "Options", quiet: bool) -> "Study":
         study = settled(study, options, advance)
     warm_ups = sorted({cell.scenario.known_traffic.warm_up_s for cell in study.cells})
     span = " to ".join(f"{seconds:g}" for seconds in dict.fromkeys([warm_ups[0], warm_ups[-1]]))
-    say(f"harness: traffic.warm_up_s = {span} by a pilot of each cell")
+    say(f"harness: traffic.warm_up_s = {span}, set by a pilot of each cell")
     return study
 
 
@@ -117,7 +117,7 @@ def resume(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Continue a run, or a risk, that was interrupted."""
+    """Continue an interrupted run or risk estimate."""
     from harness.cli.risk import is_risk, resume_risk
     from harness.studies.batch.experiment import resume as resume_run
 
@@ -173,15 +173,17 @@ def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None
     )
     problems = {
         "episodes failed": finished.failures,
-        "episodes have no SUMO outputs, or ones that do not agree": finished.output_failures,
-        "records of the plain engine do not agree with SUMO's": finished.disagreements,
+        "episodes have no SUMO outputs, or outputs that disagree with the record": (
+            finished.output_failures
+        ),
+        "records of the plain engine disagree with SUMO's": finished.disagreements,
     }
-    for what, failures in problems.items():
+    for problem, failures in problems.items():
         if failures:
-            shown = "; ".join(
+            examples = "; ".join(
                 f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
             )
             more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
-            say(one_line(f"harness: {len(failures)} {what}: {shown}{more}"))
+            say(one_line(f"harness: {len(failures)} {problem}: {examples}{more}"))
     if any(problems.values()):
         raise typer.Exit(1)

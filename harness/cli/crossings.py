@@ -1,4 +1,4 @@
-"""``harness crossings``: the crosswalks of a network or a map, and a scenario for one of them."""
+"""``harness crossings``: lists the crosswalks of a network or map, and writes a scenario."""
 
 import gc
 from dataclasses import asdict
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from harness.engine.network.crossings import CrossingRow
 
 _NONE_IN_NETWORK = (
-    "no crossing is in it: netconvert -s THIS --sidewalks.guess --crossings.guess -o NEW adds "
-    "those of junctions with sidewalks; one in a road needs a node there, and -x FILE with "
-    '<crossing node="…" edges="…"/>'
+    "the network has no crossing: netconvert -s THIS --sidewalks.guess --crossings.guess -o NEW "
+    "adds crossings at junctions with sidewalks; a mid-block crossing needs a node there, and "
+    '-x FILE with <crossing node="…" edges="…"/>'
 )
 _NONE_IN_MAP = (
-    "no crossing came of it: the map needs a node with highway=crossing on a road for cars with "
-    "sidewalks"
+    "the converted map has no crossing: it needs a node with highway=crossing on a road for cars "
+    "with sidewalks"
 )
 
 _SHOWN = 5
-"""Crossings that a refusal names."""
+"""Number of crossings that a refusal lists."""
 
 
 def crossings(
@@ -34,23 +34,24 @@ def crossings(
         Path,
         typer.Argument(
             help="A SUMO network (.net.xml), or an OpenStreetMap extract (.osm, .osm.gz), "
-            "which is converted first."
+            "which the command converts first."
         ),
     ],
     write: Annotated[
         Path | None,
         typer.Option(help="Write a scenario file for one crossing.", metavar="SCENARIO.toml"),
     ] = None,
-    edge: Annotated[str | None, typer.Option(help="Which crossing --write takes.")] = None,
+    edge: Annotated[str | None, typer.Option(help="Edge of the crossing for --write.")] = None,
     ignore_signal: Annotated[
         bool,
         typer.Option(
-            "--ignore-signal", help="Take crossings with a traffic light: it stays green for all."
+            "--ignore-signal",
+            help="Accept crossings with a traffic light; it stays green for everybody.",
         ),
     ] = False,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of a converted map; default: beside the map, by its name."),
+        typer.Option(help="Folder for a converted map; default: next to the map, with its name."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -61,8 +62,8 @@ def crossings(
     from harness.site import read_network
 
     if (write is None) != (edge is None):
-        given, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")
-        raise InputError(given, f"needs {missing}", f"both, or none to list {file}")
+        option, missing = ("--write", "--edge") if edge is None else ("--edge", "--write")
+        raise InputError(option, f"needs {missing}", f"both, or neither to list {file}")
     net, remarks = file, tuple[str, ...]()
     if is_osm(file):
         with unwinding():
@@ -70,7 +71,7 @@ def crossings(
         net, remarks = converted.net, converted.remarks
     elif out is not None:
         raise InputError("--out", f"{file} needs no conversion", "an OpenStreetMap extract")
-    # Millions of records that stay: looking for garbage among them takes as long as the rest.
+    # Millions of records stay alive: searching them for garbage would double the time.
     gc.disable()
     rows = list_crossings(read_network(net), ignore_signal=ignore_signal)
     gc.enable()
@@ -82,7 +83,7 @@ def crossings(
         if row is None:
             near = nearest_name(edge or "", listed)
             some = ", ".join([*listed][:_SHOWN]) + ", …" * (len(rows) > _SHOWN)
-            raise InputError("--edge", f"no crossing {edge!r}", some or "none is there", near)
+            raise InputError("--edge", f"no crossing {edge!r}", some or "there are none", near)
         if row.problem is not None:
             raise InputError(f"--edge {edge}", row.problem)
         _write_new(write, scenario_text(_seen_from(net, write.parent), row))
@@ -101,7 +102,7 @@ def crossings(
 
 
 def _line(row: "CrossingRow") -> str:
-    """One crossing on one line; names in a network may hold anything."""
+    """Describe a crossing on one line; names in a network may contain any character."""
     parts = [row.edge, " / ".join(row.streets)]
     if row.longitude_deg is not None:
         parts.append(f"{row.latitude_deg:.6f}°, {row.longitude_deg:.6f}°")
@@ -120,7 +121,7 @@ def _line(row: "CrossingRow") -> str:
 
 
 def _seen_from(net: Path, folder: Path) -> Path:
-    """A network's path as a scenario file in a folder names it."""
+    """Return a network's path, relative to the folder of the scenario file if it lies inside."""
     whole = net.absolute()
     here = folder.absolute()
     return whole.relative_to(here) if whole.is_relative_to(here) else whole

@@ -1,8 +1,7 @@
-"""Ctrl-C and SIGTERM end a command with one line and nothing half-written, whenever they come.
+"""Ctrl-C and SIGTERM end a command at any time with one line and no half-written file.
 
-At first they end the process where it stands: an exception in the middle of an import would be
-seen by whatever is half imported.  Once something is under way that has to be cleared up they
-unwind it, as Python's own KeyboardInterrupt does.
+During start-up they end the process at once, because a half-imported module could catch an
+exception.  Once work that needs clearing up has begun, they raise KeyboardInterrupt.
 """
 
 import os
@@ -18,55 +17,55 @@ LINE = "harness: interrupted"
 
 
 class BrokenOffError(HarnessError):
-    """A command was interrupted, and the message says how to go on."""
+    """A command was interrupted; the message says how to continue."""
 
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _SAME_S = 1.0
-"""A second signal within this time is the same wish; later, that the first was not heard."""
+"""A second signal within this time is ignored as a repetition; a later one ends the process."""
 
 _first: tuple[int, float] | None = None
-"""The signal that is unwinding, and when it came."""
+"""The signal that raised KeyboardInterrupt, and its time."""
 
 
 def leave_at_once() -> None:
-    """From here on an interruption ends the process where it stands."""
-    for number in _heard():
+    """Let an interruption end the process at once from now on."""
+    for number in _handled_signals():
         signal.signal(number, _leave)
 
 
 @contextmanager
 def unwinding() -> Iterator[None]:
-    """An interruption inside raises KeyboardInterrupt, once; that of a run says how to go on.
+    """Let an interruption inside raise KeyboardInterrupt once.
 
     Raises:
-        BrokenOffError: a run was interrupted that can be resumed.
+        BrokenOffError: the interrupted run can be resumed; the message says how.
     """
-    before = {number: signal.signal(number, _unwind) for number in _heard()}
+    before = {number: signal.signal(number, _unwind) for number in _handled_signals()}
     try:
         yield
     except InterruptedRunError as error:
-        # typer would forget what it says.
+        # typer would drop the message of a KeyboardInterrupt.
         raise BrokenOffError(str(error)) from None
     finally:
-        # While one unwinds, a second must not cut its clearing up short.
+        # A second signal must not interrupt the clearing up after the first.
         if _first is None:
             for number, handler in before.items():
                 signal.signal(number, handler)
 
 
 def exit_code() -> int:
-    """The exit code of a process that was interrupted: 128 + the number of the signal."""
+    """Return the exit code of an interrupted process: 128 + the number of the signal."""
     return 128 + (signal.SIGINT if _first is None else _first[0])
 
 
-def _heard() -> list[signal.Signals]:
-    """A shell lets its background jobs ignore Ctrl-C, and ``nohup`` its command's signals."""
+def _handled_signals() -> list[signal.Signals]:
+    """Return the signals that are not ignored, as a shell's background job ignores Ctrl-C."""
     return [number for number in _SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 def _leave(number: int, _frame: FrameType | None) -> None:
-    # Not through sys.stderr, which the signal may have found in the middle of a line.
+    # sys.stderr may be in the middle of writing a line when the signal arrives.
     os.write(2, f"{LINE}\n".encode())
     os._exit(128 + number)
 

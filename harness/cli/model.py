@@ -1,6 +1,6 @@
-"""Commands of the interaction model: ``extract``, ``fit``, ``model show``.
+"""The commands ``extract``, ``fit`` and ``model show`` for the interaction model.
 
-What a command needs is imported when it is called.
+Each command imports its modules when it is called.
 """
 
 import shlex
@@ -33,25 +33,24 @@ def extract(
         str,
         typer.Option(
             "--format",
-            help="How the data are laid out, e.g. vci (fixed camera) or table (rows you already "
-            "have); all formats: docs/model.md.",
+            help="Data format, e.g. vci (fixed camera) or table (rows you already have); "
+            "docs/model.md lists all formats.",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="The rows are written here (.parquet).")],
+    out: Annotated[Path, typer.Option(help="File for the rows (.parquet).")],
     plots: PlotsOption = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help="Change a rule or an option of the format, e.g. --set min_angle_deg=60. "
-            "Repeatable.",
+            help="Change a rule or a format option, e.g. --set min_angle_deg=60. Repeatable.",
             metavar="KEY=VALUE",
         ),
     ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Extract rows of the model's variables from raw trajectories."""
+    """Extract the model's variables from raw trajectories."""
     model_options.check_target(out, "--out", ".parquet")
     model_options.check_folder(plots)
     from harness.model import trajectories
@@ -88,51 +87,59 @@ def fit(
     rows: Annotated[
         Path, typer.Argument(help="Rows as `harness extract` writes them.", metavar="ROWS")
     ],
-    out: Annotated[Path, typer.Option(help="The model file is written here (.json).")],
+    out: Annotated[Path, typer.Option(help="File for the model (.json).")],
     components: Annotated[
         str, typer.Option(help="Numbers of components: 1..20, 10 (the paper's), or 2,5,10.")
     ] = "1..20",
     choose: Annotated[
         Literal["held-out", "bic", "rule"],
-        typer.Option(help="How K is chosen among them; rule is the paper's."),
+        typer.Option(help="Criterion that chooses K; rule is the paper's."),
     ] = "held-out",
     weigh: Annotated[
-        Literal["row", "encounter", "vehicle"], typer.Option(help="Which of these count the same.")
+        Literal["row", "encounter", "vehicle"],
+        typer.Option(help="Unit of equal weight: each row, encounter or vehicle counts the same."),
     ] = "encounter",
     bounds: Annotated[
         list[str] | None,
         typer.Option(
-            help="Bounds of a variable of the model, e.g. vehicle_speed_mps=0.3:8 or "
+            help="Bounds of a model variable, e.g. vehicle_speed_mps=0.3:8 or "
             "inverse_range_per_m=1/60:0.5. Repeatable.",
             metavar="NAME=LOW:HIGH",
         ),
     ] = None,
     strict: Annotated[
         bool,
-        typer.Option("--strict", help="Refuse rows outside the bounds instead of dropping."),
+        typer.Option("--strict", help="Refuse rows outside the bounds instead of dropping them."),
     ] = False,
-    starts: Annotated[int, typer.Option(min=1, help="Starts of every fit; the best is kept.")] = 3,
+    starts: Annotated[
+        int, typer.Option(min=1, help="Random starts of each fit; the best fit is kept.")
+    ] = 3,
     folds: Annotated[
-        int, typer.Option(min=0, help="Folds of vehicles for the held-out scores; 0: none.")
+        int,
+        typer.Option(min=0, help="Number of folds of vehicles for held-out scores; 0: no scores."),
     ] = 5,
-    seed: Annotated[int, typer.Option(min=0, help="Of starts and folds.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the starts and folds.")] = 1,
     near: Annotated[
         str,
-        typer.Option(help="The scenario's state R,v in m and m/s: the card says what is near."),
+        typer.Option(
+            help="State R,v of the scenario in m and m/s; the card describes the data near it."
+        ),
     ] = _STATE,
     name: Annotated[
-        str | None, typer.Option(help="Name of the model; by default that of its file.")
+        str | None, typer.Option(help="Name of the model; default: the name of its file.")
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, help="Processes; by default one per core. No result depends on it."),
+        typer.Option(
+            min=1, help="Worker processes; default: one per core. Results do not depend on it."
+        ),
     ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Fit the interaction model to extracted rows.
 
-    One fit for each number of components, of which it chooses one.
+    The command fits a model for each number of components and chooses one.
     """
     ks, state = model_options.components(components), model_options.state(near)
     box = model_options.bounds(bounds)
@@ -172,15 +179,20 @@ def show(
     plots: PlotsOption = None,
     rows: Annotated[
         Path | None,
-        typer.Option(help="Rows the model was fitted on, to be drawn beside it with --plots."),
+        typer.Option(
+            help="With --plots: the rows that the model was fitted to, drawn for comparison."
+        ),
     ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Show a model's card, moments and marginals; with --plots the paper's figures of it."""
+    """Show a model's card, moments and marginals.
+
+    With --plots, the command also draws the paper's figures for the model.
+    """
     model_options.check_folder(plots)
     if rows is not None and plots is None:
-        raise InputError("--rows", "are only drawn with --plots", "--plots DIR")
+        raise InputError("--rows", "needs --plots", "--plots DIR")
     from harness.model.interaction import load_model
     from harness.report.screens.model_terminal import check_card, model_document, print_model
 
@@ -210,22 +222,22 @@ def show(
 
 
 def _most_frequent(extraction: "Extraction") -> str:
-    """The rule that left most out, in words."""
+    """Name the rule that excluded the most rows."""
     levels = extraction.counts.dropped.values()
     dropped = {reason: count for level in levels for reason, count in level.items() if count}
     if not dropped:
         return ""
     reason = max(dropped, key=lambda key: dropped[key])
-    return f" (most left out by {reason}: {dropped[reason]})"
+    return f" (the rule that excluded the most is {reason}: {dropped[reason]})"
 
 
 group = typer.Typer(
-    help="What a fitted interaction model says.", no_args_is_help=True, rich_markup_mode=None
+    help="Show a fitted interaction model.", no_args_is_help=True, rich_markup_mode=None
 )
 group.command()(show)
 
 
 @group.callback()
 def _group() -> None:
-    """What a fitted interaction model says."""
-    # A callback keeps `show` a name of its own while it is the only one.
+    """Show a fitted interaction model."""
+    # Without a callback typer would merge the only command, `show`, into the group.

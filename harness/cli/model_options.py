@@ -1,4 +1,4 @@
-"""The texts of the model commands' options: read, checked, written back in the card's commands."""
+"""Parses and checks the options of the model commands, and writes them back for the card."""
 
 import os
 from pathlib import Path
@@ -10,34 +10,34 @@ MOST_COMPONENTS = 100
 
 
 def components(text: str) -> tuple[int, ...]:
-    """``1..20``, ``10`` or ``2,5,10`` as ascending numbers."""
-    found: set[int] = set()
+    """Return ``1..20``, ``10`` or ``2,5,10`` as ascending numbers."""
+    numbers: set[int] = set()
     allowed = f"whole numbers from 1 to {MOST_COMPONENTS}: 1..20, 10 or 2,5,10"
     for part in text.split(","):
         first, dots, last = part.partition("..")
         try:
             low, high = int(first), int(last if dots else first)
         except ValueError:
-            raise InputError(f"--components {text}", f"{part!r} is no number", allowed) from None
+            raise InputError(f"--components {text}", f"{part!r} is not a number", allowed) from None
         if not 1 <= low <= high <= MOST_COMPONENTS:
             raise InputError(f"--components {text}", f"{part!r} is not accepted", allowed)
-        found.update(range(low, high + 1))
-    return tuple(sorted(found))
+        numbers.update(range(low, high + 1))
+    return tuple(sorted(numbers))
 
 
 def state(text: str) -> tuple[float, float]:
-    """``30,5`` as (R in m, v in m/s), both above 0."""
+    """Return ``30,5`` as (R in m, v in m/s), both above 0."""
     try:
         range_m, speed = (float(part) for part in text.split(","))
     except ValueError:
         range_m = speed = float("nan")
     if not (0 < range_m < float("inf") and 0 < speed < float("inf")):
-        raise InputError(f"--near {text}", "no state", "R,v above 0, e.g. 30,5")
+        raise InputError(f"--near {text}", "is not a state", "R,v above 0, e.g. 30,5")
     return range_m, speed
 
 
 def bounds(texts: list[str] | None) -> tuple[Any, Any]:
-    """The box (4,), (4,): the default with the given variables' bounds in place."""
+    """Return lower and upper bounds (4,), (4,): the default, changed for the named variables."""
     import numpy as np
 
     from harness.model.interaction import VARIABLES
@@ -48,7 +48,8 @@ def bounds(texts: list[str] | None) -> tuple[Any, Any]:
         name, equals, values = text.partition("=")
         low, colon, high = values.partition(":")
         if not equals or not colon:
-            raise InputError(f"--bounds {text}", "no NAME=LOW:HIGH", "e.g. vehicle_speed_mps=0.3:8")
+            allowed = "NAME=LOW:HIGH, e.g. vehicle_speed_mps=0.3:8"
+            raise InputError(f"--bounds {text}", "is not accepted", allowed)
         if name not in VARIABLES:
             raise unknown_name(f"--bounds {text}", "variable", name, VARIABLES)
         index = VARIABLES.index(name)
@@ -57,18 +58,18 @@ def bounds(texts: list[str] | None) -> tuple[Any, Any]:
 
 
 def _fraction(text: str, whole: str) -> float:
-    """A number, or a ratio such as 1/60."""
+    """Parse a number, or a ratio such as 1/60."""
     above, slash, below = text.partition("/")
     try:
         return float(above) / float(below) if slash else float(above)
     except (ValueError, ZeroDivisionError):
         raise InputError(
-            f"--bounds {whole}", f"{text!r} is no number", "e.g. 0.3 or 1/60"
+            f"--bounds {whole}", f"{text!r} is not a number", "e.g. 0.3 or 1/60"
         ) from None
 
 
 def number(value: float) -> str:
-    """Text that reads back as the same number, as ``1/n`` where that is shorter."""
+    """Return text that parses to the same number, as ``1/n`` if that is shorter."""
     text = repr(float(value))
     if value > 0 and 1 / round(max(1 / value, 1)) == value:
         return min(text, f"1/{round(1 / value)}", key=len)
@@ -76,7 +77,7 @@ def number(value: float) -> str:
 
 
 def as_options(box: tuple[Any, Any]) -> list[str]:
-    """A box as the ``--bounds`` that give it again."""
+    """Return the ``--bounds`` options that describe a box."""
     from harness.model.interaction import VARIABLES
 
     return [
@@ -87,18 +88,18 @@ def as_options(box: tuple[Any, Any]) -> list[str]:
 
 
 def check_target(path: Path, option: str, suffix: str) -> None:
-    """Refuse, before any work, a file that could not be written."""
+    """Refuse a file that cannot be written, before any work begins."""
     where = f"{option} {path}"
     if path.suffix != suffix or path.is_dir():
-        raise InputError(where, f"no name of a {suffix} file", f"a file name ending in {suffix}")
+        raise InputError(where, f"does not name a {suffix} file", f"a file name ending in {suffix}")
     if not os.access(path.parent, os.W_OK):
         raise InputError(where, "its folder is missing or not writable", "a writable folder")
 
 
 def check_folder(folder: Path | None, option: str = "--plots") -> None:
-    """Refuse, before any work, a folder for figures that could not be made or written."""
+    """Refuse a folder that cannot be created or written, before any work begins."""
     if folder is None:
         return
     nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
     if not nearest.is_dir() or not os.access(nearest, os.W_OK):
-        raise InputError(f"{option} {folder}", "cannot be made or written", "a writable folder")
+        raise InputError(f"{option} {folder}", "cannot be created or written", "a writable folder")

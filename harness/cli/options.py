@@ -13,7 +13,7 @@ _SHIPPED = ", ".join(sorted(file.stem for file in shipped_directory("scenarios")
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")]
 ScenarioArgument = Annotated[
     str,
-    typer.Argument(help=f"A scenario file (TOML), or the name of a shipped one: {_SHIPPED}."),
+    typer.Argument(help=f"A scenario file (TOML), or the name of a shipped scenario: {_SHIPPED}."),
 ]
 SetOption = Annotated[
     list[str] | None,
@@ -28,7 +28,7 @@ VaryOption = Annotated[
     typer.Option(
         "--vary",
         help="Vary a key over values or a range, e.g. --vary pedestrians.flow_per_hour=50,100 "
-        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: the grid of all.",
+        "--vary strategies.soft_yield.p1=0:0.1:0.02. Repeatable: cells form the full grid.",
         metavar="KEY=V1,V2,…",
     ),
 ]
@@ -37,14 +37,14 @@ OutOption = Annotated[
     typer.Option(help="Folder for the results; default runs/<scenario>-<next number>."),
 ]
 PairsOption = Annotated[
-    int | None, typer.Option(help="Number of pairs of each cell, instead of the scenario's.")
+    int | None, typer.Option(help="Number of pairs per cell, instead of the scenario's.")
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Root seed, instead of the scenario's.")]
 UntilOption = Annotated[
     str | None,
     typer.Option(
-        help="Stop when every cell's interval is this narrow (half-width), or at --pairs: "
-        "mu=0.01 or kappa=0.005. Looks at 1,000 pairs and at each doubling.",
+        help="Stop when the interval of every cell has at most this half-width, or at --pairs: "
+        "mu=0.01 or kappa=0.005. Checked at 1,000 pairs and at each doubling.",
         metavar="MEASURE=WIDTH",
     ),
 ]
@@ -54,30 +54,30 @@ WorkersOption = Annotated[
 DaskOption = Annotated[
     str | None,
     typer.Option(
-        help="Run the tasks on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install "
-        "crosswalk-harness[cluster]); its workers must have one thread each.",
+        help="Run on a Dask cluster, e.g. tcp://127.0.0.1:8786 (pip install "
+        "crosswalk-harness[cluster]); each of its workers must have one thread.",
         metavar="ADDRESS",
     ),
 ]
 SumoOutputsOption = Annotated[
     Literal["all", "crashed"] | None,
     typer.Option(
-        help="Run episodes again one by one with SUMO's own outputs on, into RUN/sumo. "
-        "Slower: each episode gets a SUMO of its own.",
+        help="Repeat episodes one by one and write SUMO's own outputs into RUN/sumo. "
+        "Slower: each episode starts its own SUMO.",
     ),
 ]
 EngineOption = Annotated[
     Literal["sumo", "plain"],
     typer.Option(
-        help="plain: the same kinematics without SUMO, faster, without SUMO's verdict and outputs; "
-        "some records are repeated in SUMO (--audit)."
+        help="plain: the same kinematics, faster, without SUMO's collision check and outputs; "
+        "some episodes are repeated in SUMO (--audit)."
     ),
 ]
 AuditOption = Annotated[
     float | None,
     typer.Option(
-        help="With --engine plain: the share of the pairs that is repeated in SUMO, beside every "
-        "crash; default 0.01.",
+        help="With --engine plain: share of pairs repeated in SUMO, in addition to every crash; "
+        "default 0.01.",
         metavar="SHARE",
         min=0.0,
         max=1.0,
@@ -87,27 +87,27 @@ SettleOption = Annotated[
     bool,
     typer.Option(
         "--settle",
-        help="Hours of traffic: find each cell's warm-up by a pilot, the longest that a queue "
-        "takes to clear; at most the counted time.",
+        help="For hours of traffic: a pilot sets the warm-up of each cell to the longest time that "
+        "a queue takes to clear, at most the counted time.",
     ),
 ]
-TracesOption = Annotated[bool, typer.Option("--traces", help="Keep every step in traces.parquet.")]
+TracesOption = Annotated[
+    bool, typer.Option("--traces", help="Write every time step to traces.parquet.")
+]
 FullOption = Annotated[
     bool, typer.Option("--full", help="Print every number, not only the first screen.")
 ]
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print the results as JSON and nothing else.")
-]
-ArmOption = Annotated[Literal["av", "human"], typer.Option(help="Whose episodes.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print only the results, as JSON.")]
+ArmOption = Annotated[Literal["av", "human"], typer.Option(help="Driver of the episodes.")]
 QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print only the path of what was written.")
+    bool, typer.Option("--quiet", "-q", help="Print only the paths of the written files.")
 ]
 
 
 def settings_of(
     settings: list[str] | None, pairs: int | None = None, seed: int | None = None
 ) -> list[Any]:
-    """The changes of --set, --pairs and --seed, in the order in which they are applied."""
+    """Return the changes of --set, --pairs and --seed in the order of application."""
     from harness.scenario import Setting, parse_setting
 
     chosen = [parse_setting(text) for text in settings or []]
@@ -119,20 +119,20 @@ def settings_of(
 
 
 def not_with(option: str, other: str, allowed: str) -> InputError:
-    """The refusal of two options that exclude each other."""
+    """Return the error for two options that exclude each other."""
     return InputError(option, f"cannot be combined with {other}", allowed)
 
 
 def refuse_without(needed: str, is_given: bool, **options: object) -> None:
-    """Refuse options that say nothing without another one.
+    """Refuse options that have no effect without another option.
 
     Args:
         needed: the other option.
-        is_given: whether it is given.
-        options: by their names, None or False where they are not given.
+        is_given: whether the other option is given.
+        options: values by name; None or False if an option is not given.
 
     Raises:
-        InputError: one of them is given without it.
+        InputError: an option is given without the needed one.
     """
     for name, value in options.items():
         if value not in (None, False) and not is_given:

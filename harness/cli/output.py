@@ -15,14 +15,14 @@ def emit(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Print the result of a command in the form that the user chose.
+    """Print the result of a command in the format that the user chose.
 
     Args:
-        document: what ``--json`` prints, or a function that makes it.
-        lines: what ``--quiet`` prints, one line each: paths, or names.
-        show: prints the result for a person; None: the lines say everything.
+        document: output of ``--json``, or a function that returns it.
+        lines: output of ``--quiet``, one line each: paths or names.
+        show: prints the default output; None: the default output is ``lines``.
         quiet: whether ``--quiet`` was given.
-        as_json: whether ``--json`` was given, which counts more.
+        as_json: whether ``--json`` was given; it takes precedence over ``--quiet``.
     """
     if as_json:
         print_json(document() if callable(document) else document)
@@ -44,20 +44,20 @@ def print_json(document: Any) -> None:
 
 
 def say(text: str) -> None:
-    """Print a remark, which is no result, on stderr."""
+    """Print a remark on stderr."""
     sys.stderr.write(text + "\n")
 
 
 @contextmanager
-def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
-    """A bar on stderr.
+def progress_bar(unit: str, hidden: bool) -> Iterator[Callable[..., None]]:
+    """Draw a progress bar on stderr.
 
     Args:
-        what: what is counted at first.
-        hidden: draw nothing.
+        unit: the counted things, e.g. pairs.
+        hidden: whether nothing is drawn.
 
     Yields:
-        A function of the number done, the number planned and, where it changes, what is counted.
+        A function that takes the number done, the number planned and, if it changes, the unit.
     """
     from rich.console import Console
     from rich.progress import (
@@ -77,10 +77,10 @@ def progress_bar(what: str, hidden: bool) -> Iterator[Callable[..., None]]:
         console=Console(stderr=True),
         disable=hidden,
     )
-    task = bar.add_task(what, rate="")
+    task = bar.add_task(unit, rate="")
 
-    def advance(done: int, planned: int, counted: str = what) -> None:
-        # The bar starts with the first progress: a refusal is one line without a bar.
+    def advance(done: int, planned: int, counted: str = unit) -> None:
+        # The bar starts with the first progress, so that a refusal prints one line only.
         if not hidden:
             bar.start()
         if counted.partition(",")[0] != bar.tasks[0].description.partition(",")[0]:

@@ -1,4 +1,4 @@
-"""``report``: a run folder as one page, and its figures as files."""
+"""``report``: writes a run folder as an HTML page, and its figures as files."""
 
 from pathlib import Path
 from typing import Annotated
@@ -17,7 +17,7 @@ def report(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="The page; default RUN/report.html.", metavar="FILE"),
+        typer.Option(help="File for the page; default RUN/report.html.", metavar="FILE"),
     ] = None,
     figures: Annotated[
         Path | None,
@@ -27,19 +27,21 @@ def report(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a run or a risk as one page that opens anywhere.
+    """Write one HTML page for a run or a risk estimate.
 
-    It holds results, figures and a player of episodes.
+    The page contains results, figures and a player for episodes, and needs no network.
     """
     if out is not None and out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"--out {out}", "is no page", "a file that ends in .html")
+        raise InputError(f"--out {out}", "is not an HTML file", "a file name ending in .html")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
     from harness.cli.risk import is_risk, report_risk
 
     if is_risk(run_folder):
         if figures is not None:
-            raise InputError(f"--figures {figures}", "a risk has no figures", "no --figures")
+            raise InputError(
+                f"--figures {figures}", "a risk estimate has no figures", "no --figures"
+            )
         page = report_risk(run_folder, out)
         text = str(page) if quiet else f"Report: {page}"
         emit({"page": str(page)}, [text], quiet=quiet, as_json=as_json)
@@ -76,11 +78,11 @@ def _report_run(
         print_line(f"Report: {written.page}")
         if not run.finished:
             planned = counted(run.planned_pairs, "pair")
-            print_line(f"The run is not finished: {pairs} of {planned}.")
+            print_line(f"The run is not finished: {pairs} of {planned} are done.")
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
 
     emit(document, [written.page], show, quiet=quiet, as_json=as_json)
     for difference in written.differing:
-        say(one_line(f"harness: an episode run again differs from its record: {difference}"))
+        say(one_line(f"harness: a repeated episode differs from its record: {difference}"))
     return written.page

@@ -1,4 +1,4 @@
-"""Commands on run folders: ``replay``, ``score``, ``compare``, ``worst``, ``export``."""
+"""The commands ``replay``, ``score``, ``compare``, ``worst`` and ``export`` for run folders."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -22,44 +22,46 @@ from harness.core.errors import InputError, one_line
 
 def replay(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
-    pair: Annotated[int, typer.Option(help="Which pair.")],
+    pair: Annotated[int, typer.Option(help="Number of the pair.")],
     out: Annotated[
         Path | None,
         typer.Option(help="A new folder for SUMO's output files; not with --gui.", metavar="DIR"),
     ] = None,
-    cell: Annotated[int, typer.Option(help="Which cell of a sweep.")] = 0,
-    arm: Annotated[Literal["av", "human", "both"], typer.Option(help="Which arm.")] = "both",
+    cell: Annotated[int, typer.Option(help="Number of the cell in a sweep.")] = 0,
+    arm: Annotated[Literal["av", "human", "both"], typer.Option(help="Driver, or both.")] = "both",
     gui: Annotated[
-        bool, typer.Option("--gui", help="Show it in sumo-gui, both arms one after the other.")
+        bool, typer.Option("--gui", help="Show the episode in sumo-gui, one arm after the other.")
     ] = False,
     pace: Annotated[
-        float | None, typer.Option(help="With --gui: 1 (default) is real time, 4 four times it.")
+        float | None,
+        typer.Option(help="With --gui: playback speed; 1 is real time, 4 is four times as fast."),
     ] = None,
     screenshots: Annotated[
         Path | None,
-        typer.Option(help="With --gui: a new folder for pictures (PNG).", metavar="DIR"),
+        typer.Option(help="With --gui: a new folder for screenshots (PNG).", metavar="DIR"),
     ] = None,
     every: Annotated[
         float | None,
-        typer.Option(help="With --screenshots: seconds between two of them; default 0.5."),
+        typer.Option(help="With --screenshots: seconds between two screenshots; default 0.5."),
     ] = None,
     in_this_process: Annotated[
         bool,
         typer.Option(
-            "--debug", help="In this process, without limits: breakpoint() stops in decide."
+            "--debug",
+            help="Run in this process without time limits, so that breakpoint() works in decide.",
         ),
     ] = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Run one episode again: with SUMO's outputs, or in sumo-gui."""
+    """Repeat one episode: with SUMO's outputs, or in sumo-gui."""
     from harness.core.encounter import Arm
 
     arms = list(Arm) if arm == "both" else [Arm(arm)]
     if gui and out is not None:
         raise not_with("--out", "--gui", "--screenshots DIR")
     if gui and in_this_process:
-        allowed = "--gui alone, which runs in this process, too: breakpoint() stops in decide"
+        allowed = "--gui alone, in which breakpoint() works, too"
         raise not_with("--debug", "--gui", allowed)
     if in_this_process and out is not None:
         raise not_with("--out", "--debug", "one of the two")
@@ -98,13 +100,13 @@ def replay(
         _say_tracebacks(item.traceback for item in replayed)
         problems = [f"{item.folder}: {item.problem}" for item in replayed if item.problem]
         if problems:
-            say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are cut off"))
+            say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are incomplete"))
         shown = [(str(item.folder), item.differences) for item in replayed if not item.problem]
         _report_replays(shown, problems, quiet, as_json)
 
 
 def _say_tracebacks(tracebacks: Iterable[str | None]) -> None:
-    """Print the tracebacks of strategies that raised on stderr."""
+    """Print on stderr the tracebacks of strategies that raised an exception."""
     for traceback in tracebacks:
         if traceback is not None:
             say(traceback.rstrip())
@@ -116,12 +118,12 @@ def _report_replays(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Print for each repeated episode whether its record is the stored one."""
+    """Print for each repeated episode whether its record is identical to the stored record."""
 
     def show() -> None:
         for name, differences in episodes:
             verdict = "differs from" if differences else "is identical to"
-            print_line(f"{name}: the record {verdict} the stored one")
+            print_line(f"{name}: the record {verdict} the stored record")
             for difference in differences:
                 print_line(f"    {difference}")
 
@@ -143,14 +145,15 @@ def score(
         list[str] | None,
         typer.Option(
             "--set",
-            help="Another threshold, e.g. --set conflicts.ttc_s=2; needs no traces. Repeatable.",
+            help="Change a conflict threshold, e.g. --set conflicts.ttc_s=2; needs no traces. "
+            "Repeatable.",
             metavar="KEY=VALUE",
         ),
     ] = None,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Recompute measures from kept traces, or count other conflicts."""
+    """Recompute measures from traces, or count conflicts with other thresholds."""
     from harness.studies.batch.scoring import score as recompute
 
     with unwinding():
@@ -162,14 +165,15 @@ def compare(
     run_folders: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN…", help="A finished sweep, or several finished runs of the same people."
+            metavar="RUN…",
+            help="A finished sweep, or several finished runs with the same pedestrians.",
         ),
     ],
     mu0: Annotated[
-        float | None, typer.Option(help="μ has to lie below; default: limits.mu0 of the scenario.")
+        float | None, typer.Option(help="Upper limit for μ; default: limits.mu0 of the scenario.")
     ] = None,
     kappa0: Annotated[
-        float | None, typer.Option(help="κ has to lie below; default: limits.kappa0.")
+        float | None, typer.Option(help="Upper limit for κ; default: limits.kappa0.")
     ] = None,
     out: Annotated[
         Path | None,
@@ -180,7 +184,7 @@ def compare(
 ) -> None:
     """Compare strategies pair by pair, within or between runs.
 
-    With limits, say which values of a parameter keep them.
+    With limits, the command lists the values of a parameter that keep them.
     """
     from harness.report.screens.comparison_document import comparison_document, comparison_rows
     from harness.report.screens.terminal import print_comparison
@@ -210,24 +214,25 @@ def worst(
     run_folder: Annotated[Path, typer.Argument(metavar="RUN", help="A finished run folder.")],
     by: Annotated[
         str,
-        typer.Option(help="A measure of which one end is bad, e.g. min_ttc_s, delay_s, stops."),
+        typer.Option(help="Measure to rank by, e.g. min_ttc_s, delay_s, stops."),
     ] = "pet_s",
-    most: Annotated[int, typer.Option("-n", help="How many.", metavar="N")] = 20,
+    most: Annotated[int, typer.Option("-n", help="Number of episodes.", metavar="N")] = 20,
     diff: Annotated[
         Path | None,
         typer.Option(
-            help="Another finished run of the same people: those that are worse there than in RUN.",
+            help="Another finished run with the same pedestrians: list the episodes that are worse "
+            "there than in RUN.",
             metavar="RUN_B",
         ),
     ] = None,
     arm: ArmOption = "av",
     cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
     quiet: Annotated[
-        bool, typer.Option("--quiet", "-q", help="Print only the commands that replay them.")
+        bool, typer.Option("--quiet", "-q", help="Print only the replay commands.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List the worst episodes, with commands that replay them."""
+    """List the worst episodes and the commands that replay them."""
     from harness.report.screens.worst_tables import worst_document, worst_tables
     from harness.studies.runs.worst import got_worse, worst as worst_of
 
@@ -254,7 +259,7 @@ def export(
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Write the tables of a run folder as CSV, beside the originals."""
+    """Write the tables of a run folder as CSV next to the originals."""
     from harness.studies.runs.export import export_csv
 
     if not csv:

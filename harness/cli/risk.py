@@ -1,4 +1,4 @@
-"""``risk``: how rare an event is, down to one in a hundred million episodes."""
+"""``risk``: estimates event probabilities down to one in a hundred million episodes."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -28,22 +28,22 @@ def risk(
     event: Annotated[
         str,
         typer.Option(
-            help="crashed, or a measure below or above a limit: 'min_ttc_s<0.5', "
+            help="The event: crashed, or a measure below or above a limit: 'min_ttc_s<0.5', "
             "'contact_speed_mps>5'.",
         ),
     ] = "crashed",
     target_cv: Annotated[
-        float, typer.Option(help="Wanted standard error over the probability.")
+        float, typer.Option(help="Target standard error, divided by the probability.")
     ] = 0.1,
     engine: Annotated[
         Literal["sumo", "plain"],
         typer.Option(
-            help="plain: fast, one episode in a hundred and every event of the estimate are "
-            "checked in SUMO; sumo: all in SUMO."
+            help="plain: fast; one episode in a hundred and every event of the estimate are "
+            "repeated in SUMO. sumo: every episode runs in SUMO."
         ),
     ] = "plain",
     most_episodes: Annotated[
-        int, typer.Option(help="At most so many independent episodes of the estimate.")
+        int, typer.Option(help="Maximum number of independent episodes in the estimate.")
     ] = 200_000,
     out: OutOption = None,
     seed: SeedOption = None,
@@ -53,7 +53,7 @@ def risk(
     as_json: JsonOption = False,
     full: FullOption = False,
 ) -> None:
-    """Estimate the probability of a rare event of an episode."""
+    """Estimate the probability that a rare event occurs in an episode."""
     from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
 
@@ -83,7 +83,7 @@ def risk(
 
 
 def is_risk(folder: Path) -> bool:
-    """Whether a folder holds a risk, not a run."""
+    """Return whether a folder contains a risk estimate instead of a run."""
     from harness.studies.risk.folder import ASKED
 
     return (folder / ASKED).is_file()
@@ -92,28 +92,30 @@ def is_risk(folder: Path) -> bool:
 def resume_risk(
     folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool, full: bool
 ) -> None:
-    """Continue a risk that was interrupted; a finished one is only shown."""
+    """Continue an interrupted risk estimate; a finished one is only printed."""
     from harness.studies.risk.folder import resume_risk as resume
 
     if dask is not None:
-        raise InputError("--dask", "is not supported with a risk", "this machine's workers")
+        raise InputError(
+            "--dask", "is not supported with a risk estimate", "this machine's workers"
+        )
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume(folder, workers=workers, progress=advance)
     show(folder, quiet, as_json, full)
 
 
 def report_risk(folder: Path, out: Path | None) -> Path:
-    """Write the page of a finished risk."""
+    """Write the page of a finished risk estimate."""
     from harness.report.pages.risk_page import write_risk_page
 
     return write_risk_page(folder, out)
 
 
 def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
-    """Print the findings of a finished risk.
+    """Print the findings of a finished risk estimate.
 
     Raises:
-        typer.Exit: with code 1 where episodes failed, or differed between the engines.
+        typer.Exit: with code 1 if episodes failed or differed between the engines.
     """
     from harness.report.screens.risk_terminal import print_risk
     from harness.studies.risk.folder import read_risk

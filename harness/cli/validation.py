@@ -1,4 +1,4 @@
-"""``validate``: drivers compared with recorded encounters."""
+"""``validate``: compares drivers with recorded encounters."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,34 +15,32 @@ def validate(
     paths: Annotated[
         list[Path], typer.Argument(help="Files or folders of trajectories.", metavar="DATA…")
     ],
-    format_: Annotated[
-        str, typer.Option("--format", help="How the data are laid out: vci or mobileye.")
-    ],
+    format_: Annotated[str, typer.Option("--format", help="Data format: vci or mobileye.")],
     drivers: Annotated[
         str,
         typer.Option(
-            help="Strategies that drive, e.g. human_gmm,human_yield,emergency_brake.",
+            help="Strategies to validate, e.g. human_gmm,human_yield,emergency_brake.",
             metavar="NAME,…",
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder for a page to look at and its JSON.", metavar="DIR"),
+        typer.Option(help="Folder for the HTML page and its JSON.", metavar="DIR"),
     ] = None,
     folds: Annotated[
         int,
         typer.Option(
             min=0,
-            help="Folds of vehicles: a model fitted on the same data is fitted again without "
-            "each; 0 takes it as it is.",
+            help="Number of folds of vehicles: a model fitted to the same data is fitted again "
+            "without each fold; 0: the model is used as it is.",
         ),
     ] = 5,
     settings: Annotated[
         list[str] | None,
         typer.Option(
             "--set",
-            help="A key of a scenario (--set strategies.human_gmm.speed=sampled, --set "
-            "model.path=my.json), or, without a dot, an option of `harness extract`. Repeatable.",
+            help="Change a scenario key (--set strategies.human_gmm.speed=sampled, --set "
+            "model.path=my.json) or, without a dot, an option of `harness extract`. Repeatable.",
             metavar="KEY=VALUE",
         ),
     ] = None,
@@ -52,7 +50,7 @@ def validate(
 ) -> None:
     """Compare drivers with recorded encounters.
 
-    Each driver is put in the recorded driver's place.
+    Each driver replaces the recorded driver.
     """
     model_options.check_folder(out, "--out")
     from harness.report.screens.validation_tables import print_validation

@@ -218,7 +218,7 @@ def test_our_own_mistake_is_not_blamed_on_the_run(
         "Traceback (most recent call last):",
         "AttributeError: no such thing",
     )
-    assert "bug of the harness, not a fault of your files; please report" in last
+    assert "bug in the harness, not an error in your files; please report" in last
     assert "damaged" not in done.stderr
 
     def too_large(*_: object) -> None:

@@ -154,10 +154,10 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
 
 
 def test_what_a_risk_cannot_do_is_refused(finished: Path, tmp_path: Path) -> None:
-    assert "--dask: is not supported with a risk" in refusal(
+    assert "--dask: is not supported with a risk estimate" in refusal(
         "resume", finished, "--dask", "tcp://nowhere:1"
     )
-    assert "a risk has no figures" in refusal("report", finished, "--figures", tmp_path)
+    assert "a risk estimate has no figures" in refusal("report", finished, "--figures", tmp_path)
 
 
 def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:

@@ -359,7 +359,7 @@ def test_an_hour_in_sumo_gui_is_the_stored_one(runs: list[Path], tmp_path: Path)
         timeout=180,
     )
     assert found.returncode == 0, found.stderr
-    assert found.stdout == "pair 1, arm av: the record is identical to the stored one\n"
+    assert found.stdout == "pair 1, arm av: the record is identical to the stored record\n"
     pictures = sorted(shots.glob("*.png"))
     assert len(pictures) >= 16
     assert [picture.name for picture in pictures[:2]] == ["t-00000.100-s.png", "t-00005.100-s.png"]

@@ -60,7 +60,8 @@ def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
     )
     assert found.returncode == 0, found.stderr
     assert found.stdout.splitlines() == [
-        f"pair 2, arm {arm}: the record is identical to the stored one" for arm in ("av", "human")
+        f"pair 2, arm {arm}: the record is identical to the stored record"
+        for arm in ("av", "human")
     ]
     for arm in ("av", "human"):
         pictures = sorted((shots / arm).glob("*.png"))

@@ -140,7 +140,7 @@ def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
         ("fit nothing.parquet --out m.json", ["nothing.parquet", "no such"]),
         ("fit mine.csv --out m.txt", ["--out", ".json"]),
         ("fit mine.csv --out m.json --components 0..3", ["--components", "1 to 100"]),
-        ("fit mine.csv --out m.json --components many", ["--components", "no number"]),
+        ("fit mine.csv --out m.json --components many", ["--components", "not a number"]),
         ("fit mine.csv --out m.json --choose bci", ["--choose", "not one of 'held-out'"]),
         ("fit mine.csv --out m.json --weigh cars", ["--weigh", "'encounter'"]),
         (
@@ -148,7 +148,10 @@ def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):
             ["--bounds", "did you mean 'vehicle_speed_mps'"],
         ),
         ("fit mine.csv --out m.json --bounds vehicle_speed_mps=2:1", ["--bounds", "lower < upper"]),
-        ("fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2", ["--bounds", "no number"]),
+        (
+            "fit mine.csv --out m.json --bounds vehicle_speed_mps=1/0:2",
+            ["--bounds", "not a number"],
+        ),
         ("fit mine.csv --out m.json --strict", ["4 of 160 rows", "vehicle_speed_mps 4"]),
         ("fit mine.csv --out m.json --near 30", ["--near", "R,v"]),
         ("fit mine.csv --out m.json --components 200", ["--components"]),
