@@ -16,6 +16,7 @@ from pydantic import BaseModel
 from harness.cli import batch
 from harness.core.resources import shipped_directory
 from harness.engine.shared import close_engine
+from harness.model.interaction.file import SHIPPED
 from harness.model.trajectories import FORMATS
 from harness.scenario import Scenario
 from harness.studies.batch import experiment
@@ -80,7 +81,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     folder = tmp_path_factory.mktemp("fuzz") / "here"
     shutil.copytree(DATA / "encounter", folder / "encounter")
     shutil.copy(shipped_directory("scenarios") / "cctc.toml", folder)
-    shutil.copy(shipped_directory("models") / f"{Scenario().model.name}.json", folder)
+    shutil.copy(SHIPPED / f"{Scenario().model.name}.json", folder)
     shutil.copy(DATA / "rows_made_up.csv", folder)
     pd.read_csv(DATA / "rows_made_up.csv").to_parquet(folder / "rows_made_up.parquet")
     shutil.copy(shipped_directory("networks") / "cctc" / "cctc.net.xml", folder)

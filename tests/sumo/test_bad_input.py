@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from harness.core.resources import shipped_directory
+from harness.model.interaction.file import SHIPPED
 from harness.scenario import Options, Setting, parse_variation, read_scenario_file, study_of
 from harness.studies.batch.experiment import run_study
 from tests.batches import here, printed, refusal
@@ -123,7 +123,7 @@ def test_wrong_strategy_parameter(refused: Refuse, setting: str, parts: list[str
 
 
 def shipped_model() -> dict[str, Any]:
-    file = sorted(shipped_directory("models").glob("*.json"))[0]
+    file = sorted(SHIPPED.glob("*.json"))[0]
     document: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
     return document
 

@@ -75,7 +75,7 @@ def test_what_the_wheel_holds(wheel: Path) -> None:
     shipped = {p.relative_to(CHECKOUT).as_posix() for p in (CHECKOUT / "harness").rglob("*.json")}
     assert shipped
     assert shipped <= held
-    templates = CHECKOUT / "harness" / "report" / "templates"
+    templates = CHECKOUT / "harness" / "report" / "pages" / "templates"
     pages = {path.relative_to(CHECKOUT).as_posix() for path in templates.iterdir()}
     assert len(pages) >= 4
     assert pages | {"harness/py.typed"} <= held
