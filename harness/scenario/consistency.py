@@ -1,4 +1,4 @@
-"""Whether the keys of a scenario fit together, which none of them can tell alone."""
+"""Checks on combinations of a scenario's keys; single keys are checked by their sections."""
 
 import math
 
@@ -16,18 +16,18 @@ from harness.scenario.sight import check_sight, check_steps, remarks_on_sight
 from harness.site.site import Passed
 
 MAX_BEFORE_KERB_M = 8.0
-"""How far before their kerb a timed pedestrian may start: a footpath is 10 m long."""
+"""Greatest distance from a timed pedestrian's start to their kerb; a footpath is 10 m long."""
 
 WIDEST_USUAL_LANE_M = 6.0
-"""A lane that is wider is remarked upon: two lanes' width is easily taken for one's."""
+"""A wider lane gets a remark: the width of two lanes is easily given as that of one."""
 
 
 def check_consistency(scenario: Scenario, source: str) -> None:
     """Refuse a scenario whose keys do not fit together.
 
     Args:
-        scenario: every key accepted by itself.
-        source: what to call the file in messages.
+        scenario: its keys have each been accepted.
+        source: name of the file in messages.
 
     Raises:
         InputError: naming the key to change.
@@ -42,7 +42,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
     if ego.trigger_range_m < nearest:
         raise InputError(
             f"{source}: ego.trigger_range_m",
-            f"{ego.trigger_range_m:g} m is on the crosswalk or too near",
+            f"{ego.trigger_range_m:g} m is on or too close to the crosswalk",
             f"at least crossing.width_m / 2 + 1.5 = {nearest:g} m",
         )
     _check_pedestrians(scenario, f"{source}: pedestrians")
@@ -60,7 +60,7 @@ def check_consistency(scenario: Scenario, source: str) -> None:
 
 
 def remarks(scenario: Scenario) -> list[str]:
-    """Remarks on values that are allowed but may not be meant, one line each."""
+    """Remarks on values that are allowed but may be mistakes, one line each."""
     crossing, lines = scenario.crossing, remarks_on_sight(scenario)
     if crossing.ignore_signal:
         lines.append(
@@ -69,11 +69,11 @@ def remarks(scenario: Scenario) -> list[str]:
     elif crossing.width_of_lane_m > WIDEST_USUAL_LANE_M and crossing.net is None:
         lanes = f"crossing.lanes = {crossing.lanes} and oncoming_lanes = {crossing.oncoming_lanes}"
         lines.append(
-            f"lanes of {crossing.width_of_lane_m:g} m: {lanes} share crossing.length_m = "
-            f"{crossing.length_m:g} m; more lanes or crossing.lane_width_m say otherwise"
+            f"each lane is {crossing.width_of_lane_m:g} m wide: {lanes} share crossing.length_m = "
+            f"{crossing.length_m:g} m; to change it, set the lanes or crossing.lane_width_m"
         )
     lines += [
-        f"the ego passes the {each}: no strategy is shown it, and nobody crosses there"
+        f"the ego passes the {each}: strategies do not see it, and nobody crosses there"
         for each in passed_by(scenario)
     ]
     if scenario.traffic is not None:
@@ -82,14 +82,14 @@ def remarks(scenario: Scenario) -> list[str]:
             used = len(scenario.crosswalk_from_lanes(oncoming=oncoming))
             if used < count and scenario.traffic.has_vehicles(oncoming=oncoming):
                 lines.append(
-                    f"traffic drives in {used} of the {count} lanes of {which} direction: "
-                    "those that lead straight over the crosswalk"
+                    f"traffic uses {used} of the {count} lanes of {which} direction: "
+                    "only those that lead straight over the crosswalk"
                 )
     return lines
 
 
 def passed_by(scenario: Scenario) -> list[Passed]:
-    """The traffic lights and other crosswalks that the ego, or hours' vehicles, drive past."""
+    """The traffic lights and other crosswalks that the ego, or the vehicles of an hour, pass."""
     read, ego = scenario.crossing.read, scenario.ego
     every = [Passed(each.kind, each.id, each.x_m) for each in read.passed] if read else []
     last_m = ego.length_m + scenario.crossing.width_m / 2
@@ -109,7 +109,7 @@ def _check_lanes(scenario: Scenario, source: str) -> None:
     if crossing.read is None and ego.lane >= crossing.lanes:
         raise InputError(
             f"{source}: ego.lane",
-            f"{ego.lane}, counted from 0 at the near kerb",
+            f"there is no lane {ego.lane}; lanes are counted from 0 at the near kerb",
             f"below crossing.lanes = {crossing.lanes}",
         )
     _check_fits(scenario.crosswalk(), scenario, source)
@@ -122,7 +122,7 @@ def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
         count = crossing.lanes + crossing.oncoming_lanes
         raise InputError(
             f"{source}: ego.width_m",
-            f"{ego.width_m:g} m does not fit the lane",
+            f"{ego.width_m:g} m is wider than the lane",
             f"at most {width:g} m: crossing.lane_width_m, or length_m shared by {count} lanes",
         )
     room = min(map(crosswalk.to_lane_m, Side)) - ego.width_m / 2
@@ -135,10 +135,10 @@ def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
 
 
 def check_time_out(scenario: Scenario, source: str) -> None:
-    """Refuse a time-out that ends every episode before an ego that meets nobody has passed.
+    """Refuse a time-out that is too short even for an ego that meets nobody.
 
     Args:
-        scenario: that is to run; a run of an earlier version still opens.
+        scenario: a scenario that is to run.  Runs that were read from a folder are not checked.
         source: the option or the file that set the time-out.
 
     Raises:
@@ -159,8 +159,8 @@ def _check_pedestrians(scenario: Scenario, where: str) -> None:
     if pedestrians.drawn and scenario.experiment.pairs > len(pedestrians.drawn):
         raise InputError(
             f"{where}.drawn",
-            f"lists the people of {len(pedestrians.drawn)} pairs",
-            f"at least experiment.pairs = {scenario.experiment.pairs} of them",
+            f"has the pedestrians of {len(pedestrians.drawn)} pairs",
+            f"at least experiment.pairs = {scenario.experiment.pairs} entries",
         )
     names = [timed.name for timed in pedestrians.timed]
     case = pedestrians.timed_case
@@ -171,19 +171,19 @@ def _check_pedestrians(scenario: Scenario, where: str) -> None:
 
 
 def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
-    """They start on their footpath or on the road, clear of the car, and not before the trigger."""
+    """Refuse a pedestrian who would start off the footpath, in the car or before the trigger."""
     ego = scenario.ego
     to_kerb_m = scenario.crosswalk().to_lane_m(Side(timed.side))
     nearest, farthest = ego.width_m / 2 + PEDESTRIAN_RADIUS_M, to_kerb_m + MAX_BEFORE_KERB_M
     if not nearest < timed.start_lateral_m <= farthest:
         raise InputError(
             f"{where}.start_lateral_m",
-            f"{timed.start_lateral_m:g} m",
-            f"above {nearest:g} m, where the car would touch them, up to {farthest:g} m",
+            f"{timed.start_lateral_m:g} m is in the car's path or beyond the footpath",
+            f"above {nearest:g} m and at most {farthest:g} m",
         )
     start_s = path_of(timed, scenario)[0].time_s
     if start_s < 0:
-        # Each metre of trigger range is 1/v0 of time.
+        # Each metre of trigger range adds 1/v0 of time.
         needed = ego.trigger_range_m - start_s * ego.initial_speed_mps
         raise InputError(
             f"{where}.speed_mps",
@@ -193,7 +193,7 @@ def _check_timed(timed: TimedSection, scenario: Scenario, where: str) -> None:
 
 
 def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> None:
-    """Streams that fit their lanes, times of whole steps, people who know no trigger."""
+    """Refuse flows beyond a lane's capacity, fractions of steps, and keys that need a trigger."""
     pedestrians, step_s = scenario.pedestrians, scenario.experiment.step_s
     people, where = f"{source}: pedestrians", f"{source}: traffic"
     if pedestrians.behaviour == "sumo":
@@ -208,7 +208,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
             f"{people}.{key}", "is not supported with [traffic]: no vehicle has a trigger", "none"
         )
     if traffic.tau_s < step_s:
-        why = f"{traffic.tau_s:g} s: vehicles would run into each other"
+        why = f"{traffic.tau_s:g} s: vehicles would collide with each other"
         raise InputError(f"{where}.tau_s", why, f"at least experiment.step_s = {step_s:g} s")
     for key in ("duration_s", "warm_up_s"):
         check_steps(f"{where}.{key}", getattr(traffic, key), step_s)
@@ -217,7 +217,7 @@ def _check_traffic(scenario: Scenario, traffic: TrafficSection, source: str) -> 
         if traffic.has_vehicles(oncoming=oncoming):
             for lane in lanes:
                 _check_fits(lane, scenario, source)
-        if not traffic.saturated:  # else flows do not matter: there is always another vehicle
+        if not traffic.saturated:  # in saturated traffic the flows have no effect
             _check_flow(getattr(traffic, key), len(lanes), scenario, f"{where}.{key}")
 
 
@@ -232,8 +232,9 @@ def _check_flow(
         raise InputError(where, f"{len(flow)} values", allowed)
     most = lanes * 3600.0 / scenario.least_headway_s()
     if max(values) > 0 and not lanes:
-        raise InputError(where, f"{max(values):g} vehicles where no lane leads", "0")
+        raise InputError(where, f"{max(values):g} vehicles per hour, but no lane for them", "0")
     if max(values) >= most and max(values) > 0:
         allowed = f"below {most:.4g}: lanes × 3600 s / a headway of tau_s + (length + min_gap_m)/v0"
         plural = "" if lanes == 1 else "s"
-        raise InputError(where, f"{max(values):g} vehicles on {lanes} lane{plural}", allowed)
+        problem = f"{max(values):g} vehicles per hour on {lanes} lane{plural}"
+        raise InputError(where, problem, allowed)

@@ -1,7 +1,7 @@
 """Scenario files: TOML in, a checked ``Scenario`` out.
 
-Every key has a default and unknown keys are refused, so a scenario file says only what differs.
-Keys are dotted paths (``pedestrians.flow_per_hour``) wherever a user names one.
+Every key has a default and unknown keys are refused, so a file holds only what differs from the
+defaults.  Users name a key by its dotted path (``pedestrians.flow_per_hour``).
 """
 
 import copy
@@ -24,7 +24,7 @@ from harness.scenario.units import in_si
 
 
 class Setting(NamedTuple):
-    """A dotted key with the value it gets, and the option to name in messages about it."""
+    """A dotted key, the value that it is set to, and the option that messages about it name."""
 
     key: str
     value: Any
@@ -33,10 +33,9 @@ class Setting(NamedTuple):
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario file as read: nothing checked yet but that it is TOML.
+    """A scenario file as read: it is TOML, and nothing else has been checked.
 
-    ``sweep`` is its ``[sweep]`` table, None where there is none.  A relative ``model.path`` has
-    been taken from the file's folder.
+    ``sweep`` is its ``[sweep]`` table, or None.  Relative paths are relative to the file's folder.
     """
 
     name: str
@@ -57,7 +56,7 @@ class ScenarioFile:
         for setting in (*self.settings, *more):
             apply_setting(tree, setting)
             if setting.key in ("model.path", "crossing.net"):
-                # An option's path is the shell's, a path in the file is the file's.
+                # An option's path is relative to the shell's folder, a file's to the file's.
                 in_file = setting.source.startswith(f"{self.source}:")
                 _anchor_paths(tree, self.folder if in_file else Path.cwd())
             sources[setting.key] = setting.source
@@ -75,10 +74,10 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
 
     Args:
         name_or_path: a TOML file, or the name of a shipped scenario.
-        settings: to be applied over the file's values, e.g. ``{"experiment.pairs": 20}``.
+        settings: values that replace the file's, e.g. ``{"experiment.pairs": 20}``.
 
     Raises:
-        InputError: the file is missing or no TOML.
+        InputError: the file does not exist or is not TOML.
     """
     path = _find(name_or_path)
     try:
@@ -88,7 +87,7 @@ def read_scenario_file(name_or_path: str | Path, settings: Settings = ()) -> Sce
     except OSError as error:
         raise InputError(str(path), f"cannot be read ({error.strerror})") from None
     if not path.stem.isprintable():
-        raise InputError(str(path), "is no name for a run", "a file name that can be printed")
+        raise InputError(str(path), "has an unprintable name", "a file name that can be printed")
     _anchor_paths(tree, path.parent)
     sweep = tree.pop("sweep", None)
     if sweep is not None and not isinstance(sweep, dict):
@@ -106,10 +105,10 @@ def load_scenario(name_or_path: str | Path, settings: Settings = ()) -> Scenario
 def scenario_of_encounters(
     scenario: Scenario | str | Path, settings: Mapping[str, Any] | None
 ) -> Scenario:
-    """A scenario that a caller in Python gave as such, by its name or as a file.
+    """The scenario of a Python caller, who may give it as an object, a name or a file.
 
     Raises:
-        InputError: it or a setting is refused, or it has hours of traffic.
+        InputError: the scenario or a setting is refused, or it has ``[traffic]``.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, settings or {})
@@ -117,21 +116,22 @@ def scenario_of_encounters(
         problem = "cannot be combined with a Scenario"
         raise InputError("settings", problem, "a name or file, or no settings")
     if scenario.traffic is not None:
-        raise InputError("scenario", "has hours of traffic", "a scenario without [traffic]")
+        raise InputError("scenario", "has a [traffic] table", "a scenario without [traffic]")
     return scenario
 
 
 def parse_setting(text: str) -> Setting:
-    """Split ``key=value``; the value is read as TOML, and as a string where it is none."""
+    """Split ``key=value``; a value that is not valid TOML is a string."""
     key, equals, raw = text.partition("=")
     key = key.strip()
     if not equals or not key:
-        raise InputError(f"--set {text}", "no key=value", "e.g. pedestrians.flow_per_hour=250")
+        allowed = "key=value, e.g. pedestrians.flow_per_hour=250"
+        raise InputError(f"--set {text}", "not of the form key=value", allowed)
     return Setting(key, toml_value(raw))
 
 
 def toml_value(text: str) -> Any:
-    """A value that an option gives: TOML, or the text itself where it is none."""
+    """The value of an option's text: parsed as TOML, or the text itself if it is not TOML."""
     try:
         return parse_toml(f"value = {text}")["value"]
     except ValueError:
@@ -141,12 +141,12 @@ def toml_value(text: str) -> Any:
 def validate(
     tree: Mapping[str, Any], source: str, key_sources: Mapping[str, str] | None = None
 ) -> Scenario:
-    """Check a tree of keys and values; the first thing wrong becomes an ``InputError``.
+    """Check a tree of keys and values; the first mistake becomes an ``InputError``.
 
     Args:
         tree: nested tables as read from TOML.
-        source: what to call the file in messages.
-        key_sources: for keys that came from elsewhere (``--set``), where from.
+        source: name of the file in messages.
+        key_sources: name of the source of every key that is not from the file (``--set``).
     """
     try:
         whole = in_si(dict(tree), source, key_sources or {})
@@ -168,7 +168,7 @@ def validate(
 
 
 def _set_by(key: str, key_sources: Mapping[str, str]) -> str | None:
-    """The setting that gave a key its value: of the key itself, or of the array it stands in."""
+    """The setting of a key, or of the array that contains it; None if no setting gave it."""
     return next((full for full in key_sources if f"{key}.".startswith(f"{full}.")), None)
 
 
@@ -177,7 +177,7 @@ def _find(name_or_path: str | Path) -> Path:
     try:
         is_file, is_folder = path.is_file(), path.is_dir()
     except (OSError, ValueError) as error:
-        raise InputError(str(path), f"is no usable path ({error})", "a scenario file") from None
+        raise InputError(str(path), f"not a usable path ({error})", "a scenario file") from None
     if is_file:
         return path
     folder = shipped_directory("scenarios")
@@ -202,11 +202,11 @@ def _anchor_paths(tree: dict[str, Any], folder: Path) -> None:
 
 
 def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
-    """Set one dotted key of a nested table, making the tables on its way.
+    """Set one dotted key of a nested table; missing tables are added.
 
     Raises:
-        InputError: not a dotted key (TOML's syntax, parts may be quoted), or it leads through a
-            value that is no table.
+        InputError: the key is not a dotted key (in TOML's syntax, parts may be quoted), or one of
+            its parts is a value and not a table.
     """
     key = setting.key
     try:
@@ -214,7 +214,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
         branch = parse_toml(f"{key} = 0")
     except ValueError:
         branch = {}
-    # A remark, or several lines, is TOML too.
+    # A comment and a text of several lines would be valid TOML too.
     if len(branch) != 1 or "\n" in key:
         raise InputError(f"{setting.source} {key}", "not a dotted key", _how_written(key)) from None
     node = tree
@@ -224,7 +224,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
             node[name] = as_plain(setting.value)
             return
         branch = branch[name]
-        if node.get(name) is None:  # a table that may be absent is null in a manifest
+        if node.get(name) is None:  # an absent optional table is null in a manifest
             node[name] = {}
         if not isinstance(node[name], dict):
             raise InputError(f"{setting.source} {key}", f"{name!r} is not a table")
@@ -232,7 +232,7 @@ def apply_setting(tree: dict[str, Any], setting: Setting) -> None:
 
 
 def as_plain(value: Any) -> Any:
-    """A value of Python, where NumPy's numbers and arrays are Python's own."""
+    """A value with NumPy's numbers and arrays converted to Python's numbers and lists."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     if isinstance(value, list | tuple):
@@ -243,12 +243,12 @@ def as_plain(value: Any) -> Any:
 
 
 def _how_written(key: str) -> str:
-    """How a key would be written whose quotes the shell may have taken away."""
+    """The correct form of a key from which the shell may have removed the quotes."""
     table, _, parameter = key.rpartition(".")
     name = table.removeprefix("strategies.")
     if name == table or '"' in name or "'" in name:
         return "e.g. ego.initial_speed_mps"
-    return "with quotes that the shell leaves: " + f"""'strategies."{name}".{parameter}=…'"""
+    return "quotes that the shell keeps: " + f"""'strategies."{name}".{parameter}=…'"""
 
 
 _TOML_WORDS = {
@@ -257,10 +257,10 @@ _TOML_WORDS = {
     "tuple_type": "an array",
     "bool_type": "true or false",
 }
-"""Allowed values in the words of TOML, where pydantic's words are Python's."""
+"""TOML's names for types that pydantic calls by Python's names."""
 
 _NUMBER, _NUMBERS = "constrained-float", "tuple[constrained-float, ...]"
-"""A key that is a number or a list of them is wrong as both, first as a number: once suffices."""
+"""A key may be a number or a list of numbers; pydantic reports an error for each of the two."""
 
 
 def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]) -> InputError:
@@ -269,7 +269,7 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
         first = others[0]
     path = [str(part) for part in first["loc"] if part not in (_NUMBER, _NUMBERS)]
     key = ".".join(path)
-    # A misspelt table is wrong in whatever option named a key of it.
+    # A misspelt table is reported at the option that set one of its keys.
     named = [full for full in key_sources if full.startswith(f"{key}.")]
     by = _set_by(key, key_sources)
     where = f"{source}: {key}"
@@ -287,8 +287,8 @@ def _explain(error: ValidationError, source: str, key_sources: Mapping[str, str]
 def _keys_of(path: list[str]) -> list[str]:
     section: Any = Scenario
     for name in path:
-        if not name.isdecimal():  # a number is an entry of an array of tables
+        if not name.isdecimal():  # a number is an index into an array of tables
             annotation: Any = section.model_fields[name].annotation
-            # A table that may be absent is a union with None.
+            # An optional table is a union with None.
             section = next(iter(get_args(annotation)), annotation)
     return list(section.model_fields)

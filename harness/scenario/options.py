@@ -1,4 +1,4 @@
-"""How a run is carried out; nothing of it changes what one pair gives."""
+"""Options of a run's execution; none of them changes the result of a pair."""
 
 import math
 import operator
@@ -14,10 +14,10 @@ EngineName = Literal["sumo", "plain"]
 
 
 def engine_named(name: str, where: str = "engine") -> EngineName:
-    """The engine of that name.
+    """The engine with a given name.
 
     Raises:
-        InputError: there is none; ``where`` says what was given.
+        InputError: there is no such engine; ``where`` names the option.
     """
     for engine in get_args(EngineName):
         if engine == name:
@@ -27,31 +27,31 @@ def engine_named(name: str, where: str = "engine") -> EngineName:
 
 
 AUDIT_SHARE = 0.01
-"""Share of the pairs that the plain engine's runs repeat in SUMO."""
+"""Share of the pairs of a run on the plain engine that are repeated in SUMO."""
 
 TASK_PAIRS = 50
-"""Pairs in a task."""
+"""Number of pairs in a task."""
 
 HANG_AFTER_S = 120.0
 HANG_AFTER_S_PER_STEP = 0.002
-"""A worker that finishes no pair for so long, and so long for each of its steps, is ended."""
+"""A worker is ended if it finishes no pair in this time plus this much for each step."""
 
 
 @dataclass(frozen=True)
 class Precision:
-    """``--until``: go on until the half-width of every cell's interval is this small.
+    """``--until``: add pairs until the half-width of every cell's interval is this small.
 
-    ``measure`` is ``mu`` or ``kappa``, ``half_width`` between 0 and 1.
+    ``measure`` is ``mu`` or ``kappa``; ``half_width`` is between 0 and 1.
 
     Raises:
-        InputError: it is not so.
+        InputError: one of the two has another value.
     """
 
     measure: str
     half_width: float
 
     def __post_init__(self) -> None:
-        """Checked before anything runs."""
+        """Check the values before anything runs."""
         if self.measure not in ("mu", "kappa"):
             raise unknown_name("until", "measure", str(self.measure), ("mu", "kappa"))
         width = number_in("until", self.half_width, 0.0, 1.0)
@@ -62,11 +62,11 @@ class Precision:
 
 @dataclass(frozen=True)
 class Options:
-    """Options of a run beside the study.
+    """Options of a run apart from its study.
 
-    ``workers`` None means all cores, 0 this process, without time limits.  ``sumo_outputs`` says
-    whose SUMO outputs are written.  With the plain ``engine`` that share of the pairs
-    (``audit``), and every crash, is repeated in SUMO.
+    ``workers``: None uses all cores; 0 uses this process alone, without time limits.
+    ``sumo_outputs`` selects the episodes whose SUMO outputs are written.  With the plain
+    ``engine``, a share ``audit`` of the pairs and every crash are repeated in SUMO.
 
     Raises:
         InputError: a value is not accepted.
@@ -82,13 +82,13 @@ class Options:
     audit: float = AUDIT_SHARE
 
     def __post_init__(self) -> None:
-        """Checked before anything runs; NumPy's numbers become Python's own."""
+        """Check the values before anything runs, and convert NumPy's numbers to Python's."""
         if self.until is not None and not isinstance(self.until, Precision):
             raise InputError("until", f"{self.until!r}", "a Precision, or None")
         if self.traces not in (True, False):
             raise InputError("traces", f"{self.traces!r} is not accepted", "True or False")
         if self.sumo_outputs not in (None, "all", "crashed"):
-            what = f"{self.sumo_outputs!r} is no such choice"
+            what = f"{self.sumo_outputs!r} is not accepted"
             raise InputError("sumo_outputs", what, "all or crashed, or None")
         kept: dict[str, Any] = {
             "traces": bool(self.traces),
@@ -104,13 +104,13 @@ class Options:
 
 
 def whole_number(where: str, value: object, least: int) -> int:
-    """A whole number of ``least`` or more, NumPy's too, as Python's own.
+    """A whole number of Python or NumPy, at least ``least``, as an ``int``.
 
     Raises:
-        InputError: it is none; ``where`` says what was given.
+        InputError: the value is another one; ``where`` names the option.
     """
     try:
-        number = operator.index(value)  # type: ignore[arg-type]  # what is none raises
+        number = operator.index(value)  # type: ignore[arg-type]  # raises unless it is an integer
     except TypeError:
         number = least - 1
     if number < least:
@@ -119,10 +119,10 @@ def whole_number(where: str, value: object, least: int) -> int:
 
 
 def number_in(where: str, value: object, least: float, most: float) -> float:
-    """A number from ``least`` to ``most``, NumPy's too, as Python's own.
+    """A number of Python or NumPy, from ``least`` to ``most``, as a ``float``.
 
     Raises:
-        InputError: it is none; ``where`` says what was given.
+        InputError: the value is another one; ``where`` names the option.
     """
     number = float(value) if isinstance(value, Real) else math.nan
     if not least <= number <= most:
@@ -132,10 +132,10 @@ def number_in(where: str, value: object, least: float, most: float) -> float:
 
 
 def hang_limit_s(hang_after_s: float, scenario: Scenario) -> float:
-    """How long a worker may take for one pair of a scenario, or for one arm of an hour."""
+    """Time limit of a worker for one pair of a scenario, or for one arm of an hour."""
     traffic, experiment = scenario.traffic, scenario.experiment
     simulated_s = 2 * experiment.timeout_s
     if traffic is not None:
-        # A road full of vehicles: some ten times an ego's work.
+        # A road full of vehicles takes about ten times the work of one ego.
         simulated_s = 10 * (traffic.warm_up_s + 2 * traffic.duration_s + 900)
     return hang_after_s + simulated_s / experiment.step_s * HANG_AFTER_S_PER_STEP

@@ -1,4 +1,4 @@
-"""``[crossing] net``: a network of the user's own takes the place of the keys that it says."""
+"""``[crossing] net``: a network of the user's own defines the crosswalk's other keys."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -22,21 +22,21 @@ _READ: Mapping[str, Callable[[Survey], Any]] = {
     "lane_width_m": lambda facts: facts.site.ego.width_m,
     "road_speed_limit_mps": lambda facts: facts.site.ego.speed_limit_mps,
 }
-"""The keys of ``[crossing]`` that a network says, and how they follow from its survey."""
+"""The keys of ``[crossing]`` that a network defines, and how each follows from its survey."""
 
 CLEAR_M = 1.0
-"""How much straight road has to follow where the ego's rear has left the crosswalk."""
+"""Length of straight road that the ego needs after its rear has left the crosswalk."""
 _CLEAR = f"ego.length_m + half the crosswalk's width + {CLEAR_M:g} m"
 
 
 def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -> Mapping[str, Any]:
-    """The tree of a scenario with its crosswalk read from its own network, if it names one.
+    """The tree of a scenario, with the crosswalk's keys read from its network if it names one.
 
-    A tree that has been read before, a manifest's, stays as it is: the network need not be there.
+    A tree whose network has been read before (a manifest's) is unchanged and needs no network.
 
     Raises:
-        InputError: keys that do not go together, or a crosswalk that cannot be simulated; with the
-            figure, and what would do.
+        InputError: keys exclude each other, or the crosswalk cannot be simulated; the message holds
+            the value and the allowed ones.
     """
     crossing, where = scenario.crossing, f"{source}: crossing"
     if crossing.net is None:
@@ -85,7 +85,7 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
 
 
 def _check(site: Site, scenario: Scenario, source: str) -> None:
-    """Refuse a crosswalk at which this scenario cannot take facts."""
+    """Refuse a crosswalk at which this scenario cannot be simulated."""
     ego, crossing = scenario.ego, scenario.crossing
     if scenario.traffic is not None:
         for stream in streams_of(site):
@@ -107,13 +107,13 @@ def _check(site: Site, scenario: Scenario, source: str) -> None:
     if site.signal is not None and not crossing.ignore_signal:
         raise InputError(
             f"{source}: crossing.edge",
-            f"{crossing.edge}: traffic light {site.signal.id} rules it",
-            "an unsignalized crosswalk, or crossing.ignore_signal = true: green for both",
+            f"{crossing.edge}: traffic light {site.signal.id} controls it",
+            "an unsignalized crosswalk, or crossing.ignore_signal = true (green for everybody)",
         )
 
 
 def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -> None:
-    """Refuse a lane whose vehicles cannot come, or not as the single ego does."""
+    """Refuse a lane on which vehicles cannot approach the crosswalk as the single ego does."""
     ego, way = scenario.ego, stream.way
     lane = f"lane {stream.approach.edge}_{stream.approach.lane}"
     or_none = f", or traffic.{'oncoming' if way.oncoming else 'flow'}_per_hour = 0"
@@ -124,11 +124,11 @@ def _check_stream(stream: Stream, site: Site, scenario: Scenario, source: str) -
         raise InputError(where, f"{range_m!r}: the approach of {lane} {way.ends_before}", allowed)
     if stream.entry_x_m(range_m, per_step_m) is None:
         begins_m = -stream.begins_x_m
-        problem = f"{range_m!r}: the vehicles of {lane} can enter {begins_m:.6g} m before it"
-        raise InputError(where, problem, f"at most that{or_none}")
+        problem = f"{range_m!r}: vehicles enter {lane} only {begins_m:.6g} m before the crosswalk"
+        raise InputError(where, problem, f"at most {begins_m:.6g} m{or_none}")
     after_m, needed_m = min(way.straight_after_m, stream.ends_x_m), _clear_m(site, scenario)
     if after_m < needed_m:
-        problem = f"beyond it {lane} is straight, and no other's, for {after_m:.1f} m"
+        problem = f"beyond it {lane} is straight and joins no other lane for only {after_m:.1f} m"
         raise InputError(
             f"{source}: crossing.edge",
             f"{scenario.crossing.edge}: {problem}",

@@ -1,4 +1,4 @@
-"""Every key of ``[pedestrians]`` with its meaning and default: who comes, and how they decide."""
+"""Every key of ``[pedestrians]`` with its meaning and default: arrivals, decisions, speeds."""
 
 from statistics import NormalDist
 from typing import Annotated, Literal, cast
@@ -10,32 +10,33 @@ from harness.core.seeding import GIVEN_DRAWS, Given
 from harness.scenario.sections import NonNegative, Positive, Section, Share
 
 SLOWEST_MPS = 0.3
-"""Nobody who is drawn from ``[pedestrians.walking_speed]`` walks slower."""
+"""Least walking speed that is drawn from ``[pedestrians.walking_speed]``."""
 
 
 class TimedSection(Section):
-    """``[[pedestrians.timed]]``: someone whom a car that never brakes would hit."""
+    """``[[pedestrians.timed]]``: a pedestrian timed so that a car that never brakes hits them."""
 
     name: str = ""
-    """Name by which ``timed_case`` picks it."""
+    """Name of this case, for ``timed_case``."""
     side: Literal["near", "far"]
     """The kerb they come from."""
     start_lateral_m: Positive
-    """Distance from the car's centre line to where they stand: clear of the car, at most 8 m before
-    the kerb."""
+    """Distance from the car's centre line to their starting point, which is clear of the car and at
+    most 8 m before the kerb."""
     acceleration_distance_m: NonNegative = 0.0
-    """Distance over which they reach their speed."""
+    """Distance over which they accelerate to their speed."""
     speed_mps: Annotated[float, Field(gt=0, le=10)]
-    """Speed at which they walk."""
+    """Their walking speed after that."""
     impact_share: Share
-    """Where a car that never brakes hits them: 0 at the edge they reach first, 1 at the other."""
+    """Point of impact on the front of a car that never brakes, as a share of its width: 0 at the
+    edge that they reach first, 1 at the other."""
 
 
 class GapAcceptanceSection(Section):
     """``[pedestrians.gap_acceptance]``: the distribution of critical gaps."""
 
     distribution: Literal["lognormal", "logistic"] = "lognormal"
-    """Kind of the distribution of critical gaps."""
+    """Family of the distribution of critical gaps."""
     mean_s: Positive = 4.0
     """Mean of the critical gaps."""
     std_s: NonNegative = 2.5
@@ -46,15 +47,15 @@ Uniforms = Annotated[tuple[Annotated[float, Field(gt=0, lt=1)], ...], Field(stri
 
 
 class DrawnSection(Section):
-    """``[[pedestrians.drawn]]``: the people of one pair, as ``harness risk`` found them.
+    """``[[pedestrians.drawn]]``: the pedestrians of one pair; ``harness risk`` writes them.
 
-    ``episode`` keys the streams of everything that is not given; the lists hold the uniforms of the
-    first pedestrians, and those that a strategy draws first, in the place of those streams' first
-    draws.
+    The lists hold the uniform random numbers of the first pedestrians and the first ones that a
+    strategy draws.  They replace the first draws of the random streams; later draws come from the
+    streams of ``episode``.
     """
 
     episode: Annotated[int, Field(ge=0)]
-    """The number of the episode."""
+    """Number of the episode whose random streams give everything that is not listed."""
     arrival: Uniforms = ()
     """Uniforms of the times between arrivals."""
     side: Uniforms = ()
@@ -64,34 +65,35 @@ class DrawnSection(Section):
     critical_gap: Uniforms = ()
     """Uniforms of the critical gaps."""
     detection: Uniforms = ()
-    """Uniforms of the looks until the first detection."""
+    """Uniforms of the number of updates until the first detection."""
     timed_detection: Uniforms = ()
-    """Uniforms of the looks until the first detection of people with a timetable."""
+    """Uniforms of the number of updates until the first detection of timed pedestrians."""
     redetection: Uniforms = ()
-    """Uniforms of the looks until each is found again after the first loss."""
+    """Uniforms of the number of updates until a pedestrian is detected again after the first
+    loss."""
     perception_error: Uniforms = ()
-    """Uniforms of the first errors of each, two by two: of their place and of their speed."""
+    """Uniforms of each pedestrian's first errors, in pairs: position, then speed."""
     strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
-    """What the strategy of ``arms.human``, or of both arms where they are alike, draws first."""
+    """First draws of the strategy of ``arms.human``, or of both arms if they have the same one."""
     av_strategy: Annotated[Uniforms, Field(max_length=GIVEN_DRAWS)] = ()
-    """What the strategy of ``arms.av`` draws first."""
+    """First draws of the strategy of ``arms.av``."""
 
     @property
     def uniforms(self) -> Given:
-        """By purpose of the stream."""
+        """The uniforms by the purpose of their stream."""
         return cast(Given, self.model_dump(exclude={"episode"}))
 
 
 class WalkingSpeedSection(Section):
-    """``[pedestrians.walking_speed]``: a normal distribution in the interaction model's place.
+    """``[pedestrians.walking_speed]``: a normal distribution instead of the interaction model.
 
-    It is cut off at ``SLOWEST_MPS``; mean and standard deviation are those before the cut.
+    It is truncated at ``SLOWEST_MPS``; mean and standard deviation are those before truncation.
     """
 
     mean_mps: Annotated[float, Field(ge=0.5, le=3)]
-    """Mean before the cut at 0.3 m/s."""
+    """Mean before truncation at 0.3 m/s."""
     std_mps: Annotated[float, Field(gt=0, le=1)] = 0.25
-    """Standard deviation before the cut."""
+    """Standard deviation before truncation."""
 
     def at(self, quantile: float) -> float:
         """The walking speed at a quantile in [0, 1), in m/s."""
@@ -102,30 +104,30 @@ class WalkingSpeedSection(Section):
 
 
 class PedestriansSection(Section):
-    """``[pedestrians]``: the people who come, from where, how they decide and walk."""
+    """``[pedestrians]``: how many arrive, from which kerb, how they decide and walk."""
 
     flow_per_hour: Annotated[float, Field(ge=0, le=100_000)] = 250.0
-    """λ, both kerbs together."""
+    """λ, pedestrians per hour from both kerbs together."""
     max_count: Annotated[int, Field(ge=0)] | None = None
-    """At most so many come; without it, no limit."""
+    """Greatest number of pedestrians; if not given, there is no limit."""
     first_at_trigger: bool = False
-    """The first is at the kerb at t = 0."""
+    """Whether the first pedestrian arrives at the kerb at t = 0."""
     near_side_share: Share = 0.5
-    """Share of people who come from the near kerb."""
+    """Share of pedestrians who come from the near kerb."""
     kerb_wait_s: NonNegative = 2.0
-    """Nobody steps off when a vehicle would reach the crosswalk within this time, and does not stop
-    before it."""
+    """Nobody steps off if a vehicle that does not stop would reach the crosswalk within this
+    time."""
     warm_up_s: Annotated[float, Field(ge=0, le=3600)] = 0.0
-    """The flow begins so long before the trigger; 0 beside ``[traffic]``."""
+    """The flow begins this long before the trigger; must be 0 with ``[traffic]``."""
     behaviour: Behaviour = "constant"
-    """How they decide and walk."""
+    """Rule by which pedestrians decide and walk (docs/method.md)."""
     gap_acceptance: GapAcceptanceSection = GapAcceptanceSection()
-    """Gaps for which people wait, with behaviour ``gap_acceptance``."""
+    """Critical gaps, with behaviour ``gap_acceptance``."""
     walking_speed: WalkingSpeedSection | None = None
-    """A normal distribution in the interaction model's place; without it, the model."""
+    """Normal distribution of walking speeds; if not given, the interaction model gives them."""
     timed: Annotated[tuple[TimedSection, ...], Field(strict=False)] = ()
-    """People whom a car that never brakes would hit."""
+    """Pedestrians timed so that a car that never brakes hits them."""
     timed_case: str | None = None
-    """A ``name`` of ``timed``: only those come; without it, all."""
+    """``name`` of the timed pedestrians to simulate; if not given, all of ``timed``."""
     drawn: Annotated[tuple[DrawnSection, ...], Field(strict=False)] = ()
-    """The people of each pair by their uniforms; ``harness risk`` writes them."""
+    """Pedestrians of each pair by their uniforms; ``harness risk`` writes them."""

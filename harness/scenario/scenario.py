@@ -1,4 +1,4 @@
-"""The whole scenario, and what follows from its keys together."""
+"""The whole scenario, and the quantities that follow from several of its keys."""
 
 import math
 
@@ -23,7 +23,7 @@ from harness.scenario.sections import (
 
 
 class Scenario(Section):
-    """One experiment, complete: everything that a run of it needs, and nothing else."""
+    """One complete experiment: a run needs nothing else."""
 
     crossing: CrossingSection = CrossingSection()
     ego: EgoSection = EgoSection()
@@ -32,7 +32,7 @@ class Scenario(Section):
     model: ModelSection = ModelSection()
     arms: ArmsSection = ArmsSection()
     strategies: dict[str, dict[str, JsonValue]] = Field(default_factory=dict)
-    """Parameters of each strategy by its name."""
+    """Parameters of each strategy, by the strategy's name."""
     conflicts: ConflictsSection = ConflictsSection()
     experiment: ExperimentSection = ExperimentSection()
     limits: LimitsSection = LimitsSection()
@@ -40,13 +40,13 @@ class Scenario(Section):
 
     @property
     def known_traffic(self) -> TrafficSection:
-        """``[traffic]`` of a scenario that is known to have it."""
+        """The ``[traffic]`` table of a scenario that is known to have one."""
         assert self.traffic is not None
         return self.traffic
 
     @property
     def walks_by_model(self) -> bool:
-        """Whether anybody's walking speed is drawn from the interaction model."""
+        """Whether any walking speed is drawn from the interaction model."""
         people = self.pedestrians
         comes = (people.flow_per_hour > 0 or people.first_at_trigger) and people.max_count != 0
         return comes and people.walking_speed is None
@@ -59,7 +59,7 @@ class Scenario(Section):
         return Vehicle(**values)
 
     def crosswalk(self) -> Crossing:
-        """The crosswalk's constants, from the ego's lane."""
+        """The crosswalk's constants for the ego's lane."""
         crossing, number = self.crossing, self.ego.lane
         centre_m = crossing.lane_centre_m(number)
         if crossing.read is not None:
@@ -67,7 +67,7 @@ class Scenario(Section):
         return self._seen_from(number, centre_m, crossing.width_of_lane_m)
 
     def crosswalk_from_lanes(self, *, oncoming: bool) -> tuple[Crossing, ...]:
-        """The crosswalk's constants from each lane of a direction, from its own near kerb on."""
+        """The crosswalk's constants for each lane of a direction, counted from its near kerb."""
         crossing = self.crossing
         if crossing.read is None:
             count = crossing.oncoming_lanes if oncoming else crossing.lanes
@@ -83,7 +83,7 @@ class Scenario(Section):
 
     @property
     def speed_limit_mps(self) -> float:
-        """The road's limit, or v0 where none is given."""
+        """The road's speed limit, or v0 if none is given."""
         return self.crossing.road_speed_limit_mps or self.ego.initial_speed_mps
 
     def _seen_from(self, lane: int, centre_m: float, width_m: float) -> Crossing:
@@ -111,7 +111,7 @@ class Scenario(Section):
         return math.ceil(headway_s / step_s - 1e-9) * step_s
 
     def timed_walks(self) -> tuple[tuple[Side, tuple[Leg, ...]], ...]:
-        """Side and path of every timed pedestrian of the case, or of all where none is named."""
+        """Side and path of each timed pedestrian of ``timed_case``; of all if it is not given."""
         case = self.pedestrians.timed_case
         return tuple(
             (Side(timed.side), path_of(timed, self))
@@ -120,7 +120,7 @@ class Scenario(Section):
         )
 
     def obstacles(self) -> tuple[ObstacleSection, ...]:
-        """The obstacles of the timed case, or all where none is named."""
+        """The obstacles of ``timed_case``; all of them if it is not given."""
         case = self.pedestrians.timed_case
         return tuple(o for o in self.crossing.obstacles if case is None or o.case in (None, case))
 

@@ -1,6 +1,6 @@
-"""Every key of a scenario file but those of ``[pedestrians]``, with its meaning and default.
+"""Every key of a scenario file except those of ``[pedestrians]``, with its meaning and default.
 
-A section is frozen; each of its keys is checked by itself.
+A section is frozen.  Each key is checked on its own; ``consistency`` checks them together.
 """
 
 import sys
@@ -12,10 +12,10 @@ from pydantic_core import PydanticCustomError
 from harness.core.encounter import Arm
 
 MAX_TRIGGER_RANGE_M = 300.0
-"""Longest range at which the ego can be inserted: the approach road of every network is as long."""
+"""Longest range at which the ego can be inserted: the length of every network's approach road."""
 
 ROUNDING_M = 1e-9
-"""Lanes that fill the road to within this leave nothing beside them."""
+"""A width below this that the lanes leave unused counts as zero."""
 
 Positive = Annotated[float, Field(gt=0)]
 NonNegative = Annotated[float, Field(ge=0)]
@@ -31,20 +31,20 @@ class Section(BaseModel):
 class ObstacleSection(Section):
     """``[[crossing.obstacles]]``: a rectangle in the road frame that hides what is behind it.
 
-    (``x_m``, ``y_m``) is its centre, ``length_m`` along the road.  ``case``: it stands there in the
-    timed case of that name alone.
+    (``x_m``, ``y_m``) is its centre and ``length_m`` its extent along the road.  With ``case`` it
+    stands there only in the timed case of that name.
     """
 
     x_m: Annotated[float, Field(ge=-1000, le=1000)]
-    """Its centre along the road; 0 at the crosswalk's centre line."""
+    """Position of its centre along the road; 0 at the crosswalk's centre line."""
     y_m: Annotated[float, Field(ge=-1000, le=1000)]
-    """Its centre across the road; 0 at the near kerb."""
+    """Position of its centre across the road; 0 at the near kerb."""
     length_m: Annotated[float, Field(gt=0, le=1000)]
     """Its extent along the road."""
     width_m: Annotated[float, Field(gt=0, le=1000)]
     """Its extent across the road."""
     case: str | None = None
-    """The timed case it stands in; without it, all of them."""
+    """Name of the timed case in which it stands; if not given, it stands there in all of them."""
 
     @property
     def x_bounds_m(self) -> tuple[float, float]:
@@ -58,7 +58,7 @@ class ObstacleSection(Section):
 
 
 class ReadLaneSection(Section):
-    """``[[crossing.read.ways]]``: a car lane over the crosswalk, of either direction."""
+    """``[[crossing.read.ways]]``: a car lane over the crosswalk, in either direction."""
 
     oncoming: bool
     """Whether it leads towards the ego."""
@@ -69,20 +69,20 @@ class ReadLaneSection(Section):
 
 
 class ReadPassedSection(Section):
-    """``[[crossing.read.passed]]``: what else the ego's way leads past."""
+    """``[[crossing.read.passed]]``: a traffic light or other crosswalk that the ego drives past."""
 
     kind: Literal["traffic light", "crosswalk"]
     """A traffic light, or another crosswalk."""
     id: str
     """The light's or the crossing's id in the network."""
     x_m: float
-    """Its place on the way; 0 at the crosswalk's centre line."""
+    """Its position along the ego's path; 0 at the crosswalk's centre line."""
 
 
 class ReadSection(Section):
-    """``[crossing.read]``: what a network of the user's own says; the harness fills it in.
+    """``[crossing.read]``: facts read from a network of your own; the harness writes them.
 
-    It belongs to the network of that ``sha256`` and to that ``edge`` and ``approach``.
+    They are valid only for the network with this ``sha256`` and for this ``edge`` and ``approach``.
     """
 
     net: str
@@ -94,62 +94,62 @@ class ReadSection(Section):
     approach: str | None
     """The lane's id."""
     lane: int
-    """The lane's number from the near kerb."""
+    """Number of the lane, counted from the near kerb."""
     lane_centre_m: float
     """Distance from the near kerb to the lane's centre."""
     angle_deg: float
     """Angle between road and crosswalk."""
     ways: Annotated[tuple[ReadLaneSection, ...], Field(strict=False)] = ()
-    """Every lane that is straight over the crosswalk, each direction from its near kerb on."""
+    """Every lane that leads straight over the crosswalk, in each direction from its near kerb."""
     passed: Annotated[tuple[ReadPassedSection, ...], Field(strict=False)] = ()
-    """Traffic lights and other crosswalks on the ego's way; no strategy is shown them."""
+    """Traffic lights and other crosswalks on the ego's path; strategies do not see them."""
 
 
 class CrossingSection(Section):
-    """``[crossing]``: the place and shape of the crosswalk, or where its network says them."""
+    """``[crossing]``: position and geometry of the crosswalk, or the network that defines them."""
 
     net: str | None = None
-    """A SUMO network of your own, which then says length, width, lanes, bearing and place."""
+    """A SUMO network of your own; it then defines length, width, lanes, bearing and position."""
     edge: str | None = None
-    """The id of a crossing in ``net``."""
+    """Id of the crossing in ``net``."""
     approach: str | None = None
-    """The ego's lane in ``net``; without it, the outermost car lane that leads there."""
+    """Id of the ego's lane in ``net``; if not given, the outermost car lane that leads there."""
     ignore_signal: bool = False
-    """Keep a traffic light that rules the crossing in ``net`` green."""
+    """Keep a traffic light that controls the crossing in ``net`` green."""
     read: ReadSection | None = None
-    """Facts that the harness read in ``net``; it fills them in itself."""
+    """Facts that the harness read from ``net``; it writes them itself."""
     latitude_deg: Annotated[float, Field(ge=-80, le=84)] | None = None
-    """Latitude of the crosswalk's centre; without it, the network has no place on the ground."""
+    """Latitude of the crosswalk's centre; if not given, the network has no geographic position."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
-    """Longitude of the crosswalk's centre; both or neither."""
+    """Longitude of the crosswalk's centre; give both or neither."""
     bearing_deg: Annotated[float, Field(ge=0, lt=360)] = 316.5
     """The ego's direction, clockwise from true north."""
     length_m: Annotated[float, Field(ge=2.5, le=40)] = 9.0
-    """L0, from kerb to kerb; 0.25 m are left between the ego and each kerb."""
+    """L0, from kerb to kerb; there must be at least 0.25 m between the ego and each kerb."""
     width_m: Annotated[float, Field(ge=1, le=20)] = 4.0
     """Extent of the crosswalk along the road."""
     pedestrian_priority: bool = True
-    """A marked crosswalk; SUMO's own driver and pedestrians go by it."""
+    """Whether the crosswalk is marked; affects only SUMO's own driver and pedestrians."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 1
     """Lanes in the ego's direction."""
     oncoming_lanes: Annotated[int, Field(ge=0, le=6)] = 1
     """Lanes towards the ego; 0 is a one-way road."""
     lane_width_m: Annotated[float, Field(ge=1, le=20)] | None = None
-    """Width of each lane; without it, the lanes share ``length_m`` evenly.  The rest is a median,
-    or half at each kerb of a one-way road."""
+    """Width of each lane; if not given, the lanes share ``length_m`` equally.  The unused width is
+    a median, or on a one-way road a strip of half of it at each kerb."""
     road_speed_limit_mps: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Limit that SUMO's own driver and outputs go by; without it, v0."""
+    """Speed limit for SUMO's own driver and for SUMO's outputs; if not given, v0."""
     obstacles: Annotated[tuple[ObstacleSection, ...], Field(strict=False)] = ()
-    """Parked cars and hedges that hide people."""
+    """Parked cars, hedges and the like that hide pedestrians."""
 
     @property
     def width_of_lane_m(self) -> float:
-        """``lane_width_m``, or ``length_m`` shared evenly among the lanes of both directions."""
+        """``lane_width_m``, or ``length_m`` divided equally among the lanes of both directions."""
         return self.lane_width_m or self.length_m / (self.lanes + self.oncoming_lanes)
 
     @property
     def beside_lanes_m(self) -> float:
-        """Width that the lanes leave of ``length_m``: a median, or both strips if one-way."""
+        """Width of ``length_m`` that no lane uses: the median, or both strips of a one-way road."""
         if self.lane_width_m is None:
             return 0.0
         rest = self.length_m - (self.lanes + self.oncoming_lanes) * self.lane_width_m
@@ -157,11 +157,11 @@ class CrossingSection(Section):
 
     @property
     def kerb_strip_m(self) -> float:
-        """Width of the strip between each kerb and the lanes: half of the rest if one-way."""
+        """Width of the strip between each kerb and the lanes; above 0 only on one-way roads."""
         return 0.0 if self.oncoming_lanes else self.beside_lanes_m / 2
 
     def lane_centre_m(self, lane: int) -> float:
-        """From the near kerb of a direction to the centre of its lane of that number, in m."""
+        """Distance from a direction's near kerb to the centre of its lane number ``lane``, in m."""
         return self.kerb_strip_m + (lane + 0.5) * self.width_of_lane_m
 
     def lane_borders_m(self) -> tuple[float, ...]:
@@ -182,48 +182,48 @@ class EgoSection(Section):
     """v0."""
     trigger_range_m: Annotated[float, Field(gt=0, le=MAX_TRIGGER_RANGE_M)] = 30.0
     """R0: t = 0 when the front bumper is this far from the centre line; at least half the
-    crosswalk's width and 1.5 m."""
+    crosswalk's width plus 1.5 m."""
     detection_range_m: Positive | None = None
-    """How far pedestrians are perceived; without it, the trigger range."""
+    """Range up to which pedestrians are detected; if not given, the trigger range."""
     length_m: Annotated[float, Field(ge=1, le=25)] = 5.0
     """Length of the vehicle."""
     width_m: Annotated[float, Field(ge=0.5, le=5)] = 1.8
-    """Width of the vehicle; at most the lane's."""
+    """Width of the vehicle; at most the width of its lane."""
     max_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 3.0
-    """Limit of every strategy's command."""
+    """Greatest acceleration that a strategy can command."""
     max_deceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 4.5
-    """Limit of every strategy's command."""
+    """Greatest deceleration that a strategy can command."""
     resume_acceleration_mps2: Annotated[float, Field(gt=0, le=20)] = 1.0
-    """a0: back to v0 once the crossing is clear."""
+    """a0: acceleration back to v0 once the crossing is clear."""
 
 
 class PerceptionSection(Section):
-    """``[perception]``: how the AV's strategy is shown the pedestrians; by default as they are.
+    """``[perception]``: perception errors of the AV; by default it sees the ground truth.
 
-    ``human``: the human's arm is shown the same way.
+    With ``human = true`` they apply in the human's arm too.
     """
 
     latency_s: Annotated[float, Field(ge=0, le=60)] = 0.0
-    """Age of the news about pedestrians that the strategy is shown; whole steps."""
+    """Latency: age of the pedestrian data that the strategy sees; whole steps."""
     update_s: Annotated[float, Field(gt=0, le=60)] | None = None
-    """Time between two looks at the pedestrians; whole steps; without it, every step."""
+    """Time between two updates of the sensor; whole steps; if not given, it updates every step."""
     detection_probability: Share = 1.0
-    """Chance at each look to detect somebody; from then on they are tracked."""
+    """Probability at each update that a pedestrian is detected; from then on they are tracked."""
     dropout_probability: Share = 0.0
-    """Chance at each look that a track is lost and must be found again."""
+    """Probability at each update that a track is lost; the pedestrian must be detected again."""
     position_sd_m: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """Standard deviation of the error of the place."""
+    """Standard deviation of the position error."""
     speed_sd_mps: Annotated[float, Field(ge=0, le=100)] = 0.0
-    """Standard deviation of the error of the speed."""
+    """Standard deviation of the speed error."""
     correlation_s: NonNegative = 1.0
-    """How long errors stay alike."""
+    """Correlation time of the errors."""
     occlusion: bool = True
-    """People behind an obstacle are not seen."""
+    """Whether obstacles hide pedestrians."""
     human: bool = False
-    """The human's arm is shown the same way."""
+    """Whether the same errors apply in the human's arm."""
 
     def is_perfect(self, step_s: float) -> bool:
-        """Whether it shows the ground truth at every step, except for whom obstacles hide."""
+        """Whether the strategy sees the ground truth at every step, apart from occlusion."""
         no_faults = {"update_s": None, "correlation_s": 1.0, "occlusion": True, "human": False}
         every_step = self.update_s is None or self.update_s < 1.5 * step_s
         return every_step and self.model_copy(update=no_faults) == PerceptionSection()
@@ -233,19 +233,19 @@ class ModelSection(Section):
     """``[model]``: the interaction model, a shipped one by ``name`` or a file by ``path``."""
 
     name: str = "dut"
-    """A shipped interaction model."""
+    """Name of a shipped interaction model."""
     path: str | None = None
-    """A model file of your own, in the place of ``name``."""
+    """Path of a model file of your own; replaces ``name``."""
     pedestrian_reading: Literal["marginal", "curve", "unconditional"] = "marginal"
-    """The conditions under which walking speeds are drawn."""
+    """Which conditional distribution walking speeds are drawn from (docs/method.md)."""
     extrapolate: bool = False
-    """Clamp a v0 or R0 outside the model's data, which is else refused."""
+    """Clamp a v0 or R0 that lies outside the model's data; otherwise it is refused."""
 
 
 def _strategy_name(strategy: Any) -> Any:
-    """A class in Python as ``package.module:Class``, by which it is found again.
+    """The name ``package.module:Class`` of a Python class, from which it can be imported again.
 
-    One of a script or notebook is ``__main__:Class``: only its own process finds it.
+    A class of a script or notebook is ``__main__:Class``: only its own process can find it.
     """
     if not isinstance(strategy, type):
         return strategy
@@ -263,12 +263,12 @@ StrategyName = Annotated[str, BeforeValidator(_strategy_name)]
 
 
 class ArmsSection(Section):
-    """``[arms]``: which strategy drives in each arm; in Python also as a class."""
+    """``[arms]``: which strategy drives in each arm; in Python it may also be a class."""
 
     av: StrategyName = "soft_yield"
-    """The strategy that drives in the AV's arm."""
+    """The strategy that drives the AV."""
     human: StrategyName = "human_gmm"
-    """The strategy that drives in the reference's arm."""
+    """The strategy that drives the vehicle of the reference arm."""
 
     def driver(self, arm: Arm) -> str:
         """The strategy of an arm, by name."""
@@ -279,73 +279,73 @@ class ConflictsSection(Section):
     """``[conflicts]``: thresholds of the measures beyond which an episode counts as a conflict."""
 
     ttc_s: NonNegative = 1.5
-    """A smaller least time to collision is a conflict."""
+    """A minimum time to collision below this is a conflict."""
     time_advantage_s: NonNegative = 1.5
-    """A smaller least time advantage is a conflict."""
+    """A minimum time advantage below this is a conflict."""
     pet_s: NonNegative = 1.5
-    """A smaller post-encroachment time is a conflict."""
+    """A post-encroachment time below this is a conflict."""
     drac_mps2: NonNegative = 3.35
-    """A greater deceleration rate to avoid a crash is a conflict."""
+    """A deceleration rate to avoid a crash above this is a conflict."""
 
 
 class ExperimentSection(Section):
-    """``[experiment]``: how many pairs, from which seed, at which step."""
+    """``[experiment]``: number of pairs, seed, simulation step and time limits."""
 
     pairs: Annotated[int, Field(ge=1, le=10_000_000)] = 50
-    """N; in traffic, hours."""
+    """N, the number of pairs; with ``[traffic]`` each pair is an hour, simulated twice."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
-    """Root of every random number."""
+    """Seed from which every random number derives."""
     step_s: Annotated[float, Field(ge=0.001, le=1)] = 0.1
     """Simulation step; whole milliseconds."""
     timeout_s: Annotated[float, Field(gt=0, le=3600)] = 60.0
-    """An episode that has not crossed by then is timed out; whole milliseconds."""
+    """An episode in which the ego has not passed by this time is timed out; whole steps."""
     decide_limit_s: Annotated[float, Field(ge=0.1, le=3600)] = 10.0
-    """Wall time a strategy may take for one answer."""
+    """Wall time that a strategy may take for one decision."""
 
 
 class LimitsSection(Section):
-    """``[limits]``: a strategy within them is allowed; used to compare, not to simulate."""
+    """``[limits]``: ``harness compare`` calls a strategy below both limits allowed."""
 
     mu0: Positive | None = None
-    """Limit of μ, for ``harness compare``."""
+    """Limit of μ in ``harness compare``; it does not affect the simulation."""
     kappa0: Annotated[float, Field(gt=0, le=1)] | None = None
-    """Limit of κ, for ``harness compare``."""
+    """Limit of κ in ``harness compare``; it does not affect the simulation."""
 
 
 QUARTER_S = 900.0
-"""How long each value of a list of flows holds."""
+"""Duration of each value in a list of flows."""
 
 Flow = Annotated[float, Field(ge=0, le=100_000)]
 
 
 class TrafficSection(Section):
-    """``[traffic]``: vehicles over hours in place of one ego.
+    """``[traffic]``: streams of vehicles over hours instead of one ego.
 
-    ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its headway.
+    ``following``, ``tau_s`` and ``min_gap_m`` are SUMO's car-following model and its parameters.
     """
 
     flow_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
-    """Vehicles in the first direction; a list has one value for each quarter of an hour."""
+    """Vehicles per hour in the ego's direction; a list has one value for each quarter-hour."""
     oncoming_per_hour: Flow | Annotated[tuple[Flow, ...], Field(strict=False, min_length=1)] = 600.0
-    """Vehicles in the other direction, likewise."""
+    """Vehicles per hour in the oncoming direction; a list has one value for each quarter-hour."""
     av_share: Share = 1.0
     """Share of the vehicles that ``arms.av`` drives in the AV's arm."""
     duration_s: Annotated[float, Field(gt=0, le=7 * 86_400)] = 3600.0
-    """How long vehicles and people are counted; whole steps."""
+    """Duration over which vehicles and pedestrians are counted; whole steps."""
     warm_up_s: Annotated[float, Field(ge=0, le=86_400)] = 300.0
-    """How long vehicles and people come before that; whole steps."""
+    """Duration simulated before that without being counted; whole steps."""
     following: Literal["Krauss", "IDM"] = "Krauss"
     """SUMO's car-following model."""
     tau_s: Positive = 1.0
-    """Its headway; at least a step."""
+    """Headway of the car-following model; at least one step."""
     min_gap_m: NonNegative = 2.0
-    """Its least gap to a leader that stands."""
+    """Gap of the car-following model to a stopped leader."""
     occupancy: Positive = 1.5
-    """Persons in a vehicle, for the delay of all persons."""
+    """Persons per vehicle, for the delay of all persons."""
     saturated: bool = False
-    """A vehicle waits in every lane at all times: measures the capacity."""
+    """Keep a vehicle waiting in every lane at all times, which measures the capacity."""
 
     def has_vehicles(self, *, oncoming: bool) -> bool:
-        """Whether any vehicle comes in a direction."""
+        """Whether any vehicles arrive in a direction."""
         flow = self.oncoming_per_hour if oncoming else self.flow_per_hour
         return self.saturated or (max(flow) if isinstance(flow, tuple) else flow) > 0

@@ -1,4 +1,4 @@
-"""Whether perception and obstacles fit the rest of a scenario."""
+"""Checks of ``[perception]`` and obstacles against the rest of a scenario."""
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Side
 from harness.core.errors import InputError, unknown_name
@@ -6,15 +6,15 @@ from harness.scenario.scenario import Scenario
 from harness.scenario.sections import ROUNDING_M, ObstacleSection
 
 ENTRY_BEFORE_KERB_M = 1.5
-"""How far before their kerb SUMO's own pedestrians enter."""
+"""Distance before their kerb at which SUMO's own pedestrians enter."""
 
 
 def check_sight(scenario: Scenario, source: str) -> None:
-    """Refuse times that are no whole steps, and obstacles in anybody's way.
+    """Refuse times that are not whole steps, and obstacles in the way of the ego or pedestrians.
 
     Args:
-        scenario: every key accepted by itself.
-        source: what to call the file in messages.
+        scenario: its keys have each been accepted.
+        source: name of the file in messages.
 
     Raises:
         InputError: naming the key to change.
@@ -33,14 +33,15 @@ def check_sight(scenario: Scenario, source: str) -> None:
 
 
 def check_steps(where: str, time_s: float, step_s: float, fewest: int = 0) -> None:
-    """Refuse a time that is no whole number of steps, or of fewer than ``fewest``."""
+    """Refuse a time that is not a whole number of steps, or fewer steps than ``fewest``."""
     steps = time_s / step_s
     if steps < fewest - 1e-9 or abs(steps - round(steps)) > 1e-6:
-        raise InputError(where, f"{time_s:g} s", f"whole steps of experiment.step_s = {step_s:g} s")
+        allowed = f"whole steps of experiment.step_s = {step_s:g} s"
+        raise InputError(where, f"{time_s:g} s is not accepted", allowed)
 
 
 def remarks_on_sight(scenario: Scenario) -> list[str]:
-    """A remark if SUMO's own driver drives: it sees every pedestrian."""
+    """A remark if SUMO's own driver drives, because it always sees every pedestrian."""
     perfect = scenario.perception.is_perfect(scenario.experiment.step_s)
     if (perfect and not scenario.crossing.obstacles) or "sumo_driver" not in (
         scenario.arms.av,
@@ -48,13 +49,13 @@ def remarks_on_sight(scenario: Scenario) -> list[str]:
     ):
         return []
     return [
-        "SUMO drives sumo_driver and sees every pedestrian: [perception] and crossing.obstacles "
-        "do not affect it"
+        "[perception] and crossing.obstacles have no effect on sumo_driver: SUMO drives it and "
+        "sees every pedestrian"
     ]
 
 
 def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -> None:
-    """Refuse an obstacle in the ego's path or in a pedestrian's way, or of an unknown case."""
+    """Refuse an obstacle in the path of the ego or of pedestrians, or of an unknown case."""
     pedestrians, crossing, ego = scenario.pedestrians, scenario.crosswalk(), scenario.ego
     names = [timed.name for timed in pedestrians.timed]
     if obstacle.case is not None and obstacle.case not in names:
@@ -84,5 +85,5 @@ def _check_obstacle(obstacle: ObstacleSection, scenario: Scenario, where: str) -
 
 
 def _overlap(interval: tuple[float, float], other: tuple[float, float]) -> bool:
-    """Whether two intervals have more than an end in common."""
+    """Whether two intervals share more than an end point."""
     return interval[0] < other[1] - ROUNDING_M and other[0] < interval[1] - ROUNDING_M

@@ -1,4 +1,4 @@
-"""From one scenario file to the cells of a study: a single cell, or a grid of varied keys."""
+"""A scenario file in, the cells of its study out: one cell, or a grid of varied keys."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,10 +19,10 @@ from harness.scenario.variation import Variation, planned_cells
 
 @dataclass(frozen=True)
 class Cell:
-    """One point of a study.
+    """One cell of a study.
 
-    ``number`` is its place in the tables; it never enters a seed.  ``varied`` holds the varied
-    keys with this cell's values.
+    ``number`` is its position in the tables; seeds do not depend on it.  ``varied`` holds the
+    varied keys with this cell's values.
     """
 
     number: int
@@ -30,16 +30,16 @@ class Cell:
     scenario: Scenario
 
     def __post_init__(self) -> None:
-        """Nobody changes what a cell varies, whoever holds the dictionary it was made from."""
+        """Copy ``varied`` into a read-only mapping."""
         object.__setattr__(self, "varied", MappingProxyType(dict(self.varied)))
 
     @property
     def but_for_arms(self) -> str:
-        """Two cells with the same text meet the same pedestrians, with the same parameters."""
+        """The scenario without its arms, as text; cells with equal text share pedestrians."""
         return repr(self.scenario.model_copy(update={"arms": None}))
 
     def __reduce__(self) -> tuple[type["Cell"], tuple[int, dict[str, Any], Scenario]]:
-        """Pickled, as for a worker, by what it was made of: a read-only mapping cannot be."""
+        """Pickle the constructor's arguments, since a read-only mapping cannot be pickled."""
         return Cell, (self.number, dict(self.varied), self.scenario)
 
 
@@ -47,8 +47,8 @@ class Cell:
 class Study:
     """All cells of a run, in order: the last varied key changes fastest.
 
-    ``base`` is the scenario without the variation.  ``remark`` says which keys of its file's sweep
-    were left out since a setting gives them a value; None where none were.
+    ``base`` is the scenario without the variation.  ``remark`` names the keys of the file's sweep
+    that were left out because a setting gives them a value; None if there are none.
     """
 
     name: str
@@ -58,7 +58,7 @@ class Study:
 
     @property
     def in_traffic(self) -> bool:
-        """Whether its cells are hours of traffic; all of them are, or none."""
+        """Whether its cells are hours of traffic; either all of them are, or none."""
         return self.cells[0].scenario.traffic is not None
 
     @property
@@ -69,19 +69,19 @@ class Study:
 
     @property
     def varied_keys(self) -> list[str]:
-        """The varied keys, in the order given; none for a run of one cell."""
+        """The varied keys in the given order; empty for a run of one cell."""
         return list(self.cells[0].varied)
 
 
 def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
-    """The cells of a run: of ``variations``, else of the file's ``[sweep]`` table, else one cell.
+    """The cells of a run, from ``variations`` or the file's ``[sweep]`` table; otherwise one cell.
 
-    A key that a setting gives a value leaves the file's sweep.  Cells that are then alike, but for
-    parameters of strategies that do not drive in them, become one.
+    A key to which a setting gives a value is left out of the file's sweep.  Cells that are then
+    equal, apart from parameters of strategies that do not drive in them, become one.
 
     Raises:
-        InputError: a key or value is not accepted, a key varies twice or is set too, two cells are
-            the same, or parameters are given to a strategy that drives in none.
+        InputError: a key or value is not accepted, a key varies twice or is also set, two cells are
+            equal, or parameters are given to a strategy that drives in no cell.
     """
     source = "--vary" if file.sweep is None else f"{file.source}: sweep"
     planned = planned_cells(file, variations, source)
@@ -94,17 +94,17 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
     keys = list(dict.fromkeys(key for point in points for key in point))
     if "experiment.pairs" in keys:
         raise InputError(
-            f"{source} experiment.pairs", "varies", "one number for all cells: --pairs"
+            f"{source} experiment.pairs", "cannot vary", "one number for all cells (--pairs)"
         )
     cells: list[Cell] = []
     seen: dict[str, int] = {}
     for number, point in enumerate(points):
         scenario = file.scenario([Setting(key, value, source) for key, value in point.items()])
         dumped = scenario.model_dump()
-        # A speed with a unit is a number from here on.
+        # From here on a speed with a unit is a number.
         written = in_si(point, source, {})
         varied = {key: written.get(key, _value_at(dumped, key)) for key in keys}
-        # A class is a name from here on.
+        # From here on a class is a name.
         varied |= {key: _value_at(dumped, key) for key in keys if isinstance(varied[key], type)}
         if (first := seen.setdefault(repr(dumped), number)) != number:
             if given:
@@ -123,7 +123,7 @@ def study_of(file: ScenarioFile, variations: Sequence[Variation] = ()) -> Study:
 
 
 def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
-    """Refuse parameters that somebody gives by hand to a strategy that drives nowhere."""
+    """Refuse settings of a strategy's parameters if the strategy drives in no cell."""
     for setting in settings:
         section, *names = _path_of(setting)
         if section == "strategies" and names and names[0] not in study.driven:
@@ -136,7 +136,7 @@ def _check_driven(study: Study, settings: Sequence[Setting]) -> None:
 def _given(
     file: ScenarioFile, points: Sequence[Mapping[str, Any]], source: str
 ) -> dict[str, Setting]:
-    """The varied keys to which a setting gives a value, or to a part or table of which it does."""
+    """The varied keys to which a setting gives a value, also as a part or as a whole table."""
     keys = dict.fromkeys(key for point in points for key in point)
     paths = [(setting, _path_of(setting)) for setting in file.settings]
     return {
@@ -150,7 +150,7 @@ def _given(
 def _without(
     given: Mapping[str, Setting], point: Mapping[str, Any], file: ScenarioFile, source: str
 ) -> dict[str, Any]:
-    """A cell's changes without those keys, and without parameters of who then does not drive."""
+    """A cell's changes without the set keys and without parameters of strategies not driving."""
     kept = {key: value for key, value in point.items() if key not in given}
     scenario = file.scenario([Setting(key, value, source) for key, value in kept.items()])
     drivers = set(scenario.arms.model_dump().values())
@@ -169,11 +169,11 @@ def _left_out(keys: Sequence[str], planned: int, left: int) -> str:
 
 
 def study_from(document: Mapping[str, Any], where: str) -> Study:
-    """The study a manifest describes: its scenario and the varied keys of each cell.
+    """The study of a manifest: its scenario and the varied keys of each cell.
 
     Args:
-        document: with ``name``, ``scenario`` and ``cells``.
-        where: the file, for messages.
+        document: the manifest, with ``name``, ``scenario`` and ``cells``.
+        where: name of the file in messages.
 
     Raises:
         InputError: the scenario or a varied value is not accepted.
@@ -190,12 +190,12 @@ def study_from(document: Mapping[str, Any], where: str) -> Study:
 
 
 def as_written(value: Any) -> str:
-    """A scenario's value as a user would write it."""
+    """A value of a scenario in the form in which a user would write it."""
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _value_at(tree: Mapping[str, Any], key: str) -> Any:
-    """A varied key's value in a cell that does not name it; None where there is no such key."""
+    """The value of a varied key in a cell that does not set it; None if there is no such key."""
     node: Any = tree
     for name in _path_of(Setting(key, None)):
         if not isinstance(node, Mapping) or name not in node:

@@ -1,4 +1,4 @@
-"""Speeds with a unit: a key that ends in ``_mps`` takes "50 km/h" as well as a number in m/s."""
+"""Speeds with a unit: a key that ends in ``_mps`` accepts "50 km/h" or a number in m/s."""
 
 import math
 import re
@@ -14,13 +14,13 @@ UNITS = {
     "mph": (1609.344, 3600.0),
     "ft/s": (0.3048, 1.0),
 }
-"""Every unit of speed, as so many metres in so many seconds: exact by definition."""
+"""Units of speed as (metres, seconds); they are exact by definition."""
 
 _FORM = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S+)\s*")
 
 
 def in_metres_per_second(text: str) -> float | None:
-    """A speed that is written with its unit, in m/s; None where it is none.
+    """A speed that is written with its unit, in m/s; None if the text is not such a speed.
 
     >>> in_metres_per_second("50 km/h")
     13.88888888888889
@@ -36,16 +36,16 @@ def in_metres_per_second(text: str) -> float | None:
 
 
 def in_si(value: Any, source: str, key_sources: Mapping[str, str], key: str = "") -> Any:
-    """A tree of keys and values with the text of every key that ends in ``_mps`` as a number.
+    """A tree of keys and values in which every speed with a unit is a number in m/s.
 
     Args:
         value: the tree, or a value in it.
-        source: what to call the file in messages.
-        key_sources: for keys that came from elsewhere (``--set``), where from.
+        source: name of the file in messages.
+        key_sources: name of the source of every key that is not from the file (``--set``).
         key: the dotted key of ``value``.
 
     Raises:
-        InputError: the text of such a key is no speed.
+        InputError: the text of a key that ends in ``_mps`` is not a speed.
     """
     if isinstance(value, dict):
         before = f"{key}." if key else ""

@@ -1,4 +1,4 @@
-"""What varies in a study: ``--vary`` and ``[sweep]`` as text, and what each cell changes."""
+"""``--vary`` or a ``[sweep]`` table in; the keys and values that each cell changes out."""
 
 import itertools
 import math
@@ -21,35 +21,36 @@ Variation = tuple[str, list[Any]]
 def planned_cells(
     file: ScenarioFile, variations: Sequence[Variation], source: str
 ) -> list[dict[str, Any]]:
-    """What each cell changes, by key, of a file's ``[sweep]`` table or of ``variations``.
+    """The values that each cell changes, by key, from a file's ``[sweep]`` or ``variations``.
 
     Args:
         file: the scenario file.
-        variations: keys with their values; none beside a table.
-        source: what to call them in messages.
+        variations: keys with their values; must be empty if the file has a ``[sweep]`` table.
+        source: name of the variations in messages.
 
     Raises:
-        InputError: both vary, a key varies twice, or something is no list of values.
+        InputError: there are both, a key varies twice, or a key has no list of values.
     """
     if file.sweep is None:
         return _grid([(key, as_plain(values)) for key, values in variations], source)
     if variations:
         raise InputError(
-            "--vary", f"{file.source} has a [sweep] table of its own", "one of the two"
+            "--vary", f"cannot be combined with the [sweep] of {file.source}", "one of the two"
         )
     return _points_of_table(file.sweep, file.source)
 
 
 def parse_variation(text: str) -> Variation:
-    """Split ``key=v1,v2,…``; values are TOML or text, ``0:1:0.1`` is a range with its end.
+    """Split ``key=v1,v2,…``; a value is TOML or text, and ``0:1:0.1`` is a range up to its end.
 
     Raises:
-        InputError: no such form, or a range that never ends.
+        InputError: the text has another form, or a range never reaches its end.
     """
     key, equals, raw = text.partition("=")
     where = f"--vary {text}"
     if not equals or not key.strip() or not raw.strip():
-        raise InputError(where, "no key=v1,v2,…", "e.g. pedestrians.flow_per_hour=50,100,250")
+        allowed = "key=v1,v2,…, e.g. pedestrians.flow_per_hour=50,100,250"
+        raise InputError(where, "not of the form key=v1,v2,…", allowed)
     try:
         values: list[Any] = parse_toml(f"values = [{raw}]")["values"]
     except ValueError:
@@ -58,7 +59,7 @@ def parse_variation(text: str) -> Variation:
 
 
 def _expand(values: Sequence[Any], where: str) -> list[Any]:
-    """Replace ranges given as text by their numbers."""
+    """Replace each range, given as text, by its numbers."""
     expanded: list[Any] = []
     for value in values:
         # TOML reads 10:50:10 as a time of day.
@@ -73,7 +74,8 @@ def _expand(values: Sequence[Any], where: str) -> list[Any]:
         # Decimals, so that 0:1:0.1 is 0.3 and not 0.30000000000000004.
         begin, end, step = (number for number in numbers if number is not None)
         if step == 0 or (end - begin) / step < 0 or (end - begin) / step > MAX_CELLS:
-            raise InputError(where, f"range {text!r}", "begin:end:step that reaches its end")
+            problem = f"range {text!r} does not reach its end in {MAX_CELLS} steps"
+            raise InputError(where, problem, "begin:end:step")
         whole = all(number == number.to_integral_value() for number in (begin, end, step))
         for index in range(int((end - begin) / step) + 1):
             number = begin + index * step
@@ -98,7 +100,7 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
             raise InputError(where, "nothing to vary", "a list of values for each key that varies")
         for key, values in flat.items():
             if not isinstance(values, list):
-                raise InputError(f"{where}.{key}", f"{values!r} is no list", "a list of values")
+                raise InputError(f"{where}.{key}", f"{values!r} is not a list", "a list of values")
         return _grid(
             [(key, _expand(values, f"{where}.{key}")) for key, values in flat.items()], where
         )
@@ -108,7 +110,7 @@ def _points_of_table(table: Mapping[str, Any], source: str) -> list[dict[str, An
             f"{where}.{other}", "cannot be combined with [[sweep.cells]]", "one of the two"
         )
     if not isinstance(named, list) or not all(isinstance(cell, dict) for cell in named):
-        raise InputError(f"{where}.cells", "is no array of tables", "[[sweep.cells]]")
+        raise InputError(f"{where}.cells", "is not an array of tables", "[[sweep.cells]]")
     if len(named) > MAX_CELLS:
         raise InputError(f"{where}.cells", f"{len(named)} cells", f"at most {MAX_CELLS}")
     if not named:
@@ -123,7 +125,7 @@ def _grid(variations: Sequence[Variation], where: str) -> list[dict[str, Any]]:
             raise InputError(where, f"{key} varies twice", "each key once")
         if not values:
             raise InputError(f"{where} {key}", "no values", "at least one")
-    # Counted before they are made: two long ranges are more than the memory holds.
+    # They are counted before they are made: two long ranges would not fit into memory.
     count = math.prod(len(values) for _, values in variations)
     if count > MAX_CELLS:
         raise InputError(where, f"{count} cells", f"at most {MAX_CELLS}")
@@ -145,5 +147,5 @@ def flatten(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _part(key: str) -> str:
-    """A part of a dotted key, quoted where TOML asks for it: ``"my_strategy:MyStrategy"``."""
+    """A part of a dotted key, quoted if TOML requires it: ``"my_strategy:MyStrategy"``."""
     return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else f'"{key}"'

@@ -293,7 +293,7 @@ def test_unknown_options_and_commands(refused: Refuse) -> None:
     says(refused("run", "cctc", "--colour"), "--colour")
     says(refused("rum", "cctc"), "rum")
     says(refused("run").lower(), "scenario", "missing")
-    says(refused("run", "cctc", "--set", "x"), "--set x", "no key=value")
+    says(refused("run", "cctc", "--set", "x"), "--set x", "not of the form key=value")
     says(refused("run", "cctc", "extra"), "extra")
     says(
         refused("run", "cctc", "--engine", "plan"),

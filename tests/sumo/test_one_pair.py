@@ -141,7 +141,7 @@ def test_a_strategy_that_raises_says_where() -> None:
     ("arguments", "said"),
     [
         (("cctc", -1), "pair: -1; allowed: 0 or more"),
-        (("traffic", 0), "has hours of traffic"),
+        (("traffic", 0), r"has a \[traffic\] table"),
         (("cctcc", 0), "did you mean 'cctc"),
     ],
 )

@@ -289,7 +289,7 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     assert "bends by" in (text := refused(turn, ":cross_c0", ego={"trigger_range_m": 70.0}))
     assert "at most 4" in text or "at most 5" in text
     signal = built(Road(signal=True), tmp_path / "signal")
-    assert "traffic light cross rules it" in refused(signal, ":cross_c0")
+    assert "traffic light cross controls it" in refused(signal, ":cross_c0")
     tree = {"crossing": {"net": str(signal), "edge": ":cross_c0", "ignore_signal": True}}
     assert validate(tree, "test").crosswalk().length_m == pytest.approx(9.0, abs=0.03)
     net = built(Road(), tmp_path / "plain")
@@ -306,7 +306,7 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"crossing\.edge: is not given"):
         validate({"crossing": {"net": str(net)}}, "test")
     narrow = built(Road(lane_m=1.0, lanes=3, oncoming=3), tmp_path / "narrow")
-    assert "1.8 m does not fit the lane" in refused(narrow, ":cross_c0")
+    assert "1.8 m is wider than the lane" in refused(narrow, ":cross_c0")
 
 
 def test_what_the_ego_passes_is_said(tmp_path: Path) -> None:
@@ -371,7 +371,7 @@ def test_a_crossing_is_refused_in_a_sentence(tmp_path: Path) -> None:
     (row,) = list_crossings(read_network(net))
     assert re.fullmatch(
         r"a trigger range of 30 m is more than the approach is straight: it bends by \d\.\d° "
-        r"1\d\.\d m before the crosswalk; possible: at most 1\d\.\d+ m",
+        r"1\d\.\d m before the crosswalk; allowed: at most 1\d\.\d+ m",
         row.problem or "",
     ), row.problem
 

@@ -240,7 +240,7 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"lane approach_1 bends by .*at most 4\d.*flow_per_hour"):
         scenario_of(at(net), ego={"trigger_range_m": 70.0})
     one_way = built(Road(oncoming=0, lane_m=3.0), tmp_path / "one")
-    with pytest.raises(InputError, match="600 vehicles where no lane leads; allowed: 0"):
+    with pytest.raises(InputError, match="600 vehicles per hour, but no lane for them; allowed: 0"):
         scenario_of(at(one_way))
     scenario = scenario_of(at(one_way), traffic={"oncoming_per_hour": 0.0})
     assert {passage.vehicle.plan.lane.name for passage in hour_in(scenario).passages} == {
@@ -256,4 +256,4 @@ def test_lanes_that_do_not_lead_straight_over_are_told(tmp_path: Path) -> None:
     ways = tree["crossing"]["read"]["ways"]
     tree["crossing"]["read"]["ways"] = [ways[0], ways[2]]
     (remark,) = remarks(validate(tree, "manifest.json"))
-    assert remark.startswith("traffic drives in 1 of the 2 lanes of the ego's direction")
+    assert remark.startswith("traffic uses 1 of the 2 lanes of the ego's direction")

@@ -422,14 +422,14 @@ def test_what_hours_have_not(runs: list[Path]) -> None:
     [
         ("traffic.av_share = 1.5", "traffic.av_share"),
         ("traffic.duration_s = 0", "traffic.duration_s"),
-        ("traffic.flow_per_hour = 5000", "5000 vehicles on 1 lane;"),
+        ("traffic.flow_per_hour = 5000", "5000 vehicles per hour on 1 lane;"),
         ("traffic.flow_per_hour = -1", "bad.toml: traffic.flow_per_hour: -1 is not accepted"),
         (
             "traffic.flow_per_hour = [1, -2]",
             "bad.toml: traffic.flow_per_hour.1: -2 is not accepted",
         ),
         ("traffic.flow_per_hour = []", "bad.toml: traffic.flow_per_hour: [] is not accepted"),
-        ("crossing.oncoming_lanes = 0", "600 vehicles where no lane leads; allowed: 0"),
+        ("crossing.oncoming_lanes = 0", "600 vehicles per hour, but no lane for them; allowed: 0"),
         ("traffic.flow_per_hour = [1, 2]", "2 values; allowed: 4"),
         ("traffic.tau_s = 0.05", "traffic.tau_s"),
         ("traffic.folowing = 'IDM'", "did you mean 'following'"),

@@ -74,7 +74,7 @@ def test_what_does_not_fit_is_refused(crossing: Any, ego: Any, key: str, allowed
 def test_a_lane_of_two_lanes_width_is_remarked_upon() -> None:
     assert remarks(road(length_m=12.0)) == []
     (line,) = remarks(road(length_m=14.0))
-    assert line.startswith("lanes of 7 m: ")
+    assert line.startswith("each lane is 7 m wide: ")
     assert remarks(road(length_m=14.0, lanes=2, oncoming_lanes=2)) == []
     assert remarks(road(length_m=14.0, lane_width_m=3.5)) == []
 

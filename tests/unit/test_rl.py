@@ -193,7 +193,7 @@ def test_misuse_is_refused_in_words():
         environment(nearest=0)
     with pytest.raises(InputError, match="unknown engine 'plan'"):
         environment(engine="plan")
-    with pytest.raises(InputError, match="has hours of traffic"):
+    with pytest.raises(InputError, match=r"has a \[traffic\] table"):
         environment(scenario="traffic")
     with pytest.raises(InputError, match="flow_per_hour"):
         environment({"pedestrians.flow_per_hours": 1})

@@ -153,7 +153,7 @@ def test_parsing_of_settings(text: str, key: str, value: object) -> None:
 
 @pytest.mark.parametrize("text", ["ego.length_m", "=3", "", " = 3"])
 def test_settings_that_are_none(text: str) -> None:
-    with pytest.raises(InputError, match="no key=value"):
+    with pytest.raises(InputError, match="not of the form key=value"):
         parse_setting(text)
 
 

@@ -153,7 +153,7 @@ def test_a_study_comes_back_from_what_a_manifest_holds(tmp_path: Path) -> None:
         (["ego.length_m=5", "ego.length_m=6"], ["ego.length_m", "twice"]),
         (["ego.length_m=-5,5"], ["ego.length_m", "-5"]),
         (["ego.length_m=5,4,5.0"], ["cells 0 and 2 are the same", "ego.length_m=5.0"]),
-        (["experiment.pairs=10,20"], ["experiment.pairs", "varies", "--pairs"]),
+        (["experiment.pairs=10,20"], ["experiment.pairs", "cannot vary", "--pairs"]),
         (["arms=1,2"], ["arms"]),
         (["ego.length_m.x=1"], ["ego.length_m"]),
         (["ego..x=1"], ["ego..x", "dotted"]),

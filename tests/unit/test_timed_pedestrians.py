@@ -216,7 +216,7 @@ def test_one_case_of_several() -> None:
 @pytest.mark.parametrize(
     ("changes", "parts"),
     [
-        ({"start_lateral_m": 1.15}, ["timed.0.start_lateral_m", "1.15 m", "touch"]),
+        ({"start_lateral_m": 1.15}, ["timed.0.start_lateral_m", "1.15 m", "path"]),
         ({"start_lateral_m": 10.3}, ["timed.0.start_lateral_m", "10.25 m"]),
         ({"impact_share": 1.1}, ["timed.0.impact_share", "1.1", "less than or equal to 1"]),
         ({"side": "left"}, ["timed.0.side", "'left'", "near"]),

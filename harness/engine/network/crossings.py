@@ -1,4 +1,4 @@
-"""Every pedestrian crossing of a network, and whether a scenario can take place there."""
+"""Every pedestrian crossing of a network, and whether the harness can simulate it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,12 +11,12 @@ from harness.site import RoadNetwork, Site, site_at
 from harness.site.road_network import junction_of
 
 RANGE_M = EgoSection().trigger_range_m
-"""A crosswalk is called usable if the default trigger range fits its approach."""
+"""A crosswalk is usable only if its approach is long enough for the default trigger range."""
 
 
 @dataclass(frozen=True)
 class CrossingRow:
-    """One crossing; what is unknown is None, and ``problem`` says why it cannot be used."""
+    """One crossing; unknown values are None, and ``problem`` says why it cannot be used."""
 
     edge: str
     junction: str
@@ -39,7 +39,7 @@ class CrossingRow:
 
     @property
     def usable(self) -> bool:
-        """Whether a scenario can take place there."""
+        """Whether the harness can simulate this crossing."""
         return self.problem is None
 
 
@@ -47,8 +47,8 @@ def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list
     """All crossings of a network: usable ones first, then in the order of their ids.
 
     Args:
-        network: as read.
-        ignore_signal: whether one that a traffic light rules is usable: green for everybody.
+        network: the network.
+        ignore_signal: whether a crossing with a traffic light is usable (kept green for everybody).
     """
     rows = []
     for edge in network.crossings.values():
@@ -58,7 +58,7 @@ def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list
         try:
             site = site_at(network, edge.getID(), all_ways=False)
         except InputError as error:
-            problem = error.problem + (f", not {error.allowed}" if error.allowed else "")
+            problem = error.problem + (f"; allowed: {error.allowed}" if error.allowed else "")
             rows.append(CrossingRow(*names, problem))
             continue
         rows.append(_row(network, site, names, ignore_signal=ignore_signal))
@@ -99,12 +99,12 @@ def _row(
 
 
 def _problem(site: Site, *, ignore_signal: bool) -> str | None:
-    """Why the default scenario cannot take place there, with the figure and what would do."""
+    """Why the crossing is not usable, with its value and the allowed ones; None if it is usable."""
     ego, way = EgoSection(), site.ego
     if site.signal is not None and not ignore_signal:
         return (
-            f"traffic light {site.signal.id} rules it; crossing.ignore_signal = true (here "
-            "--ignore-signal) keeps it green for everybody"
+            f"traffic light {site.signal.id} controls it; --ignore-signal (in a scenario "
+            "crossing.ignore_signal = true) keeps it green for everybody"
         )
     for name, word, value in (
         ("length_m", "long", site.length_m),
@@ -112,21 +112,23 @@ def _problem(site: Site, *, ignore_signal: bool) -> str | None:
     ):
         low, high = _bounds(name)
         if not low <= value <= high:
-            return f"it is {value:.2f} m {word}, not {low:g} to {high:g} m"
+            return f"it is {value:.2f} m {word}; allowed: {low:g} to {high:g} m"
     if way.width_m < ego.width_m:
-        return f"the ego's lane is {way.width_m:.2f} m wide, the ego {ego.width_m:g} m"
+        return f"the ego ({ego.width_m:g} m) is wider than its lane ({way.width_m:.2f} m)"
     room = min(way.centre_m, site.length_m - way.centre_m) - ego.width_m / 2
     if room < PEDESTRIAN_RADIUS_M:
         least = f"{PEDESTRIAN_RADIUS_M:g} m, the radius of a pedestrian"
-        return f"the ego leaves {room:.2f} m to a kerb, less than {least}"
+        return f"{room:.2f} m remain between the ego and a kerb, less than {least}"
     try:
         way.departure(RANGE_M)
     except InputError as error:
-        return f"a trigger range of {error.problem}; possible: {error.allowed}"
+        return f"a trigger range of {error.problem}; allowed: {error.allowed}"
     needed = ego.length_m + site.width_m / 2 + CLEAR_M
     if way.straight_after_m < needed:
-        figure = f"straight for {way.straight_after_m:.1f} m beyond it, where it {way.ends_after}"
-        return f"its road is {figure}, not for the {needed:.1f} m that a car needs to leave it"
+        return (
+            f"beyond it the road is straight for {way.straight_after_m:.1f} m and "
+            f"{way.ends_after}; a car needs {needed:.1f} m to leave it"
+        )
     return None
 
 
@@ -139,7 +141,7 @@ def scenario_text(net: Path, row: CrossingRow) -> str:
     """A commented scenario file for a crossing, at the road's own speed limit.
 
     Args:
-        net: the network, as the scenario file is to name it.
+        net: path of the network, as it appears in the scenario file.
         row: a usable crossing.
     """
     assert row.speed_limit_mps is not None
@@ -177,25 +179,25 @@ def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-_FAST = "above 8 m/s the interaction model knows no driver"
+_FAST = "above 8 m/s the interaction model has no data on drivers"
 _GREEN = """
-ignore_signal = true   # its traffic light stays green for vehicles and pedestrians"""
+ignore_signal = true   # the traffic light stays green for vehicles and pedestrians"""
 _WALKERS = """
-[pedestrians.walking_speed]   # above 8 m/s the interaction model says nothing of how fast they walk
+[pedestrians.walking_speed]   # above 8 m/s the interaction model has no data on walking speeds
 mean_mps = 1.34
 std_mps = 0.26
 """
-_SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s) the ego's way, {oncoming} the other.
+_SCENARIO = """# {streets}{where}: {length} m, {lanes} lane(s), {oncoming} oncoming.
 # Written by `harness crossings`; its geometry is read from the network.
 
 [crossing]
 net = {net}
 edge = {edge}
-approach = {approach}   # the ego's lane, straight for {straight} m{signal}
+approach = {approach}   # the ego's lane; it is straight for {straight} m{signal}
 
 [ego]
-initial_speed_mps = {speed}   # the road's limit, {kmh} km/h
-trigger_range_m = {range}     # six seconds away, as far as the approach is straight
+initial_speed_mps = {speed}   # the road's speed limit, {kmh} km/h
+trigger_range_m = {range}     # six seconds away, if the approach is straight that far
 
 [pedestrians]
 flow_per_hour = 250.0
