@@ -1,6 +1,6 @@
-"""TOML and JSON that somebody else may have written: parsed, never evaluated, held to a form.
+"""TOML and JSON from untrusted sources: parsed, never evaluated, and checked against a form.
 
-The parsers let through what breaks a program or a terminal much later; it is refused here.
+The parsers accept values that would break a program or a terminal later; they are refused here.
 """
 
 import json
@@ -14,7 +14,7 @@ from pydantic import BaseModel, ValidationError
 from harness.core.errors import InputError, unknown_name
 
 MAX_DEPTH = 40
-"""Tables and lists within each other; a scenario needs six, a model file five."""
+"""Greatest nesting of tables and lists; a scenario needs six levels, a model file five."""
 
 Form = TypeVar("Form", bound=BaseModel)
 
@@ -23,10 +23,10 @@ def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text.
 
     Raises:
-        ValueError: no TOML, nested too deeply, a whole number of more than 64 bits (TOML's own
-            limit), or text with control characters.
+        ValueError: the text is not TOML, is nested too deeply, or has a whole number of more than
+            64 bits (TOML's own limit) or text with control characters.
     """
-    # Some editors put a byte order mark in front, which is no part of the text.
+    # Some editors put a byte order mark in front of the text.
     tables: dict[str, Any] = _parsed(tomllib.loads, text.removeprefix("\ufeff"))
     return tables
 
@@ -35,24 +35,25 @@ def parse_json(content: str | bytes) -> Any:
     """The value of a JSON text.
 
     Raises:
-        ValueError: no JSON, NaN or infinity, or anything else that ``parse_toml`` refuses.
+        ValueError: the text is not JSON, has NaN or infinity, or has anything else that
+            ``parse_toml`` refuses.
     """
     document = _parsed(json.loads, content)
-    # Python reads NaN, Infinity and 1e999, but no JSON has them.
+    # Python reads NaN, Infinity and 1e999, but JSON does not allow them.
     json.dumps(document, allow_nan=False)
     return document
 
 
 def check_form(form: type[Form], document: Any, where: str) -> Form:
-    """A parsed document as the record that its kind of file has to be.
+    """A parsed document as a record of a given class.
 
     Args:
         form: the record's class.
-        document: as parsed.
-        where: the file, for messages.
+        document: the parsed document.
+        where: name of the file in messages.
 
     Raises:
-        InputError: the first key that is missing, unknown, or of another type or range.
+        InputError: a key is missing or unknown, or has another type or range; names the first one.
     """
     try:
         return form.model_validate(document)
@@ -71,7 +72,7 @@ def check_form(form: type[Form], document: Any, where: str) -> Form:
 
 
 def shortened(value: Any) -> str:
-    """A value as it is shown in a message."""
+    """A value in the form in which messages show it: at most 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -80,14 +81,14 @@ def _parsed(parse: Callable[[Any], Any], content: str | bytes) -> Any:
     try:
         document = parse(content)
     except RecursionError:
-        raise ValueError(f"nested more than {MAX_DEPTH} deep") from None
+        raise ValueError(f"nested more than {MAX_DEPTH} levels deep") from None
     _check(document, MAX_DEPTH)
     return document
 
 
 def _check(value: Any, depth: int) -> None:
     if not depth:
-        raise ValueError(f"nested more than {MAX_DEPTH} deep")
+        raise ValueError(f"nested more than {MAX_DEPTH} levels deep")
     if isinstance(value, Mapping):
         value = [*value, *value.values()]
     if isinstance(value, list):
@@ -96,6 +97,6 @@ def _check(value: Any, depth: int) -> None:
     elif isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError("a whole number of more than 64 bits")
     elif isinstance(value, str) and not value.isprintable():
-        strange = {char for char in value if unicodedata.category(char) in ("Cc", "Cs")}
-        if strange - {"\n", "\t"}:
+        controls = {char for char in value if unicodedata.category(char) in ("Cc", "Cs")}
+        if controls - {"\n", "\t"}:
             raise ValueError(f"text with a control character, {value[:40]!r}")

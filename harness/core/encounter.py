@@ -1,8 +1,8 @@
-"""The vocabulary of one encounter: what is planned, what a strategy sees, what is kept.
+"""The vocabulary of one encounter: planned pedestrians, observations, strategies and traces.
 
-Frame (SI units): x along the road in the ego's direction, 0 at the crosswalk's centre line; y
-across it, 0 at the kerb on the ego's right, ``length_m`` at the other kerb.  Nothing here knows
-an engine.
+Frame (SI units): x points along the road in the ego's direction and is 0 at the crosswalk's centre
+line; y points across the road and is 0 at the kerb on the ego's right and ``length_m`` at the other
+kerb.  Nothing here depends on an engine.
 """
 
 from collections.abc import Callable
@@ -19,33 +19,33 @@ Behaviour = Literal["constant", "gap_acceptance", "reactive", "sumo"]
 """How pedestrians decide and walk (docs/method.md, Pedestrians)."""
 
 FailedIn = Literal["strategy", "engine"]
-"""Where an episode failed: in the strategy that drove, or in the engine or its process."""
+"""What failed in an episode: the strategy that drove, or the engine or its process."""
 
 PEDESTRIAN_RADIUS_M = 0.25
-"""Radius of the disc that stands for a pedestrian in every contact and distance."""
+"""Radius of the disc that represents a pedestrian in every contact and distance."""
 
 
 class Arm(StrEnum):
-    """Which of the two vehicles of a pair met the pedestrians."""
+    """One of the two simulations of a pair: the AV's or the reference driver's."""
 
     AV = "av"
     HUMAN = "human"
 
 
 class Side(StrEnum):
-    """The kerb a pedestrian comes from: ``near`` is y = 0, on the ego's right."""
+    """The kerb from which a pedestrian comes: ``near`` is y = 0, on the ego's right."""
 
     NEAR = "near"
     FAR = "far"
 
     @property
     def other(self) -> "Side":
-        """The kerb across the road."""
+        """The opposite kerb."""
         return Side.FAR if self is Side.NEAR else Side.NEAR
 
 
 class Ending(StrEnum):
-    """How an episode ended; every planned episode has exactly one."""
+    """How an episode ended; every planned episode has exactly one ending."""
 
     CROSSED = "crossed"
     CRASHED = "crashed"
@@ -54,19 +54,19 @@ class Ending(StrEnum):
 
 
 class Contact(StrEnum):
-    """Where the ego touched the pedestrian: ``front`` if they were ahead of the bumper."""
+    """The part of the ego that touched the pedestrian: ``front`` if they were ahead of it."""
 
     FRONT = "front"
     SIDE = "side"
 
 
 SPEED_ROUNDING = 1e-6
-"""By this share a speed may be above a limit before it counts as above."""
+"""Relative tolerance: a speed counts as above a limit only if it exceeds it by more than this."""
 
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
-    """The ego's constants: metres, m/s, m/s²; decelerations are positive numbers."""
+    """The ego's constants in m, m/s and m/s²; decelerations are positive numbers."""
 
     initial_speed_mps: float
     trigger_range_m: float
@@ -78,18 +78,19 @@ class Vehicle:
     resume_acceleration_mps2: float
 
     def free_pass_time_s(self, crossing: "Crossing") -> float:
-        """Time from the trigger until the rear bumper leaves the far edge at v0, in s."""
+        """Time in s from the trigger until the rear bumper passes the far edge, driving at v0."""
         road_m = self.trigger_range_m + self.length_m + crossing.width_m / 2
         return road_m / self.initial_speed_mps
 
 
 @dataclass(frozen=True, slots=True)
 class Crossing:
-    """The crosswalk as the ego meets it in its lane.
+    """The crosswalk's constants for an ego in a given lane.
 
-    ``length_m`` is from kerb to kerb (L0), over all lanes; ``width_m`` along the road.
-    ``lane_centre_m`` is y of the centre of the ego's lane, number ``lane`` from the near kerb (0).
-    ``speed_limit_mps`` is the road's, None where the network itself says it.
+    ``length_m`` is the distance from kerb to kerb (L0) over all lanes; ``width_m`` is the extent
+    along the road.  ``lane`` is the number of the ego's lane, counted from 0 at the near kerb, and
+    ``lane_centre_m`` is y of its centre.  ``speed_limit_mps`` is the road's speed limit; it is None
+    if the network defines it.
     """
 
     length_m: float
@@ -100,25 +101,29 @@ class Crossing:
     speed_limit_mps: float | None = None
 
     def to_lane_m(self, side: Side) -> float:
-        """From that side's kerb to the centre of the ego's lane: L of someone who stands there."""
+        """Distance from a side's kerb to the centre of the ego's lane: L of a pedestrian there."""
         return self.lane_centre_m if side is Side.NEAR else self.length_m - self.lane_centre_m
 
     def place_of(self, side: Side, remaining_m: float) -> float:
-        """y of someone from that side who has ``remaining_m`` left to the other kerb."""
+        """y of a pedestrian from ``side`` who is ``remaining_m`` away from the other kerb."""
         return self.length_m - remaining_m if side is Side.NEAR else remaining_m
 
     @property
     def stop_line_m(self) -> float:
-        """Range of the front bumper at Hard-Yield's stop line, 1 m before the near edge."""
+        """Range of the front bumper at Hard-Yield's stop line: 1 m before the near edge."""
         return self.width_m / 2 + 1.0
 
 
 quick_tuple = tuple.__new__
-"""Makes a named tuple of a class and all its values, in half the time its own constructor takes."""
+"""Makes a named tuple from its class and values, in half the time of the class's constructor."""
 
 
 class EgoView(NamedTuple):
-    """The ego as its strategy knows it; ``range_m`` is negative past the centre line."""
+    """The ego's state as its strategy sees it.
+
+    ``range_m`` (R) is the distance from the front bumper to the crosswalk's centre line; it is
+    negative once the bumper is past the line.
+    """
 
     range_m: float
     speed_mps: float
@@ -128,9 +133,10 @@ class EgoView(NamedTuple):
 class PedestrianView(NamedTuple):
     """What a strategy sees of one pedestrian.
 
-    ``lateral_m`` (L): distance along their direction to the centre of the ego's lane, negative
-    once past it.  ``remaining_m``: to the far kerb.  ``speed_mps`` is 0 while they stand.
-    ``on_crossing``: they have stepped off and are between the kerbs, walking or standing.
+    ``lateral_m`` (L) is the distance, in their walking direction, to the centre of the ego's lane;
+    it is negative once they are past it.  ``remaining_m`` is the distance to the kerb that they
+    walk to.  ``speed_mps`` is 0 while they stand.  ``on_crossing`` is true if they have stepped off
+    and are between the kerbs, walking or standing.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -142,7 +148,11 @@ class PedestrianView(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """Everything a strategy sees at one step; immutable, and cheap because made every step."""
+    """Everything that a strategy sees at one step.
+
+    ``time_s`` is the time since the trigger and ``step_s`` the simulation's step.  ``pedestrians``
+    has the pedestrians whom the vehicle detects.  An observation is immutable.
+    """
 
     time_s: float
     step_s: float
@@ -153,20 +163,24 @@ class Observation(NamedTuple):
 
 
 class Strategy(Protocol):
-    """Drives one ego through one episode; a new object is made for each episode.
+    """A strategy drives one ego through one episode; each episode gets a new object.
 
-    The class is called with the parameters of its ``[strategies.<name>]`` table as keyword
-    arguments.  A constructor that names ``model`` gets the interaction model, one that names
-    ``rng`` a ``numpy.random.Generator`` of its own, keyed by pair, one that names ``step_s`` the
-    simulation's step.  A boolean attribute ``fallback``, where there is one, is recorded at the
-    end of the episode.  A classmethod ``prepare``, where there is one, is called with the same
-    parameters once per process before the first object is made.  A built-in strategy may name the
-    parameters that are its aggressiveness in the class: ``AGGRESSIVENESS = {"margin_s": -1.0}``
-    (the sign: less of it is bolder).
+    The harness calls the class with the parameters of its ``[strategies.<name>]`` table as keyword
+    arguments.  It also passes each of these arguments that the constructor names:
+
+    - ``model``: the interaction model;
+    - ``rng``: a ``numpy.random.Generator`` whose stream belongs to the pair;
+    - ``step_s``: the simulation's step.
+
+    A strategy may have a boolean attribute ``fallback``, which is recorded at the end of the
+    episode.  It may have a classmethod ``prepare``, which is called once per process with the same
+    parameters, before the first object is made.  The class of a built-in strategy may list the
+    parameters that define its aggressiveness: ``AGGRESSIVENESS = {"margin_s": -1.0}``.  A negative
+    sign means that a smaller value is bolder.
     """
 
     def decide(self, observation: Observation, /) -> float | None:
-        """The wanted acceleration in m/s²; None hands the ego to SUMO's own driver."""
+        """Return the commanded acceleration in m/s², or None to let SUMO's own driver drive."""
         ...
 
 
@@ -174,10 +188,10 @@ StrategyFactory = Callable[..., Strategy]
 
 
 class Leg(NamedTuple):
-    """A stretch of a walk in the road frame, from ``time_s`` until the next leg begins.
+    """A part of a walk in the road frame, from ``time_s`` until the next leg begins.
 
-    It begins at (``x_m``, ``y_m``) with that velocity.  Only the velocity across the road may
-    change on the way, at ``y_mps2``.
+    It begins at (``x_m``, ``y_m``) with the velocity (``x_mps``, ``y_mps``).  ``y_mps2`` is the
+    acceleration across the road; the velocity along the road is constant.
     """
 
     time_s: float
@@ -189,12 +203,12 @@ class Leg(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """One planned pedestrian: when they reach which kerb, and their speed's quantile.
+    """One planned pedestrian: their arrival time, kerb and quantile of the walking speed.
 
-    ``critical_gap_s`` is the shortest gap they accept, None where the kerb rule alone decides.
-    ``path`` is the whole walk of a timed pedestrian, who has no quantile; None for all others.
-    ``detection_quantile`` is that of the time to their first detection, the larger the later; None
-    where detection is certain.
+    ``critical_gap_s`` is the shortest gap that they accept; it is None if only the kerb rule
+    applies.  ``path`` is the whole walk of a timed pedestrian, who has no ``quantile``; it is None
+    for all others.  ``detection_quantile`` is the quantile of the time to their first detection; it
+    is None if detection is certain.
     """
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
@@ -208,11 +222,12 @@ class Arrival(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """What became of one arrival in one arm.
+    """The walk of one arrival in one arm.
 
-    ``start_s``, ``speed_mps`` and the state (``range_m``, ``vehicle_speed_mps``) they saw when
-    they stepped off are None for someone who never got to go.  Without ``legs`` they walk along
-    x = 0 from kerb to kerb at ``speed_mps``; else ``speed_mps`` is what they wanted at first.
+    ``start_s`` is the time at which they stepped off, ``speed_mps`` their walking speed, and
+    (``range_m``, ``vehicle_speed_mps``) the ego's state at that time.  All four are None for a
+    pedestrian who never stepped off.  Without ``legs`` they walk along x = 0 from kerb to kerb at
+    ``speed_mps``; with ``legs``, ``speed_mps`` is their initial desired speed.
     """
 
     arrival: Arrival
@@ -224,10 +239,11 @@ class Walk:
 
 
 class Conditionings(NamedTuple):
-    """How often the interaction model was asked in an episode, for a walking speed or a driver's.
+    """How often the interaction model was used in an episode, for pedestrians or drivers.
 
-    ``clamped``: with the ego faster or farther away than in any of its data, by at most
-    ``speed_excess_mps`` and ``range_excess_m``.  ``near_clamped``: with it slower or nearer.
+    ``clamped`` counts the uses with an ego faster or farther away than in all of the model's data,
+    by at most ``speed_excess_mps`` and ``range_excess_m``.  ``near_clamped`` counts those with an
+    ego slower or nearer than in all of the data.
     """
 
     asked: int = 0
@@ -237,7 +253,7 @@ class Conditionings(NamedTuple):
     range_excess_m: float = 0.0
 
     def joined(self, other: "Conditionings") -> "Conditionings":
-        """These and others of the same episode."""
+        """The sum of these counts and others of the same episode."""
         return Conditionings(
             self.asked + other.asked,
             self.clamped + other.clamped,
@@ -254,13 +270,13 @@ NOTHING_ASKED = Conditionings()
 class Trace:
     """One simulated episode: the ego's states at every step and the pedestrians' walks.
 
-    ``x_m`` and ``speed_mps`` have shape (steps + 1,), the state at times 0, step_s, 2 step_s …;
-    in between the acceleration is constant.  ``ending`` is how the *engine* left off
-    (``crossed``, ``timed_out`` or ``engine_failed`` with a ``reason``, whose fault it was
-    (``failed_in``) and, where a strategy raised, its ``traceback``); contacts are found
-    afterwards, by ``measures``.  In traffic the trace begins ``trace_offset_s``, less than a step,
-    after the front bumper was at the trigger.  ``shown`` is what the strategy was shown of the
-    pedestrians at each step, None where it was shown the ground truth.
+    ``x_m`` and ``speed_mps`` have shape (steps + 1,): the state at times 0, step_s, 2 step_s, …
+    The acceleration is constant within a step.  ``ending`` is how the *engine* ended the episode:
+    ``crossed``, ``timed_out`` or ``engine_failed``; ``measures`` detects contacts afterwards.  A
+    failed episode has a ``reason``, ``failed_in`` (what failed) and, if a strategy raised an
+    exception, its ``traceback``.  With ``[traffic]`` the trace begins ``trace_offset_s``, less than
+    a step, after the front bumper passed the trigger.  ``shown`` has the pedestrians that the
+    strategy saw at each step; it is None if the strategy saw the ground truth.
     """
 
     vehicle: Vehicle
@@ -280,7 +296,7 @@ class Trace:
     conditionings: Conditionings = NOTHING_ASKED
 
     def __post_init__(self) -> None:
-        """The arrays are read-only from here on."""
+        """Make the arrays read-only."""
         self.x_m.setflags(write=False)
         self.speed_mps.setflags(write=False)
 

@@ -1,7 +1,7 @@
-"""The few kinds of error a caller can act on.
+"""The errors that the package raises for a caller to handle.
 
-Every message is one line that says where, what, what is allowed and, for a misspelt name, the
-nearest valid one.
+Every message is one line.  It says where the problem is, what it is, what is allowed and, for a
+misspelt name, which valid name is nearest.
 """
 
 import difflib
@@ -12,20 +12,20 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _FRAMES = 20
-"""Frames of a strategy's traceback that are kept: the innermost ones."""
+"""Number of a strategy's innermost traceback frames that are kept."""
 
 
 class HarnessError(Exception):
-    """Base of every error this package raises on purpose."""
+    """Base class of every error that this package raises on purpose."""
 
 
 class InputError(HarnessError):
-    """The user's input was refused; the shell turns it into one line and exit code 2.
+    """The user's input is refused; the command line prints one line and exits with code 2.
 
     Args:
         where: the file, key or option, e.g. ``cctc.toml: pedestrians.flow_per_hour``.
-        problem: what was found there, with the value.
-        allowed: what would have been accepted.
+        problem: what is wrong there, with the value.
+        allowed: the values that are accepted.
         nearest: the valid name closest to a misspelt one.
     """
 
@@ -45,15 +45,15 @@ class InputError(HarnessError):
 
 
 class EngineError(HarnessError):
-    """The simulation engine could not carry out an episode (not the user's fault)."""
+    """The simulation engine could not simulate an episode (not the user's fault)."""
 
 
 class StrategyError(EngineError):
-    """A strategy raised, or asked for something that is no acceleration.
+    """A strategy raised an exception, or returned a command that is not an acceleration.
 
     Args:
         message: one line.
-        cause: what it raised; its traceback, from the strategy's own frames on, is kept.
+        cause: the strategy's exception; the frames of its traceback in the strategy are kept.
     """
 
     def __init__(self, message: str, cause: BaseException | None = None) -> None:
@@ -61,34 +61,34 @@ class StrategyError(EngineError):
         self.traceback: str | None = None
         if cause is not None and cause.__traceback__ is not None:
             # The first frame is the harness's call.
-            own = cause.__traceback__.tb_next
-            lines = traceback.format_exception(type(cause), cause, own, limit=-_FRAMES)
+            frames = cause.__traceback__.tb_next
+            lines = traceback.format_exception(type(cause), cause, frames, limit=-_FRAMES)
             self.traceback = "".join(lines)
 
 
 class InterruptedRunError(KeyboardInterrupt):
-    """A run was stopped from outside; what is finished is kept in its folder.
+    """A run was interrupted; its folder keeps the finished pairs.
 
-    In Python it is the ``KeyboardInterrupt`` that Ctrl-C always is: ``except Exception`` does not
-    take it for a failure.
+    It is a ``KeyboardInterrupt``, as after every Ctrl-C, so ``except Exception`` does not catch it.
     """
 
     def __init__(self, folder: object) -> None:
-        super().__init__(f"interrupted; go on with: {resume_command(folder)}")
+        super().__init__(f"interrupted; to continue: {resume_command(folder)}")
 
 
 _REFUSED = (ArithmeticError, LookupError, NotImplementedError, OSError, TypeError, ValueError)
-"""Exceptions that a library's parser raises on a file it cannot use."""
+"""Exceptions that a library's parser raises if it cannot use a file."""
 
 
 @contextmanager
 def reading(file: object) -> Iterator[None]:
-    """Around a library's parser alone: what it raises is the file's fault.
+    """Turn the exceptions of a library's parser into an ``InputError``.
 
-    What it gives is checked then.  Whatever breaks later is a mistake of this package.
+    Only the call of the parser belongs inside: an exception there means that the file is damaged,
+    while later exceptions are mistakes of this package.
 
     Args:
-        file: what is parsed, for the message.
+        file: the file that is parsed, for the message.
 
     Raises:
         InputError: the file is damaged.
@@ -100,7 +100,7 @@ def reading(file: object) -> Iterator[None]:
 
 
 def one_line(text: str) -> str:
-    """Text on one line, what cannot be printed spelled out: a terminal obeys control characters."""
+    """Text on one line, with unprintable characters escaped since a terminal would obey them."""
     return "".join(
         char if char.isprintable() else char.encode("unicode_escape").decode()
         for char in " ".join(text.split())
@@ -108,35 +108,35 @@ def one_line(text: str) -> str:
 
 
 def resume_command(folder: object) -> str:
-    """The shell command that finishes a run."""
+    """The shell command that resumes a run."""
     return f"harness resume {shlex.quote(str(folder))}"
 
 
 def unknown_name(where: str, kind: str, name: str, valid: Iterable[str]) -> InputError:
-    """The refusal of a name that is not in a known set, with the nearest valid one."""
+    """The error for a name that is not in a known set; it holds the nearest valid name."""
     names = sorted(valid)
     return InputError(
         where,
         f"unknown {kind} {name!r}",
-        ", ".join(names) or f"none, as there is no {kind}",
+        ", ".join(names) or f"none: there is no {kind}",
         nearest_name(name, names),
     )
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """The valid name closest to a misspelt or shortened one, None where none is near."""
+    """The valid name closest to a misspelt or shortened one; None if none is similar."""
     names = list(valid)
     close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    # ``flow`` for ``flow_per_hour`` is too short to look alike.
+    # ``flow`` is too short to be similar to ``flow_per_hour``.
     whole = [valid_name for valid_name in names if name in valid_name.split("_")]
     return next(iter(close + whole), None)
 
 
 def place_of(error: BaseException) -> str | None:
-    """``file:line`` where an error was raised, None without a traceback.
+    """``file:line`` where an error was raised; None if it has no traceback.
 
-    Frames of the import machinery do not count; a file in the working directory is named from
-    there.
+    Frames of the import machinery do not count.  The path of a file in the working directory is
+    relative to it.
     """
     if isinstance(error, SyntaxError) and error.filename:
         return f"{_from_here(error.filename)}:{error.lineno}"

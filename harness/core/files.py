@@ -1,4 +1,4 @@
-"""Files: read if they are regular ones; written beside, synced, then renamed, so never by half."""
+"""Regular files, read safely; files are written under another name, synced and then renamed."""
 
 import csv
 import errno
@@ -16,25 +16,25 @@ def read_file(path: Path) -> bytes:
     """The content of a file.
 
     Raises:
-        InputError: it is missing, cannot be read, or is a folder, a pipe or a device, which may
-            never end.
+        InputError: it does not exist, cannot be read, or is a folder, a pipe or a device (reading
+            these might never end).
     """
     try:
         if path.exists() and not path.is_file():
-            raise InputError(str(path), "cannot be read (no regular file)")
+            raise InputError(str(path), "cannot be read (not a regular file)")
         return path.read_bytes()
     except (OSError, ValueError) as error:
-        # ValueError: a name no file can have.
+        # ValueError: a name that no file can have.
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(str(path), f"cannot be read ({why})") from None
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Gives the place beside ``path`` that becomes it at the end, if nothing goes wrong.
+    """A temporary path in the same folder, which is renamed to ``path`` if the block succeeds.
 
     Raises:
-        OSError: the file system refuses (full, read-only); nothing is left behind.
+        OSError: the file system refuses (full, read-only); the temporary file is removed.
     """
     beside = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
@@ -69,11 +69,11 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 _NOT_THERE = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOENT, errno.ENOTDIR)
-"""Another place would have to be chosen; anything else, a full disk say, may be mended."""
+"""Errors that only another path avoids; others, such as a full disk, the user can repair."""
 
 
 def cannot_write(path: Path, error: OSError) -> HarnessError:
-    """The error of a file system that refuses."""
+    """The error for a file that cannot be written."""
     why = f"cannot be written ({error.strerror})"
     if error.errno in _NOT_THERE:
         return InputError(str(path), why, "a writable place")

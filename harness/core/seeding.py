@@ -1,8 +1,8 @@
 """Named random streams.
 
-Every random number of a run comes from a stream keyed by (root seed, purpose, pair), never by
-the order of execution or by the cell: the same pair draws the same numbers in any worker, any
-cell and after any resume.  Within a stream the i-th draw belongs to pedestrian i, or the
+Every random number of a run comes from a stream keyed by (root seed, purpose, pair) and not by the
+order of execution or by the cell.  A pair therefore draws the same numbers in any worker, in any
+cell and after any resumption.  Within a stream the i-th draw belongs to pedestrian i, unless the
 stream is keyed by the pedestrian too.
 """
 
@@ -31,10 +31,10 @@ Purpose = Literal[
 ]
 
 Given = Mapping[Purpose, Sequence[float]]
-"""Uniforms in (0, 1) in place of the first draws of a pair's streams: one of each pedestrian, but
-two of ``perception_error``, and of a strategy ``GIVEN_DRAWS``."""
+"""Uniforms in (0, 1) that replace the first draws of a pair's streams: one for each pedestrian, two
+for each in ``perception_error``, and at most ``GIVEN_DRAWS`` for a strategy."""
 
-# The numbers enter the seeds: changing one changes every result.
+# The seeds depend on these numbers: changing one changes every result.
 _PURPOSES: dict[Purpose, int] = {
     "arrival": 1,
     "side": 2,
@@ -56,7 +56,7 @@ _PURPOSES: dict[Purpose, int] = {
 
 Resampling = Literal["summary", "comparison", "validation", "risk", "audit"]
 
-# Apart from the streams above by their form, not only by their numbers.
+# These seeds have another form than the streams above, so they never coincide with them.
 _RESAMPLINGS: dict[Resampling, int] = {
     "summary": 5,
     "comparison": 6,
@@ -73,16 +73,16 @@ def stream(root_seed: int, purpose: Purpose, pair: int, *part: int) -> np.random
         root_seed: the experiment's seed, ≥ 0.
         purpose: what the numbers are for.
         pair: index of the pair, ≥ 0.
-        part: numbers ≥ 0 that tell vehicles, lanes or pedestrians of a pair apart, where each has
-            a stream of its own.
+        part: numbers ≥ 0 that distinguish vehicles, lanes or pedestrians of a pair, if each has
+            its own stream.
     """
-    # As a spawn key, not as further entropy: seeds above 2**32 must not run into the purpose.
+    # A spawn key, and not more entropy: seeds above 2**32 must not overlap with the purpose.
     key = (_PURPOSES[purpose], pair, *part)
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(root_seed, spawn_key=key)))
 
 
 GIVEN_DRAWS = 2
-"""So many first draws of a generator can be given."""
+"""Number of first draws of a generator that can be given."""
 
 
 def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.random.Generator:
@@ -125,7 +125,7 @@ def has_drawn_more(rng: np.random.Generator, begun: np.random.Generator) -> bool
 
     Args:
         rng: the generator.
-        begun: another that is as it was at first; is used up.
+        begun: another generator in the initial state of ``rng``; it is used up.
     """
     now = rng.bit_generator.state["state"]
     for _ in range(GIVEN_DRAWS + 1):
@@ -147,11 +147,11 @@ def _state(upper: int, word: int) -> int:
 
 
 def resampling(root_seed: int, purpose: Resampling) -> np.random.Generator:
-    """The generator of what is drawn beyond the pairs: the same for every cell of a run.
+    """The generator of random numbers that belong to no pair; the same for every cell of a run.
 
     Args:
         root_seed: the experiment's seed, ≥ 0.
-        purpose: the bootstrap of a summary or a comparison, the points of a risk, or which pairs
-            an audit repeats.
+        purpose: the bootstrap of a summary, comparison or validation, the points of a risk, or the
+            choice of the pairs that an audit repeats.
     """
     return np.random.default_rng((root_seed, _RESAMPLINGS[purpose]))

@@ -1,4 +1,4 @@
-"""Versions that decide what is computed."""
+"""Versions of the software that the results depend on."""
 
 import platform
 from importlib import metadata
@@ -8,8 +8,8 @@ _LIBRARIES = ("numpy", "scipy", "pandas", "pyarrow")
 
 def versions_of_runs() -> dict[str, str]:
     """The versions that a run depends on."""
-    found = versions_of_fits()
-    return {"harness": found.pop("harness"), "sumo": metadata.version("libsumo"), **found}
+    versions = versions_of_fits()
+    return {"harness": versions.pop("harness"), "sumo": metadata.version("libsumo"), **versions}
 
 
 def versions_of_fits() -> dict[str, str]:

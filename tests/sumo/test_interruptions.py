@@ -133,7 +133,7 @@ def strike_resume_compare(
         assert done.stderr == "harness: interrupted\n"
         again = shell(*command, cwd=tmp_path / "here", env={"PYTHONPATH": str(CHECKOUT)})
     else:
-        assert done.stderr == "harness: interrupted; go on with: harness resume out\n"
+        assert done.stderr == "harness: interrupted; to continue: harness resume out\n"
         again = shell("resume", out, "-q")
     assert again.returncode == 0, again.stderr
     assert content(out) == content(whole / name)
@@ -167,7 +167,7 @@ def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: 
 
 def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whole: Path) -> None:
     done = struck(tmp_path, RUN, "file:3", signal.SIGINT, signal.SIGTERM, signal.SIGINT)
-    assert done.stderr == "harness: interrupted; go on with: harness resume out\n"
+    assert done.stderr == "harness: interrupted; to continue: harness resume out\n"
     out = tmp_path / "here" / "out"
     assert shell("resume", out, "-q").returncode == 0
     assert content(out) == content(whole / "run")

@@ -72,7 +72,7 @@ class RunTables:
                 raise InputError(str(self._path), what, "load it again") from None
             except (OSError, DamagedShardError, KeyError):
                 raise InputError(
-                    str(shard.path), "is damaged", f"go on with: {resume_command(self._path)}"
+                    str(shard.path), "is damaged", f"to continue: {resume_command(self._path)}"
                 ) from None
         return pa.concat_tables([TABLES[name].empty_table(), *parts])
 
