@@ -146,7 +146,7 @@ def test_arrivals_by_side_and_beyond_the_limit(axes: Axes) -> None:
     assert [list(of) for of in line(axes, "from the other side")] == [[0.0], [1]]
     hollow = line(axes, "from the ego's side, not simulated")
     assert [list(of) for of in hollow] == [[20.0, 50.0], [2, 3]]
-    assert list(line(axes, "λt expected")[1]) == pytest.approx([0, 250 / 60])
+    assert list(line(axes, "expected, λt")[1]) == pytest.approx([0, 250 / 60])
     assert axes.get_xlim() == (0, 60)
     assert axes.get_title(loc="right") == "n = 3"
 

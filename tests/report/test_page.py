@@ -174,7 +174,7 @@ def test_a_page_reads_what_was_simulated_for_it(
     shutil.copytree(swept, folder, ignore=shutil.ignore_patterns(SHOWN))
     before = sorted(folder.iterdir())
     without = Page(write_report(harness.load_run(folder), page).page)
-    assert "There are no traces of episodes to show." in without.words
+    assert "The run has no traces, so there are no episodes to show." in without.words
     assert sorted(folder.iterdir()) == before
     monkeypatch.setattr(showing.os, "access", lambda place, _: place != folder)
     assert "All records are identical" in Page(report(folder, page).page).words
@@ -285,7 +285,7 @@ def test_what_ran_of_a_sweep_are_its_cells(tmp_path: Path) -> None:
     # Somebody walks by the model, nobody drives by it; a crosswalk without a place has none.
     assert "walking speeds given the vehicle. Dots: modes." in found.words
     assert "driving speeds" not in found.words
-    assert "at a place that is not given" in found.words
+    assert "at unknown coordinates" in found.words
     assert "42.27" not in found.words
 
 
@@ -352,7 +352,7 @@ def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(unfinis
     assert done.stdout == f"{unfinished / 'report.html'}\n"
     found = Page(unfinished / "report.html")
     assert "This run is not finished." in found.words
-    assert "8 of 12 planned pairs are in this page" in found.words
+    assert "This page has 8 of 12 planned pairs" in found.words
     (unfinished / "report.html").unlink()
 
 

@@ -1,1 +1,1 @@
-"""Numbers in; drawings into matplotlib's axes, and their style, out."""
+"""Numbers in; matplotlib drawings in one style out."""

@@ -1,7 +1,7 @@
 """Figures of single episodes: arrivals of pedestrians, speed over distance and over time.
 
 After the paper's figures of arriving times and of the Soft-Yield model.  Each function draws into
-an axes that it is given and neither saves nor shows anything.
+the given axes and neither saves nor shows the figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -36,36 +36,37 @@ def draw_arrivals(
 
     Args:
         axes: drawn into.
-        arrivals: of one pair, by time.
-        flow_per_hour: λ; λt is drawn beside them.
-        most: only so many are simulated; the others are drawn hollow.  None is all.
+        arrivals: of one pair, sorted by time.
+        flow_per_hour: λ; the expected number λt is drawn, too.
+        most: the number that is simulated, None for all; the others are drawn hollow.
         horizon_s: end of the time axis; later arrivals are left out.
     """
     shown = [arrival for arrival in arrivals if arrival.arrival_s <= horizon_s]
     times = [arrival.arrival_s for arrival in shown]
     axes.step(
         [0.0, *times, horizon_s], [*range(len(times) + 1), len(times)], where="post", color=MUTED,
-        lw=1.4, label="arrived so far",
+        lw=1.4, label="arrived",
     )  # fmt: skip
     for side, marker, colour, words in (
         (Side.NEAR, "^", BLUE, "from the ego's side"),
         (Side.FAR, "v", VERMILLION, "from the other side"),
     ):
         for simulated, fill in ((True, colour), (False, "none")):
-            own = [
+            numbers = [
                 number
                 for number, arrival in enumerate(shown)
                 if arrival.side is side and (most is None or number < most) is simulated
             ]
-            if own:
+            if numbers:
                 label = words if simulated else f"{words}, not simulated"
                 axes.plot(
-                    [times[number] for number in own], [number + 1 for number in own], marker,
+                    [times[number] for number in numbers],
+                    [number + 1 for number in numbers], marker,
                     mfc=fill, mec=colour, ms=7, label=label, clip_on=False,
                 )  # fmt: skip
     axes.plot(
         [0, horizon_s], [0, flow_per_hour * horizon_s / 3600], color=MUTED, ls=":", lw=1.2,
-        label="λt expected",
+        label="expected, λt",
     )  # fmt: skip
     axes.set_xlim(0, horizon_s)
     axes.set_ylim(bottom=0)
@@ -80,7 +81,7 @@ def draw_speed_over_distance(
     """Speed of the ego over the distance of its front bumper to the centre line, both arms.
 
     Args:
-        axes: drawn into; the ego comes from the left.
+        axes: drawn into; the ego drives from left to right.
         traces: by label, the ``traces`` rows of both arms of one pair.
         crossing_width_m: the crosswalk's band is shaded.
     """
@@ -114,14 +115,14 @@ def _profiles(
     traces: Mapping[str, pd.DataFrame],
 ) -> "list[tuple[pd.DataFrame, tuple[str, str], str]]":
     """The ego's rows of every pair and arm with colour (pair), dash (arm) and label."""
-    found = []
+    profiles = []
     for (label, rows), series in zip(traces.items(), SERIES, strict=False):
         ego = rows[rows["object"] == "ego"]
         for arm, look in ARM_LOOKS.items():
-            own = ego[ego["arm"] == arm.value]
-            if len(own):
-                found.append((own, (series.colour, look.dash), f"{label}, {ARM_NAMES[arm]}"))
-    return found
+            states = ego[ego["arm"] == arm.value]
+            if len(states):
+                profiles.append((states, (series.colour, look.dash), f"{label}, {ARM_NAMES[arm]}"))
+    return profiles
 
 
 def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
@@ -130,15 +131,15 @@ def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
 
 
 def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
-    """T_adv = |R/v − L/v_p| of one episode over time: the smallest over the pedestrians.
+    """T_adv = |R/v − L/v_p| of one episode over time, smallest over the pedestrians.
 
     Args:
         rows: the ``traces`` rows of one arm of one pair.
         crossing: the crosswalk from the ego's lane.
 
     Returns:
-        Seconds, one for each of the ego's rows; NaN where nobody on the crossing has L > 0, or
-        where R ≤ 0, v = 0 or they stand still.
+        Seconds, one for each of the ego's rows.  NaN where R ≤ 0 or v = 0, or where nobody on the
+        crossing is walking and has L > 0.
     """
     parts = dict(iter(rows.groupby("object", sort=False)))
     ego = parts.pop("ego", rows.iloc[:0])
@@ -147,9 +148,9 @@ def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:
     smallest = np.full(len(times), np.nan)
     for name, walker in parts.items():
         if not str(name).startswith("pedestrian-"):
-            continue  # where the strategy was shown them, which is not where they were
+            continue  # a pedestrian as the strategy perceived them, not where they were
         y, walking = walker["y_m"].to_numpy(), np.abs(walker["speed_mps"].to_numpy())
-        # Which way they go; someone seen once, or standing, is taken to be near the kerb they left.
+        # The walking direction; with one state or no movement they are taken to be near their kerb.
         direction = np.sign(y[-1] - y[0]) or (1.0 if y[0] < crossing.length_m / 2 else -1.0)
         lateral = (crossing.lane_centre_m - y) * direction
         at = np.searchsorted(times, walker["time_s"].to_numpy())

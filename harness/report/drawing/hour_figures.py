@@ -36,23 +36,23 @@ def time_space(run: RunData, hour: ShownPair) -> Picture:
     return Picture(
         "time-space",
         "Time–space diagram of the approach",
-        f"{where[0].upper()}{where[1:]}, around its longest queue: front bumpers of the ego's "
-        "direction (a flat line stands; each lane has its dash, AVs have a colour of their own), "
-        "and a bar at the crosswalk for each pedestrian, thin while they wait, thick while they "
-        f"cross.{note}",
+        f"{where[0].upper()}{where[1:]}, around its longest queue. Lines are front bumpers of the "
+        "forward direction: a horizontal line is a standing vehicle, the dash shows the lane, the "
+        "colour shows whether it is an AV. Bars at the crosswalk are pedestrians: thin while they "
+        f"wait, thick while they cross.{note}",
         figure,
     )
 
 
 def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
-    """A line for each vehicle: its dash says the lane, its colour whether it is an AV."""
+    """A line for each vehicle: its dash shows the lane, its colour whether it is an AV."""
     ways = hour.traces[hour.traces["arm"] == arm.value]
-    own = ways[ways["time_s"].between(hour.begin_s, hour.end_s)]
-    own = own[own["object"].str.startswith("vehicle-")]
+    states = ways[ways["time_s"].between(hour.begin_s, hour.end_s)]
+    states = states[states["object"].str.startswith("vehicle-")]
     road = lanes_of(scenario)
     forward = [lane for lane in road if lane.direction is Direction.FORWARD]
-    vehicles = {_number(name): rows for name, rows in own.groupby("object")}
-    # Lane by lane, so that the legend is in order.
+    vehicles = {_number(name): rows for name, rows in states.groupby("object")}
+    # Sorted by lane, so that the legend is, too.
     for number, rows in sorted(vehicles.items(), key=lambda item: (item[0] % len(road), item[0])):
         lane = road[number % len(road)]
         if lane not in forward:
@@ -78,7 +78,7 @@ def _number(name: object) -> int:
 
 
 def _is_automated(scenario: Scenario, pair: int, lane: Lane, count: int) -> bool:
-    """Whether a lane's vehicle is an AV in the AV's arm; some came before the hour has a table."""
+    """Whether a lane's vehicle is an AV in the AV's arm; vehicles of the warm-up have no row."""
     planned = next(islice(scheduled_vehicles(scenario, pair, lane), count, None))
     return planned.uniform < scenario.known_traffic.av_share
 

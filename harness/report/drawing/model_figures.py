@@ -1,8 +1,8 @@
 """Figures of a fitted interaction model, after the paper's section on the model.
 
-BIC over the number of components, recorded rows beside the model for pairs of variables, densities
-of walking and driving speed.  Each function draws into the axes that it is given and neither saves
-nor shows anything.  Lines differ in dash as well as colour, so figures survive greyscale.
+BIC over the number of components, recorded rows and the model for pairs of variables, densities of
+walking and driving speed.  Each function draws into the given axes and neither saves nor shows
+the figure.  Lines differ in dash as well as colour, so figures can be read in greyscale.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -50,12 +50,12 @@ def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
 
 
 def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
-    """The change rate of BIC in its unit-free form: each component's gain over the second's.
+    """The relative gain in BIC: each component's gain over that of the second component.
 
     Args:
         axes: drawn into.
         gain: (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K.
-        limit: the rule's share.
+        limit: the share that the rule compares with.
     """
     shares = {k: 100 * share for k, share in gain.items()}
     _over_components(axes, shares, "Gain of the K-th component", "share of the second's gain (%)")
@@ -98,7 +98,7 @@ def draw_rows(
         axes: drawn into.
         data: (n, 4) in the model's order; weights: (n,).
         pair: the variables across and up.
-        view: (4, 2) what to show of each variable.
+        view: (4, 2) the shown range of each variable.
         norm: colour scale, shared with the model's panel.
     """
     edges = _edges(pair, view)
@@ -116,7 +116,7 @@ def draw_pair(
 
     Args:
         axes: drawn into.
-        density: as ``pair_density`` gives it.
+        density: from ``pair_density``.
         pair, view, norm: as for ``draw_rows``.
     """
     return _draw_density(axes, density, pair, view, norm, "model")
@@ -135,7 +135,7 @@ def pair_density(
 
 
 def density_scale(density: FloatArray) -> Normalize:
-    """A colour scale by the square root, so that ridges and thin surroundings show side by side.
+    """A colour scale by the square root, so that high and low densities are both visible.
 
     The top 0.2 % of the cells is saturated.
     """
@@ -159,7 +159,7 @@ def draw_walking_speed(
         model: the interaction model.
         conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
             ``inverse_time_advantage_per_s``.
-        title: what is shown; what the conditions have in common is added.
+        title: what is shown; the conditions that all lines share are added.
     """
     _draw_speeds(axes, model, PEDESTRIAN_SPEED, model.walking_speed_density, conditions, title)
     axes.set_xlim(right=min(axes.get_xlim()[1], 2.5))
@@ -174,7 +174,7 @@ def draw_driving_speed(
         axes: drawn into.
         model: the interaction model.
         conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
-        title: what is shown; what the conditions have in common is added.
+        title: what is shown; the conditions that all lines share are added.
     """
     _draw_speeds(axes, model, VEHICLE_SPEED, model.driver_speed_density, conditions, title)
     for condition, look in zip(conditions, SERIES, strict=False):
@@ -191,7 +191,7 @@ def _draw_speeds(
     conditions: Conditions,
     title: str,
 ) -> None:
-    """One line for each condition; the legend has what differs, the title what is common."""
+    """One line for each condition; the legend names the differences, the title the rest."""
     speeds = np.linspace(model.mixture.lower[variable], model.mixture.upper[variable], 500)
     varied = {key for key in conditions[0] if len({each[key] for each in conditions}) > 1}
     for condition, look in zip(conditions, SERIES, strict=False):

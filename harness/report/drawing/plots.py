@@ -27,7 +27,7 @@ _VEHICLE_SPEEDS = (2.0, 3.5, 5.0)
 
 
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write ``name.png`` and ``name.pdf``, each complete or not at all, without a clock inside."""
+    """Write ``name.png`` and ``name.pdf``, each complete or not at all, without time stamps."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -50,7 +50,7 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
 
     Args:
         clips: the tracks.
-        rows: what was extracted from them.
+        rows: the extracted rows of the tracks.
         folder: made if missing; earlier files of the same names are replaced.
     """
     written = []
@@ -58,10 +58,10 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
         figure, axes = new_figure(height=6, width=8)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
         draw_map(axes[0], list(clips_there), title)
-        # A clip in a folder of its own is named after it, as in "b/straight".
+        # A clip in a subfolder has its name in front, as in "b/straight".
         name = "-".join(["map", *re.findall(r"[\w.]+", site)])
         written += save(figure, folder, name)
-    # The encounter that was watched over the longest approach of the vehicle.
+    # The encounter with the longest recorded approach of the vehicle.
     ranges = rows.groupby(["source", "clip", "vehicle", "pedestrian"])["range_m"]
     spans = ranges.max() - ranges.min()
     source, name, vehicle, pedestrian = (str(part) for part in spans.index[int(spans.argmax())])
@@ -79,8 +79,8 @@ def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> 
     """The paper's figures of a model.
 
     Args:
-        model: its card gives the curves over K, where it has them.
-        sample: rows to draw beside the model; None leaves their panels out.
+        model: its card holds the curves over K, if there are any.
+        sample: rows to draw next to the model; None leaves their panels out.
         folder: made if missing; earlier files of the same names are replaced.
     """
     written = []
@@ -114,7 +114,7 @@ def _components_page(model: InteractionModel) -> Figure:
 
 
 def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
-    """All six pairs of variables, rows beside the model on one scale."""
+    """All six pairs of variables; rows and model have the same scale."""
     wide = sample is not None
     figure, axes = new_figure(3, 4 if wide else 2, height=10.5, width=15 if wide else 8)
     view = draw.usual_view(model.mixture)
@@ -127,7 +127,9 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
         panel = next(panels)
         mesh = draw.draw_pair(panel, density, pair, view, norm)
         figure.colorbar(mesh, ax=panel, label="density")
-    words = f"{model.name}, K = {model.mixture.weights.size}; one scale for each pair (square root)"
+    words = (
+        f"{model.name}, K = {model.mixture.weights.size}; one colour scale per pair (square root)"
+    )
     if sample is not None:
         words += f"; {len(sample.data):,} rows weighted by {sample.weigh}"
     caption(figure, words + ".")
@@ -135,7 +137,7 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
 
 
 def _speeds_page(model: InteractionModel) -> Figure:
-    """Densities of v_p and of v under the authors' conditions, and v_p as pedestrians use it."""
+    """Densities of v_p and of v under the authors' conditions, and of v_p as in a run."""
     figure, axes = new_figure(2, 2, height=8.5, width=12)
     ranges = [{"range_m": 1 / inverse} for inverse in _INVERSE_RANGES]
     common: dict[str, float] = {"vehicle_speed_mps": 3.5, "inverse_time_advantage_per_s": 0.1}
@@ -148,5 +150,5 @@ def _speeds_page(model: InteractionModel) -> Figure:
     rows = model.provenance.get("rows")
     words = f"{model.name}, K = {model.mixture.weights.size}"
     words += f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
-    caption(figure, words + ". Dots: modes, the speeds that the human driver aims for.")
+    caption(figure, words + ". Dots are the modes, the speeds that the human driver aims for.")
     return figure

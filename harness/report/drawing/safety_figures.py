@@ -1,6 +1,6 @@
-"""Figures over all episodes of a cell: safety measures, walking speeds beside the model.
+"""Figures over all episodes of a cell: safety measures, walking speeds and their model.
 
-Each function draws into an axes that it is given and neither saves nor shows anything.
+Each function draws into the given axes and neither saves nor shows the figure.
 """
 
 from collections.abc import Mapping
@@ -21,12 +21,12 @@ def draw_shares(
     across: str,
     up_to: float,
 ) -> None:
-    """Share of episodes whose measure is at most x; it ends below 1 where some have none.
+    """Share of episodes whose measure is at most x; it ends below 1 if some are undefined.
 
     Args:
         axes: drawn into.
-        values: by arm, AV first, one value for each episode that did not fail; NaN where the
-            measure is undefined: such an episode counts among all, never below x.
+        values: by arm, AV first, one value for each episode that did not fail.  NaN where the
+            measure is undefined: such an episode counts in the total, never as at most x.
         across: label of the measure with its unit.
         up_to: end of the axis.
     """
@@ -45,7 +45,7 @@ def draw_shares(
 
 
 def _steps(defined: FloatArray, total: int, up_to: float) -> tuple[FloatArray, FloatArray]:
-    """Points of the step function k/total, thinned where there are many, up to the axis' end."""
+    """Points of the step function k/total up to the end of the axis; many are thinned."""
     inside = defined[defined <= up_to]
     ranks = np.unique(np.linspace(1, len(inside), min(len(inside), _MOST_STEPS)).astype(int))
     ranks = ranks if len(inside) else np.empty(0, dtype=int)
@@ -57,18 +57,18 @@ def _steps(defined: FloatArray, total: int, up_to: float) -> tuple[FloatArray, F
 def draw_walking_speeds(
     axes: Axes, speeds_mps: FloatArray, grid_mps: FloatArray, density: FloatArray
 ) -> None:
-    """Walking speeds drawn in a run beside the model's density under the same conditions.
+    """Walking speeds of a run and the model's density under the same conditions.
 
     Args:
         axes: drawn into.
         speeds_mps: (n,) of everyone who stepped off.
-        grid_mps, density: (m,) the mean over them of the model's conditional density, s/m.
+        grid_mps, density: (m,) speeds and the mean of the model's conditional densities, s/m.
     """
     if len(speeds_mps):
         edges = np.linspace(grid_mps[0], grid_mps[-1], _BINS + 1)
         axes.hist(
             speeds_mps, edges.tolist(), density=True, color=AV.colour, alpha=0.45, ec=INK, lw=0.5,
-            label="drawn in the run",
+            label="in the run",
         )  # fmt: skip
     axes.plot(grid_mps, density, color=VERMILLION, ls="--", lw=1.8, label="model")
     axes.set_ylim(bottom=0)

@@ -1,6 +1,6 @@
 """The site, drawn from its SUMO network: lanes, crossing, walking areas, the trigger.
 
-North is up.  The function draws into an axes that it is given and neither saves nor shows.
+North is up.  The function draws into the given axes and neither saves nor shows the figure.
 """
 
 import math
@@ -40,7 +40,7 @@ def draw_site(
 
     Args:
         axes: drawn into; x and y are metres east and north of the crosswalk's centre.
-        network: the SUMO network; what lies outside the picture is left out.
+        network: the SUMO network; lanes outside the picture are left out.
         site: the crosswalk in it.
         vehicle: its size and trigger range.
         crossing: its size.
@@ -84,7 +84,7 @@ def _draw_edge(axes: Axes, edge: "Edge") -> None:
 
 
 def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
-    """A line's outline at a width."""
+    """The outline of a line with a width."""
     left, right = [], []
     for (x0, y0), (x1, y1) in pairwise(line):
         long = math.hypot(x1 - x0, y1 - y0) or 1.0
@@ -118,7 +118,7 @@ def _draw_ego(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> N
 
 
 def _arrow(axes: Axes, site: Site, vehicle: Vehicle) -> None:
-    """The ego's direction, in front of it."""
+    """An arrow in front of the ego that shows its direction."""
     begin = site.frame.to_network(1.5 - vehicle.trigger_range_m, site.ego.centre_m)
     end = site.frame.to_network(7.5 - vehicle.trigger_range_m, site.ego.centre_m)
     style = {"arrowstyle": "-|>", "color": BLUE, "lw": 1.6, "mutation_scale": 12}
@@ -126,7 +126,7 @@ def _arrow(axes: Axes, site: Site, vehicle: Vehicle) -> None:
 
 
 def _view(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
-    """From behind the ego at its trigger to beyond the crosswalk."""
+    """Set the limits: from behind the ego at its trigger to beyond the crosswalk."""
     behind = -vehicle.trigger_range_m - vehicle.length_m
     corners = [
         site.frame.to_network(x, y)

@@ -1,8 +1,8 @@
 """The one style of every figure: colours, dashes, markers, hatches, and quiet axes.
 
-Colours are those of Okabe and Ito (2008), told apart by the colour-blind, the two pale ones
-darkened.  Dash, marker or hatch say what a colour says, so figures survive greyscale.  The
-page swaps the same colours for lighter ones in its dark scheme, so no figure uses any other.
+The colours are those of Okabe and Ito (2008), which colour-blind readers can tell apart; the two
+pale ones are darkened.  Dash, marker or hatch repeat what a colour says, so figures can be read in
+greyscale.  The page replaces these colours in its dark scheme, so figures use no others.
 """
 
 import textwrap
@@ -57,7 +57,7 @@ SERIES = (
     Look(INK, (0, (7, 2)), "v"),
     Look(ORANGE, (0, (5, 1, 1, 1, 1, 1)), "P"),
 )
-"""Looks of lines side by side, in order; more than these cannot be told apart."""
+"""Looks of the lines of a figure, in order; more lines could not be told apart."""
 
 _SETTINGS: dict[Any, Any] = {
     "font.family": "sans-serif",
@@ -76,7 +76,7 @@ _SETTINGS: dict[Any, Any] = {
     "xtick.labelcolor": INK,
     "ytick.labelcolor": INK,
     "hatch.linewidth": 0.6,
-    # Text stays text: small, selectable, found by search and read aloud.
+    # Text stays text: it is small, selectable, searchable and can be read aloud.
     "svg.fonttype": "none",
     "svg.hashsalt": "crosswalk",
     "pdf.fonttype": 42,
@@ -95,14 +95,14 @@ class Picture:
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Figures made and saved inside have the style's sizes and fonts."""
+    """Give the figures that are made and saved inside the style's sizes and fonts."""
     with mpl.rc_context(_SETTINGS), without_glyph_warnings():
         yield
 
 
 @contextmanager
 def without_glyph_warnings() -> Iterator[None]:
-    """A name in letters the font lacks is drawn as boxes; nobody at a terminal need hear of it."""
+    """Silence the warning about letters that the font lacks, which are drawn as boxes."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph .* missing from", UserWarning)
         yield
@@ -118,7 +118,7 @@ def new_figure(
 
 
 def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
-    """Labels with units, a quiet grid, and what was counted above the right corner."""
+    """Add labels with units, a light grid, and the sample size above the right corner."""
     axes.set_xlabel(across)
     axes.set_ylabel(up)
     axes.grid(color=GRID, lw=0.6)
@@ -130,7 +130,7 @@ def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
 
 
 def legend_below(axes: Axes) -> None:
-    """A legend under the axes, where it covers nothing."""
+    """Add a legend below the axes, where it covers nothing."""
     if axes.get_legend_handles_labels()[1]:
         drop = ScaledTranslation(0, _LEGEND_DROP_INCH, axes.figure.dpi_scale_trans)
         axes.legend(
@@ -144,13 +144,13 @@ def legend_below(axes: Axes) -> None:
 
 
 def caption(figure: Figure, words: str) -> None:
-    """A caption under a figure, broken to its width."""
+    """Add a caption below a figure, wrapped to its width."""
     width = int(figure.get_figwidth() * _CAPTION_SIGNS_PER_INCH)
     figure.supxlabel("\n".join(textwrap.wrap(figure_text(words), width)), fontsize=8.5, color=MUTED)
 
 
 def figure_text(text: object) -> str:
-    """Text from a file as it may stand in a figure: no control characters, no mathematics."""
+    """Text from a file made safe for a figure: no control characters, no mathematics."""
     kept = (
         c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text)
     )

@@ -1,8 +1,7 @@
-"""Figures as SVG to stand inside a page: small, selectable, in the page's colours.
+"""Figures as SVG inside a page: small, with selectable text, in the page's colours.
 
-Text stays text.  Every colour of ``style`` becomes a variable of the page's style sheet, so one
-picture serves the light and the dark scheme; identifiers get a prefix, so that many pictures
-share a page.
+Every colour of ``style`` becomes a variable of the page's style sheet, so one picture serves the
+light and the dark scheme.  Identifiers get a prefix, so that a page can hold many pictures.
 """
 
 import io
@@ -26,7 +25,7 @@ VARIABLES = {
     style.ORANGE: "--orange",
     "#ffffff": "--card",
 }
-"""The page's variable of each colour that a figure may use."""
+"""The page's variable for each colour that a figure may use."""
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "http://www.w3.org/1999/xlink"
@@ -39,10 +38,10 @@ def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str
     """A figure as an ``<svg>`` element.
 
     Args:
-        figure: made inside ``style.styled``; drawn on the page's own ground.
+        figure: made inside ``style.styled``; its background is transparent.
         prefix: of all identifiers; different for every figure of a page.
-        title: its name, for who cannot see it.
-        description: what it shows.
+        title: its name, for screen readers.
+        description: what it shows, for screen readers.
     """
     buffer = io.BytesIO()
     with style.styled():
@@ -64,7 +63,7 @@ def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str
 
 
 def _drop(element: ET.Element) -> None:
-    """Without what a page has no use for: metadata, and a style sheet that would reach it all."""
+    """Remove the metadata, and the style sheet, which would apply to the whole page."""
     for child in list(element):
         if child.tag.removeprefix(f"{{{_SVG}}}") in _DROPPED:
             element.remove(child)
@@ -87,5 +86,5 @@ def _rewrite(element: ET.Element, prefix: str) -> None:
 
 
 def _variable(match: re.Match[str]) -> str:
-    """A colour of the style as the page's variable; any other stays as it is."""
+    """A colour of the style as the page's variable; other colours do not change."""
     return f"var({VARIABLES[match[0]]})" if match[0] in VARIABLES else match[0]

@@ -1,6 +1,6 @@
 """Figures over the cells of a sweep: measures over a varied key, one line per strategy.
 
-Each function draws into an axes that it is given and neither saves nor shows anything.
+Each function draws into the given axes and neither saves nor shows the figure.
 """
 
 from collections.abc import Sequence
@@ -48,14 +48,14 @@ def draw_over(
     count: str | None = None,
     level: tuple[float, str] | None = None,
 ) -> None:
-    """A measure over a varied key, with intervals as bars; lines stand a little apart.
+    """A measure over a varied key, with intervals as bars; lines are shifted a little.
 
     Args:
         axes: drawn into.
         lines: at most as many as ``style.SERIES``.
         across, up: labels with units.
-        count: how many pairs a point stands for.
-        level: a value to compare with, and what it is.
+        count: the number of pairs per point.
+        level: a value to compare with, and its label.
     """
     ticks = np.unique(np.concatenate([line.x for line in lines]))
     for index, (line, look) in enumerate(zip(lines, SERIES, strict=False)):
@@ -68,7 +68,7 @@ def draw_over(
             ms=5, lw=1.6, elinewidth=1.1, capsize=2.5, label=figure_text(line.label),
         )  # fmt: skip
         for artist in bars.get_children():
-            # Afterwards: the limits of the axes follow the data alone.
+            # Shifted after plotting, so that the limits of the axes follow the data alone.
             artist.set_transform(axes.transData + away)
     if level is not None:
         axes.axhline(level[0], color=MUTED, ls=":", lw=1.2, label=level[1])
@@ -80,7 +80,7 @@ def draw_over(
 
 
 def _tick(axes: Axes, values: FloatArray) -> None:
-    """A tick at each value, where they are few."""
+    """A tick at each value, if they are few."""
     if len(values) <= _MOST_TICKS:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
@@ -104,10 +104,10 @@ def draw_aggressiveness(
         axes: drawn into.
         line: values with intervals, drawn as a band.
         across, up: labels with units.
-        count: how many pairs a point stands for.
+        count: the number of pairs per point.
         limit: μ0 or κ0, and its name.
-        allowed: the values swept that are allowed, shaded, neighbours together.
-        band: what the line's intervals are.
+        allowed: the allowed values, shaded; neighbours share an area.
+        band: the label of the line's intervals.
     """
     order = np.argsort(line.x)
     x, value = line.x[order], line.value[order]
@@ -127,10 +127,10 @@ def draw_aggressiveness(
         if not len(neighbours):
             continue
         begin, end = float(x[neighbours[0]]), float(x[neighbours[-1]])
-        if begin == end:  # one value alone is widened to be seen
+        if begin == end:  # a single value is widened to be visible
             begin, end = begin - narrow, end + narrow
         axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
-        # Apart: in SVG a pattern takes the opacity of its ground.
+        # Drawn separately: in SVG a pattern takes the opacity of its ground.
         axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
         label = None
     _tick(axes, x)
@@ -144,12 +144,12 @@ def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure:
     Args:
         rows: of the summary, with ``measure``, ``measure_ci_low``, ``measure_ci_high``.
         x: the varied key's values, one for each row.
-        by: what each row belongs to.
+        by: the label of the line that each row belongs to.
         measure: column with its interval.
     """
     columns = [f"{measure}{end}" for end in ("", "_ci_low", "_ci_high")]
     points = rows[columns].astype(float).assign(x=np.asarray(x, dtype=float))
     return [
-        Line(str(label), *own.sort_values("x", kind="stable")[["x", *columns]].to_numpy().T)
-        for label, own in points.groupby(np.asarray(by, dtype=object), sort=False)
+        Line(str(label), *group.sort_values("x", kind="stable")[["x", *columns]].to_numpy().T)
+        for label, group in points.groupby(np.asarray(by, dtype=object), sort=False)
     ]

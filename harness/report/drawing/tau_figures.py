@@ -1,7 +1,7 @@
 """Figures of τ, the AV's pass time over the human's: its running mean, its distribution.
 
-After the paper's figure "Mean value and distribution of τ".  Each function draws into an axes
-that it is given and neither saves nor shows anything.
+After the paper's figure "Mean value and distribution of τ".  Each function draws into the given
+axes and neither saves nor shows the figure.
 """
 
 import math
@@ -21,7 +21,7 @@ _MOST_DOTS = 1_000
 _FIRST_BAND = 5
 _SETTLED = 30
 _BINS = (20, 40)
-"""At least and at most."""
+"""Smallest and largest number of bars."""
 
 _SHOWN_SHARE = 0.995
 _FAR = 1.5
@@ -36,7 +36,7 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     Args:
         axes: drawn into.
         tau: (n,), in order of the pairs; NaN where undefined, which are left out.
-        reference: the paper's μ, a line of its own; None leaves it out.
+        reference: the paper's μ, drawn as a line; None leaves it out.
     """
     tau = tau[~np.isnan(tau)]
     total = len(tau)
@@ -59,7 +59,7 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
         axes.axhline(reference, color=VERMILLION, ls="--", lw=1.2, label=f"paper: {reference:g}")
     axes.set_xlim(0, max(total, 1) * 1.01)
     if total > _MOST_DOTS:
-        # The first few means, of few pairs, would set the scale for all.
+        # Otherwise the first means, of few pairs, would set the scale.
         ends = [low[_SETTLED:].min(), high[_SETTLED:].max()]
         ends += [] if reference is None else [reference]
         room = 0.08 * (max(ends) - min(ends))
@@ -79,7 +79,7 @@ def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
     n = np.arange(1, len(tau) + 1)
     mean = np.cumsum(tau) / n
-    # Shifted first: the sum of squares less the squared sum must not cancel.
+    # Shifted, so that sum of squares and squared sum do not cancel.
     shifted = tau - (tau[0] if len(tau) else 0.0)
     squares, sums = np.cumsum(shifted**2), np.cumsum(shifted)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -97,12 +97,12 @@ def draw_tau_distribution(
     mu: tuple[float, float, float] | None = None,
     confidence: float = CONFIDENCE,
 ) -> None:
-    """A histogram of τ, pairs in which the AV fell back hatched on top.
+    """A histogram of τ; pairs in which the AV fell back are hatched.
 
     Args:
         axes: drawn into.
         tau: (n,); NaN where undefined, which are left out.
-        fallback: (n,) whether the AV fell back; None draws one kind of bar.
+        fallback: (n,) whether the AV fell back; None draws all bars alike.
         mu: mean with its interval, drawn as a line and a band; None leaves them out.
         confidence: of that interval.
     """
@@ -112,7 +112,7 @@ def draw_tau_distribution(
     if len(values):
         edges, beyond = _edges(values)
         inside = np.minimum(values, edges[-1])
-        kept, dropped = (np.histogram(inside[which], edges)[0] for which in (~fell, fell))
+        kept, dropped = (np.histogram(inside[mask], edges)[0] for mask in (~fell, fell))
         widths, seen = np.diff(edges), dropped > 0
         axes.bar(
             edges[:-1], kept, widths, align="edge", color=AV.colour, alpha=0.55, ec=INK, lw=0.5,
@@ -139,10 +139,10 @@ def draw_tau_distribution(
 
 
 def _edges(values: FloatArray) -> tuple[FloatArray, int]:
-    """Edges of the bars, and how many values lie beyond and are counted in the last one.
+    """Edges of the bars, and how many values lie beyond and count in the last bar.
 
-    A few very large τ do not make all others one bar: the axis ends at the 99.5 % quantile, if
-    the largest is much farther off.
+    The axis ends at the 99.5 % quantile if the largest τ is much larger; otherwise a few large τ
+    would squeeze all others into one bar.
     """
     few, many = _BINS
     bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
@@ -154,7 +154,7 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
 
 
 def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
-    """Cut a bar many times the next one (nobody met: τ = 1), and write its height."""
+    """Cut a bar that is many times the next one (τ = 1 if nobody was met), and label it."""
     highest, second = np.sort(counts)[::-1][:2]
     if second == 0 or highest <= _SPIKE * second:
         return

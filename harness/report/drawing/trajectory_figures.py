@@ -1,7 +1,7 @@
 """Figures of recorded trajectories: where vehicles and pedestrians were, and one passing event.
 
-After the paper's figures of the data collection.  Each function draws into the axes that it is
-given and neither saves nor shows anything.
+After the paper's figures of the data collection.  Each function draws into the given axes and
+neither saves nor shows the figure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ from harness.core.errors import unknown_name
 from harness.model.trajectories import Clip, ExtractionRules, Track, conflict_point
 from harness.report.drawing.style import BLUE, MUTED, VERMILLION, figure_text, finish, legend_below
 
-# Positions are drawn at this interval: the model's rows are as far apart, and dots stay apart.
+# Positions are drawn at this interval, which is that of the model's rows.
 DRAWN_EVERY_S = 0.2
 
 
@@ -25,12 +25,12 @@ def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> Non
     Args:
         axes: drawn into; x and y in metres, equal scales.
         clips: of one site and one frame of reference.
-        title: what is shown; the numbers of vehicles, pedestrians and clips stand below it.
+        title: of the figure; the numbers of vehicles, pedestrians and clips are below it.
     """
     walkers = [track for clip in clips for track in clip.pedestrians.values()]
     vehicles = [track for clip in clips for track in clip.vehicles.values()]
     dots = np.vstack([np.empty((0, 2)), *(_drawn(track)[1] for track in walkers)])
-    # The more dots, the fainter, so that busy places show as dark and lone walks stay visible.
+    # With more dots each is fainter: busy places are dark, single walks stay visible.
     alpha = float(np.clip(60 / np.sqrt(max(len(dots), 1)), 0.15, 0.8))
     axes.plot(*dots.T, ".", color=BLUE, ms=3, alpha=alpha, mew=0)
     for track in vehicles:
@@ -45,8 +45,8 @@ def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> Non
 def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) -> PathCollection:
     """One vehicle and one pedestrian, coloured by time, with a colour bar.
 
-    Time runs from the first instant at which both were recorded; whole paths are drawn in grey,
-    and a cross marks their conflict point where they have one.
+    Time begins at the first instant at which both were recorded.  Whole paths are drawn in grey;
+    a cross marks the conflict point if there is one.
 
     Args:
         axes: drawn into; x and y in metres, equal scales. Its figure gets the colour bar.
@@ -98,7 +98,7 @@ def _draw_timed(
 
 
 def _named(clip: Clip, kind: str, name: str, tracks: Mapping[str, Track]) -> Track:
-    """The track of that name, or a refusal with the nearest one."""
+    """The track of that name, or an error that suggests the nearest name."""
     if name not in tracks:
         raise unknown_name(f"clip {clip.name}", kind, name, tracks)
     return tracks[name]
@@ -128,7 +128,7 @@ def _draw_route(axes: Axes, track: Track) -> None:
 def _finish(axes: Axes, clips: Sequence[Clip], title: str, numbers: str) -> None:
     """Units, equal scales, the title with the numbers below it, and the legend."""
     finish(axes, "x (m)", "y (m)")
-    # The limits of the short side grow, so that it stays legible beside a long one.
+    # The limits of the short side grow, so that it stays legible.
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(f"{figure_text(title)}\n{numbers}", loc="left")
     if any(clip.y_down for clip in clips):

@@ -1,6 +1,6 @@
 """Figures of a validation: errors of the pass time, speeds along the road.
 
-Each function draws into axes that it is given and neither saves nor shows anything.
+Each function draws into the given axes and neither saves nor shows the figure.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from harness.studies.validation import DriverOutcome, Validation
 
 
 def draw_errors(axes: Axes, validation: Validation) -> None:
-    """Share of drives whose pass time is off by at most x: a line for every near driver."""
+    """Share of drives whose pass time has an error of at most x: a line for each driver."""
     recorded = validation.recorded
     for driver, look in zip(validation.findings.drivers, style.SERIES, strict=False):
         errors_s = [
@@ -43,31 +43,31 @@ def draw_speeds(
 
 
 def pictures_of(validation: Validation) -> list[style.Picture]:
-    """The page's figures, to be made inside ``style.styled``."""
+    """The page's figures; call it inside ``style.styled``."""
     figure, (axes,) = style.new_figure()
     draw_errors(axes, validation)
     errors = style.Picture(
         "errors",
-        "How far off the pass times are",
-        "The recorded drivers would be a step at 0. A random driver's drives of a passage count "
-        "one by one.",
+        "Errors of the pass times",
+        "The recorded drivers would be a step at 0. If a driver is random, each of its drives of a "
+        "passage counts.",
         figure,
     )
     shown = [driver.driver for driver in validation.findings.drivers[:3]]
-    figure, axes_of = style.new_figure(2, 2, height=5.6)
+    figure, panels = style.new_figure(2, 2, height=5.6)
     series = [("recorded drivers", validation.recorded)] + [
         (name, [drives[0] for drives in validation.outcomes[name]]) for name in shown
     ]
     highest = 1.05 * max(drive.trace.speed_mps.max() for _, drives in series for drive in drives)
-    for panel, (name, drives), look in zip(axes_of, series, style.SERIES, strict=False):
+    for panel, (name, drives), look in zip(panels, series, style.SERIES, strict=False):
         draw_speeds(panel, drives, look, name, highest)
-    for panel in axes_of[len(series) :]:
+    for panel in panels[len(series) :]:
         panel.set_visible(False)
     speeds = style.Picture(
         "speeds",
         "Speeds along the road, recorded and simulated",
-        "Every passage, x = 0 at the group's median conflict point; the first drive of a random "
-        "driver. Beside the recorded drivers the nearest ones.",
+        "Every passage, recorded and as driven by the nearest drivers; x = 0 is the group's median "
+        "conflict point. Of a random driver the first drive is shown.",
         figure,
     )
     return [errors, speeds]

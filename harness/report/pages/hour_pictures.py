@@ -19,15 +19,15 @@ from harness.studies.runs.shown import ShownPair
 _OVER = (
     ("vehicle_delay_s", "delay of vehicles (s)", "Delay of vehicles"),
     ("pedestrian_delay_s", "delay of pedestrians (s)", "Delay of pedestrians"),
-    ("throughput_per_hour", "vehicles through per hour", "Vehicles let through"),
+    ("throughput_per_hour", "throughput (vehicles per hour)", "Throughput"),
 )
 
 _WARM_UP = "traffic.warm_up_s"
-"""``--settle`` gives each cell its own; it makes no line of its own."""
+"""``--settle`` sets it per cell, so cells that differ in it alone share a line."""
 
 
 def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
-    """The figures of a run in traffic and of the hour shown; made inside ``style.styled``."""
+    """The figures of a run in traffic and of the hour shown; call it inside ``style.styled``."""
     key = across_key(run) if run.varied_keys else None
     if key is not None:
         for name, up, title in _OVER:
@@ -48,10 +48,10 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
             if other not in (key, _WARM_UP)
         ]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
-    lines = [_line(f"AV's arm: {label}", own, key, name, 0) for label, own in groups.items()]
+    lines = [_line(f"AV's arm: {label}", cells, key, name, 0) for label, cells in groups.items()]
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}
     if len(references) == 1:
-        # The second look is the human's.
+        # The second entry of ``style.SERIES`` is the look of the human's arm.
         label = f"reference: {next(iter(references))}"
         lines.insert(1, _line(label, next(iter(groups.values())), key, name, 1))
     lines = [line for line in lines if len(line.x)]
@@ -60,12 +60,12 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
     figure, (axes,) = style.new_figure()
     draw_over(axes, lines[: len(style.SERIES)], axis_label(key), up)
     left = len(lines) - len(style.SERIES)
-    more = f" {left} more strategies are in summary.csv." if left > 0 else ""
+    more = f" summary.csv has {left} more strategies." if left > 0 else ""
     yield Picture(
         f"over-{name.replace('_', '-')}",
         f"{title} over {key}",
-        "Mean over the hours of a cell with its interval (Student's t). Where a road is saturated, "
-        f"its delay is that of the simulated hour alone.{more}",
+        "Mean over the hours of a cell with its interval (Student's t). If a road is saturated, "
+        f"its delay holds for the simulated hour alone.{more}",
         figure,
     )
 
@@ -73,22 +73,22 @@ def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Pi
 def _line(
     label: str, cells: Sequence[tuple[Cell, HoursSummary]], key: str, name: str, arm: int
 ) -> Line:
-    """A measure of one arm over a key; a limit that is undefined is the value itself."""
-    intervals = ((float(cell.varied[key]), of.measures[name][arm]) for cell, of in cells)
+    """A measure of one arm over a key; an undefined limit is replaced by the value."""
+    intervals = ((float(cell.varied[key]), hours.measures[name][arm]) for cell, hours in cells)
     points = sorted(
-        (x, of.value, *(of.value if limit is None else limit for limit in (of.low, of.high)))
-        for x, of in intervals
-        if of.value is not None
+        (x, mean.value, *(mean.value if end is None else end for end in (mean.low, mean.high)))
+        for x, mean in intervals
+        if mean.value is not None
     )
     return Line(label, *np.array(points, dtype=float).reshape(-1, 4).T)
 
 
 def _queues(run: RunData) -> Picture:
-    """Queued vehicles over the hour, mean over pairs and lanes, both arms."""
+    """Queued vehicles over the hour in both arms, mean over pairs and lanes."""
     figure, (axes,) = style.new_figure()
     for arm, look in style.ARM_LOOKS.items():
-        own = run.queues[run.queues["arm"] == arm.value]
-        mean: pd.Series[float] = own.groupby("minute")["mean"].mean()
+        queues = run.queues[run.queues["arm"] == arm.value]
+        mean: pd.Series[float] = queues.groupby("minute")["mean"].mean()
         axes.plot(
             mean.index,
             mean.to_numpy(),
@@ -101,7 +101,7 @@ def _queues(run: RunData) -> Picture:
     return Picture(
         "queues",
         "Queue over time",
-        "Vehicles slower than 5 km/h on the approach, and those that wait upstream of the road; "
-        "mean of each minute over pairs and lanes.",
+        "Number of vehicles that are slower than 5 km/h on the approach or wait upstream of the "
+        "road; mean of each minute over pairs and lanes.",
         figure,
     )

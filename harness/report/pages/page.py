@@ -34,15 +34,15 @@ from harness.studies.runs.strategy_groups import strategy_groups
 _MOST_FAILURES = 20
 _MOST_VALUES = 12
 _MOST_TABLES = 50
-"""Cells whose tables of every number are on the page; the others are in ``summary.csv``."""
+"""So many cells have tables of every number on the page; the others are in ``summary.csv``."""
 
 _MOST_COMPARISONS = 60
-"""Comparisons of two cells that the page works out: a second or so each at 10,000 pairs."""
+"""The page computes at most so many comparisons: each takes about 1 s at 10,000 pairs."""
 
 
 @dataclass(frozen=True)
 class Written:
-    """The files of ``write_report``; ``differing`` names episodes that differ when run again."""
+    """The files of ``write_report``; ``differing`` lists episodes that differ if run again."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -54,21 +54,21 @@ def write_report(
 ) -> Written:
     """Write a run's page, and on request its figures as PDF and PNG.
 
-    It simulates nothing: of a run without traces it shows what ``write_shown`` has written.
+    It simulates nothing.  If a run has no traces, it shows what ``write_shown`` has written.
 
     Args:
         run: finished or not, with at least one finished pair.
         out: the file; default ``report.html`` in the run folder.
         figures: a folder for the figures, made if missing.
-        missing: why there are no episodes to show.
+        missing: the reason if there are no episodes to show.
 
     Raises:
-        InputError: nothing is finished yet, tables are damaged, or a place cannot be written.
+        InputError: no pair is finished, tables are damaged, or a file cannot be written.
     """
     page = page_in(run.path, out)
     if (run.hours if run.in_traffic else run.pairs).empty:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
-    # Whatever is damaged is found before anything is written.
+    # Damaged tables are noticed before anything is written.
     context = _context(run)
     shown = shown_pairs(run, page)
     pictures, figure_remarks = _pictures(run, shown)
@@ -82,7 +82,7 @@ def write_report(
                 written += save(picture.figure, figures, picture.name)
     episodes = {
         "player": run_player(run, shown) if shown else None,
-        "no_player": missing or "There are no traces of episodes to show.",
+        "no_player": missing or "The run has no traces, so there are no episodes to show.",
         "pictures": drawn_pictures,
         "figure_remarks": figure_remarks,
     }
@@ -100,7 +100,7 @@ def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Pictur
     try:
         model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
     except InputError as error:
-        # A model may have gone since; the numbers are still there.
+        # The model may have been removed since the run; the numbers are still there.
         remarks = [f"Figures of the interaction model are left out: {error}."]
     try:
         place = place_of(run.scenario_of(0))
@@ -110,7 +110,7 @@ def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Pictur
 
 
 def _context(run: RunData) -> dict[str, Any]:
-    """All of the page but episodes and figures."""
+    """The context of the page without episodes and figures."""
     scenario = run.scenario
     arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
@@ -142,7 +142,7 @@ def _context(run: RunData) -> dict[str, Any]:
 
 
 def _results(run: RunData) -> tuple[list[str], list[Table]]:
-    """The first screen, and the tables of everything, folded."""
+    """The first screen, and the folded tables of all numbers."""
     findings = reported(run)
     *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
@@ -155,9 +155,9 @@ def _unfinished(run: RunData) -> str:
     if run.finished:
         return ""
     return (
-        f"{_finished_pairs(run):,} of {run.planned_pairs:,} planned pairs are in this page. It was "
-        f"going on or broken off when the page was made; {resume_command(run.path)} goes on with "
-        "it."
+        f"This page has {_finished_pairs(run):,} of {run.planned_pairs:,} planned pairs. The run "
+        "was still running, or had been interrupted, when the page was made; "
+        f"{resume_command(run.path)} continues it."
     )
 
 
@@ -169,27 +169,27 @@ def _opening(run: RunData) -> Iterator[str]:
     scenario = run.scenario
     if run.in_traffic:
         yield (
-            f"Hours of traffic, each twice: with {_each(run, Arm.AV)} in the AV's share of the "
-            f"vehicles, and with {_each(run, Arm.HUMAN)} in all of them. Both arms have the same "
-            f"pedestrians and the same vehicles; seed {run.manifest['seed']}."
+            f"Each hour of traffic is simulated twice: once {_each(run, Arm.AV)} drives the AVs' "
+            f"share of the vehicles, once {_each(run, Arm.HUMAN)} drives all of them. Both arms "
+            f"have the same pedestrians and the same vehicles; seed {run.manifest['seed']}."
         )
         return
     pairs = counted(len(run.pairs), "pair")
-    said = f"seed {run.manifest['seed']}"
+    origin = f"seed {run.manifest['seed']}"
     if names := [str(entry.get("name")) for entry in _models(run)]:
-        said += f", interaction model {', '.join(names)}"
+        origin += f", interaction model {', '.join(names)}"
     if run.varied_keys:
         keys = ", ".join(run.varied_keys)
         yield (
             f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
             f"the AV's strategy and the reference ({_each(run, Arm.HUMAN)}) meet the same "
-            f"pedestrians at the crosswalk; {said}."
+            f"pedestrians at the crosswalk; {origin}."
         )
         return
     yield (
-        f"Compared: the AV's strategy {scenario.arms.av} and {scenario.arms.human}, the reference "
-        "for a human driver, each meeting the same pedestrians at the same crosswalk in "
-        f"{pairs}; {said}."
+        f"The AV's strategy {scenario.arms.av} is compared with the reference driver "
+        f"{scenario.arms.human}. Both meet the same pedestrians at the same crosswalk in {pairs}; "
+        f"{origin}."
     )
 
 
@@ -200,14 +200,14 @@ def _each(run: RunData, arm: Arm) -> str:
 
 
 def _compared(run: RunData) -> tuple[list[Table], list[str]]:
-    """The comparison of a sweep's strategies; where it would take too long, how to get it."""
+    """The comparison of a sweep's strategies, or its command if it would take too long here."""
     groups = strategy_groups(run.study) if run.finished else []
     comparisons = sum(math.comb(len(group.cells), 2) for group in groups)
     if comparisons == 0:
         return [], []
     if comparisons > _MOST_COMPARISONS:
         command = f"harness compare {shlex.quote(str(run.path))}"
-        return [], [f"Differences between strategies, pair by pair and with tests: {command}"]
+        return [], [f"{command} compares the strategies pair by pair and tests the differences."]
     comparison = compare(run)
     return comparison_tables(comparison), comparison_lines(comparison)
 
@@ -220,7 +220,7 @@ def _failures(run: RunData) -> dict[str, Any] | None:
         f"cell {cell} pair {pair} {arm}: {reason}"
         for cell, pair, arm, reason in failed[:_MOST_FAILURES]
     ]
-    more = f", the first {_MOST_FAILURES} here" if len(failed) > _MOST_FAILURES else ""
+    more = f"; the first {_MOST_FAILURES} are listed" if len(failed) > _MOST_FAILURES else ""
     words = f"{counted(len(failed), 'episode')} failed in the engine or in a strategy{more}:"
     return {"words": words, "lines": lines}
 
@@ -232,7 +232,7 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     for entry in _models(run):
         yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
     if any(cell.scenario.walks_by_model for cell in run.study.cells):
-        yield "reading of walking speeds", ran["model.pedestrian_reading"]
+        yield "how walking speeds are drawn from the model", ran["model.pedestrian_reading"]
     yield "seed", str(manifest["seed"])
     yield "step", f"{ran['experiment.step_s']} s, time-out {ran['experiment.timeout_s']} s"
     for key in run.varied_keys:
@@ -246,21 +246,23 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
         yield "scored with", _named(scored)
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
-    yield "traces", "kept" if run.kept_traces else "not kept"
+    yield "traces", "stored" if run.kept_traces else "not stored"
 
 
 def _models(run: RunData) -> list[dict[str, str]]:
-    """The interaction models of the manifest, where anybody walked or drove by them."""
+    """The interaction models of the manifest; none if nobody walked or drove by them."""
     return list(run.manifest["simulated_with"]["models"]) if model_cells(run) else []
 
 
 def _ran(run: RunData) -> dict[str, str]:
-    """Every key of the scenario that had a say, with its values in all cells."""
+    """Every key of the scenario that the run used, with its values in all cells."""
     values: dict[str, list[str]] = {}
     modelled = bool(model_cells(run))
     for cell in run.study.cells:
         tree, arms = cell.scenario.model_dump(), cell.scenario.arms.model_dump().values()
-        tree["strategies"] = {of: keys for of, keys in tree["strategies"].items() if of in arms}
+        tree["strategies"] = {
+            name: tree["strategies"][name] for name in tree["strategies"] if name in arms
+        }
         if not modelled:
             del tree["model"]
         for key, text in flat(tree):
@@ -269,7 +271,7 @@ def _ran(run: RunData) -> dict[str, str]:
 
 
 def _listed(texts: Iterable[str]) -> str:
-    """Texts, each once, the first few of many."""
+    """The distinct texts; of many only the first few."""
     each = list(dict.fromkeys(texts))
     return ", ".join(each[:_MOST_VALUES]) + (" …" if len(each) > _MOST_VALUES else "")
 

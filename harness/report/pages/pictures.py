@@ -1,4 +1,4 @@
-"""The figures of a run with their captions: data from its folder go into ``*_figures``."""
+"""The figures of a run with their captions, drawn by the ``*_figures`` modules."""
 
 from collections.abc import Iterator, Sequence
 from typing import cast
@@ -30,7 +30,7 @@ from harness.studies.runs.shown import ShownPair
 
 ARRIVALS_S = 60.0
 _MOST_CONDITIONS = 300
-"""Pedestrians whose conditional densities are averaged."""
+"""At most so many pedestrians' conditional densities are averaged."""
 _GRID = 160
 _SAFETY = (
     ("min_ttc_s", "smallest TTC (s)"),
@@ -43,13 +43,13 @@ _SAFETY_UP_TO_S = 10.0
 def pictures_of(
     run: RunData, model: InteractionModel | None, place: Place | None, shown: Sequence[ShownPair]
 ) -> Iterator[Picture]:
-    """The figures of a run, the paper's first; made inside ``style.styled``.
+    """The figures of a run, the paper's figures first; call it inside ``style.styled``.
 
     Args:
         run: with at least one finished pair.
-        model: of the first of ``model_cells``; None leaves out what is drawn from it.
-        place: of its first cell's crosswalk; None leaves out the site.
-        shown: the pairs with traces; none leaves out the speed profiles.
+        model: of the first of ``model_cells``; None leaves out the figures of the model.
+        place: of the crosswalk of its first cell; None leaves out the figure of the site.
+        shown: the pairs with traces; if there are none, the speed profiles are left out.
     """
     if run.varied_keys:
         yield from sweep_pictures(run)
@@ -101,7 +101,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
 
 
 def _arrivals(run: RunData) -> Picture:
-    """Arrivals of the first pair to which at least the mean number comes within a minute."""
+    """Arrivals of the first pair with at least the expected number within a minute."""
     scenario = run.scenario_of(0)
     flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
     wanted = max(1, round(flow * ARRIVALS_S / 3600))
@@ -115,7 +115,7 @@ def _arrivals(run: RunData) -> Picture:
     first = ", the first at the trigger" if scenario.pedestrians.first_at_trigger else ""
     limit = ""
     if most is not None:
-        limit = f"; at most {most} of each pair {'is' if most == 1 else 'are'} simulated (filled)"
+        limit = f"; at most {most} per pair {'is' if most == 1 else 'are'} simulated (filled marks)"
     return Picture(
         "arrivals",
         "Arrival times of one pair",
@@ -127,13 +127,13 @@ def _arrivals(run: RunData) -> Picture:
 
 
 def _comes_at_random(scenario: Scenario) -> bool:
-    """Whether anybody comes of a flow: neither timed nor chosen for what happens to them."""
+    """Whether pedestrians arrive at random: none is timed, and none is drawn by a risk."""
     people = scenario.pedestrians
     return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
 
 
 def _for_a_minute(scenario: Scenario) -> Scenario:
-    """The same pedestrians, as many as come within the figure's minute."""
+    """The scenario with all pedestrians who arrive within the figure's minute."""
     experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
     pedestrians = scenario.pedestrians.model_copy(update={"max_count": None})
     return scenario.model_copy(update={"experiment": experiment, "pedestrians": pedestrians})
@@ -150,8 +150,8 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
         chosen[f"pair {shown[0].pair} of cell {shown[0].cell}"] = shown[0]
     traces = {label: pair.traces for label, pair in chosen.items()}
     caption = (
-        "The ego's speed over its {} in chosen pairs, one colour for each pair, solid for the AV, "
-        f"dashed for the human; n = {counted(len(traces), 'pair')}."
+        "The ego's speed over its {} in chosen pairs. Each pair has a colour; the AV's line is "
+        f"solid, the reference's is dashed; n = {counted(len(traces), 'pair')}."
     )
     figure, (axes,) = style.new_figure(height=4.4)
     width_m = run.scenario_of(shown[0].cell).crossing.width_m
@@ -170,7 +170,7 @@ def _site(run: RunData, place: Place) -> Picture:
     site = site_at(network, place.edge, place.approach, lane=place.lane)
     site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
     crossing = scenario.crossing
-    where = "at a place that is not given"
+    where = "at unknown coordinates"
     if crossing.latitude_deg is not None:
         where = f"at {crossing.latitude_deg:.6f}°, {crossing.longitude_deg:.6f}°"
     return Picture(
@@ -197,16 +197,16 @@ def _safety(run: RunData) -> Picture:
         "safety",
         "TTC, PET and time advantage",
         "Share of episodes whose smallest TTC, post-encroachment time and smallest time advantage "
-        "are at most x; a curve ends below 1 where episodes have none. "
+        "are at most x. A curve ends below 1 if the measure is undefined in some episodes. "
         f"n = {len(av):,} AV and {len(human):,} human episodes.",
         figure,
     )
 
 
 def _walking(run: RunData, model: InteractionModel) -> Picture | None:
-    """Speeds of everyone who stepped off in the AV's arm, beside the model's mean density."""
+    """Walking speeds in the AV's arm compared with the model's mean density."""
     scenario = run.scenario_of(0)
-    # Those who are timed have no quantile: their speed is none of the model's.
+    # Timed pedestrians have no quantile: their speeds are not drawn from the model.
     walkers = _of_arm(run.pedestrians, Arm.AV).dropna(subset=["speed_mps", "quantile"])
     if walkers.empty or not scenario.walks_by_model:
         return None
@@ -218,7 +218,7 @@ def _walking(run: RunData, model: InteractionModel) -> Picture | None:
     return Picture(
         "walking-speeds",
         "Walking speeds and the model's density",
-        "Walking speeds of everyone who stepped off in the AV's arm, beside the mean of the "
+        "Walking speeds of everyone who stepped off in the AV's arm, compared with the mean of the "
         f"model's densities given what each of them saw; n = {len(walkers):,}.",
         figure,
     )
@@ -227,15 +227,15 @@ def _walking(run: RunData, model: InteractionModel) -> Picture | None:
 def _mean_density(
     model: InteractionModel, scenario: Scenario, walkers: pd.DataFrame, grid: FloatArray
 ) -> FloatArray:
-    """Mean of f(v_p | the state each walker saw), over some of the walkers where they are many."""
-    few = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
-    some = walkers.iloc[few]
+    """Mean of f(v_p | the state that each walker saw), over a sample if there are many."""
+    rows = np.linspace(0, len(walkers) - 1, min(len(walkers), _MOST_CONDITIONS)).astype(int)
+    sample = walkers.iloc[rows]
     crossing = scenario.crosswalk()
     on_curve = scenario.model.pedestrian_reading == "curve"
     if scenario.model.pedestrian_reading == "unconditional":
         return model.walking_speed_density_unconditional(grid)
     total = np.zeros_like(grid)
-    seen = some.groupby(["range_m", "vehicle_speed_mps", "side"], sort=False).size()
+    seen = sample.groupby(["range_m", "vehicle_speed_mps", "side"], sort=False).size()
     for condition, count in seen.items():
         range_m, speed, side = cast("tuple[float, float, str]", condition)
         if range_m <= 0:
@@ -247,14 +247,14 @@ def _mean_density(
             away = np.full_like(grid, crossing.to_lane_m(Side(side)))
             density = model.walking_speed_density(grid, *state, lateral_m=away)
         if not np.isfinite(density).all():
-            # As in a run: where no walking speed fits the box, L says nothing.
+            # As in a run: L is ignored if no walking speed fits the box.
             density = model.walking_speed_density(grid, *state)
         total += count * density
-    return total / len(some)
+    return total / len(sample)
 
 
 def _model(model: InteractionModel, scenario: Scenario) -> Picture:
-    """f(v_p | 1/R, v) about the trigger's state, f(v | 1/R, v_p, 1/T_adv) of the human driver."""
+    """f(v_p | 1/R, v) around the trigger's state; f(v | 1/R, v_p, 1/T_adv) of ``human_gmm``."""
     drives = "human_gmm" in scenario.arms.model_dump().values()
     figure, axes = style.new_figure(1 + drives, 1, height=3.5 + 3.1 * drives)
     range_m, speed = scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps
@@ -281,7 +281,7 @@ def _model(model: InteractionModel, scenario: Scenario) -> Picture:
         )
         shown += ", driving speeds given the pedestrian"
         if scenario.strategies.get("human_gmm", {}).get("speed", "mode") == "mode":
-            dots += ", the speeds the human driver goes for"
+            dots += ", the speeds that the human driver aims for"
     rows = model.provenance.get("rows")
     fitted = f", fitted on n = {rows:,} rows" if isinstance(rows, int) else ""
     return Picture(

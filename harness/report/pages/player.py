@@ -1,4 +1,4 @@
-"""Everything that the page's player draws, of any kind of run: plain numbers, thinned, rounded."""
+"""The data of the page's player for every kind of run: plain numbers, thinned and rounded."""
 
 import json
 import math
@@ -19,18 +19,18 @@ from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import Key, ShownPair, choose_pairs
 
 MOST_STATES = 1_500
-"""States of one arm of an encounter; longer ones are thinned evenly."""
+"""Most states of one arm of an encounter; longer traces are thinned evenly."""
 
 HOUR_STEP_S = 0.5
 """Time between two states of an object of an hour."""
 
 MOST_BYTES = 3_000_000
-"""Size of all episodes together; the rest is left out."""
+"""Largest size of all episodes together; further episodes are left out."""
 
 _FURTHEST_M = 48.0
 _BEYOND_M = 14.0
 _HOUR_VIEW_M = (-140.0, 60.0)
-"""How much of the road is shown: of an hour, and of an encounter at most."""
+"""The stretch of road that is shown of an hour; above, the limits of an encounter's."""
 
 Numbers = list[float | None]
 Row = Mapping[str, Any]
@@ -42,8 +42,8 @@ Encoded = Mapping[str, object]
 class Player:
     """The player's part of a page.
 
-    ``words`` say what it plays; ``groups`` have numbers of ``episodes`` by heading.  Each episode
-    names one of ``scenes``.
+    ``words`` describe what it plays.  ``groups`` lists the numbers of ``episodes`` under each
+    heading.  Each episode names one of ``scenes``.
     """
 
     words: str
@@ -53,7 +53,7 @@ class Player:
 
     @property
     def json(self) -> str:
-        """Scenes and episodes as text that can stand inside a page."""
+        """Scenes and episodes as JSON that is safe inside a page."""
         return htmlsafe_json_dumps({"scenes": self.scenes, "episodes": self.episodes})
 
 
@@ -61,8 +61,8 @@ def run_player(run: RunData, shown: Sequence[ShownPair]) -> Player:
     """The player of a run's encounters, or of a stretch of an hour.
 
     Args:
-        run: gives records and scenes.
-        shown: its pairs with their traces, at least one.
+        run: provides records and scenes.
+        shown: the pairs with their traces, at least one.
     """
     encode = _hour if run.in_traffic else _encounter
     episodes: list[Encoded] = []
@@ -80,12 +80,12 @@ def run_player(run: RunData, shown: Sequence[ShownPair]) -> Player:
         reason: [numbers[key] for key in keys if key in numbers]
         for reason, keys in choose_pairs(run).items()
     }
-    groups = {reason: own for reason, own in groups.items() if own}
+    groups = {reason: members for reason, members in groups.items() if members}
     return Player(_words(run, shown, len(episodes)), scenes, episodes, groups)
 
 
 def pair_title(run: RunData, cell: int, pair: int) -> str:
-    """A pair, with its cell named by what is varied in it."""
+    """The name of a pair, with the values of its cell's varied keys."""
     varied = run.study.cells[cell].varied
     keys = named_values({key: value for key, value in varied.items() if value is not None})
     return f"pair {pair} of cell {cell} ({keys})" if keys else f"pair {pair}"
@@ -95,17 +95,17 @@ def _words(run: RunData, shown: Sequence[ShownPair], episodes: int) -> str:
     if run.in_traffic:
         words = (
             f"All vehicles from {shown[0].begin_s:g} s to {shown[0].end_s:g} s after the warm-up, "
-            "around the longest queue of the AV's arm; a whole hour is too large for a page. "
-            "Filled vehicles are the AV's; those of other drivers are outlined."
+            "around the longest queue of the AV's arm; a whole hour is too large for a page. AVs "
+            "are filled, vehicles of other drivers are outlined."
         )
     else:
         total = counted(len(run.pairs), "pair")
         words = f"{episodes:,} of {total}, both arms of a pair side by side."
     if shown[0].repeated:
-        words += " The run kept no traces, so these were simulated again for the page."
+        words += " The run stored no traces, so these episodes were simulated again for the page."
         different = sum(bool(pair.differences) for pair in shown)
         words += (
-            f" {different:,} of them differ from the stored record: see the note of each."
+            f" {different:,} of them differ from the stored record: see their notes."
             if different
             else " All records are identical to the stored ones."
         )
@@ -180,7 +180,7 @@ def _hour(run: RunData, pair: ShownPair) -> Encoded:
     scenario = run.scenario_of(pair.cell)
     passages = run.rows_of("passages", pair.cell, pair.pair).to_pylist()
     lanes = [lane for lane in lanes_of(scenario) if lane.direction is Direction.ONCOMING]
-    # Vehicles of the warm-up have no row.
+    # Vehicles of the warm-up have no row, so their driver is inferred.
     unknown = scenario.arms.av if scenario.known_traffic.av_share == 1 else scenario.arms.human
     arms = []
     for arm in Arm:
@@ -226,31 +226,31 @@ def shown_arm(
         title: who drives.
         rows: of ``traces``.
         people: ``index, side, arrival_s, start_s`` of each pedestrian.
-        crossing: of an encounter, whose speeds and time advantages are drawn over time.
-        words: how it ended.
-        contact: the ``time`` of a contact, and the ``index`` of whom the ego touched.
+        crossing: the crosswalk of an encounter, for its curves over time; None for an hour.
+        words: how the episode ended.
+        contact: the ``time`` of a contact, and the ``index`` of the pedestrian.
     """
     step_s = HOUR_STEP_S
     if crossing is not None:
         times_s = rows["time_s"].unique()
         step_s = np.ptp(times_s) / MOST_STATES if len(times_s) > MOST_STATES else 0.0
-    objects = {str(name): own for name, own in rows.groupby("object", sort=False)}
+    objects = {str(name): states for name, states in rows.groupby("object", sort=False)}
     vehicles, beliefs = [], []
-    for name, own in objects.items():
-        kept = _kept(own["time_s"].to_numpy(), step_s)
+    for name, states in objects.items():
+        kept = _kept(states["time_s"].to_numpy(), step_s)
         if name.startswith("shown-"):
-            beliefs.append({"index": int(name.removeprefix("shown-")), **_track(own, kept)})
+            beliefs.append({"index": int(name.removeprefix("shown-")), **_track(states, kept)})
         elif not name.startswith("pedestrian-"):
-            vehicle = {"name": name, "filled": True, "oncoming": False, **_track(own, kept)}
+            vehicle = {"name": name, "filled": True, "oncoming": False, **_track(states, kept)}
             if crossing is not None:
-                vehicle["v"] = rounded(own["speed_mps"].to_numpy()[kept])
+                vehicle["v"] = rounded(states["speed_mps"].to_numpy()[kept])
                 vehicle["gap"] = rounded(time_advantage(rows, crossing)[kept])
             vehicles.append(vehicle)
     walkers = []
     for person in people.to_dict("records"):
-        own = objects.get(f"pedestrian-{person['index']}", rows.iloc[:0])
+        states = objects.get(f"pedestrian-{person['index']}", rows.iloc[:0])
         start = {"arrival": short(person["arrival_s"]), "start": short(person["start_s"])}
-        track = _track(own, _kept(own["time_s"].to_numpy(), step_s))
+        track = _track(states, _kept(states["time_s"].to_numpy(), step_s))
         walkers.append({"index": person["index"], "side": person["side"], **start, **track})
     return {
         "arm": arm.value,
@@ -264,7 +264,7 @@ def shown_arm(
 
 
 def _kept(times_s: FloatArray, step_s: float) -> "np.ndarray":
-    """The states that stay: the first in each interval of ``step_s``, and the last."""
+    """The states that are shown: the first in each interval of ``step_s``, and the last."""
     if not step_s or not len(times_s):
         return np.arange(len(times_s))
     intervals = np.floor(times_s / step_s + 1e-6)
@@ -272,7 +272,7 @@ def _kept(times_s: FloatArray, step_s: float) -> "np.ndarray":
 
 
 def _track(rows: pd.DataFrame, kept: "np.ndarray") -> Encoded:
-    """Times, and where an object is then; one number where a coordinate stays the same."""
+    """Times and coordinates of an object; a coordinate that never changes is one number."""
     t, x, y = (rounded(rows[name].to_numpy()[kept]) for name in ("time_s", "x_m", "y_m"))
     return {"t": t, "x": _constant(x), "y": _constant(y)}
 
@@ -282,7 +282,7 @@ def _constant(values: Numbers) -> Numbers | float | None:
 
 
 def _ending(record: Row) -> str:
-    """How the episode ended, in a sentence."""
+    """How the episode ended, in words."""
     ending = record["ending"]
     if ending == Ending.CROSSED:
         words = f"crossed in {record['pass_time_s']:.2f} s"
@@ -316,17 +316,17 @@ def _small(records: Mapping[Arm, Row]) -> list[str]:
         for name, column, unit in measures
         if av.get(column) is not None
     ]
-    # Broken between the parts alone.
+    # Lines break between the parts alone.
     return [part.replace(" ", "\N{NO-BREAK SPACE}") for part in parts]
 
 
 def rounded(values: Iterable[float]) -> Numbers:
-    """Each to three decimals; None where it is undefined."""
+    """The values to three decimals; None if undefined."""
     return [short(value) for value in values]
 
 
 def short(value: float | None) -> float | None:
-    """To three decimals; None where it is undefined."""
+    """The value to three decimals; None if undefined."""
     if value is None or not math.isfinite(value):
         return None
     thousandths = round(float(value), 3)

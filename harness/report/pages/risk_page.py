@@ -1,4 +1,4 @@
-"""A finished risk as one page: the first screen, then everything."""
+"""A finished risk as one page: the first screen, then all numbers."""
 
 import shlex
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
         out: the file; default ``report.html`` in the folder.
 
     Raises:
-        InputError: the folder holds no finished risk, or the place is a folder.
+        InputError: the folder holds no finished risk, or ``out`` is a folder.
     """
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
@@ -51,8 +51,8 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
             }
             if differing
             else None,
-            "no_player": f"The likeliest episodes are pairs of a scenario: harness run {critical} "
-            "--traces --out CRITICAL, then harness report CRITICAL, whose page plays them."
+            "no_player": "The likeliest episodes are the pairs of a scenario. To watch them: "
+            f"harness run {critical} --traces --out CRITICAL, then harness report CRITICAL."
             if findings.ways
             else "No episode of the estimate ended in the event.",
             "figure_remarks": ["A risk has no figures."],

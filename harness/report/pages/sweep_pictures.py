@@ -26,7 +26,7 @@ _MEASURES = (
     (
         "time_ratio",
         "AV times / human times",
-        "ratio of times, Σ AV / Σ human (below 1: AV takes less)",
+        "ratio of times, Σ AV / Σ human (below 1: the AV is faster)",
     ),
     ("mu", "μ: AV time / human time", "μ, mean of AV time / human time"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
@@ -34,16 +34,16 @@ _MEASURES = (
     ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
 )
 _BESIDE = (_MEASURES[0], *_MEASURES[3:])
-"""Those that the figure of a parameter's aggressiveness does not show."""
+"""The measures that the figure of a parameter's aggressiveness does not show."""
 
 _MOST_SWEEPS = 4
-"""Parameters swept that get a figure each."""
+"""If more parameters are swept than this, none gets a figure."""
 
 _FEWEST_VALUES = 3
 
 
 def sweep_pictures(run: RunData) -> Iterator[Picture]:
-    """The figures over cells; made inside ``style.styled``."""
+    """The figures over cells; call it inside ``style.styled``."""
     swept = _parameters(run)
     for number, (group, parameter) in enumerate(swept):
         yield _aggressiveness(run, group, parameter, number if len(swept) > 1 else None)
@@ -54,7 +54,7 @@ def sweep_pictures(run: RunData) -> Iterator[Picture]:
 
 
 def across_key(run: RunData) -> str | None:
-    """The varied key to draw over: the flow, else the numeric one with the most values."""
+    """The varied key on the x axis: the flow, else the numeric key with the most values."""
     numeric = {
         key: run.summary[key].nunique()
         for key in run.varied_keys
@@ -69,7 +69,7 @@ def across_key(run: RunData) -> str | None:
 
 
 def axis_label(key: str) -> str:
-    """A varied key as the label of an axis, with its unit where the name tells it."""
+    """A varied key as the label of an axis, with its unit if the name ends with one."""
     if key == _FLOW:
         return "pedestrian flow λ (per hour)"
     *section, name = key.split(".")
@@ -97,7 +97,7 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         figure, (axes,) = style.new_figure()
         level = (1.0, "as fast as the human") if measure == "time_ratio" else None
         lines = draw.lines_of(summary, x, labels, measure)
-        # Cells that differ in the AV alone have the same human arm.
+        # If cells differ in the AV alone, they have the same reference arm.
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
             one_av = np.array(labels) == labels[0]
             label = f"{run.scenario.arms.human} (human's arm)"
@@ -110,28 +110,28 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
             f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
             f"{words} over {axis_label(key)}",
             f"Over {key}: {words} with its {words_of_level(run.confidence)} interval, one line for "
-            f"each {' and '.join(others) if others else 'strategy'}; {counted}. Points stand a "
-            "little apart so that bars do not cover each other.",
+            f"each {' and '.join(others) if others else 'strategy'}; {counted}. Points are drawn a "
+            "little apart so that their bars do not overlap.",
             figure,
         )
 
 
 def _parameters(run: RunData) -> list[tuple[StrategyGroup, ParameterSweep]]:
-    """The parameters of strategies that the run sweeps; none where they are too many to draw."""
-    found = [
+    """The parameters of strategies that the run sweeps; none if there are too many to draw."""
+    swept = [
         (group, parameter)
         for group in strategy_groups(run.study)
         for parameter in parameter_sweeps(group)
-        # How late an AV sees is drawn for all strategies together.
+        # The latency of perception is drawn for all strategies together.
         if len(parameter.values) >= _FEWEST_VALUES and not parameter.of_perception
     ]
-    return found if len(found) <= _MOST_SWEEPS else []
+    return swept if len(swept) <= _MOST_SWEEPS else []
 
 
 def _aggressiveness(
     run: RunData, group: StrategyGroup, parameter: ParameterSweep, number: int | None
 ) -> Picture:
-    """μ and κ over one parameter of a strategy, with the limits and what they allow."""
+    """μ and κ over one parameter of a strategy, with the limits and the allowed values."""
     judged = _judged(run, group, parameter)
     bold = parameter.aggressiveness
     x = np.array(bold or parameter.values)
@@ -142,7 +142,11 @@ def _aggressiveness(
     allowed: list[float] = []
     if judged is not None:
         verdicts = (judgement.verdict for judgement in judged.found.judgements)
-        allowed = [float(at) for at, of in zip(x, verdicts, strict=True) if of is Verdict.ALLOWED]
+        allowed = [
+            float(place)
+            for place, verdict in zip(x, verdicts, strict=True)
+            if verdict is Verdict.ALLOWED
+        ]
     figure, panels = style.new_figure(2, 1, height=6.4)
     for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
         if judged is None:
@@ -152,22 +156,25 @@ def _aggressiveness(
         else:
             swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
             parts = ("value", "low", "high")
-            values = [np.array([getattr(of, part) for of in swept], dtype=float) for part in parts]
+            values = [
+                np.array([getattr(interval, part) for interval in swept], dtype=float)
+                for part in parts
+            ]
             line = draw.Line(parameter.strategy, x, *values)
             limits, band = judged.limits, "bounds for all values together"
             limit = (limits.mu0, "μ0") if measure == "mu" else (limits.kappa0, "κ0")
         draw.draw_aggressiveness(panel, line, label, up, counted, limit, allowed, band)
     where = "".join(f", {key} = {as_written(value)}" for key, value in group.shared.items())
-    said = "no limits μ0 and κ0 given, so no interval is marked as allowed"
+    result = "the scenario has no limits μ0 and κ0, so no values are marked as allowed"
     if judged is not None:
-        said = " ".join(allowed_lines(judged, 1 - run.confidence)).rstrip(".")
+        result = " ".join(allowed_lines(judged, 1 - run.confidence)).rstrip(".")
     name = "aggressiveness" if number is None else f"aggressiveness-{number}"
     return Picture(
         name,
         f"μ and κ over {parameter.key}",
         f"Influence of {'the aggressiveness' if bold else parameter.parameter} of "
-        f"{parameter.strategy}{where}: {said}; {counted}. μ with the human's crashes as if "
-        "untouched, κ with time-outs and failures as crashes.",
+        f"{parameter.strategy}{where}: {result}; {counted}. In μ a human who crashed counts as if "
+        "they had driven on; in κ time-outs and failures count as crashes.",
         figure,
     )
 

@@ -1,4 +1,4 @@
-"""The one template of every page: no network, opens from disk, everything from files escaped."""
+"""The template of every page: it opens from disk without a network and escapes all text."""
 
 import base64
 import hashlib
@@ -33,7 +33,7 @@ _EMPTY: dict[str, Any] = {
 
 
 def page_in(folder: Path, out: Path | None) -> Path:
-    """Where a page goes: ``out``, or ``report.html`` in a folder.
+    """The path of a page: ``out``, or ``report.html`` in a folder.
 
     Raises:
         InputError: ``out`` is a folder.
@@ -45,7 +45,7 @@ def page_in(folder: Path, out: Path | None) -> Path:
 
 
 def drawn(picture: style.Picture) -> dict[str, str]:
-    """A picture as the template takes it."""
+    """A picture in the form that the template takes."""
     return {
         "name": picture.name,
         "title": picture.title,
@@ -55,8 +55,8 @@ def drawn(picture: style.Picture) -> dict[str, str]:
 
 
 def write_page(path: Path, context: dict[str, Any]) -> None:
-    """Fill the template and write the page; ``context`` says what is not as on ``_EMPTY``."""
-    # A file may hold bytes that are no text; a page must be text.
+    """Fill the template and write the page; ``context`` overrides ``_EMPTY``."""
+    # A file may hold bytes that are not text; a page must be text.
     write_file(path, _filled(_EMPTY | context).encode("utf-8", errors="replace"))
 
 
@@ -77,7 +77,7 @@ def _filled(context: dict[str, Any]) -> str:
 
 
 def _script(name: str) -> dict[str, str]:
-    """A script with the hash that lets it, and nothing else, run in the page."""
+    """A script with its hash, by which the page allows this script and no other."""
     text = (_TEMPLATES / name).read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
     return {"text": text, "hash": f"'sha256-{digest}'"}

@@ -49,7 +49,7 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
 def _context(validation: Validation) -> dict[str, Any]:
     findings = validation.findings
     sources = ", ".join(findings.sources)
-    heading = f"Drivers held against {sources}"
+    heading = f"Drivers compared with {sources}"
     return {
         "kind": "validation",
         "title": f"{heading}, validation",
@@ -71,13 +71,13 @@ def _context(validation: Validation) -> dict[str, Any]:
 
 
 def _player(validation: Validation) -> Player:
-    """Recorded vehicle and nearest driver of each passage, side by side."""
+    """The recorded vehicle and the nearest driver of each passage, side by side."""
     driver = validation.findings.drivers[0].driver
     used = validation.passages.used[:_MOST_PASSAGES]
     episodes, scenes = [], {}
     for number, passage in enumerate(used):
         simulated, recorded = validation.outcomes[driver][number][0], validation.recorded[number]
-        off = f"{simulated.pass_time_s - recorded.pass_time_s:+.1f} s"
+        error = f"{simulated.pass_time_s - recorded.pass_time_s:+.1f} s"
         arms = [
             _arm(passage, simulated, Arm.AV, f"simulated: {driver}"),
             _arm(passage, recorded, Arm.HUMAN, "recorded"),
@@ -89,11 +89,11 @@ def _player(validation: Validation) -> Player:
                 "scene": str(number),
                 "name": passage.name,
                 "label": passage.name,
-                "result": f"{driver} passes {off} from the record",
-                "small": off,
-                "note": f"{marked} of {len(passage.arrivals)} walks go on beyond their record.",
+                "result": f"{driver}'s pass time differs by {error} from the record",
+                "small": error,
+                "note": f"{marked} of {len(passage.arrivals)} walks go beyond their recording.",
                 "from": 0.0,
-                "until": max((of["vehicles"][0]["t"][-1] for of in arms), default=0.0),
+                "until": max((arm["vehicles"][0]["t"][-1] for arm in arms), default=0.0),
                 "step": simulated.trace.step_s,
                 "speed": 1,
                 "arms": arms,
@@ -101,7 +101,7 @@ def _player(validation: Validation) -> Player:
         )
     words = (
         f"{len(episodes)} of {len(validation.passages.used)} passages: {driver} and the recorded "
-        "vehicle side by side; people walk as recorded in both."
+        "vehicle side by side. In both the pedestrians walk as recorded."
     )
     return Player(words, scenes, episodes, {"Passages": range(len(episodes))})
 
@@ -138,7 +138,7 @@ def _ego_rows(trace: Trace) -> pd.DataFrame:
 
 
 def _walk_rows(walk: Walk, trace: Trace) -> pd.DataFrame:
-    """Places of a pedestrian at the steps at which they are there."""
+    """Positions of a pedestrian at the steps at which they are on the road."""
     last, cleared = len(trace.x_m) - 1, cleared_s(walk, trace.crossing)
     if cleared is not None:
         last = min(last, int(cleared / trace.step_s))

@@ -1,7 +1,7 @@
 "use strict";
 // Colours and sortable tables.
 (() => {
-  const themes = [["", "as the system"], ["light", "light"], ["dark", "dark"]];
+  const themes = [["", "system"], ["light", "light"], ["dark", "dark"]];
   const button = document.getElementById("theme");
   let theme = 0;
   button.hidden = false;
@@ -32,7 +32,7 @@
     });
   }
 
-  // Numbers by value, text by the alphabet; what is undefined comes last either way.
+  // Numbers are sorted by value, text by the alphabet; undefined values always come last.
   function compare(a, b, down) {
     const [left, right] = [a.dataset.value, b.dataset.value];
     if (left === undefined && right === undefined) {

@@ -27,7 +27,7 @@
     return element;
   }
 
-  // The place of a time in a list of them: the last one not after it, the next one, the share of the way.
+  // Finds a time in a sorted list: index of the last time not after it, of the next one, and the share in between.
   // Null before the first and after the last.
   function at(times, time) {
     if (!times.length || time < times[0] - 1e-9 || time > times[times.length - 1] + 1e-9) return null;
@@ -40,7 +40,7 @@
     const share = next > low ? (time - times[low]) / (times[next] - times[low]) : 0;
     return [low, next, Math.min(1, Math.max(0, share))];
   }
-  // A column is one number where it stays the same.
+  // A column that never changes is one number.
   function between(values, [low, next, share]) {
     if (!Array.isArray(values)) return values;
     return values[low] === null || values[next] === null ? values[low] : values[low] + share * (values[next] - values[low]);
@@ -53,9 +53,9 @@
     element.style.display = where ? "" : "none";
     if (where) element.setAttribute("transform", `translate(${where[0]} ${where[1]})`);
   }
-  const said = (value, unit, digits = 1) =>
+  const text = (value, unit, digits = 1) =>
     value === null || value === undefined ? "undefined" : `${value.toFixed(digits)} ${unit}`;
-  // The only vehicle of an encounter; an hour has none that speeds are drawn of.
+  // The only vehicle of an encounter; null for an hour, which has no curves over time.
   const egoOf = (arm) => (arm.vehicles.length && arm.vehicles[0].v ? arm.vehicles[0] : null);
   const last = (times) => times[times.length - 1];
 
@@ -107,7 +107,7 @@
       make("title", {}, group, `pedestrian ${walker.index}, ${walker.side} side`);
       return group;
     });
-    // Where the strategy believes them: squares, held from one state to the next.
+    // Where the strategy perceives the pedestrians: squares, held from one state to the next.
     const ghosts = arm.shown.map((shown) => {
       const square = make("rect", { class: "ghost", "data-shown": shown.index, x: -0.5, y: -0.5, width: 1, height: 1 }, world);
       make("title", {}, square, `pedestrian ${shown.index} as the strategy is shown them`);
@@ -119,7 +119,7 @@
   function drawView({ arm, scene, box, vehicles, walkers, ghosts, readout }) {
     const ego = egoOf(arm);
     if (!arm.vehicles.length && !arm.walkers.length) { readout.textContent = "no trace"; return; }
-    // An arm that has ended stays as it ended.
+    // An arm that has ended keeps its last state.
     const end = ego ? last(ego.t) : state.end;
     const time = Math.min(state.time, end);
     const places = arm.vehicles.map((vehicle) => place(vehicle, time));
@@ -148,10 +148,10 @@
     box.dataset.v = v;
     const over = state.time > end + 1e-9 ? ` (ended at ${end.toFixed(1)} s)` : "";
     readout.textContent =
-      `v ${said(v, "m/s")} · R ${said(-x, "m")} · T_adv ${said(gap, "s")}${over}`;
+      `v ${text(v, "m/s")} · R ${text(-x, "m")} · T_adv ${text(gap, "s")}${over}`;
   }
 
-  // Where they stand from arrival to start, then as in the trace; null where they are not there.
+  // Pedestrians wait at the kerb from arrival to start, then follow the trace; null while they are absent.
   function position(walker, scene, time, end) {
     if (time < walker.arrival) return null;
     if (walker.start === null || time < walker.start) return waiting(walker, scene);
@@ -160,7 +160,7 @@
   }
   function waiting(walker, scene) {
     const first = !walker.t.length ? null : place(walker, walker.t[0])[1];
-    // Who steps off from the kerb is at most a step's walk into the road when first seen there.
+    // A pedestrian who steps off from the kerb is at most one step's walk into the road in their first state.
     if (first !== null && first > 0.5 && first < scene.length - 0.5) return [0, first];
     return [0, walker.side === "near" ? -0.6 : scene.length + 0.6];
   }
@@ -176,9 +176,9 @@
   function ticks(low, high, most) {
     const raw = (high - low) / most, power = 10 ** Math.floor(Math.log10(raw));
     const step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= raw * 0.999);
-    const found = [];
-    for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9; k++) found.push(+(k * step).toPrecision(10));
-    return found;
+    const places = [];
+    for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9; k++) places.push(+(k * step).toPrecision(10));
+    return places;
   }
 
   function chart([label, values, floor], arms) {
@@ -281,8 +281,8 @@
     views = episode.arms.map((arm) => view(arm, scene));
     root.dataset.shown = state.episode;
     for (const button of root.querySelectorAll("[data-episode]")) {
-      const own = Number(button.dataset.episode) === state.episode;
-      if (own) button.setAttribute("aria-current", "true"); else button.removeAttribute("aria-current");
+      const current = Number(button.dataset.episode) === state.episode;
+      if (current) button.setAttribute("aria-current", "true"); else button.removeAttribute("aria-current");
     }
     drawCharts();
     go(state.begin);
