@@ -321,7 +321,7 @@ def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is no run folder"):
         compare(tmp_path)
     single = made_up(tmp_path / "single", one_cell("cctc", {"experiment.pairs": 3}), noisy)
-    with pytest.raises(InputError, match="no two cells that differ in the AV's strategy alone"):
+    with pytest.raises(InputError, match="no two cells that differ only in the AV's strategy"):
         compare(single)
     flows = sweep("cctc", {"experiment.pairs": 3}, "pedestrians.flow_per_hour=50,100")
     with pytest.raises(InputError, match="no two cells"):

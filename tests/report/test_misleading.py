@@ -98,7 +98,7 @@ def test_pairs_that_were_chosen_for_their_crashes_are_no_sample(told: Any) -> No
     drawn = [{"episode": number, "quantile": [0.5], "side": [0.2]} for number in range(3)]
     found = told(lambda *_: "crashed", pairs=3, **{"pedestrians.drawn": drawn})
     assert found.number("kappa") == 1
-    found.says_first("The pairs were chosen for what happens in them")
+    found.says_first("The pairs were selected by their outcome")
 
 
 def test_a_strategy_that_raises_whenever_it_meets_someone(told: Any) -> None:
@@ -158,7 +158,7 @@ def test_an_own_strategy_that_is_given_the_model_is_named(tmp_path: Path) -> Non
 def test_nobody_was_met(told: Any) -> None:
     nobody = {"pass_time_s": 7.4, "pedestrians": 0, "arrivals": 0}
     found = told(lambda _task, _pair: (nobody, nobody))
-    found.says_first("No pedestrian was met: nothing was tested")
+    found.says_first("Neither driver met a pedestrian: nothing was tested")
     assert (found.number("met_nobody"), found.number("met_someone")) == (40, 0)
     assert found.cell["summary"]["mu_met_someone"] is None
     assert found.row["pedestrian_delay_s"] == ""
@@ -166,7 +166,7 @@ def test_nobody_was_met(told: Any) -> None:
 
 def test_nothing_ran_is_not_nobody_met(told: Any) -> None:
     found = told(lambda _task, _pair: ({**FAILED, "pedestrians": 0}, 10.0))
-    found.says_first("No episode of the AV ran to its end: nothing was tested")
+    found.says_first("Every episode of the AV failed: nothing was tested")
     assert found.number("met_nobody") == 0
 
 
@@ -208,8 +208,8 @@ def test_the_model_was_asked_outside_its_data(told: Any) -> None:
 
     found = told(fates)
     found.says_first(
-        "asked about vehicles outside its data in 25 % (AV) and 75 % (human_gmm) of the cases, up "
-        "to 5.39 m/s too fast and 12 m too far away"
+        "In 25 % (AV) and 75 % (human_gmm) of the cases the vehicle was outside the data of the "
+        "interaction model, up to 5.39 m/s too fast and 12 m too far away"
     )
     assert (found.number("clamped_share"), found.number("clamped_share_human")) == (0.25, 0.75)
     assert found.number("clamped_speed_excess_mps") == pytest.approx(5.39)

@@ -93,7 +93,7 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
     assert summary.clamped_share > 0.5
     assert summary.clamped_speed_excess_mps == pytest.approx(13.89 - 8.0, abs=0.01)
     said = " ".join(note.text for note in encounter_notes(scene, summary.findings, ENCOUNTERS))
-    assert "asked about vehicles outside its data" in said
+    assert "outside the data of the interaction model" in said
     assert "5.89 m/s too fast" in said
 
 

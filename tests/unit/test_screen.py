@@ -143,19 +143,19 @@ delay, s                   1.5      4.5         −3.0 (−3.5 … −2.2)
 people's wait, s           –        –
 PET below 1.5 s            30 %     4.0 %       18 … 45 / 0.50 … 14 %
 worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900
-! 3 of 50 pairs failed (strategy 2, engine 1); of the rows only the worst case counts them.
-! 4 of 50 pairs timed out (AV 4, own:Driver 0): the ratio of times counts them with the time-out, μ,
-  c_v and the delays leave them out.
-! Crashes (AV 2, own:Driver 1) leave pairs out: the ratio of times holds for 45 of 50 pairs, μ and
-  c_v for 40.
-! μ makes the AV look faster than it is: over all pairs, where a own:Driver who crashed counts as if
-  they had driven on, it is 0.900 (0.820 … 1.000).
+! 3 of 50 pairs failed (strategy 2, engine 1); only the worst-case row counts them.
+! 4 of 50 pairs timed out (AV 4, own:Driver 0): the ratio of times counts them with the time-out; μ,
+  c_v and the delays exclude them.
+! Crashes (AV 2, own:Driver 1) exclude pairs: the ratio of times uses 45 of 50 pairs, μ and c_v use
+  40.
+! μ makes the AV look faster than it is: over all pairs μ is 0.900 (0.820 … 1.000), if own:Driver
+  counts as driving on after a crash.
 ! Undefined: people's wait (nobody arrived).
 ! hard_yield drove 30 of 50 passages (60 % of those that met someone), for which soft_yield has no
   answer.
 ! The AV drove at up to 15.7 m/s, above v0 of 5 m/s, and saves time by speeding.
-! The interaction model was asked about vehicles outside its data in 25 % (AV) and 75 % (own:Driver)
-  of the cases, up to 5.39 m/s too fast, and answered for the nearest it knows.
+! In 25 % (AV) and 75 % (own:Driver) of the cases the vehicle was outside the data of the
+  interaction model, up to 5.39 m/s too fast; the model used the nearest state in its data.
 ! How human own:Driver drives was not measured (harness validate).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
   (c_v).
@@ -194,8 +194,8 @@ cell  av              ratio of times      case   μ      c_v   crashes  delay, s
 1     constant_speed  0.75 (0.71 … 0.80)  3.40   0.755  21 %  5 / 0    1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
 ! 2 of 9 records differ.
-! Cell 1: Crashes (AV 5, human_gmm 0) leave pairs out: the ratio of times holds for 45 of 50 pairs,
-  μ and c_v for 45.
+! Cell 1: Crashes (AV 5, human_gmm 0) exclude pairs: the ratio of times uses 45 of 50 pairs, μ and
+  c_v use 45.
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
   (docs/study.md).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
@@ -220,13 +220,13 @@ All measures: --full. Page: harness report runs/cctc-1"""
             {"met_nobody": Finding(50)},
             {},
             Rank.NOTHING_TESTED,
-            "No pedestrian was met: nothing was",
+            "Neither driver met a pedestrian: nothing was",
         ),
         (
             {"failed_av": Finding(50), "met_nobody": Finding(0)},
             {},
             Rank.NOTHING_TESTED,
-            "No episode of the AV ran to its end: nothing was tested.",
+            "Every episode of the AV failed: nothing was tested.",
         ),
         (
             {},
@@ -235,7 +235,7 @@ All measures: --full. Page: harness report runs/cctc-1"""
                 "experiment.pairs": 1,
             },
             Rank.NOTHING_TESTED,
-            "The pairs were chosen for what happens in them (pedestrians.drawn), so no number",
+            "The pairs were selected by their outcome (pedestrians.drawn), so no number",
         ),
         (
             {"mu": Finding(1.2), "mu_all": Finding(0.9, 0.8, 1.0, 50)},
@@ -296,7 +296,7 @@ def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) ->
     [
         (((0.8, 0.7, 0.9), (0.9, 0.8, 0.99)), "takes less time than every reference: "),
         (((1.2, 1.1, 1.3), (1.5, 1.4, 1.6)), "takes more time than every reference: "),
-        (((1.0, 0.9, 1.1), (0.9, 0.7, 1.2)), "Against no reference is the AV shown to be faster"),
+        (((1.0, 0.9, 1.1), (0.9, 0.7, 1.2)), "The AV is not shown to be faster or slower"),
         (((0.8, 0.7, 0.9), (1.2, 1.1, 1.3)), "than a human depends on the reference: "),
         # An interval that includes 1 says neither, and does not contradict one that excludes it.
         (((0.8, 0.7, 0.9), (0.9, 0.8, 1.01)), "takes less time than some of the references; "),
@@ -320,8 +320,8 @@ def test_only_what_was_validated_is_said_of_a_reference() -> None:
     )
     lines = reference_lines([as_validated, changed, other, as_validated])
     # docs/validation.md: 85.7 % of the orders, 1.40 s, 9 of 34 passages.
-    assert "right for 86 %, its pass time was off by 1.4 s" in lines[0]
-    assert "touched somebody in 9 passages" in lines[0]
+    assert "right for 86 %, the median error of its pass time was 1.4 s" in lines[0]
+    assert "hit somebody in 9 passages" in lines[0]
     assert lines[1:] == [
         f"How human {name} drives was not measured (harness validate)."
         for name in ("human_recorded", "sumo_driver")
@@ -431,12 +431,12 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
     assert texts[0] == "1 of 5 pairs failed; no row counts them."
     # A fifth of the arrivals stayed on the road.
     for text in (
-        "AV's arm: 2 of 1,000 vehicles crashed, and traffic went on as if nobody had been hit",
-        "human_yield: 7 vehicles never got through",
-        "human_yield: 3 pedestrians never got to go.",
+        "AV's arm: 2 of 1,000 vehicles crashed, and traffic continued as if nobody had been hit",
+        "human_yield: 7 vehicles never passed",
+        "human_yield: 3 pedestrians never started to cross.",
         "human_yield: the road was saturated. The number of vehicles on it grew by 20 % of the "
-        "arrivals (limit 5 %, chance up to 8 %)",
-        "AV's arm: the delay still grew from the first third of the hour to the last, by 40.0 "
+        "arrivals (limit 5 %; chance explains up to 8 %)",
+        "AV's arm: the delay grew from the first third of the hour to the last by 40.0 "
         "(20.0 … 60.0) s",
         "AV's arm: its fallback drove 50 % of the passages that met someone",
     ):

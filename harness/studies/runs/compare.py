@@ -1,7 +1,7 @@
 """Compares the strategies of a sweep, or of several runs, pair by pair within each group.
 
-Nothing is simulated.  The arithmetic is in ``harness.statistics``.  What is comparable with what
-is in ``strategy_groups``, whether several runs met the same people in ``same_pairs``.
+The comparison simulates nothing.  ``harness.statistics`` does the arithmetic, ``strategy_groups``
+finds comparable cells, and ``same_pairs`` checks that several runs met the same pedestrians.
 """
 
 import math
@@ -46,23 +46,23 @@ def compare(
     kappa0: float | None = None,
     progress: Progress = lambda _done, _planned: None,
 ) -> RunComparison:
-    """Compare every two cells that differ in the AV's strategy alone, of one run or of several.
+    """Compare every two cells that differ only in the AV's strategy, in one run or in several.
 
-    Runs made at different times are compared over the pairs that they have in common.
+    Separate runs are compared over the pairs that they have in common.
 
     Args:
-        runs: finished runs, or their folders: one with several cells, or several with the same
-            seed, pedestrians, ego and reference.
+        runs: finished runs or their folders: one run with several cells, or several runs with the
+            same seed, pedestrians, ego and reference.
         mu0: limit of μ for the allowed interval; default: the first scenario's ``limits.mu0``.
         kappa0: limit of κ; default: the first scenario's ``limits.kappa0``.
-        progress: told (comparisons done, comparisons planned).
+        progress: called with (comparisons done, comparisons planned).
 
     Raises:
         InputError: a run is not finished, a limit is out of range, no two cells can be compared,
             or the reference arm did not meet the same people in all runs.
     """
     if not runs:
-        raise InputError("compare", "no run", "one run, or several")
+        raise InputError("compare", "no run given", "one run or several")
     opened = [finished_run(run) for run in runs]
     several = len(opened) > 1
     names = names_of(opened) if several else [""]
@@ -72,7 +72,7 @@ def compare(
     elif all(len(group.cells) == 1 for group in groups):
         raise InputError(
             str(opened[0].path),
-            "has no two cells that differ in the AV's strategy alone",
+            "has no two cells that differ only in the AV's strategy",
             "a sweep over arms.av or over parameters of its strategy, or a second run",
         )
     confidence = max(run.confidence for run in opened)
@@ -87,11 +87,11 @@ def compare(
 
 
 def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[SweepResult, ...]:
-    """Which values of every parameter swept in a group are allowed, without comparing its cells.
+    """Return the allowed values of every parameter that a group sweeps.
 
     Args:
         run: a finished run.
-        group: some of its cells.
+        group: a group of its cells.
         limits: μ0 and κ0.
     """
     columns = _columns_of([run], group)
@@ -101,17 +101,17 @@ def allowed_values(run: RunData, group: StrategyGroup, limits: Limits) -> tuple[
 
 
 def _columns_of(runs: Sequence[RunData], group: StrategyGroup) -> list[PairColumns]:
-    """The columns of every member of a group."""
+    """Return the columns of every member of a group."""
     return [runs[member.run].pair_columns_of(member.cell.number) for member in group.cells]
 
 
 def _limits(group: StrategyGroup, mu0: float | None, kappa0: float | None) -> Limits | None:
-    given = group.cells[0].cell.scenario.limits
+    defaults = group.cells[0].cell.scenario.limits
     if mu0 is not None and not 0 < mu0 < math.inf:
         raise InputError("--mu0", f"{mu0:g} is not accepted", "above 0")
     if kappa0 is not None and not 0 < kappa0 <= 1:
         raise InputError("--kappa0", f"{kappa0:g} is not accepted", "above 0, at most 1")
-    mu0, kappa0 = mu0 or given.mu0, kappa0 or given.kappa0
+    mu0, kappa0 = mu0 or defaults.mu0, kappa0 or defaults.kappa0
     if mu0 is None and kappa0 is None:
         return None
     if mu0 is None or kappa0 is None:
@@ -134,11 +134,11 @@ class _Steps:
 
 
 def _as_one_family(results: list[GroupResult]) -> tuple[GroupResult, ...]:
-    """With the tests of the run adjusted: those of crashes together, all of the front together."""
+    """Adjust the p values by Holm: one family for the crashes, one for the front."""
     items = [item for result in results for item in result.comparisons]
-    crashes = holm([of.crashes.p for of in items])
-    times = [of.time_ratio_difference.p for of in items]
-    front = holm([*times, *(of.misses.p for of in items)])
+    crashes = holm([item.crashes.p for item in items])
+    times = [item.time_ratio_difference.p for item in items]
+    front = holm([*times, *(item.misses.p for item in items)])
     adjusted = iter(
         replace(item, p_holm=p, time_ratio_p_holm=time, misses_p_holm=missed)
         for item, p, time, missed in zip(
@@ -185,7 +185,7 @@ def _compare(
     seed: int,
     confidence: float,
 ) -> Comparison:
-    # With --until cells end at different numbers of pairs: pair i is entry i in all of them.
+    # With --until, cells end at different numbers of pairs; pair i is entry i in every cell.
     common = min(len(columns[a].tau), len(columns[b].tau))
     first, second = (columns[cell].where(slice(common)) for cell in (a, b))
     scenario = group.cells[a].cell.scenario
@@ -195,7 +195,7 @@ def _compare(
         second,
         timeout_s,
         scenario.vehicle().free_pass_time_s(scenario.crosswalk()),
-        # The same resampling for every two cells: none depends on what else was compared.
+        # Every comparison uses the same stream, so no result depends on the other comparisons.
         resampling(seed, "comparison"),
         confidence,
     )
@@ -233,7 +233,7 @@ def _judge(
 def _judged(
     cells: Sequence[int], columns: list[PairColumns], limits: Limits, seed: int, level: float
 ) -> AllowedInterval:
-    """On some cells, with bounds that hold for all of them together."""
+    """Judge some cells with bounds that hold for all of them simultaneously."""
     swept = [
         swept_value(
             columns[cell].tau_all,

@@ -26,15 +26,15 @@ from harness.studies.runs.strategy_groups import ParameterSweep, StrategyGroup
 
 @dataclass(frozen=True)
 class Comparison:
-    """Cell ``a`` less cell ``b``, positions in their group, over the pairs they have in common.
+    """Cell ``a`` minus cell ``b``, over the pairs that both have.
 
-    ``time_ratio_difference`` is that of the ratio of times over the ``counted_in_both`` pairs that
-    count in both (``PairColumns.times_counted``); ``counted_in_one`` count in one cell alone.
-    ``time_ratio_p_holm`` and ``misses_p_holm`` are the p of what decides on the front, of its
-    sign-flip test and that of ``misses``, within the family of all of these of the run.
+    ``a`` and ``b`` are positions in the group.  ``time_ratio_difference`` is the difference of the
+    ratios of times over the ``counted_in_both`` pairs that count in both cells
+    (``PairColumns.times_counted``); ``counted_in_one`` pairs count in only one cell.
     ``mu_worst_difference`` and ``delay_worst_difference_s`` are over all pairs.  ``crashes`` tests
-    κ, ``misses`` κ with time-outs and failures of the strategy; ``p_holm`` is the p of
-    ``crashes`` within the family of all such tests of the run.
+    κ; ``misses`` tests κ with time-outs and failures of the strategy.  ``p_holm`` is the p value
+    of ``crashes``, adjusted over all such tests of the run.  ``time_ratio_p_holm`` (sign-flip
+    test) and ``misses_p_holm`` decide the front and are adjusted over both kinds of test.
     """
 
     a: int
@@ -57,17 +57,17 @@ class Comparison:
 
     @property
     def indicative(self) -> list[str]:
-        """Differences whose intervals rest on too few informative pairs to hold what they say.
+        """Keys of the differences whose intervals have too few informative pairs to be reliable.
 
-        None where no pair differs: those cells are alike.
+        A difference without any informative pair is not listed, because the cells are equal.
         """
-        found = {entry: getattr(self, entry.key).informative for entry in DIFFERENCES}
-        return [entry.key for entry, n in found.items() if 0 < n < (entry.reliable_from or 0)]
+        informative = {entry: getattr(self, entry.key).informative for entry in DIFFERENCES}
+        return [entry.key for entry, n in informative.items() if 0 < n < (entry.reliable_from or 0)]
 
 
 @dataclass(frozen=True)
 class SweepResult:
-    """Which values of a parameter are allowed."""
+    """The allowed values of a parameter."""
 
     sweep: ParameterSweep
     limits: Limits
@@ -75,17 +75,18 @@ class SweepResult:
 
     @property
     def indicative(self) -> tuple[bool, ...]:
-        """For each value, whether μ's bound rests on too few informative pairs."""
-        return tuple(of.swept.mu.informative < MU_BOUND_FROM for of in self.found.judgements)
+        """For each value, whether the bound of μ has too few informative pairs to be reliable."""
+        return tuple(
+            judgement.swept.mu.informative < MU_BOUND_FROM for judgement in self.found.judgements
+        )
 
 
 @dataclass(frozen=True)
 class GroupResult:
-    """One group of cells that differ in the AV's strategy alone.
+    """A group of cells that differ only in the AV's strategy.
 
-    ``level`` is the chance of error at which a difference counts as told; ``summaries`` are those
-    of the group's cells, in order.  ``judged`` is the judgement of all its cells together, where a
-    parameter is swept under limits.
+    ``level`` is the significance level of the tests; ``summaries`` are the summaries of the
+    group's cells, in order.  ``judged`` is the joint judgement of all cells under the limits.
     """
 
     group: StrategyGroup
@@ -97,26 +98,30 @@ class GroupResult:
 
     @property
     def allowed(self) -> list[int]:
-        """Positions of the cells that are allowed by bounds of all of them together."""
+        """Positions of the cells that the simultaneous bounds allow."""
         judgements = () if self.judged is None else self.judged.judgements
-        return [at for at, of in enumerate(judgements) if of.verdict is Verdict.ALLOWED]
+        return [
+            position
+            for position, judgement in enumerate(judgements)
+            if judgement.verdict is Verdict.ALLOWED
+        ]
 
     @property
     def best_allowed(self) -> int | None:
-        """Of these the one of the least ratio of times; None where none is allowed."""
-        times = {at: self.summaries[at].time_ratio.value for at in self.allowed}
-        known = [(value, at) for at, value in times.items() if value is not None]
-        return min(known)[1] if known else None
+        """The allowed cell with the smallest ratio of times; None if no cell is allowed."""
+        times = {position: self.summaries[position].time_ratio.value for position in self.allowed}
+        defined = [(value, position) for position, value in times.items() if value is not None]
+        return min(defined)[1] if defined else None
 
     def untold_from(self, best: int) -> list[int]:
-        """Positions of the other allowed cells whose times are not told apart from that cell's."""
-        told = (Relation.BETTER, Relation.WORSE)
+        """Positions of the other allowed cells whose times do not differ significantly."""
+        significant = (Relation.BETTER, Relation.WORSE)
         return [
             item.a + item.b - best
             for item in self.comparisons
             if best in (item.a, item.b)
             and {item.a, item.b} <= {*self.allowed}
-            and self._times(item) not in told
+            and self._times(item) not in significant
         ]
 
     def _times(self, item: Comparison) -> Relation:
@@ -138,9 +143,9 @@ class GroupResult:
 
 @dataclass(frozen=True)
 class RunComparison:
-    """The comparison of a run's cells, or of several runs'.
+    """The comparison of the cells of one run or of several.
 
-    ``name`` is the first run's; ``confidence`` is that of each interval.
+    ``name`` is the name of the first run; ``confidence`` applies to each interval.
     """
 
     folders: tuple[Path, ...]
@@ -149,12 +154,12 @@ class RunComparison:
     groups: tuple[GroupResult, ...]
 
     def __repr__(self) -> str:
-        """What a debugger shows."""
+        """Return the text that a debugger shows."""
         count = sum(len(group.comparisons) for group in self.groups)
         return f"<RunComparison of {', '.join(map(str, self.folders))}: {count} comparisons>"
 
     def _repr_html_(self) -> str:
-        """Every difference with its interval, for a notebook."""
+        """Return every difference with its interval as HTML for a notebook."""
         differences = [
             (f"{group.group.cells[item.a].label} − {group.group.cells[item.b].label}", item)
             for group in self.groups

@@ -9,7 +9,7 @@ from harness.studies.runs.opening import finished_run
 
 
 def export_csv(folder: Path) -> list[Path]:
-    """Write every table of a run folder as CSV beside it: all of them, or none.
+    """Write every table of a run folder as CSV next to it: all tables, or none.
 
     Raises:
         InputError: no finished run, or a table is missing or cannot be read.

@@ -1,4 +1,4 @@
-"""Results as a notebook shows them: a table, and a picture of values with their intervals."""
+"""Results for a notebook: a table, and a figure of values with their intervals."""
 
 import io
 from collections.abc import Sequence
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST = 12
-"""Cells, or differences, that are drawn."""
+"""Maximum number of cells or differences in a figure."""
 
 
 def table_html(caption: str, table: pd.DataFrame) -> str:
-    """A table as HTML; whatever a file says in it is text, not markup."""
-    # A long name in full.
+    """Return a table as HTML; its values are escaped, so that a file cannot add markup."""
+    # Long names are not shortened.
     with pd.option_context("display.max_colwidth", None):
         html: str = table.to_html(index=False, border=0)
     return html.replace(">", f"><caption>{escape(caption)}</caption>", 1)
 
 
 def figure_html(figure: "Figure") -> str:
-    """A figure as an ``<svg>`` element."""
+    """Return a figure as an ``<svg>`` element."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg")
     return buffer.getvalue()[buffer.getvalue().index("<svg") :]
@@ -36,7 +36,7 @@ def figure_html(figure: "Figure") -> str:
 def intervals_html(
     intervals: Sequence[tuple[str, Interval | Difference]], label: str, mark: float
 ) -> str:
-    """Values with their intervals beneath each other, and a line at ``mark``; few of many."""
+    """Draw the first values with their intervals, one per row, and a line at ``mark``."""
     from matplotlib.figure import Figure
 
     drawn = [(name, each) for name, each in intervals if each.value is not None][:_MOST]
@@ -54,19 +54,19 @@ def intervals_html(
 
 
 def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool) -> str:
-    """The summary of a run of encounters.
+    """Return the summary of a run of encounters as HTML.
 
     Args:
-        name: of the run.
+        name: name of the run.
         varied: the varied keys.
-        summary: a row for each cell, as ``RunData.summary``.
-        finished: False while the run goes on.
+        summary: a row for each cell, as in ``RunData.summary``.
+        finished: False while the run continues.
     """
-    shown = summary.head(_MOST)
-    table = shown[["cell", *varied, "pairs"]].copy()
+    cells = summary.head(_MOST)
+    table = cells[["cell", *varied, "pairs"]].copy()
     for heading, column in (("μ", "mu"), ("κ", "kappa"), ("delay AV s", "delay_s")):
-        table[heading] = [interval_from(row, column).words(".4g") for _, row in shown.iterrows()]
-    mu = [(_label(name, varied, row), interval_from(row, "mu")) for _, row in shown.iterrows()]
+        table[heading] = [interval_from(row, column).words(".4g") for _, row in cells.iterrows()]
+    mu = [(_label(name, varied, row), interval_from(row, "mu")) for _, row in cells.iterrows()]
     more = f", {len(summary) - _MOST} more cells" if len(summary) > _MOST else ""
     caption = f"{name}{'' if finished else ' (unfinished)'}{more}"
     return table_html(caption, table) + intervals_html(mu, "μ with its interval", 1.0)

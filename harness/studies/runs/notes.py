@@ -1,6 +1,6 @@
-"""What has to be read with the numbers of a cell: from its scenario and findings to notes.
+"""Notes that qualify the numbers of a cell, derived from its scenario and findings.
 
-Each note is one sentence, and repeats no number of the first screen's rows.
+Each note is one sentence.  A note does not repeat a number from the rows of the first screen.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,13 +17,13 @@ Findings = Mapping[str, Finding]
 Catalogue = Sequence[Entry[Any]]
 
 MOSTLY = 0.5
-"""A share of fallbacks from which on the AV's name says who drove."""
+"""From this share of fallbacks on, the AV's label also names the fallback strategy."""
 
 _ENDS = ("", "_human")
 
 
 def av_label(strategy: str, findings: Findings) -> str:
-    """The AV's strategy; with what drove in its place, where it mostly fell back on that.
+    """Return the AV's strategy, with the fallback strategy if that drove most passages.
 
     >>> av_label("soft_yield", {"fallback_share": Finding(1.0)})
     'soft_yield (hard_yield in 100 %)'
@@ -35,14 +35,14 @@ def av_label(strategy: str, findings: Findings) -> str:
 
 
 def sentence(words: str) -> str:
-    """Words with a capital and a full stop."""
+    """Return the words with a capital letter and a full stop."""
     return f"{words[0].upper()}{words[1:]}."
 
 
 def encounter_notes(
     scenario: Scenario, findings: Findings, catalogue: Catalogue
 ) -> tuple[Note, ...]:
-    """The notes of a cell of encounters, in the order of their ranks."""
+    """Return the notes of a cell of encounters, sorted by rank."""
     notes = [
         *_nothing_tested(scenario, findings),
         *_failures(findings),
@@ -63,14 +63,14 @@ def _nothing_tested(scenario: Scenario, findings: Findings) -> list[Note]:
     notes = []
     if scenario.pedestrians.drawn:
         notes.append(
-            "The pairs were chosen for what happens in them (pedestrians.drawn), so no number here "
-            "says how often anything happens."
+            "The pairs were selected by their outcome (pedestrians.drawn), so no number here is a "
+            "frequency."
         )
     pairs = findings["pairs"].count
     if findings["failed_av"].count == pairs:
-        notes.append("No episode of the AV ran to its end: nothing was tested.")
+        notes.append("Every episode of the AV failed: nothing was tested.")
     elif findings["met_nobody"].count == pairs:
-        notes.append("No pedestrian was met: nothing was tested.")
+        notes.append("Neither driver met a pedestrian: nothing was tested.")
     return [Note(Rank.NOTHING_TESTED, text) for text in notes]
 
 
@@ -81,7 +81,7 @@ def _failures(findings: Findings) -> list[Note]:
     strategy, engine = (findings[f"failed_{name}"].count for name in ("strategy", "engine"))
     text = (
         f"{failed:,} of {_counted(pairs, 'pair')} failed (strategy {strategy:,}, engine "
-        f"{engine:,}); of the rows only the worst case counts them."
+        f"{engine:,}); only the worst-case row counts them."
     )
     return [Note(Rank.FAILURES, text)]
 
@@ -93,8 +93,8 @@ def _time_outs(scenario: Scenario, findings: Findings) -> list[Note]:
     av, human = findings["timed_out_av"].count, findings["timed_out_human"].count
     text = (
         f"{timed_out:,} of {_counted(pairs, 'pair')} timed out (AV {av:,}, "
-        f"{scenario.arms.human} {human:,}): the ratio of times counts them with the time-out, μ, "
-        "c_v and the delays leave them out."
+        f"{scenario.arms.human} {human:,}): the ratio of times counts them with the time-out; μ, "
+        "c_v and the delays exclude them."
     )
     return [Note(Rank.TIME_OUTS, text)]
 
@@ -105,15 +105,15 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
         return []
     counted, defined = findings["time_ratio_pairs"].count, findings["defined_pairs"].count
     text = (
-        f"Crashes (AV {av:,}, {scenario.arms.human} {human:,}) leave pairs out: the ratio of times "
-        f"holds for {counted:,} of {_counted(findings['pairs'].count, 'pair')}, μ and c_v for "
+        f"Crashes (AV {av:,}, {scenario.arms.human} {human:,}) exclude pairs: the ratio of times "
+        f"uses {counted:,} of {_counted(findings['pairs'].count, 'pair')}, μ and c_v use "
         f"{defined:,}."
     )
     return [Note(Rank.LEFT_OUT, text)]
 
 
 def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
-    """Which way μ errs where it lies outside its interval over all pairs."""
+    """Return the direction of the bias if μ lies outside the interval of μ over all pairs."""
     mu, over_all = findings["mu"].number, findings["mu_all"]
     if mu is None or over_all.low is None or over_all.high is None:
         return []
@@ -121,15 +121,15 @@ def _direction(scenario: Scenario, findings: Findings) -> list[Note]:
         return []
     way = "slower" if mu > over_all.high else "faster"
     text = (
-        f"μ makes the AV look {way} than it is: over all pairs, where a {scenario.arms.human} who "
-        f"crashed counts as if they had driven on, it is {over_all.number:.3f} "
-        f"({over_all.low:.3f} … {over_all.high:.3f})."
+        f"μ makes the AV look {way} than it is: over all pairs μ is {over_all.number:.3f} "
+        f"({over_all.low:.3f} … {over_all.high:.3f}), if {scenario.arms.human} counts as driving "
+        "on after a crash."
     )
     return [Note(Rank.LEFT_OUT, text)]
 
 
 def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
-    """Why numbers of the first screen are undefined."""
+    """Return the reasons for undefined numbers on the first screen."""
     reasons: dict[str, list[str]] = {}
     for entry in catalogue:
         for name in filter(None, entry.names if entry.first_screen else ()):
@@ -141,7 +141,7 @@ def undefined_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
 
 
 def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
-    """Which intervals of the first screen cover less than they say, and which tells nothing."""
+    """Name the unreliable intervals of the first screen, and a ratio of times that includes 1."""
     names: dict[int, list[str]] = {}
     for entry in catalogue:
         if not entry.first_screen:
@@ -167,7 +167,7 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
 
 
 def short_name(entry: Entry[Any]) -> str:
-    """A heading up to its first comma."""
+    """Return a heading up to its first comma."""
     return entry.heading.partition(",")[0]
 
 
@@ -185,23 +185,26 @@ def _fallback(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def _speeding(scenario: Scenario, findings: Findings) -> list[Note]:
-    """Who drove above the road's limit, or above v0 where there is none; commands are not cut."""
+    """Name the drivers above the road's limit, or above v0 if the road has none."""
     limit_mps = scenario.speed_limit_mps
-    what = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
+    limit = "v0" if scenario.crossing.road_speed_limit_mps is None else "the road's limit"
     notes = []
-    for who, name in (("The AV", "max_speed_mps"), (scenario.arms.human, "max_speed_human_mps")):
+    for driver, name in (
+        ("The AV", "max_speed_mps"),
+        (scenario.arms.human, "max_speed_human_mps"),
+    ):
         fastest = findings[name].number
         if fastest is not None and fastest > limit_mps * (1 + SPEED_ROUNDING):
             text = (
-                f"{who} drove at up to {fastest:.3g} m/s, above {what} of {limit_mps:g} m/s, and "
-                "saves time by speeding."
+                f"{driver} drove at up to {fastest:.3g} m/s, above {limit} of {limit_mps:g} m/s, "
+                "and saves time by speeding."
             )
             notes.append(Note(Rank.SPEEDING, text))
     return notes
 
 
 def _outside_the_model(scenario: Scenario, findings: Findings) -> list[Note]:
-    """How often the interaction model answered for another vehicle than the one at hand."""
+    """Report how often the model was evaluated outside the range of its data."""
     arms = zip(("AV", scenario.arms.human), _ENDS, strict=True)
     shares = [
         f"{100 * share:.3g} % ({who})"
@@ -219,9 +222,9 @@ def _outside_the_model(scenario: Scenario, findings: Findings) -> list[Note]:
         if (value := findings[name].number)
     ]
     text = (
-        "The interaction model was asked about vehicles outside its data in "
-        f"{' and '.join(shares)} of the cases, up to {' and '.join(beyond)}, and answered for the "
-        "nearest it knows."
+        f"In {' and '.join(shares)} of the cases the vehicle was outside the data of the "
+        f"interaction model, up to {' and '.join(beyond)}; the model used the nearest state in "
+        "its data."
     )
     return [Note(Rank.OUTSIDE_MODEL, text)]
 
@@ -236,15 +239,13 @@ def _reference(scenario: Scenario, findings: Findings) -> list[Note]:
 
 
 def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> tuple[Note, ...]:
-    """The notes of a cell of hours, in the order of their ranks."""
+    """Return the notes of a cell of hours, sorted by rank."""
     notes, traffic = [], scenario.known_traffic
     if failed := findings["failed"].count:
         pairs = _counted(findings["pairs"].count, "pair")
         notes.append(Note(Rank.FAILURES, f"{failed:,} of {pairs} failed; no row counts them."))
     if traffic.saturated:
-        text = (
-            "There was a permanent queue: the throughput is the capacity, and no delay is defined."
-        )
+        text = "The queue was permanent: the throughput is the capacity, and delays are undefined."
         notes.append(Note(Rank.SATURATION, text))
     notes += undefined_notes(findings, catalogue)
     for who, end in zip(("AV's arm", scenario.arms.human), _ENDS, strict=True):
@@ -256,7 +257,7 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
 def _hour_notes_of_arm(
     scenario: Scenario, findings: Findings, who: str, end: str, strategy: str
 ) -> list[Note]:
-    """The notes of one arm, the names of whose findings end so."""
+    """Return the notes of one arm; ``end`` is the ending of its findings' names."""
     notes = []
 
     def note(rank: Rank, text: str) -> None:
@@ -266,29 +267,30 @@ def _hour_notes_of_arm(
         note(
             Rank.LEFT_OUT,
             f"{crashes:,} of {_counted(findings[f'kappa{end}'].n or 0, 'vehicle')} crashed, and "
-            "traffic went on as if nobody had been hit, so no delay has what a crash costs.",
+            "traffic continued as if nobody had been hit, so the delays do not include the cost of "
+            "a crash.",
         )
     if count := findings[f"not_through{end}"].count:
         note(
             Rank.LEFT_OUT,
-            f"{_counted(count, 'vehicle')} never got through, and count with the time until the "
-            "end, which is less than their delay.",
+            f"{_counted(count, 'vehicle')} never passed, and counted with their time until the end "
+            "of the hour, which is less than their delay.",
         )
     if count := findings[f"never_went{end}"].count:
-        note(Rank.LEFT_OUT, f"{_counted(count, 'pedestrian')} never got to go.")
+        note(Rank.LEFT_OUT, f"{_counted(count, 'pedestrian')} never started to cross.")
     growth, bound = (findings[f"{name}{end}"].number for name in ("growth", "growth_bound"))
     rising = findings[f"rising_s{end}"]
     if findings[f"saturated{end}"].value and not scenario.known_traffic.saturated:
         note(
             Rank.SATURATION,
             "the road was saturated. The number of vehicles on it grew by "
-            f"{100 * (growth or 0):.0f} % of the arrivals (limit {100 * GROWTH:.0f} %, chance up "
-            f"to {100 * (bound or 0):.0f} %), and delays would grow with a longer hour.",
+            f"{100 * (growth or 0):.0f} % of the arrivals (limit {100 * GROWTH:.0f} %; chance "
+            f"explains up to {100 * (bound or 0):.0f} %). A longer hour would have longer delays.",
         )
     elif rising.low is not None and rising.low > 0:
         note(
             Rank.SATURATION,
-            "the delay still grew from the first third of the hour to the last, by "
+            "the delay grew from the first third of the hour to the last by "
             f"{rising.number:.1f} ({rising.low:.1f} … {rising.high:.1f}) s; --settle finds a "
             "longer warm-up.",
         )
@@ -307,6 +309,6 @@ def _counted(count: int, noun: str) -> str:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names, each once: ``a, b and c``."""
+    """Join the distinct names as ``a, b and c``."""
     *first, last = dict.fromkeys(names)
     return f"{', '.join(first)} and {last}" if first else last

@@ -1,4 +1,4 @@
-"""Opens run folders: finished or not, and checked against their manifest."""
+"""Opens finished and unfinished run folders, and checks them against their manifest."""
 
 from pathlib import Path
 
@@ -17,11 +17,11 @@ def load_run(path: str | Path) -> RunData:
         path: the folder.
 
     Returns:
-        Its content; tables are read when they are asked for.
+        Its content; each table is read on first use.
 
     Raises:
-        InputError: it is no run folder, one of another format version, an incomplete copy, or
-            damaged.
+        InputError: the folder is not a run folder, has another format version, or is incomplete
+            or damaged.
     """
     folder = Path(path)
     document = read_manifest(folder)
@@ -31,7 +31,7 @@ def load_run(path: str | Path) -> RunData:
     if not finished:
         shards = readable_shards(folder, study)
         if read_manifest(folder)["counts"] is not None:
-            # It was finished while its shards were read, and they are gone.
+            # The run finished while its shards were read, and the shards are gone.
             return load_run(folder)
         return RunData(folder, document, study, finished=False, shards=shards)
     expected = {"cells": len(study.cells), **counts}
@@ -39,21 +39,21 @@ def load_run(path: str | Path) -> RunData:
     kind = kind_of_study(study)
     names = [*kind.derived, *kind.tables(traces=traces, audit=audit)]
     for name in ("cells", *names):
-        found = count_rows(folder, name)
-        rows = expected.get(name, found)
-        if found != rows:
+        count = count_rows(folder, name)
+        rows = expected.get(name, count)
+        if count != rows:
             where = str(folder / f"{name}.parquet")
-            raise InputError(where, f"{found} rows", f"{rows}, as the manifest says")
+            raise InputError(where, f"{count} rows", f"{rows}, as the manifest says")
     return RunData(folder, document, study, finished=True)
 
 
 def finished_run(run: RunData | str | Path) -> RunData:
-    """Open a run folder whose run is finished; one that is open already is given back.
+    """Open the folder of a finished run; a run that is already open is returned as it is.
 
     Raises:
-        InputError: as ``load_run``, or the run was broken off or is still going on.
+        InputError: as ``load_run``, or the run was interrupted or still continues.
     """
-    found = run if isinstance(run, RunData) else load_run(run)
-    if not found.finished:
-        raise unfinished(found.path)
-    return found
+    data = run if isinstance(run, RunData) else load_run(run)
+    if not data.finished:
+        raise unfinished(data.path)
+    return data

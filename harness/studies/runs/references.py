@@ -1,4 +1,4 @@
-"""How human each reference driver was found to be, and where references disagree."""
+"""Validation results of the reference drivers, and known disagreements between references."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 
 MEASURED_ON = "34 recorded passages of 26 vehicles (DUT)"
-"""The data of ``MEASURED``: `harness validate` of DUT with these drivers, seed 1."""
+"""The data behind ``MEASURED``: `harness validate` on DUT with these drivers, seed 1."""
 
 
 @dataclass(frozen=True)
 class Humanness:
-    """Findings of a validation about one driver with its default parameters.
+    """Validation findings about one driver with its default parameters.
 
-    ``remark`` says what the driver was fitted on, empty where on nothing.
+    ``remark`` names the data that the driver was fitted to; it is empty if there are none.
     """
 
     order_right: float
@@ -30,16 +30,16 @@ MEASURED = {
         0.857,
         1.40,
         9,
-        "Its parameters were fitted to these very passages; with parameters fitted to the other "
-        "vehicles the order is right for 81 %, which still flatters it, as its rules were chosen "
-        "on all passages.",
+        "Its parameters were fitted to these same passages. With parameters fitted to the other "
+        "vehicles, the order is right for 81 %, which is still optimistic, because its rules were "
+        "chosen on all passages.",
     ),
     "human_gmm": Humanness(
         0.684,
         7.50,
         17,
-        "Its model was fitted to the same recordings, each time without the vehicles that it was "
-        "then compared with (five folds).",
+        "Its model was fitted to the same recordings in five folds, each without the vehicles that "
+        "it was then compared with.",
     ),
     "human_yield": Humanness(0.623, 6.74, 11.6),
     "soft_yield": Humanness(0.501, 11.24, 12),
@@ -48,7 +48,7 @@ MEASURED = {
     "emergency_brake": Humanness(0.841, 1.40, 12),
     "constant_speed": Humanness(0.903, 1.48, 12),
 }
-"""Order of passing, median error of the pass time, passages with a contact (docs/validation.md)."""
+"""Order of passing, median error of the pass time, passages with contact (docs/validation.md)."""
 
 _STUDIED = ("soft_yield", "hard_yield", "gap_yield", "emergency_brake")
 """Strategies that docs/study.md compares with three references, in ``_STUDIES``."""
@@ -58,17 +58,17 @@ _STUDIES = {
     "cctc_flow, 250 per hour": ("cctc_flow", {}),
     "cctc_flow, 1,000 per hour": ("cctc_flow", {"pedestrians.flow_per_hour": 1000.0}),
 }
-"""The scenarios of that study, with what it changed in their files."""
+"""The scenarios of that study: file and changed keys."""
 
 
 def keeps_its_defaults(scenario: Scenario, strategy: str) -> bool:
-    """Whether a scenario leaves every parameter of a built-in strategy as it is."""
+    """Return whether a scenario leaves every parameter of a built-in strategy at its default."""
     defaults = {item.name: item.default for item in parameters_of(STRATEGIES[strategy])}
     return defaults | scenario.strategies.get(strategy, {}) == defaults
 
 
 def is_measured(scenario: Scenario) -> bool:
-    """Whether the reference is a driver that was validated; ``human_gmm`` is its model's."""
+    """Return whether the reference driver was validated, with the same model for ``human_gmm``."""
     name = scenario.arms.human
     other_model = (scenario.model.name, scenario.model.path) != ("dut", None)
     if name not in MEASURED or (other_model and name == "human_gmm"):
@@ -77,7 +77,7 @@ def is_measured(scenario: Scenario) -> bool:
 
 
 def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
-    """A line for each reference: how human it was found to be."""
+    """Return a line for each reference driver with its validation results."""
     lines = []
     for scenario in scenarios:
         name = scenario.arms.human
@@ -86,21 +86,21 @@ def reference_lines(scenarios: Iterable[Scenario]) -> list[str]:
             continue
         human = MEASURED[name]
         line = (
-            f"{name} was put in the place of the drivers of {MEASURED_ON}: its order of passing "
-            f"was right for {100 * human.order_right:.0f} %, its pass time was off by "
-            f"{human.pass_time_off_s:.1f} s in the median, and it touched somebody in "
-            f"{human.contacts:g} passages, the drivers in none."
+            f"{name} replaced the drivers of {MEASURED_ON}: its order of passing was right for "
+            f"{100 * human.order_right:.0f} %, the median error of its pass time was "
+            f"{human.pass_time_off_s:.1f} s, and it hit somebody in {human.contacts:g} passages, "
+            "the recorded drivers in none."
         )
         lines.append(f"{line} {human.remark}".rstrip())
     return list(dict.fromkeys(lines))
 
 
 def disagreement(scenario: Scenario, time_ratio: float) -> str:
-    """A sentence where another shipped reference is known to say the opposite; else empty.
+    """Return a sentence if another shipped reference is known to give the opposite result.
 
     In docs/study.md each of ``_STUDIED`` took more time than ``human_recorded`` in every scenario,
-    and less than ``human_gmm`` in ``cctc``.  Of another site, or with other parameters, nothing is
-    known.
+    and less than ``human_gmm`` in ``cctc``.  For other sites or parameters the result is unknown
+    and the sentence is empty.
 
     >>> disagreement(load_scenario("cctc", {"arms.av": "gap_yield"}), 0.7)[:43]
     'Against human_recorded gap_yield is slower:'
@@ -118,7 +118,7 @@ def disagreement(scenario: Scenario, time_ratio: float) -> str:
 
 
 def _studied_as(scenario: Scenario) -> str | None:
-    """Which of ``_STUDIES`` a scenario is, whoever drives, and however many pairs."""
+    """Return the entry of ``_STUDIES`` that equals a scenario except for drivers and pairs."""
     same = _but_for_arms(scenario)
     for name, (file, changes) in _STUDIES.items():
         if _but_for_arms(load_scenario(file, changes)) == same:
@@ -133,10 +133,10 @@ def _but_for_arms(scenario: Scenario) -> Scenario:
 
 
 def agreement(ratios: Sequence[tuple[str, Finding]]) -> str:
-    """Whether references agree: the intervals of the ratio of times lie on the same side of 1.
+    """Say whether the intervals of the ratio of times lie on the same side of 1.
 
     Args:
-        ratios: the name of each reference, with the ratio of times against it.
+        ratios: the name of each reference and the ratio of times against it.
     """
     sides, parts = set(), []
     for name, ratio in ratios:
@@ -149,9 +149,9 @@ def agreement(ratios: Sequence[tuple[str, Finding]]) -> str:
     listed = f"ratio of times {'; '.join(parts)}"
     if {"less", "more"} <= sides:
         return f"Whether the AV takes less time than a human depends on the reference: {listed}."
-    shown = sides - {"unknown"}
-    if not shown:
-        return f"Against no reference is the AV shown to be faster or slower: {listed}."
+    significant = sides - {"unknown"}
+    if not significant:
+        return f"The AV is not shown to be faster or slower than any reference: {listed}."
     against = "every reference" if "unknown" not in sides else "some of the references"
     rest = "; against the others neither is shown to be faster" if "unknown" in sides else ""
-    return f"The AV takes {shown.pop()} time than {against}{rest}: {listed}."
+    return f"The AV takes {significant.pop()} time than {against}{rest}: {listed}."

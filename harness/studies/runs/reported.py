@@ -1,4 +1,4 @@
-"""What a run reports: from a run folder to its findings, with the notes about the whole."""
+"""Collects the findings and notes that a run reports from its folder."""
 
 from harness.scenario import Scenario, as_written
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
@@ -11,19 +11,20 @@ from harness.studies.runs.targets import missed_targets
 from harness.studies.workers.tasks import Failure
 
 PAPER_REMARK = (
-    "The paper's column is a reference, not a target: its 2,973 events and fitted parameters were "
-    "never published, so the model here is fitted on other trajectories, and Soft-Yield has no "
-    "answer for walkers under 0.976 m/s at (30 m, 5 m/s), where Hard-Yield takes over here."
+    "The paper's column is a reference, not a target. The paper's 2,973 events and fitted "
+    "parameters were never published, so the model here is fitted to other trajectories. "
+    "Soft-Yield has no answer for walkers under 0.976 m/s at (30 m, 5 m/s); here Hard-Yield takes "
+    "over in that case."
 )
 
 PAPER_MU = float(next(entry.paper for entry in ENCOUNTERS if entry.key == "mu"))
 
 _NAMED = 8
-"""Records named in the remarks."""
+"""Number of records that the remarks list."""
 
 
 def reported(run: RunData) -> RunFindings:
-    """The findings of a run, finished or not."""
+    """Return the findings of a finished or unfinished run."""
     return RunFindings(
         catalogue=run.kind.catalogue,
         name=run.name,
@@ -56,7 +57,7 @@ def _cell_findings(result: CellResult) -> CellFindings:
 
 
 def _who_comes(run: RunData) -> list[str]:
-    """Flows and share of AVs in hours of traffic; what differs between cells is varied."""
+    """Describe flows and share of AVs in hours of traffic; varied values are not listed."""
     if not run.in_traffic:
         return []
     scenarios = [cell.scenario for cell in run.study.cells]
@@ -80,7 +81,7 @@ def _who_comes(run: RunData) -> list[str]:
 
 
 def is_the_papers(scenario: Scenario) -> bool:
-    """Whether the paper's Table II, arms and pedestrian run here (any N, seed and model)."""
+    """Return whether a scenario is the paper's: Table II, arms and pedestrian, any N and seed."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
     arms = (scenario.arms.av, scenario.arms.human)
     return (
@@ -95,12 +96,12 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def _run_notes(run: RunData) -> list[Note]:
-    """The notes about all cells together: engines, references, and targets that were missed."""
+    """Return the notes about all cells together: engines, references and missed targets."""
     notes = []
     if run.disagreements:
         text = (
             f"{len(run.disagreements):,} of {len(run.audited):,} records of the plain engine that "
-            "were repeated in SUMO differ (audit.parquet): do not rely on the others."
+            "were repeated in SUMO differ (audit.parquet): do not rely on the other records."
         )
         notes.append(Note(Rank.FAILURES, text))
     if tuple(run.varied_keys) == ("arms.human",):
@@ -121,7 +122,7 @@ def _run_notes(run: RunData) -> list[Note]:
 
 
 def _audit_scope(run: RunData) -> list[str]:
-    """How many records of the plain engine agree with SUMO's; nothing of a run in SUMO."""
+    """Count the records of the plain engine that agree with SUMO's; empty for a run in SUMO."""
     if run.engine == "sumo":
         return []
     records = len(run.audited)
@@ -131,7 +132,7 @@ def _audit_scope(run: RunData) -> list[str]:
 
 
 def remarks(run: RunData) -> list[str]:
-    """What ``--full`` and the page add to the notes: the paper, references, models, the audit."""
+    """Return what ``--full`` and the page add to the notes: paper, references, audit, models."""
     scenarios = [cell.scenario for cell in run.study.cells]
     paper = not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario)
     return [
@@ -144,40 +145,40 @@ def remarks(run: RunData) -> list[str]:
 
 
 def audit_lines(run: RunData) -> list[str]:
-    """The records of the plain engine that differ from SUMO's; nothing of a run in SUMO."""
+    """List the records of the plain engine that differ from SUMO's; empty for a run in SUMO."""
     if run.engine == "sumo":
         return []
     tie = (
-        "A tie of the strategy is a command that differs although everything that the strategy had "
-        "been shown until then agreed within 1e-9."
+        "A tie of the strategy is a command that differs although all its observations until then "
+        "agreed within 1e-9."
     )
     lines = [f"{text[0].upper()}{text[1:]}." for text in _audit_scope(run)]
     return [*lines, *_named(run.disagreements), *_named(run.ties), *([tie] if run.ties else [])]
 
 
 def _named(records: tuple[Failure, ...]) -> list[str]:
-    """The first of the records that differ, and how many more there are."""
+    """List the first differing records and the number of further ones."""
     named = [
-        f"Cell {cell} pair {pair} {arm}: {what} (plain engine and SUMO)."
-        for cell, pair, arm, what in records[:_NAMED]
+        f"Cell {cell} pair {pair} {arm}: {difference} (plain engine and SUMO)."
+        for cell, pair, arm, difference in records[:_NAMED]
     ]
     more = len(records) - _NAMED
     return [*named, f"{more} more in audit.parquet."] if more > 0 else named
 
 
 def knowledge_lines(run: RunData) -> list[str]:
-    """Which strategies of a run were given the model that their pedestrians are drawn from."""
+    """Name the strategies that received the model from which the pedestrians are drawn."""
     if not any(cell.scenario.walks_by_model for cell in run.study.cells):
         return []
     return [
-        f"{name} knows the pedestrians' distribution: it is given the very interaction model that "
-        "they are drawn from."
+        f"{name} knows the pedestrians' distribution: it uses the same interaction model from "
+        "which they are drawn."
         for name in given_the_model(run)
     ]
 
 
 def walker_lines(scenarios: list[Scenario]) -> list[str]:
-    """A warning of the card of the model ``dut``, where a run draws walking speeds from it."""
+    """Return a warning if a run draws walking speeds from the model ``dut``."""
     drawn = any(
         (scenario.model.name, scenario.model.path) == ("dut", None)
         and scenario.model.pedestrian_reading != "unconditional"
@@ -185,8 +186,8 @@ def walker_lines(scenarios: list[Scenario]) -> list[str]:
         for scenario in scenarios
     )
     line = (
-        "The model dut draws walking speeds given the car, but in its data they hardly depend on "
-        "it: on held-out vehicles one normal distribution fits as well (docs/model.md). "
-        'pedestrian_reading = "unconditional" draws them without the car.'
+        "The model dut draws walking speeds conditional on the car, but in its data they hardly "
+        "depend on the car: on held-out vehicles one normal distribution fits as well "
+        '(docs/model.md). pedestrian_reading = "unconditional" draws them independently of the car.'
     )
     return [line] if drawn else []

@@ -339,7 +339,7 @@ class RunData:
         return confidence_of(self.study, options_of(self.manifest))
 
     def __repr__(self) -> str:
-        """What a debugger shows."""
+        """Return the text that a debugger shows."""
         return f"<RunData {self.name} in {self.path}>"
 
     def _repr_html_(self) -> str:
