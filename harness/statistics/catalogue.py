@@ -158,6 +158,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         interval=Proportion,
         undefined=_ALL_FAILED,
         first_screen=True,
+        crashes=True,
         paper="0",
     ),
     Entry(
@@ -306,6 +307,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         interval=Resampled,
         keys=("delay_worst_s", "delay_human_worst_s", ""),
         reliable_from=1_000,
+        worst_case=True,
     ),
     Entry(
         "stops",

@@ -107,6 +107,8 @@ class Entry(Generic[Source]):
         undefined: the reason if the number is undefined.
         first_screen: whether the first screen shows it; ``--full`` shows every entry.
         worst_case: whether the first screen shows it if anything was left out.
+        crashes: whether it is of crashes, which no sweep's first screen leaves out: their column
+            stands before all others but the first.
         paper: the value in Chen, Zhao, Peng (2017), section III-E, as it is printed there.
         paired_heading: if each arm has a number, too: the name of the paired number with its
             unit; by default it is the difference of the arms.
@@ -129,6 +131,7 @@ class Entry(Generic[Source]):
     undefined: str = ""
     first_screen: bool = False
     worst_case: bool = False
+    crashes: bool = False
     paper: str = ""
     paired_heading: str = ""
     paired_meaning: str = "The AV's value minus the reference's."
@@ -293,14 +296,15 @@ class Rank(IntEnum):
     NOTHING_TESTED = 0
     FAILURES = 1
     TIME_OUTS = 2
-    LEFT_OUT = 3
-    UNDEFINED = 4
-    SATURATION = 5
-    FALLBACK = 6
-    SPEEDING = 7
-    OUTSIDE_MODEL = 8
-    REFERENCE = 9
-    FEW_PAIRS = 10
+    MISSED_TARGETS = 3
+    LEFT_OUT = 4
+    UNDEFINED = 5
+    SATURATION = 6
+    FALLBACK = 7
+    SPEEDING = 8
+    OUTSIDE_MODEL = 9
+    REFERENCE = 10
+    FEW_PAIRS = 11
 
 
 @dataclass(frozen=True, slots=True, order=True)

@@ -47,6 +47,7 @@ def _per_1000(
         interval=Interval,
         undefined=_NOT_REACHED,
         first_screen=first_screen,
+        crashes=events == "crashes",
     )
 
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from harness.report.screens import terminal
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import per_cent
@@ -110,6 +111,8 @@ def test_a_cell_in_which_much_went_wrong() -> None:
             failed=Finding(3),
             failed_strategy=Finding(2),
             failed_engine=Finding(1),
+            failed_av=Finding(2),
+            failed_human=Finding(1),
             timed_out=Finding(4),
             timed_out_av=Finding(4),
             kappa=Finding(0.0426, 0.005, 0.145, 47, 2),
@@ -118,6 +121,7 @@ def test_a_cell_in_which_much_went_wrong() -> None:
             time_ratio_pairs=Finding(45),
             time_ratio_worst=Finding(1.7, 1.2, 2.4, 50),
             mu_worst=Finding(1.9, 1.3, 2.7, 50),
+            delay_worst_s=Finding(9.5, 6.0, 13.0, 50),
             defined_pairs=Finding(40),
             mu_all=Finding(0.9, 0.82, 1.0, 45),
             pedestrian_delay_s=Finding(None, reason="nobody arrived"),
@@ -142,12 +146,11 @@ crashes                    2 of 47  1 of 50     0.50 … 14.5 / 0.10 … 10.6 %
 delay, s                   1.5      4.5         −3.0 (−3.5 … −2.2)
 people's wait, s           –        –
 PET below 1.5 s            30 %     4.0 %       18 … 45 / 0.50 … 14 %
-worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900
-! 3 of 50 pairs failed (strategy 2, engine 1); only the worst-case row counts them.
+worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay 9.5 s
+! 3 of 50 pairs failed (AV 2, own:Driver 1; strategy 2, engine 1); only the worst case counts them.
 ! 4 of 50 pairs timed out (AV 4, own:Driver 0): the ratio of times counts them with the time-out; μ,
   c_v and the delays exclude them.
-! Crashes (AV 2, own:Driver 1) exclude pairs: the ratio of times uses 45 of 50 pairs, μ and c_v use
-  40.
+! The ratio of times uses 45 of 50 pairs, μ and c_v use 40 (crashes: AV 2, own:Driver 1).
 ! μ makes the AV look faster than it is: over all pairs μ is 0.900 (0.820 … 1.000), if own:Driver
   counts as driving on after a crash.
 ! Undefined: people's wait (nobody arrived).
@@ -189,13 +192,12 @@ def test_a_sweep_has_a_row_for_each_cell() -> None:
         == """\
 cctc: 2 cells; two numbers are the AV's / the reference's                      50 pairs each, seed 1
                                           worst                                   people's
-cell  av              ratio of times      case   μ      c_v   crashes  delay, s   wait, s
-0     soft_yield      0.75 (0.71 … 0.80)         0.755  21 %  0 / 0    1.5 / 4.5  0.0 / 0.0
-1     constant_speed  0.75 (0.71 … 0.80)  3.40   0.755  21 %  5 / 0    1.5 / 4.5  0.0 / 0.0
+cell  av              ratio of times      case   crashes  μ      c_v   delay, s   wait, s
+0     soft_yield      0.75 (0.71 … 0.80)         0 / 0    0.755  21 %  1.5 / 4.5  0.0 / 0.0
+1     constant_speed  0.75 (0.71 … 0.80)  3.40   5 / 0    0.755  21 %  1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
 ! 2 of 9 records differ.
-! Cell 1: Crashes (AV 5, human_gmm 0) exclude pairs: the ratio of times uses 45 of 50 pairs, μ and
-  c_v use 45.
+! Cell 1: The ratio of times uses 45 of 50 pairs, μ and c_v use 45 (crashes: AV 5, human_gmm 0).
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
   (docs/study.md).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
@@ -206,11 +208,53 @@ All measures: --full. Page: harness report runs/cctc-1"""
     longer = cell_with(1, {"arms.av": "hard_yield"}, {"arms.av": "hard_yield"}, pairs=Finding(90))
     narrow = screen_lines(run_with(calm, longer), 60)
     assert narrow[2:6] == [
-        "cell  av          pairs  ratio of times      μ      c_v",
-        "0     soft_yield  50     0.75 (0.71 … 0.80)  0.755  21 %",
-        "1     hard_yield  90     0.75 (0.71 … 0.80)  0.755  21 %",
-        "Not shown here: crashes; delay, s; people's wait, s; PET",
+        "cell  av          pairs  ratio of times      crashes  μ",
+        "0     soft_yield  50     0.75 (0.71 … 0.80)  0 / 0    0.755",
+        "1     hard_yield  90     0.75 (0.71 … 0.80)  0 / 0    0.755",
+        "Not shown here: c_v; delay, s; people's wait, s; PET below",
     ]
+
+
+def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
+    drove = {"fallback_share": Finding(0.98), "met_nobody": Finding(30), "fallbacks": Finding(20)}
+    varied = {"perception.detection_probability": 0.2, "perception.latency_s": 1.0}
+    cells = [
+        cell_with(
+            number, {"arms.av": "soft_yield", **varied}, kappa=Finding(0.1, 0, 1, 50, 5), **drove
+        )
+        for number in range(2)
+    ]
+    lines = screen_lines(run_with(*cells))
+    assert "50 pairs each (60 met nobody), seed 1" in "".join(lines[:2])
+    headings = next(line for line in lines if line.startswith("cell")).split()
+    assert "crashes" in headings
+    assert "5 / 0" in next(line for line in lines if line.startswith("1 "))
+    assert "50 pairs (30 met nobody), seed 1" in "".join(
+        screen_lines(run_with(cell_with(**drove)))[:2]
+    )
+
+
+def test_notes_that_were_merged_stand_in_full_and_missed_targets_are_never_merged(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    missed = Note(Rank.MISSED_TARGETS, "The target mu ± 0.001 was missed.")
+    fast = {"max_speed_mps": Finding(20.0), "clamped_share": Finding(0.3)}
+    cell = cell_with(timed_out=Finding(9), timed_out_av=Finding(9), **fast)
+    run = RunFindings(ENCOUNTERS, "cctc", "runs/c", "seed 1", 0.95, False, (cell,), (missed,))
+    monkeypatch.setattr(terminal, "reported", lambda _: run)
+    monkeypatch.setattr(terminal, "remarks", lambda _: [])
+    for full in (False, True):
+        terminal.print_run(None, full)  # type: ignore[arg-type]
+        lines = capsys.readouterr().out
+        assert missed.text in lines
+        assert ("More to know" in lines) is not full
+        assert ("the nearest state" in " ".join(lines.split())) is full
+
+
+def test_an_arm_that_never_ran_takes_no_bound_from_the_other() -> None:
+    gone = {"kappa_human": Finding(None, reason="every episode failed")}
+    row = next(line for line in screen_lines(run_with(cell_with(**gone))) if "crashes " in line)
+    assert row.split("0 of 50")[1].split("–", 1)[1].strip() == "0.0 … 7.1 / – %"
 
 
 @pytest.mark.parametrize(
@@ -443,3 +487,13 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
         assert [found for found in texts if found.startswith(text)], text
     calm = hour_with({}, kappa=Finding(0.0, 0.0, 0.004, 1_000, 0))
     assert calm.notes == ()
+
+
+def test_no_crash_in_few_hours_shows_how_little_that_says() -> None:
+    nothing = {f"crashes_per_1000{end}": Finding(0.0, 0.0, 52.53) for end in ("", "_human")}
+    cell = hour_with({}, crashes_per_1000_difference=Finding(0.0), **nothing)
+    run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
+    lines = screen_lines(screen_of(run))
+    row = next(line for line in lines if line.startswith("crashes per 1,000"))
+    assert row.endswith("0.00 (arms 0.00 … 52.53 / 0.00 … 52.53)")
+    assert not any(line.startswith("worst case") for line in lines)

@@ -56,7 +56,7 @@ def _context(validation: Validation) -> dict[str, Any]:
         "heading": heading,
         "where": "Data",
         "folder": sources,
-        "screen": screen_lines(validation_screen(findings)),
+        "screen": screen_lines(validation_screen(findings, full=True)),
         "tables": [replace(table, folded=True) for table in validation_tables(findings)],
         "remarks": [READING, *findings.remarks],
         "player": _player(validation),

@@ -5,6 +5,7 @@ from typing import Any
 
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import (
+    DASH,
     counted,
     entry_heading,
     entry_limits,
@@ -41,12 +42,12 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         for entry in run.catalogue
         if entry.first_screen and _has_something(entry, cell)
     ]
-    if left_out(cell):
+    if left_out(cell) and any(entry.worst_case for entry in run.catalogue):
         parts = [f"{worst_name(entry)} {text}" for entry, text in _worst_values(run, cell)]
         rows.append(("worst case", ", ".join(parts)))
     return Screen(
         title=f"{run.name}: {cell.av} against {cell.reference}",
-        scope=f"{counted(cell.pairs, 'pair')}, {run.scope}",
+        scope=f"{counted(cell.pairs, 'pair')}{_met_nobody([cell])}, {run.scope}",
         headings=("", "AV", cell.reference, "AV against reference", PAPER_HEADING),
         rows=tuple(rows),
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
@@ -61,9 +62,21 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
         entry_heading(entry, cell.thresholds),
         entry_value(entry, av),
         entry_value(entry, reference),
-        _both(entry, av, reference) if both is None else with_limits(entry, both),
+        _both(entry, av, reference) if both is None else _paired(entry, both, av, reference),
         entry.paper if paper else "",
     )
+
+
+def _paired(entry: Entry[Any], both: Finding, av: Finding | None, reference: Finding | None) -> str:
+    """A number of both arms; those of each arm have the intervals if it has none.
+
+    Neither arm of traffic crashed: their difference is 0, and what it shows are their bounds.
+    """
+    limits = [entry_limits(entry, arm) for arm in (av, reference) if arm is not None]
+    text = with_limits(entry, both)
+    if both.value is None or both.low is not None or not any(limits):
+        return text
+    return f"{text} (arms {' / '.join(of or DASH for of in limits)})"
 
 
 def with_limits(entry: Entry[Any], both: Finding) -> str:
@@ -77,8 +90,8 @@ def _both(entry: Entry[Any], av: Finding | None, reference: Finding | None) -> s
     """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
         return ""
-    limits = [entry_limits(entry, finding) for finding in (av, reference)]
-    if not all(limits):
+    limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
+    if limits == [DASH, DASH]:
         return ""
     if av.events == reference.events == 0 and av.n == reference.n and av.n:
         return f"each below {per_cent(zero_bound(av.n), 1)} %"
@@ -89,6 +102,12 @@ def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
     """Whether a number of the entry is defined, or a note says why it is not."""
     findings = [cell.findings[name] for name in entry.names if name is not None]
     return any(finding.value is not None or finding.reason for finding in findings)
+
+
+def _met_nobody(cells: Sequence[CellFindings]) -> str:
+    """How many pairs met nobody: in them nothing could go wrong, and crashes seem rarer."""
+    count = sum(cell.findings.get("met_nobody", _NO_FINDING).count for cell in cells)
+    return f" ({count:,} met nobody)" if count else ""
 
 
 def left_out(cell: CellFindings) -> bool:
@@ -122,13 +141,16 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         and len({entry.title(cell.thresholds) for cell in shown}) == 1
         and any(_has_something(entry, cell) for cell in shown)
     ]
+    # What does not fit is left out from the right: crashes never are.
+    entries[1:] = sorted(entries[1:], key=lambda entry: not entry.crashes)
     worst = any(map(left_out, shown))
     labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
     scope = run.scope
     if len({*pairs}) == 1:
-        scope = f"{counted(shown[0].pairs, 'pair')} each, {scope}"
+        scope = f"{counted(shown[0].pairs, 'pair')} each{_met_nobody(shown)}, {scope}"
     else:
         labels["pairs"] = pairs
+        scope = f"{counted(sum(cell.pairs for cell in shown), 'pair')}{_met_nobody(shown)}, {scope}"
     headings, columns = [*labels], [*labels.values()]
     for place, entry in enumerate(entries):
         both = entry.names[2] if entry.names[2] and (place == 0 or not entry.names[0]) else None

@@ -14,7 +14,7 @@ from harness.report.screens.tables import (
     sort_key,
     value_cell,
 )
-from harness.statistics.findings import CellFindings, Finding, RunFindings
+from harness.statistics.findings import CellFindings, RunFindings
 from harness.studies.runs.run_data import RunData
 
 STAR = "; * unreliable: too few informative pairs (n)"
@@ -30,13 +30,15 @@ def _every_entry(run: RunFindings, cell: CellFindings) -> Table:
     rows = []
     for entry in run.catalogue:
         av, reference, both = (cell.findings[name] if name else None for name in entry.names)
-        basis = both or av or Finding(None)
+        # A ratio or difference rests on its own pairs, shares on the trials of each arm.
+        trials = [both] if both else [av, reference]
+        counts = [f"{of.n:,}" for of in trials if of is not None and of.n is not None]
         undefined = [of for of in (av, reference, both) if of is not None and of.value is None]
         rows.append(
             (
                 TableCell(entry_heading(entry, cell.thresholds)),
                 *(entry_cell(entry, cell.findings, name) for name in entry.names),
-                TableCell("" if basis.n is None else f"{basis.n:,}"),
+                TableCell(" / ".join(dict.fromkeys(counts))),
                 *([TableCell(entry.paper)] if run.paper else []),
                 TableCell("; ".join(dict.fromkeys(of.reason or "" for of in undefined))),
             )

@@ -3,6 +3,7 @@
 A ``Screen`` is what every kind of result shows first; ``screen_lines`` makes text of it.
 """
 
+import re
 import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ MOST_LINES = 16
 """Lines of the screen of one result; notes that do not fit are named together."""
 
 _GAP = "  "
-_NEVER_MERGED = Rank.TIME_OUTS
+_BREAKS = re.compile(r" |(?<=_)")
+_NEVER_MERGED = Rank.MISSED_TARGETS
 _NAMES = {
     Rank.LEFT_OUT: "pairs left out",
     Rank.UNDEFINED: "undefined numbers",
@@ -91,7 +93,7 @@ def _rows(screen: Screen, width: int) -> list[str]:
     sizes = sizes or [0] * len(screen.headings)
     widths = [max(size, len(text)) for size, text in zip(sizes, screen.headings, strict=True)]
     if _width(widths) > width and not screen.aside:
-        words = (max(map(len, text.split(" "))) for text in screen.headings)
+        words = (max(map(len, _BREAKS.split(text))) for text in screen.headings)
         widths = [max(size, word) for size, word in zip(sizes, words, strict=True)]
     shown = len(widths)
     while shown > 1 and _width(widths[:shown]) > width:
@@ -119,7 +121,13 @@ def _width(widths: Sequence[int]) -> int:
 
 def _heading_lines(headings: Sequence[str], widths: Sequence[int]) -> list[str]:
     """The headings, each in as many lines as its column needs, the last ones on one line."""
-    columns = [textwrap.wrap(text, size) for text, size in zip(headings, widths, strict=False)]
+    columns = [
+        [text]
+        if len(text) <= size
+        # A key may be broken behind its underscores.
+        else [line.replace("_ ", "_") for line in textwrap.wrap(text.replace("_", "_ "), size)]
+        for text, size in zip(headings, widths, strict=False)
+    ]
     height = max(map(len, columns))
     columns = [[""] * (height - len(column)) + column for column in columns]
     return [
@@ -131,15 +139,13 @@ def _heading_lines(headings: Sequence[str], widths: Sequence[int]) -> list[str]:
 def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str]:
     """A line or more for each note; the last notes share one where they do not fit."""
     wrapped = [textwrap.wrap(f"! {note.text}", width, subsequent_indent="  ") for note in notes]
-    shown = len(notes)
+    shown, rest = len(notes), list[str]()
     if room is not None and sum(map(len, wrapped)) > room:
         while shown and notes[shown - 1].rank > _NEVER_MERGED:
             shown -= 1
-            if sum(map(len, wrapped[:shown])) < room:
+            names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
+            text = f"! More to know (--full): {', '.join(names)}."
+            rest = textwrap.wrap(text, width, subsequent_indent="  ")
+            if sum(map(len, wrapped[:shown])) + len(rest) <= room:
                 break
-    lines = [line for note in wrapped[:shown] for line in note]
-    if shown < len(notes):
-        names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
-        rest = f"! More to know (--full): {', '.join(names)}."
-        lines += textwrap.wrap(rest, width, subsequent_indent="  ")
-    return lines
+    return [line for note in wrapped[:shown] for line in note] + rest

@@ -1,5 +1,7 @@
 """Prints runs and comparisons on the terminal."""
 
+from dataclasses import replace
+
 from rich.console import Console
 
 from harness.report.screens.comparison_tables import (
@@ -18,10 +20,11 @@ from harness.studies.runs.run_data import RunData
 
 
 def print_run(run: RunData, full: bool = False) -> None:
-    """Print the first screen of a run; with ``full`` every number and remark after it."""
+    """Print the first screen of a run; with ``full`` all of its notes, every number and remark."""
     console = make_console()
     findings = reported(run)
-    print_screen(console, screen_of(findings))
+    screen = screen_of(findings)
+    print_screen(console, replace(screen, most_lines=None) if full else screen)
     if full:
         for table in full_tables(findings):
             print_table(console, table)

@@ -45,7 +45,7 @@ def encounter_notes(
     """Return the notes of a cell of encounters, sorted by rank."""
     notes = [
         *_nothing_tested(scenario, findings),
-        *_failures(findings),
+        *_failures(scenario, findings),
         *_time_outs(scenario, findings),
         *_crashes_left_out(scenario, findings),
         *_direction(scenario, findings),
@@ -74,14 +74,16 @@ def _nothing_tested(scenario: Scenario, findings: Findings) -> list[Note]:
     return [Note(Rank.NOTHING_TESTED, text) for text in notes]
 
 
-def _failures(findings: Findings) -> list[Note]:
+def _failures(scenario: Scenario, findings: Findings) -> list[Note]:
     failed, pairs = findings["failed"].count, findings["pairs"].count
     if not failed:
         return []
-    strategy, engine = (findings[f"failed_{name}"].count for name in ("strategy", "engine"))
+    av, human, strategy, engine = (
+        findings[f"failed_{name}"].count for name in ("av", "human", "strategy", "engine")
+    )
     text = (
-        f"{failed:,} of {_counted(pairs, 'pair')} failed (strategy {strategy:,}, engine "
-        f"{engine:,}); only the worst-case row counts them."
+        f"{failed:,} of {_counted(pairs, 'pair')} failed (AV {av:,}, {scenario.arms.human} "
+        f"{human:,}; strategy {strategy:,}, engine {engine:,}); only the worst case counts them."
     )
     return [Note(Rank.FAILURES, text)]
 
@@ -105,9 +107,9 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
         return []
     counted, defined = findings["time_ratio_pairs"].count, findings["defined_pairs"].count
     text = (
-        f"Crashes (AV {av:,}, {scenario.arms.human} {human:,}) exclude pairs: the ratio of times "
-        f"uses {counted:,} of {_counted(findings['pairs'].count, 'pair')}, μ and c_v use "
-        f"{defined:,}."
+        f"The ratio of times uses {counted:,} of "
+        f"{_counted(findings['pairs'].count, 'pair')}, μ and c_v use {defined:,} "
+        f"(crashes: AV {av:,}, {scenario.arms.human} {human:,})."
     )
     return [Note(Rank.LEFT_OUT, text)]
 

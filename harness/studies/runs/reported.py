@@ -117,7 +117,7 @@ def _run_notes(run: RunData) -> list[Note]:
             f"The target {missed.measure} ± {missed.target:g} was missed{where}: {width} after all "
             f"{missed.pairs:,} pairs."
         )
-        notes.append(Note(Rank.FEW_PAIRS, text))
+        notes.append(Note(Rank.MISSED_TARGETS, text))
     return notes
 
 
