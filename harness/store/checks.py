@@ -1,6 +1,6 @@
-"""Whether a table that somebody else may have written holds what its columns stand for.
+"""Checks that a table of unknown origin holds possible values in every column.
 
-Everything that works on a run rests on this: what passes breaks nothing later.
+All code that reads a run relies on these checks.
 """
 
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from harness.core.errors import InputError
 from harness.episode.traffic.lanes import Direction
 
 _LARGEST, _SMALLEST = 1e18, 1e-18
-"""No time, place or deceleration is larger, and nothing that others are divided by smaller."""
+"""No time, place or deceleration is larger, and no divisor is smaller."""
 
 _WORDS: Mapping[str, type[Arm | Ending | Side | Contact | Direction]] = {
     "arm": Arm,
@@ -40,7 +40,7 @@ _ALWAYS: Mapping[str, tuple[str, ...]] = {
 """Columns of each table that are never null."""
 
 _POSITIVE = ("pass_time_s", "pass_time_ignoring_contact_s", "av_time_s", "human_time_s", "tau")
-"""Columns that others are divided by."""
+"""Columns that are divisors."""
 
 
 def check_values(table: pa.Table, name: str, where: str) -> None:
@@ -52,13 +52,13 @@ def check_values(table: pa.Table, name: str, where: str) -> None:
         where: the file, for messages.
 
     Raises:
-        InputError: null where there is always a value, a number that is not finite, a negative
-            count, an unknown word, or rows in another order than they are written in.
+        InputError: a required value is null, a number is not finite, a count is negative, a word is
+            unknown, or the rows are in another order than they are written in.
     """
     for column in table.column_names:
         values, at = table[column], f"{where}: {column}"
         if column in _ALWAYS[name] and values.null_count:
-            raise InputError(at, "is empty in a row", "a value in each")
+            raise InputError(at, "is empty in a row", "a value in each row")
         if column in _WORDS:
             known = [word.value for word in _WORDS[column]]
             for word in values.drop_null().unique().to_pylist():
@@ -79,14 +79,14 @@ def _check_range(values: pa.ChunkedArray, least: float, most: float, at: str) ->
 
 
 def _check_order(table: pa.Table, name: str, where: str) -> None:
-    """By cell and pair; of an episode or an hour the AV's arm comes before the human's."""
+    """Rows are sorted by cell and pair; in a pair the AV's arm comes before the human's."""
     if not table.num_rows:
         return
     cells, pairs = (table[key].to_numpy() for key in ("cell", "pair"))
     steps = np.diff(cells)
     ordered = (steps > 0) | ((steps == 0) & (np.diff(pairs) >= 0))
     if not ordered.all():
-        raise InputError(f"{where}: pair", "its rows are in disorder", "rows by cell and pair")
+        raise InputError(f"{where}: pair", "rows are not in order", "rows sorted by cell and pair")
     if name in ("episodes", "hours"):
         arms = table["arm"].to_pylist()
         whole = arms == [arm.value for arm in Arm] * (len(arms) // 2)
@@ -94,4 +94,6 @@ def _check_order(table: pa.Table, name: str, where: str) -> None:
         same = same and pairs[::2].tolist() == pairs[1::2].tolist()
         each = (np.diff(cells[::2]) > 0) | (np.diff(pairs[::2]) > 0)
         if not (whole and same and each.all()):
-            raise InputError(f"{where}: arm", "not both arms of each pair", "av, then human")
+            raise InputError(
+                f"{where}: arm", "does not have both arms of each pair", "av, then human"
+            )

@@ -1,4 +1,4 @@
-"""The tables of some episodes of a cell.  Columns: docs/files.md."""
+"""The tables of some episodes of a cell.  The columns are described in docs/files.md."""
 
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -16,7 +16,7 @@ _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
 
 
 def _keys(cell: int, outcome: Outcome) -> dict[str, Any]:
-    """The columns that say which episode a row is of."""
+    """The columns that identify the episode of a row."""
     return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
 
@@ -54,7 +54,7 @@ def audit_rows(
 
     Args:
         cell: its number.
-        audited: the episodes, each with what differs and when a tie of its strategy made it so.
+        audited: the episodes, each with what differs and the time of the tie that caused it.
     """
     return table_of(
         "audit",
@@ -84,9 +84,9 @@ def pair_rows(cell: int, episodes: pa.Table) -> pa.Table:
 def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
     """The table ``traces``: the ego's bumper and every pedestrian's centre.
 
-    There is a row at each step of the record, with the acceleration of the step that begins there
-    (null at the last).  A pedestrian has rows from when they stepped off until they reach the other
-    kerb.  Where perception errs, ``shown-<index>`` is a pedestrian as the strategy was shown them.
+    There is a row for each step of the record, with the acceleration of the step that begins there
+    (null in the last row).  A pedestrian has rows from stepping off until they reach the other
+    kerb.  With perception errors ``shown-<index>`` is a pedestrian as the strategy perceived them.
     """
     return traces_table(
         (_keys(cell, outcome), name, motion)
@@ -97,7 +97,7 @@ def trace_rows(cell: int, outcomes: Iterable[Outcome]) -> pa.Table:
 
 def _motions(trace: Trace, record: EpisodeRecord) -> Iterator[tuple[str, Motion]]:
     if not len(trace.x_m):
-        return  # failed before there was a state
+        return  # the episode failed before its first state
     count = record.steps + 1
     times = np.arange(count, dtype=np.float64) * trace.step_s
     speeds = trace.speed_mps[:count]
@@ -117,7 +117,7 @@ def _motions(trace: Trace, record: EpisodeRecord) -> Iterator[tuple[str, Motion]
 
 
 def _shown(trace: Trace, times: FloatArray) -> dict[int, list[tuple[float | None, ...]]]:
-    """What a strategy was shown of everyone, by index: a state for each time when it was shown."""
+    """The perceived states of each pedestrian by index, for the times at which they were shown."""
     states: dict[int, list[tuple[float | None, ...]]] = {}
     for time, views in zip(times.tolist(), trace.shown or (), strict=False):
         for view in views:

@@ -1,7 +1,7 @@
-"""What the reported numbers of hours of traffic are computed from: the hours of a cell, by pair.
+"""The columns from which the reported numbers of hours of traffic are computed.
 
-Means have Student's t intervals over hours.  Shares of passages and of people have Korn and
-Graubard's: those of one hour may go together.
+Means have Student's t intervals over hours.  Shares of passages and of people have the intervals of
+Korn and Graubard, because those of one hour may be correlated.
 """
 
 from collections.abc import Mapping
@@ -31,9 +31,9 @@ Columns = Mapping[str, FloatArray]
 
 @dataclass(frozen=True)
 class HourColumns:
-    """The columns of both arms of a cell, AV's first, and what their statistics need beside them.
+    """The columns of both arms of a cell, AV's first, and what else their statistics need.
 
-    A pair in which an arm failed counts nowhere but in ``pairs`` and ``failed``.
+    A pair in which an arm failed counts in ``pairs`` and ``failed`` alone.
     """
 
     arms: tuple[Columns, Columns]
@@ -43,42 +43,42 @@ class HourColumns:
     confidence: float
 
     def mean(self, name: str, arm: int) -> Interval:
-        """The mean of a column, which is ≥ 0."""
+        """The mean of a column whose values are ≥ 0."""
         return self._mean(self.arms[arm][name]).within(least=0.0)
 
     def difference(self, name: str) -> Interval:
-        """The mean of the AV's less the reference's, hour by hour."""
+        """The mean over hours of the AV's value minus the reference's."""
         av, human = self.arms
         return self._mean(av[name] - human[name])
 
     def time_ratio(self) -> Interval:
-        """The sum of the travel times of the AV's arm over that of the reference's."""
+        """The sum of the travel times in the AV's arm over the sum in the reference's arm."""
         times = np.array([columns["travel_time_s"] for columns in self.arms])
         av, human = times[:, ~np.isnan(times).any(axis=0)]
         return student_ratio(av, human, self.confidence).within(least=0.0)
 
     def share(self, events: str, trials: str, arm: int) -> Proportion:
-        """The share of events among trials, whose sums are two columns."""
+        """The share of events among trials; both are columns of counts."""
         columns = self.arms[arm]
         return clustered_proportion(columns[events], columns[trials], self.confidence)
 
     def share_difference(self, events: str, trials: str) -> Interval:
-        """The difference of the shares: Student's t of what each hour adds to it.
+        """The difference of the shares, with Student's t interval of the hours' contributions.
 
-        It has no interval where no event was ever seen: one may yet occur.
+        It has no interval if there was no event in either arm, because an event may still occur.
         """
         shares = [self.share(events, trials, arm).value for arm in (0, 1)]
         if None in shares:
             return Interval(None, None, None)
-        of_av, of_human = (share or 0.0 for share in shares)
-        difference = of_av - of_human
+        av, human = (share or 0.0 for share in shares)
+        difference = av - human
         # Over the mean of the trials, as the sum of the hours' parts is the share itself.
         parts = [
             (columns[events] - share * columns[trials]) / columns[trials].mean()
-            for columns, share in zip(self.arms, (of_av, of_human), strict=True)
+            for columns, share in zip(self.arms, (av, human), strict=True)
         ]
         reach = self._mean(parts[0] - parts[1]).half_width
-        if reach is None or not (of_av or of_human):
+        if reach is None or not (av or human):
             return Interval(difference, None, None)
         return Interval(difference, difference - reach, difference + reach).within(-1.0, 1.0)
 
@@ -91,7 +91,7 @@ class HourColumns:
         return self.total("vehicles", arm) - self.total("reached", arm)
 
     def growth(self, arm: int) -> Growth:
-        """How the number of late vehicles grew; undefined with a permanent queue."""
+        """The growth of the number of late vehicles; undefined with a permanent queue."""
         traffic, columns = self.scenario.known_traffic, self.arms[arm]
         if traffic.saturated:
             return Growth(None, None)
@@ -104,16 +104,16 @@ class HourColumns:
         return growth_of(growths, columns["due_through"] / 2, len(lanes))
 
     def saturated(self, arm: int) -> bool:
-        """Whether more vehicles came than got through."""
+        """Whether more vehicles arrived than passed."""
         return self.scenario.known_traffic.saturated or self.growth(arm).saturated
 
     def rise_s(self, arm: int) -> Interval:
-        """The mean delay of vehicles due in the last third of an hour less that of the first."""
+        """The mean delay of vehicles due in the last third of an hour minus that of the first."""
         columns = self.arms[arm]
         return self._mean(columns["last_third_delay_s"] - columns["first_third_delay_s"])
 
     def queue_m(self, arm: int) -> Interval:
-        """The 95 % quantile of the queue in metres: vehicles with the gap between them."""
+        """The 95 % quantile of the queue in metres: vehicles with the gaps between them."""
         spacing_m = self.scenario.ego.length_m + self.scenario.known_traffic.min_gap_m
         return scaled(self.mean("queue_p95", arm), spacing_m)
 
@@ -123,7 +123,7 @@ class HourColumns:
         return scaled(self.difference("queue_p95"), spacing_m)
 
     def handbook(self, arm: int) -> Handbook:
-        """The handbooks' delay of pedestrians in an arm."""
+        """The delay of pedestrians in an arm by the handbooks."""
         traffic, columns = self.scenario.known_traffic, self.arms[arm]
         seconds = traffic.duration_s * max(1, len(columns["vehicles"]))
         walked = columns["walking_mps"][~np.isnan(columns["walking_mps"])]
@@ -136,9 +136,9 @@ class HourColumns:
         )
 
     def los_vehicles(self, arm: int) -> str | None:
-        """By the control delay; F on a saturated road (HCM: more than its capacity).
+        """The level by the control delay; F if the road is saturated (HCM: above capacity).
 
-        A vehicle that is not through has at least ``vehicle_delay_s``.
+        A vehicle that has not passed has no control delay, but at least ``vehicle_delay_s``.
         """
         if self.saturated(arm):
             return "F"
@@ -147,7 +147,7 @@ class HourColumns:
         return level_of_service(max(delays), VEHICLE_LOS_S) if delays else None
 
     def los_pedestrians(self, arm: int) -> str | None:
-        """By the mean wait at the kerb."""
+        """The level by the mean wait at the kerb."""
         delay_s = self.mean("pedestrian_delay_s", arm).value
         return None if delay_s is None else level_of_service(delay_s, PEDESTRIAN_LOS_S)
 
@@ -159,7 +159,7 @@ def hour_columns(hours: pa.Table, scenario: Scenario, confidence: float) -> Hour
     """The columns of a cell, from its rows of ``hours`` by pair, AV first.
 
     Raises:
-        InputError: the rows are not two arms of each pair.
+        InputError: the rows do not have both arms of each pair.
     """
     check_pairs(hours, "hours")
     ran = np.array([reason is None for reason in hours["reason"].to_pylist()], dtype=bool)

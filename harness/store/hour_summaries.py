@@ -14,7 +14,7 @@ _TRIPLES = [entry.names for entry in HOURS if entry.of_arm and entry.paired]
 
 @dataclass(frozen=True, slots=True)
 class ArmOfHours:
-    """The results of one arm beside its measures."""
+    """The results of one arm apart from its measures."""
 
     not_through: int
     never_went: int

@@ -1,4 +1,4 @@
-"""The tables of hours of traffic: how their outcomes become rows.  Columns: docs/files.md."""
+"""The rows of the tables of hours of traffic.  The columns are described in docs/files.md."""
 
 import math
 from collections import Counter
@@ -31,7 +31,7 @@ Tables = dict[str, pa.Table]
 
 @dataclass(frozen=True, slots=True)
 class _Counted:
-    """The part of an hour that counts: vehicles due and people coming between warm-up and end."""
+    """The part of an hour that counts: vehicles and people due between warm-up and end."""
 
     begin_s: float
     end_s: float
@@ -42,8 +42,8 @@ class _Counted:
 def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
     """The tables ``hours``, ``passages``, ``pedestrians`` and ``queues``.
 
-    Times are from the end of the warm-up; what was due or came before it, or after the hour, has no
-    row.  A failed arm has a row in ``hours`` alone.
+    Times count from the end of the warm-up.  Vehicles and people who were due before it, or after
+    the hour, have no row.  A failed arm has a row in ``hours`` alone.
     """
     rows: dict[str, list[dict[str, Any]]] = {name: [] for name in HOUR_TABLES}
     for outcome in outcomes:
@@ -62,7 +62,7 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
             rows["pedestrians"].append(keys | walk_row(outcome, walk, counted.begin_s))
         for row in _queue_rows(outcome):
             rows["queues"].append(keys | row)
-    return {name: table_of(name, found) for name, found in rows.items()}
+    return {name: table_of(name, content) for name, content in rows.items()}
 
 
 def _counted(outcome: HourOutcome) -> _Counted:
@@ -79,11 +79,11 @@ def _counted(outcome: HourOutcome) -> _Counted:
 
 
 def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
-    """The row of an arm in ``hours``: sums, means and counts over those that count."""
+    """The row of an arm in ``hours``: sums, means and numbers over what counts."""
     walks, last_s = counted.walks, outcome.log.last_step * outcome.scenario.experiment.step_s
     waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
     let_go = [outcome.log.let_go[i] for w in walks if (i := w.arrival.index) in outcome.log.let_go]
-    numbers = _of_vehicles(outcome, counted) | {
+    numbers = _vehicle_numbers(outcome, counted) | {
         "pedestrians": len(walks),
         "never_went": sum(walk.start_s is None for walk in walks),
         "pedestrian_delay_s": _mean(waits),
@@ -93,7 +93,7 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
     }
     traffic = outcome.scenario.known_traffic
     if not traffic.saturated:
-        # A vehicle that is not through by the end has lost at least the time until then.
+        # A vehicle that has not passed by the end is delayed at least until then.
         v0 = outcome.scenario.ego.initial_speed_mps
         delays = [_at_least(passage, last_s, v0) for passage in counted.passages]
         numbers |= _delays(outcome, counted, delays) | _late(outcome, counted)
@@ -101,12 +101,12 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
     return numbers
 
 
-def _of_vehicles(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
-    """Counts of vehicles, what drove them, and their queues."""
+def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
+    """Numbers of vehicles, of their passages and of their queues."""
     passages, queues = counted.passages, np.array(outcome.log.queues, dtype=float)
     automated = [passage for passage in passages if _automated(outcome, passage)]
-    of_arm = automated if outcome.arm is Arm.AV else passages
-    met = [passage.record for passage in of_arm if passage.record.pedestrians]
+    driven = automated if outcome.arm is Arm.AV else passages
+    met = [passage.record for passage in driven if passage.record.pedestrians]
     through = [p.passed_s for p in outcome.passages if p.passed_s is not None]
     in_time = sum(counted.begin_s <= passed_s < counted.end_s for passed_s in through)
     return {
@@ -125,28 +125,30 @@ def _of_vehicles(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
 def _delays(
     outcome: HourOutcome, counted: _Counted, delays: Sequence[float]
 ) -> dict[str, float | None]:
-    """Means over all, over those that are automated in the AV's arm and others, and by thirds."""
+    """Mean delays: over all vehicles, over those that are AVs in the AV's arm, and by thirds."""
     passages, third_s = counted.passages, (counted.end_s - counted.begin_s) / 3
     automated = [_automated(outcome, passage) for passage in passages]
-    # A vehicle that counts has a schedule where nothing is saturated.
+    # Without a permanent queue every vehicle that counts has a schedule.
     due_s = [(passage.scheduled_s or 0.0) - counted.begin_s for passage in passages]
     ways_s = [(p.due_s or 0.0) - (p.scheduled_s or 0.0) for p in passages]
     control = [p.control_delay_s for p in passages if p.control_delay_s is not None]
     return {
         "vehicle_delay_s": _mean(delays),
         "automated_delay_s": _mean([*compress(delays, automated)]),
-        "other_delay_s": _mean([*compress(delays, (not of for of in automated))]),
-        "first_third_delay_s": _mean([*compress(delays, (of < third_s for of in due_s))]),
-        "last_third_delay_s": _mean([*compress(delays, (of >= 2 * third_s for of in due_s))]),
+        "other_delay_s": _mean([*compress(delays, (not marked for marked in automated))]),
+        "first_third_delay_s": _mean([*compress(delays, (time_s < third_s for time_s in due_s))]),
+        "last_third_delay_s": _mean(
+            [*compress(delays, (time_s >= 2 * third_s for time_s in due_s))]
+        ),
         "control_delay_s": _mean(control),
         "travel_time_s": sum(delays) + sum(ways_s),
     }
 
 
 def _late(outcome: HourOutcome, counted: _Counted) -> dict[str, int]:
-    """How many vehicles were late at least in each half, those from the warm-up included.
+    """The least number of late vehicles in each half, those from the warm-up included.
 
-    A vehicle is late from when it is due through until it is.
+    A vehicle is late from the time at which it is due to pass until it passes.
     """
     begin_s, end_s = counted.begin_s, counted.end_s
     both = ((p.due_s or 0.0, p.passed_s) for p in outcome.passages)
@@ -171,7 +173,7 @@ def _at_least(passage: Passage, last_s: float, speed_mps: float) -> float:
 
 
 def _automated(outcome: HourOutcome, passage: Passage) -> bool:
-    """Whether ``arms.av`` drives it in the AV's arm; the other arm has the same vehicles."""
+    """Whether ``arms.av`` drives this vehicle in the AV's arm; both arms have the same vehicles."""
     return passage.vehicle.plan.uniform < outcome.scenario.known_traffic.av_share
 
 
@@ -180,9 +182,9 @@ def passage_counts(
 ) -> dict[str, float | None]:
     """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts of each kind.
 
-    Crashes and conflicts are those of vehicles that ``reached`` the crosswalk's near edge, or
-    crashed before it: only they could.  A crash counts as a conflict of every kind.  Conflicts of
-    any kind of the others are counted apart.
+    ``reached`` counts the vehicles that reached the crosswalk's near edge or crashed before it.
+    Crashes and conflicts are those of these vehicles; conflicts of the others are counted in
+    ``conflicts_unreached``.  A crash counts as a conflict of every kind.
     """
     crashed = [row["ending"] == Ending.CRASHED for row in passages]
     reached = [
@@ -198,26 +200,26 @@ def passage_counts(
     for conflict in CONFLICTS:
         threshold: float = getattr(limits, conflict.threshold)
         values = [row[conflict.column] for row in passages]
-        found = {
+        marked = {
             number
             for number, value in enumerate(values)
             if crashed[number]
             or (value is not None and (value > threshold if conflict.above else value < threshold))
         }
-        counts[f"conflicts_{conflict.name}"] = sum(reached[number] for number in found)
-        others |= {number for number in found if not reached[number]}
+        counts[f"conflicts_{conflict.name}"] = sum(reached[number] for number in marked)
+        others |= {number for number in marked if not reached[number]}
     return counts | {"conflicts_unreached": len(others)}
 
 
 def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
-    moving, record = passage.vehicle, passage.record
+    vehicle, record = passage.vehicle, passage.record
     row = record_row(record)
-    first = moving.first_step
+    first = vehicle.first_step
     return row | {
-        "vehicle": moving.plan.number,
-        "direction": moving.plan.lane.direction.value,
-        "lane": moving.plan.lane.index,
-        "strategy": moving.strategy_name,
+        "vehicle": vehicle.plan.number,
+        "direction": vehicle.plan.lane.direction.value,
+        "lane": vehicle.plan.lane.index,
+        "strategy": vehicle.strategy_name,
         "scheduled_s": _since(passage.scheduled_s, begin_s),
         "inserted_s": _since(passage.inserted_s, begin_s),
         "trigger_s": None if first is None else first * passage.trace.step_s - begin_s,
@@ -225,18 +227,18 @@ def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
         "passed_s": _since(passage.passed_s, begin_s),
         "delay_s": passage.delay_s,
         "control_delay_s": passage.control_delay_s,
-        "trace_offset_s": moving.trace_offset_s,
-        "approach_stops": moving.stops,
+        "trace_offset_s": vehicle.trace_offset_s,
+        "approach_stops": vehicle.stops,
     }
 
 
 def record_row(record: EpisodeRecord) -> dict[str, Any]:
-    """The columns of ``passages`` that are a record's."""
+    """The columns of ``passages`` that come from the record."""
     return {name: getattr(record, name) for name in _RECORD}
 
 
 def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]:
-    """A pedestrian of an hour whose counted time begins at ``begin_s``, but for the keys."""
+    """A pedestrian's row without the keys; the hour's counted time begins at ``begin_s``."""
     arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - begin_s)
     start_s = _since(walk.start_s, begin_s)
     legs = walk.legs and tuple(leg._replace(time_s=leg.time_s - begin_s) for leg in walk.legs)

@@ -1,7 +1,7 @@
-"""The ways of vehicles and people through an hour as rows, and a passage's trace made of them.
+"""The motion of vehicles and people in an hour as rows, and passages' traces made of the rows.
 
-Columns: docs/files.md.  Times count from the end of the warm-up; x and y are the ego's, so vehicles
-of the other direction drive towards smaller x.
+The columns are described in docs/files.md.  Times count from the end of the warm-up.  x and y are
+those of the forward direction, so oncoming vehicles drive towards smaller x.
 """
 
 import math
@@ -28,10 +28,10 @@ Row = Mapping[str, Any]
 
 
 def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
-    """The tables ``traces`` and ``walks``: everyone simulated, warm-up and clearing included.
+    """The tables ``traces`` and ``walks`` of everyone simulated, warm-up and clearing included.
 
-    A vehicle has a row for each step from R0 until its rear has left the crosswalk, and one a
-    second before and after.
+    A vehicle has a row for each step from R0 until its rear has left the crosswalk; before and
+    after that it has one row per second.
     """
     outcomes = [*outcomes]
 
@@ -70,14 +70,14 @@ def _motions(outcome: HourOutcome) -> Iterator[tuple[str, Motion]]:
         yield f"pedestrian-{walk.arrival.index}", (times - begin_s, x, y, speed, gain)
 
 
-def _vehicle(moving: HourVehicle, step_s: float, begin_s: float) -> Motion:
-    lane, first = moving.plan.lane, moving.first_step
+def _vehicle(vehicle: HourVehicle, step_s: float, begin_s: float) -> Motion:
+    lane, first = vehicle.plan.lane, vehicle.first_step
     driven: list[tuple[int, float, float]] = []
     if first is not None:
-        states = zip(moving.xs, moving.speeds, strict=True)
+        states = zip(vehicle.xs, vehicle.speeds, strict=True)
         driven = [(first + number, x, speed) for number, (x, speed) in enumerate(states)]
-    before = [state for state in moving.path if first is None or state[0] < first]
-    after = [state for state in moving.path if driven and state[0] > driven[-1][0]]
+    before = [state for state in vehicle.path if first is None or state[0] < first]
+    after = [state for state in vehicle.path if driven and state[0] > driven[-1][0]]
     gains: list[float | None] = [
         (later[2] - state[2]) / step_s for state, later in pairwise(driven)
     ]
@@ -112,7 +112,7 @@ def stored_traces(
         states: time, x and speed of each object of ``traces``, by name.
 
     Yields:
-        Each row with its trace; None for a vehicle that never came to R0.
+        Each row with its trace; None for a vehicle that never reached R0.
     """
     everyone = [(_due_s(row), stored_walk(row)) for row in walks]
     for lane in lanes_of(scenario):
@@ -134,12 +134,12 @@ def _trace(
     step_s, crosswalk = scenario.experiment.step_s, scenario.crosswalk()
     times, x, speed = states[f"vehicle-{row['vehicle']}"]
     passed_s = math.inf if row["passed_s"] is None else row["passed_s"] + step_s - _ROUNDING_S
-    own = (times > trigger_s - _ROUNDING_S) & (times < passed_s)
-    times, sign = times[own], lane.direction.sign
+    kept = (times > trigger_s - _ROUNDING_S) & (times < passed_s)
+    times, sign = times[kept], lane.direction.sign
     until_s = float(times[-1]) + _ROUNDING_S
     if row["passed_s"] is None:
         until_s = math.inf
-    # People who had left a step before it came to R0 had been taken away.
+    # People who left the crosswalk a step before the vehicle reached R0 are not in its trace.
     met = [
         as_seen(walk, lane, trigger_s, crosswalk)
         for due_s, walk in everyone
@@ -149,8 +149,8 @@ def _trace(
         vehicle=scenario.vehicle(),
         crossing=lane.crossing,
         step_s=step_s,
-        x_m=sign * x[own],
-        speed_mps=speed[own],
+        x_m=sign * x[kept],
+        speed_mps=speed[kept],
         walks=tuple(met),
         ending=Ending.TIMED_OUT if row["passed_s"] is None else Ending.CROSSED,
         reason=row["reason"],
@@ -161,5 +161,5 @@ def _trace(
 
 
 def _due_s(row: Row) -> float:
-    """When somebody leaves the crosswalk; infinite for one who never does."""
+    """When a pedestrian leaves the crosswalk; infinite if they never do."""
     return math.inf if row["cleared_s"] is None else row["cleared_s"]

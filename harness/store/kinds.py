@@ -1,7 +1,7 @@
 """The kinds of run: encounters and hours of traffic.
 
-A kind says which tables a run has, which of them its findings are made of, and how.  The rooms
-that write, read and show runs ask the kind, and not which kind it is.
+A kind says which tables a run has, and how its findings are computed from them.  The rooms that
+write, read and show runs use this Protocol, so they need not know which kind a run is.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,20 +32,20 @@ from harness.store.tables import HOUR_TABLES, HOUR_TRACES, encounter_tables, hou
 Rows = list[dict[str, Plain]]
 
 Derive = Callable[[int, pa.Table], pa.Table]
-"""A table from the number and the rows of a cell."""
+"""Makes a table from a cell's number and rows."""
 
 
 class Kind(Protocol):
     """A kind of run.
 
     Attributes:
-        long_pairs: whether a pair is long: then it is a task of its own, shares no episode with
-            other cells, is never more than planned (``--until``), and a stretch of it is shown.
-        records: the tables that say what came out of a pair.
-        shown: the tables that a pair is shown from: the states of everybody, and the people.
+        long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
+            with other cells, ``--until`` adds none, and only a stretch of it is shown.
+        records: the tables with the results of a pair.
+        shown: the tables with which a pair is shown: the states of everybody, and the people.
         catalogue: every number that such a run reports.
-        rows: the table that its findings are made of, with two rows for each pair, AV's first.
-        derived: further tables, each with what makes the columns of a cell from those rows.
+        rows: the table from which findings are computed; each pair has two rows, the AV's first.
+        derived: further tables, each with the function that makes a cell's part from those rows.
     """
 
     @property
@@ -64,7 +64,7 @@ class Kind(Protocol):
     def rows(self) -> str: ...
 
     def tables(self, *, traces: bool, audit: bool) -> list[str]:
-        """The tables that the tasks of such a run bring, and its shards hold."""
+        """The tables that the tasks of such a run return, and its shards hold."""
         ...
 
     @property
@@ -74,16 +74,16 @@ class Kind(Protocol):
         """The findings of a cell, from its rows by pair.
 
         Raises:
-            InputError: the rows are not two arms of each pair.
+            InputError: the rows do not have both arms of each pair.
         """
         ...
 
     def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
-        """The rows of further CSV files about a cell, by name, but for its keys."""
+        """The rows of further CSV files about a cell, by file name, without the cell's keys."""
         ...
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
-        """What the manifest counts, of some rows."""
+        """The counts of some rows for the manifest."""
         ...
 
     def failed(self, rows: pa.Table) -> pa.Table:

@@ -1,4 +1,4 @@
-"""The manifest of a run: everything it depends on, written down, recalled, and checked."""
+"""The manifest of a run, which records everything the run depends on."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -14,10 +14,10 @@ from harness.strategies.registry import find_strategy, source_digests
 
 
 def origin_of(study: Study, models: Iterable[InteractionModel]) -> dict[str, Any]:
-    """What a run's traces and measures are about to be made with, as the manifest says it."""
+    """The part of the manifest on what the traces and measures of a new run are made with."""
     driven = study.driven
     return {
-        "know_the_model": [of for of in driven if knows_the_model(find_strategy(of, "arms"))],
+        "know_the_model": [name for name in driven if knows_the_model(find_strategy(name, "arms"))],
         "simulated_with": _simulated_now(driven, models),
         "scored_with": scored_now(),
     }
@@ -33,7 +33,7 @@ def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) ->
 
 
 def scored_now() -> dict[str, Any]:
-    """What measures are made with: neither model nor strategy, which left their traces."""
+    """The part of the manifest on what measures are made with: traces suffice for them."""
     return {"versions": versions_of_runs()}
 
 
@@ -43,13 +43,13 @@ def manifest_of(
     options: Options,
     counts: dict[str, int] | None = None,
 ) -> dict[str, Any]:
-    """Everything a run depends on.
+    """The manifest: everything a run depends on.
 
     Args:
-        study: what is run.
-        origin: see ``origin_of``; of a run that is scored anew, what made its traces.
-        options: how.
-        counts: null until its tables are finished.
+        study: the study.
+        origin: see ``origin_of``; for a run that is scored again, that of its traces.
+        options: the options of the run.
+        counts: None until the tables are finished.
     """
     until = options.until
     return {
@@ -69,7 +69,7 @@ def manifest_of(
 
 
 def options_of(document: Mapping[str, Any], workers: int | None = None) -> Options:
-    """The options of a manifest, as ``read_manifest`` gives it, that decide what a run holds."""
+    """The options of a run from its manifest as returned by ``read_manifest``."""
     until = document["until"]
     return Options(
         traces=document["traces"],
@@ -82,11 +82,11 @@ def options_of(document: Mapping[str, Any], workers: int | None = None) -> Optio
 
 
 def refuse_other_versions(then: Mapping[str, Any], now: Mapping[str, Any]) -> None:
-    """Half a run under one version and half under another would be neither.
+    """Refuse to resume a run with other versions, strategies or models than it was begun with.
 
     Args:
         then: the manifest's ``simulated_with``.
-        now: the same of today.
+        now: the same of this installation.
     """
     for change in _changes(then, now):
         raise InputError("resume", change, "what the run was begun with")
@@ -98,22 +98,22 @@ def explained(
     scenario: Scenario,
     model: InteractionModel,
 ) -> tuple[str, ...]:
-    """How an episode run again differs from its record, led by what has changed since the run.
+    """How a repeated episode differs from its record, after what has changed since the run.
 
     Args:
         differences: in words.
         document: the run's manifest.
         scenario: of the episode's cell.
-        model: with which it was run again.
+        model: the interaction model of the repetition.
     """
-    if not (found := tuple(differences)):
+    if not (words := tuple(differences)):
         return ()
     now = _simulated_now(scenario.arms.model_dump().values(), [model])
-    return *_changes(document["simulated_with"], now), *found
+    return *_changes(document["simulated_with"], now), *words
 
 
 def _changes(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[str]:
-    """What of ``simulated_with`` is another one now, in words."""
+    """What has changed in ``simulated_with``, in words."""
     for name, digest in now["strategies"].items():
         if then["strategies"].get(name) != digest:
             yield f"the strategy {name} has been edited since the run"

@@ -1,4 +1,4 @@
-"""Statistics of each measure over a cell's episodes, and how often each conflict arose.
+"""Statistics of each measure over a cell's episodes, and the rate of each kind of conflict.
 
 Rows of ``measures.csv`` and ``conflicts.csv`` (docs/files.md).
 """
@@ -24,35 +24,39 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
         episodes: of one cell.
 
     Returns:
-        ``arm, measure, defined, mean, p05, p50, p95``; failed episodes do not count, quantiles are
-        interpolated linearly, truth counts as 1.  None where the measure is defined nowhere.  The
-        same with ``_met_someone``, over the pairs in which either arm met somebody.
+        ``arm, measure, defined, mean, p05, p50, p95``, and the same with ``_met_someone`` over the
+        pairs in which either arm met someone.  Failed episodes do not count, quantiles are
+        interpolated linearly, true counts as 1.  A statistic is None if the measure is defined in
+        no episode.
     """
     rows = []
     for arm in Arm:
-        own = _that_ran(episodes, arm)
+        ran = _that_ran(episodes, arm)
         for measure in MEASURES:
-            values, met = _numbers(own, measure.column), _met_someone(own, episodes)
-            of_met = _statistics(values[met])
+            values, met = _numbers(ran, measure.column), _met_someone(ran, episodes)
+            met_someone = _statistics(values[met])
             rows.append(
                 {"arm": arm.value, "measure": measure.column}
                 | _statistics(values)
-                | {f"{name}_met_someone": value for name, value in of_met.items()}
+                | {f"{name}_met_someone": value for name, value in met_someone.items()}
             )
     return rows
 
 
 def _statistics(values: FloatArray) -> dict[str, Any]:
     defined = values[~np.isnan(values)]
-    found: dict[str, Any] = {"defined": len(defined), "mean": None} | dict.fromkeys(QUANTILES)
+    statistics: dict[str, Any] = {"defined": len(defined), "mean": None} | dict.fromkeys(QUANTILES)
     if len(defined):
         quantiles = np.quantile(defined, list(QUANTILES.values())).tolist()
-        found |= {"mean": float(np.mean(defined)), **dict(zip(QUANTILES, quantiles, strict=True))}
-    return found
+        statistics |= {
+            "mean": float(np.mean(defined)),
+            **dict(zip(QUANTILES, quantiles, strict=True)),
+        }
+    return statistics
 
 
 def conflict_rows(findings: Findings, thresholds: ConflictsSection) -> list[dict[str, Plain]]:
-    """The rows of ``conflicts.csv`` of a cell, by arm and kind of conflict, but for its keys."""
+    """The rows of a cell in ``conflicts.csv``, without its keys, by arm and kind of conflict."""
     rows = []
     for arm, end in ((Arm.AV, ""), (Arm.HUMAN, "_human")):
         for conflict in CONFLICTS:
@@ -79,15 +83,15 @@ def conflict_rows(findings: Findings, thresholds: ConflictsSection) -> list[dict
 
 
 def _that_ran(episodes: pa.Table, arm: Arm) -> pa.Table:
-    of_arm = pc.equal(episodes["arm"], arm.value)
+    in_arm = pc.equal(episodes["arm"], arm.value)
     ran = pc.not_equal(episodes["ending"], Ending.ENGINE_FAILED.value)
-    return episodes.filter(pc.and_(of_arm, ran))
+    return episodes.filter(pc.and_(in_arm, ran))
 
 
-def _met_someone(own: pa.Table, episodes: pa.Table) -> np.ndarray:
-    """Which episodes of an arm are of pairs in which either arm met somebody."""
+def _met_someone(ran: pa.Table, episodes: pa.Table) -> np.ndarray:
+    """Which episodes of an arm belong to pairs in which either arm met someone."""
     met = episodes.filter(pc.greater(episodes["pedestrians"], 0))["pair"]
-    return np.isin(own["pair"].to_numpy(), met.to_numpy())
+    return np.isin(ran["pair"].to_numpy(), met.to_numpy())
 
 
 def _numbers(episodes: pa.Table, column: str) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Reads a run folder: its manifest, whose form is checked, and its tables (docs/files.md)."""
+"""Reads and checks the manifest and the tables of a run folder (docs/files.md)."""
 
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
@@ -31,7 +31,7 @@ class _SimulatedWith(_ScoredWith):
 
 
 class _Manifest(BaseModel):
-    """The form of ``manifest.json``; what its scenario means is ``study_from``'s business."""
+    """The form of ``manifest.json``; its scenario is checked by ``study_from``."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
@@ -59,7 +59,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     """
     path = folder / MANIFEST
     if not path.is_file():
-        raise InputError(str(folder), "is no run folder", f"a folder with {MANIFEST}")
+        raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
     try:
         document = parse_json(read_file(path))
     except ValueError as error:
@@ -76,7 +76,7 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run that is finished.
 
     Raises:
-        InputError: as ``read_manifest``, or the run was broken off or is still going on.
+        InputError: as in ``read_manifest``, or the run is not finished.
     """
     document = read_manifest(folder)
     if document["counts"] is None:
@@ -85,7 +85,7 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
 
 
 def unfinished(folder: Path) -> InputError:
-    """The refusal of a run that was broken off or is still going on."""
+    """The error about a run that was interrupted or is still running."""
     return InputError(str(folder), "is not finished", f"`{resume_command(folder)}` finishes it")
 
 
@@ -96,17 +96,17 @@ def read_table(
     pair: int | None = None,
     optional: Collection[str] = (),
 ) -> pa.Table:
-    """One table of a finished run: all of it, one cell's rows, or one pair's.
+    """A table of a finished run: the whole table, the rows of a cell, or those of a pair.
 
     Args:
         folder: of the run.
         name: of the table.
-        cell: whose rows; None: all cells'.
-        pair: likewise.
-        optional: columns that this reader can do without.
+        cell: the number of a cell; None for all cells.
+        pair: the number of a pair; None for all pairs.
+        optional: columns that may be missing.
 
     Returns:
-        Its columns, with the types of ``TABLES``.
+        The table, with the types of ``TABLES``.
 
     Raises:
         InputError: the table is missing, damaged, or lacks a column.
@@ -135,15 +135,15 @@ def count_rows(folder: Path, name: str) -> int:
 
 @contextmanager
 def _reading(folder: Path, name: str) -> Iterator[Path]:
-    """The path of a table; what goes wrong with it becomes one line."""
+    """The path of a table; errors inside become an ``InputError`` of one line."""
     path = folder / f"{name}.parquet"
     if not path.exists() and (folder / "hours.parquet").exists():
-        what = f"is a run of hours of traffic, which has no {name}"
+        what = f"is a run of hours of traffic, which has no table {name}"
         raise InputError(str(folder), what, "a run without [traffic]")
     if not path.exists():
         raise InputError(str(path), "is missing", "a finished run's table")
     if not path.is_file():
-        raise InputError(str(path), "is no regular file", "a run's table")
+        raise InputError(str(path), "is not a regular file", "a run's table")
     with reading(path):
         try:
             yield path

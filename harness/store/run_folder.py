@@ -1,8 +1,8 @@
-"""The run folder of a run under way: claimed, locked, filled shard by shard, finished.
+"""The folder of a run that is running: claimed, locked, filled shard by shard, finished.
 
-Finished work is written as it comes, one shard (an Arrow file) for each task, so that nothing is
-lost and nothing runs twice after an interruption.  At the end the shards become the tables, in
-fixed order and row groups: equal results are equal bytes whatever the tasks were.
+The result of each task is written at once as a shard (an Arrow file), so that after an interruption
+nothing is lost and nothing runs twice.  At the end the shards become the tables, with a fixed order
+and fixed row groups: equal results are equal bytes, however the work was divided.
 """
 
 import json
@@ -40,20 +40,20 @@ _LOG = "log.jsonl"
 
 
 class RunFolder:
-    """One run's folder, held by this process alone until ``close``.
+    """The folder of a run, locked by this process until ``close``.
 
     Args:
         path: an existing folder.
 
     Raises:
-        InputError: another process works on it, or it cannot be written.
+        InputError: another process works on this run, or the folder cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = filelock.FileLock(path / _LOCK, timeout=0)
         try:
-            # The operating system lets go of it when the process dies, however it dies.
+            # The operating system releases the lock when the process ends, however it ends.
             self._lock.acquire()
         except filelock.Timeout:
             raise InputError(str(path), "another process is working on this run") from None
@@ -61,13 +61,13 @@ class RunFolder:
             raise InputError(str(path), f"cannot be written ({error.strerror})") from None
 
     def close(self) -> None:
-        """Let go of the folder."""
-        # While it is still held: afterwards it could be the next process's lock.
+        """Release the folder."""
+        # Removed while the lock is held: afterwards it could be the next process's lock.
         (self.path / _LOCK).unlink(missing_ok=True)
         self._lock.release()
 
     def note(self, event: str, **details: Any) -> None:
-        """Append a line to ``log.jsonl``, the only file of a run with a clock in it."""
+        """Append a line to ``log.jsonl``, the only file of a run with time stamps."""
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"time": now, "event": event, **details})
         try:
@@ -77,31 +77,31 @@ class RunFolder:
             raise cannot_write(self.path, error) from None
 
     def write_manifest(self, document: Mapping[str, Any]) -> None:
-        """Write ``manifest.json``, keys in the order given."""
+        """Write ``manifest.json`` with the keys in the given order."""
         content = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
         write_file(self.path / MANIFEST, content.encode())
 
     def stack_file(self, task: str) -> Path:
-        """The file in which a hung worker of that task leaves its stack."""
-        # Workers of a cluster have other working directories.
+        """The file to which a hung worker of that task writes its stack."""
+        # The path is absolute: workers of a cluster have other working directories.
         return self._shard_folder().resolve() / f"stack-{task}.txt"
 
     def write_shard(
         self, cell: int, first: int, count: int, tables: Mapping[str, pa.Table]
     ) -> None:
-        """Keep the results of one task."""
+        """Store the results of one task."""
         path = self._shard_folder() / shard_name(cell, first, count)
         write_file(path, encode_shard(tables))
 
     def done_pairs(self, planned: Mapping[int, int], names: Iterable[str]) -> dict[int, set[int]]:
-        """Which pairs of which cell are finished; a shard that cannot be read does not count.
+        """The finished pairs of each cell; a damaged shard is removed and does not count.
 
         Args:
             planned: pairs of each cell, by number.
-            names: the tables that each shard has to hold.
+            names: the tables that each shard must hold.
 
         Raises:
-            InputError: a shard holds others.
+            InputError: a shard holds pairs that are not planned.
         """
         done: dict[int, set[int]] = {}
         for shard in shards_of(self.path):
@@ -118,16 +118,16 @@ class RunFolder:
 
     def episodes_of(self, cell: int) -> pa.Table:
         """The ``episodes`` rows of a cell so far, by pair."""
-        own = (shard for shard in shards_of(self.path) if shard.cell == cell)
-        return _rows("episodes", own)
+        shards = (shard for shard in shards_of(self.path) if shard.cell == cell)
+        return _rows("episodes", shards)
 
     def rows_by_cell(self, name: str) -> Iterator[tuple[int, pa.Table]]:
-        """Number and rows of a table of every cell, in order; the folder is searched once."""
-        for cell, own in groupby(shards_of(self.path), key=lambda shard: shard.cell):
-            yield cell, _rows(name, own)
+        """The number of every cell with its rows of a table, in order."""
+        for cell, shards in groupby(shards_of(self.path), key=lambda shard: shard.cell):
+            yield cell, _rows(name, shards)
 
     def finish_tables(self, names: Iterable[str]) -> None:
-        """Turn the shards into the run's tables of these names."""
+        """Write the run's tables of these names from the shards."""
         shards = shards_of(self.path)
         for name in names:
             parts = (read_shard(shard)[name] for shard in shards)
@@ -136,14 +136,15 @@ class RunFolder:
     def finish_derived(
         self, name: str, rows: str, derive: Callable[[int, pa.Table], pa.Table]
     ) -> None:
-        """Write a table that follows from the rows of another one, cell by cell."""
+        """Write a table that is computed from the rows of another table, cell by cell."""
         parts = (derive(cell, table) for cell, table in self.rows_by_cell(rows))
         write_parquet(self.path / f"{name}.parquet", TABLES[name], parts)
 
     def drop_shards(self) -> None:
-        """Remove the shards, which are in the tables, and what a killed process left half-written.
+        """Remove the shards and half-written files of a killed process.
 
-        A folder that holds no run yet may have some of a run that never got its manifest.
+        The content of the shards is in the tables.  A folder without a run may hold shards of a run
+        that ended before its manifest was written.
         """
         shutil.rmtree(self.path / SHARDS, ignore_errors=True)
         for name in (MANIFEST, "*.parquet", "*.csv"):
@@ -172,7 +173,7 @@ def claim_folder(out: Path | str | None, name: str) -> Path:
         name: of the scenario.
 
     Raises:
-        InputError: it holds a run already, is a file, or cannot be written.
+        InputError: the folder already holds a run, is a file, or cannot be written.
     """
     if out is not None:
         chosen = Path(out)
@@ -196,7 +197,7 @@ def _make(folder: Path, exist_ok: bool) -> None:
             raise InputError(where, "is a file", "a new or empty folder")
         if exist_ok and (folder / MANIFEST).exists():
             raise InputError(
-                where, "holds a run already", f"a new or empty folder, or {resume_command(folder)}"
+                where, "already holds a run", f"a new or empty folder, or {resume_command(folder)}"
             )
         folder.mkdir(parents=True, exist_ok=exist_ok)
         probe = folder / f".{os.getpid()}.probe"

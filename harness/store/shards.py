@@ -1,8 +1,8 @@
-"""Shards: the finished work of one task, as it lies in a run folder until the run is finished.
+"""Shards: the results of one task, stored in the run folder until the run is finished.
 
-An Arrow file with a checksum in front, one stream for each table.  Its name says which pairs of
-which cell it holds.  Files appear complete or not at all, so a run that is still going on can be
-read beside the process that works on it.
+A shard is a checksum followed by Arrow data, one stream for each table.  Its name says which pairs
+of which cell it holds.  Files appear complete or not at all, so a run can be read while another
+process works on it.
 """
 
 import io
@@ -22,14 +22,14 @@ SHARDS = "shards"
 
 _NAME = re.compile(r"(\d+)-(\d+)-(\d+)\.arrows")
 _TABLE = b"table"
-"""Which table a stream holds, in its metadata."""
+"""The key of the table's name in the metadata of a stream."""
 
 _CHECKSUM = 4
-"""Bytes of the CRC-32 each shard begins with."""
+"""Bytes of the CRC-32 with which each shard begins."""
 
 
 class DamagedShardError(Exception):
-    """A shard is not as it was written."""
+    """The content of a shard has changed since it was written."""
 
 
 class Shard(NamedTuple):
@@ -48,13 +48,13 @@ class Shard(NamedTuple):
 
 def shards_of(run: Path) -> list[Shard]:
     """The shards of a run folder, in the order of the tables."""
-    found = []
+    shards = []
     for path in (run / SHARDS).glob("*.arrows"):
         match = _NAME.fullmatch(path.name)
         if match and path.is_file():
             cell, first, pairs = (int(part) for part in match.groups())
-            found.append(Shard(cell, first, pairs, path))
-    return sorted(found)
+            shards.append(Shard(cell, first, pairs, path))
+    return sorted(shards)
 
 
 def shard_name(cell: int, first: int, pairs: int) -> str:
@@ -66,7 +66,7 @@ def encode_shard(tables: Mapping[str, pa.Table]) -> bytes:
     """The content of a shard's file.
 
     Args:
-        tables: by name, each kept in its stream.
+        tables: by name.
     """
     buffer = io.BytesIO()
     for name, table in tables.items():
@@ -81,12 +81,12 @@ def read_shard(shard: Shard) -> dict[str, pa.Table]:
     """The tables of a shard by name.
 
     Raises:
-        OSError: it cannot be read.
-        DamagedShardError: it is not as it was written, or holds fewer pairs than its name says.
+        OSError: the file cannot be read.
+        DamagedShardError: the content has changed, or holds fewer pairs than the name says.
     """
     content = shard.path.read_bytes()
     checksum, content = content[:_CHECKSUM], content[_CHECKSUM:]
-    # Arrow itself notices neither an empty file nor a changed number.
+    # Arrow notices neither an empty file nor a changed number.
     if checksum != zlib.crc32(content).to_bytes(_CHECKSUM):
         raise DamagedShardError(shard.path)
     tables = {}
@@ -98,7 +98,7 @@ def read_shard(shard: Shard) -> dict[str, pa.Table]:
             tables[name] = with_schema(table, name, str(shard.path))
     except (pa.ArrowException, InputError, OSError, ValueError, KeyError, TypeError):
         raise DamagedShardError(shard.path) from None
-    # A name that promises more pairs than there are rows would be believed.
+    # The number of pairs in the name is not covered by the checksum.
     arms = tables.get("hours", tables.get("episodes"))
     if arms is None or arms.num_rows != 2 * shard.pairs:
         raise DamagedShardError(shard.path)
@@ -106,11 +106,11 @@ def read_shard(shard: Shard) -> dict[str, pa.Table]:
 
 
 def check_planned(run: Path, shards: Iterable[Shard], planned: Mapping[int, int]) -> None:
-    """Refuse finished work of pairs that a run does not plan.
+    """Refuse shards with pairs that a run does not plan.
 
     Args:
         run: the folder.
-        shards: those that can be read.
+        shards: the readable shards.
         planned: pairs of each cell, by number.
 
     Raises:
@@ -119,4 +119,4 @@ def check_planned(run: Path, shards: Iterable[Shard], planned: Mapping[int, int]
     for shard in shards:
         if shard.first + shard.pairs > planned.get(shard.cell, 0):
             where = str(run / SHARDS / shard.path.name)
-            raise InputError(where, "holds pairs that this run does not plan", "its own shards")
+            raise InputError(where, "holds pairs that this run does not plan", "shards of this run")

@@ -21,7 +21,7 @@ from harness.statistics import (
 )
 
 FIRST_LOOK = 1_000
-"""Pairs at the first look of ``--until``; each further look is at twice as many."""
+"""Number of pairs at the first look of ``--until``; it doubles from look to look."""
 
 
 def looks(pairs: int) -> list[int]:
@@ -37,8 +37,8 @@ def looks(pairs: int) -> list[int]:
 def confidence_of(study: Study, options: Options) -> float:
     """Confidence of each interval.
 
-    Looking L times and stopping at the best moment would spoil a 95 % interval, so with
-    ``--until`` each look uses 1 − 0.05/L (Bonferroni): all of them together hold with 95 %.
+    With ``--until`` a run may stop at any of L looks, which would make 95 % intervals invalid.
+    Each look therefore uses 1 − 0.05/L (Bonferroni); all looks together hold with 95 %.
     """
     if options.until is None:
         return CONFIDENCE
@@ -47,9 +47,10 @@ def confidence_of(study: Study, options: Options) -> float:
 
 
 def columns_of_cell(episodes: pa.Table, cell: Cell, confidence: float) -> EncounterColumns:
-    """What the numbers of a cell are computed from: its episodes by pair.
+    """The columns from which the numbers of a cell are computed, from its episodes by pair.
 
-    The resampling's stream is the scenario's alone: the same episodes give the same intervals.
+    The stream of the resampling depends on the scenario's seed alone, so the same episodes give the
+    same intervals.
     """
     scenario = cell.scenario
     return EncounterColumns(
@@ -70,9 +71,8 @@ def summarise_cell(episodes: pa.Table, cell: Cell, confidence: float) -> Summary
 def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str, BothArms]:
     """Which episodes had a conflict of each kind, by the kind's name.
 
-    An episode has a conflict if its measure lies beyond the threshold, or if it crashed; where
-    the measure is undefined without a crash there was none.  A conflict whose measure the episodes
-    have no column for is left out.
+    An episode has a conflict if its measure lies beyond the threshold, or if it crashed.  If the
+    measure is undefined and the episode did not crash, there was no conflict.
 
     Args:
         episodes: of one cell by pair, AV first.
@@ -83,7 +83,7 @@ def conflict_marks(episodes: pa.Table, thresholds: ConflictsSection) -> dict[str
     for conflict in CONFLICTS:
         values = episodes[conflict.column].cast(pa.float64()).to_numpy()
         threshold: float = getattr(thresholds, conflict.threshold)
-        # An undefined measure is NaN, which is on neither side.
+        # An undefined measure is NaN, which is neither above nor below.
         beyond = values > threshold if conflict.above else values < threshold
         marks[conflict.name] = ((beyond | crashed)[::2], (beyond | crashed)[1::2])
     return marks
@@ -96,7 +96,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
         episodes: rows in order of pairs, AV first.
 
     Raises:
-        InputError: they are not: an arm is missing, or rows of two runs are mixed.
+        InputError: an arm is missing, or rows of two runs are mixed.
     """
     check_pairs(episodes, "episodes")
     arm = np.array(episodes["arm"].to_pylist())
@@ -104,7 +104,7 @@ def pair_columns(episodes: pa.Table) -> PairColumns:
     front = np.array([contact == Contact.FRONT for contact in episodes["contact"].to_pylist()])
     crashed = ending == Ending.CRASHED
     avoidable = np.array([value is True for value in episodes["avoidable"].to_pylist()])
-    failed_strategy = np.array([room == "strategy" for room in episodes["failed_in"].to_pylist()])
+    failed_strategy = np.array([place == "strategy" for place in episodes["failed_in"].to_pylist()])
 
     def numbers(name: str) -> Any:
         return episodes[name].to_numpy().astype(float)
@@ -147,7 +147,7 @@ def check_pairs(rows: pa.Table, what: str) -> None:
     count = len(arms) // 2
     whole = count > 0 and arms == [Arm.AV.value, Arm.HUMAN.value] * count
     if not whole or pairs[::2] != pairs[1::2] or len({*pairs}) != count:
-        raise InputError(what, "are not two arms of each pair of a cell", f"one run's {what}")
+        raise InputError(what, "do not have both arms of each pair of a cell", f"one run's {what}")
 
 
 def interval_from(row: Any, name: str) -> Interval:
@@ -156,5 +156,5 @@ def interval_from(row: Any, name: str) -> Interval:
 
 
 def known(value: float | None) -> float | None:
-    """The number, or None where a table holds none."""
+    """The number, or None if it is missing."""
     return None if value is None or np.isnan(value) else float(value)

@@ -29,8 +29,8 @@ def write_summary(
 ) -> None:
     """Write the findings of every cell, in order, as both files."""
     rows = [
-        {"cell": cell.number, **row_of(catalogue, of_cell)}
-        for cell, of_cell in zip(cells, findings, strict=True)
+        {"cell": cell.number, **row_of(catalogue, reported)}
+        for cell, reported in zip(cells, findings, strict=True)
     ]
     schema = summary_schema(catalogue)
     write_parquet(folder / SUMMARY, schema, iter([pa.Table.from_pylist(rows, schema)]))
@@ -47,10 +47,10 @@ def read_summary(
     """The findings of every cell by its number.
 
     Returns:
-        None where the run has no such file, or one without an entry of the catalogue.
+        None if the run has no such file, or if an entry of the catalogue is missing in it.
 
     Raises:
-        InputError: the file is damaged, or not that of these cells.
+        InputError: the file is damaged, or belongs to other cells.
     """
     path, schema = folder / SUMMARY, summary_schema(catalogue)
     if not path.exists():

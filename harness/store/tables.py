@@ -1,6 +1,7 @@
-"""The tables of a run: their schemas, and how they are written.  Columns: docs/files.md.
+"""The tables of a run: their schemas, and how they are written.
 
-Schemas are fixed; a missing value is null, never 0, -1 or infinity.
+The columns are described in docs/files.md.  Schemas are fixed; a missing value is null, never 0, -1
+or infinity.
 """
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -37,20 +38,20 @@ _FACTS = {
     "pedestrians": pa.int32(),
 }
 
-_OWN_COLUMNS = ("strategy", "delay_s")
-"""Columns of a passage that are not those of its record: its delay counts from its schedule."""
+_PASSAGE_COLUMNS = ("strategy", "delay_s")
+"""Columns of a passage that do not come from its record: the delay is that to its schedule."""
 
-ASKED = {
+MODEL_USE = {
     "conditionings": pa.int32(),
     "clamped": pa.int32(),
     "near_clamped": pa.int32(),
     "clamped_speed_excess_mps": pa.float64(),
     "clamped_range_excess_m": pa.float64(),
 }
-"""Columns of an episode that its traces do not tell: how the interaction model was asked."""
+"""Columns of an episode that do not follow from its traces: the uses of the model."""
 
 EPISODES = pa.schema(
-    [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *ASKED.items()]
+    [*_KEYS, *(_FACTS | _MEASURES).items(), ("failed_in", pa.string()), *MODEL_USE.items()]
 )
 
 _LEG = pa.struct([(name, pa.float64()) for name in Leg._fields])
@@ -113,7 +114,11 @@ PASSAGES = pa.schema(
         ("control_delay_s", pa.float64()),
         ("trace_offset_s", pa.float64()),
         ("approach_stops", pa.int32()),
-        *((name, kind) for name, kind in (_FACTS | _MEASURES).items() if name not in _OWN_COLUMNS),
+        *(
+            (name, kind)
+            for name, kind in (_FACTS | _MEASURES).items()
+            if name not in _PASSAGE_COLUMNS
+        ),
     ]
 )
 
@@ -165,7 +170,7 @@ TABLES = {
 
 
 def encounter_tables(*, traces: bool, audit: bool) -> list[str]:
-    """The tables that the tasks of a run of encounters bring, and its shards hold."""
+    """The tables that the tasks of a run of encounters return, and its shards hold."""
     return ["episodes", "pedestrians", *["traces"] * traces, *["audit"] * audit]
 
 
@@ -177,7 +182,7 @@ HOUR_TRACES = ("traces", "walks")
 
 
 def hour_tables(*, traces: bool) -> list[str]:
-    """The tables that the tasks of a run of traffic bring."""
+    """The tables that the tasks of a run of traffic return."""
     return [*HOUR_TABLES, *(HOUR_TRACES if traces else ())]
 
 
@@ -197,15 +202,15 @@ def traces_table(objects: Iterable[tuple[Mapping[str, Any], str, Motion]]) -> pa
     """The table ``traces``.
 
     Args:
-        objects: for each the columns ``cell``, ``pair`` and ``arm``, its name, and its motion.
+        objects: the columns ``cell``, ``pair`` and ``arm``, the name and the motion of each object.
     """
     numbers = [field.name for field in TRACES if field.type == pa.float64()]
     parts = [TRACES.empty_table()]
     for keys, name, motion in objects:
-        same = {**keys, "object": name}
+        constants = {**keys, "object": name}
         columns = {
             key: pa.repeat(pa.scalar(value, TRACES.field(key).type), len(motion[0]))
-            for key, value in same.items()
+            for key, value in constants.items()
         }
         for number, values in zip(numbers, motion, strict=True):
             columns[number] = pa.array(values, pa.float64())
@@ -214,16 +219,16 @@ def traces_table(objects: Iterable[tuple[Mapping[str, Any], str, Motion]]) -> pa
 
 
 def with_schema(table: pa.Table, name: str, where: str, optional: Collection[str] = ()) -> pa.Table:
-    """A table that somebody else may have written, with the columns and types of its schema.
+    """A table of unknown origin with the columns and types of its schema.
 
     Raises:
         InputError: a column is missing that is not ``optional``; ``where`` names the file.
-        ValueError: values do not fit their column's type.
+        ValueError: a value does not fit its column's type.
     """
     missing = {*TABLES[name].names} - {*table.column_names}
     for column in TABLES[name].names:
         if column in missing and column not in optional:
-            wanted = "a run of this version, or `harness score` of one that kept its traces"
+            wanted = "a run of this version, or `harness score` of a run that stored traces"
             raise InputError(where, f"lacks {column}", wanted)
     schema = pa.schema([field for field in TABLES[name] if field.name not in missing])
     return table.select(schema.names).cast(schema)
@@ -233,12 +238,12 @@ def write_parquet(path: Path, schema: pa.Schema, parts: Iterator[pa.Table]) -> N
     """Write one Parquet table whole, from parts of any size, in row groups of a fixed size.
 
     Raises:
-        HarnessError: the file system refuses.
+        HarnessError: the file cannot be written.
     """
     try:
         with (
             whole_file(path) as beside,
-            # With checksums a flipped bit is found when the table is read.
+            # Checksums reveal damaged bytes when the table is read.
             pq.ParquetWriter(beside, schema, write_page_checksum=True) as writer,
         ):
             rest = schema.empty_table()

@@ -7,7 +7,7 @@ from harness.core.encounter import Arrival, Leg, Side, Walk
 
 
 def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
-    """The row of a pedestrian in a record that ends at ``end_s``, but for the keys."""
+    """The row of a pedestrian, without the keys, in a record that ends at ``end_s``."""
     arrival, start_s = walk.arrival, walk.start_s
     went = start_s is not None and start_s < end_s
     legs = walk.legs if went else None

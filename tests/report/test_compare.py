@@ -318,7 +318,7 @@ def test_refused(run: Path, options: list[object], words: str) -> None:
 
 
 def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="is no run folder"):
+    with pytest.raises(InputError, match="is not a run folder"):
         compare(tmp_path)
     single = made_up(tmp_path / "single", one_cell("cctc", {"experiment.pairs": 3}), noisy)
     with pytest.raises(InputError, match="no two cells that differ only in the AV's strategy"):

@@ -251,12 +251,18 @@ def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> Non
     study = one_cell("cctc", {**shape, **changes, "experiment.pairs": 3})
     run = simulate(study, tmp_path / "run", Options(traces=True))
     found = Page(report(run).page)
-    for words in ("interaction model", "Model dut", "goes for", "given the vehicle", "reading of"):
+    for words in (
+        "interaction model",
+        "Model dut",
+        "aims for",
+        "given the vehicle",
+        "how walking speeds",
+    ):
         assert words not in found.words, words
     ran = scenario_of(found)
     assert not [key for key in ran if key.startswith("model.")]
     # What `harness run` remarked, the page remarks.
-    assert "Lanes of 7 m: crossing.lanes = 1 and oncoming_lanes = 1 share" in found.words
+    assert "ach lane is 7 m wide: crossing.lanes = 1 and oncoming_lanes = 1 share" in found.words
     # What did run is there, and what did not drive has no parameters there.
     assert ran["pedestrians.walking_speed.mean_mps"] == "1.34"
     assert ran["strategies.soft_yield.p1"] == "0.0169"
@@ -359,8 +365,8 @@ def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(unfinis
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing-here"], "is no run folder"),
-        (["RUN", "--out", "page.txt"], "ends in .html"),
+        (["nothing-here"], "is not a run folder"),
+        (["RUN", "--out", "page.txt"], "ending in .html"),
         (["RUN", "--out", "no/where.html"], "there is no folder"),
         (["RUN", "--figures", "RUN/manifest.json"], "is a file"),
     ],

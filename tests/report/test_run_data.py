@@ -139,9 +139,9 @@ def cut(path: Path) -> None:
 
 
 SPOILT = {
-    "empty folder": (lambda f: [p.unlink() for p in f.iterdir()], "is no run folder"),
-    "file": (lambda f: (shutil.rmtree(f), f.write_text("x")), "is no run folder"),
-    "nothing": (shutil.rmtree, "is no run folder"),
+    "empty folder": (lambda f: [p.unlink() for p in f.iterdir()], "is not a run folder"),
+    "file": (lambda f: (shutil.rmtree(f), f.write_text("x")), "is not a run folder"),
+    "nothing": (shutil.rmtree, "is not a run folder"),
     "another program's manifest": (
         lambda f: (f / "manifest.json").write_text('{"name": "app"}'),
         "manifest.json: format version None",
@@ -179,8 +179,13 @@ def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> N
     ("table", "column", "value", "words"),
     [
         ("episodes", "pair", None, "episodes.parquet: pair: is empty in a row"),
-        ("episodes", "pair", 5, "pair: its rows are in disorder"),
-        ("episodes", "arm", "human", "arm: not both arms of each pair; allowed: av, then human"),
+        ("episodes", "pair", 5, "pair: rows are not in order"),
+        (
+            "episodes",
+            "arm",
+            "human",
+            "arm: does not have both arms of each pair; allowed: av, then human",
+        ),
         ("episodes", "ending", "vanished", "ending: 'vanished'; allowed: crossed, crashed"),
         ("episodes", "steps", -1, "steps: -1; allowed: 0 to"),
         ("episodes", "pass_time_s", 0.0, "pass_time_s: 0.0; allowed: 1e-18 to"),

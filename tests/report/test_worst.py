@@ -119,7 +119,7 @@ def test_in_the_shell(runs: tuple[Path, Path]) -> None:
         (["--cell", "1"], "--cell: 1; allowed: 0 to 0"),
         (["-n", "0"], "-n: 0; allowed: 1 or more"),
         (["--arm", "car"], "'--arm': 'car' is not one of 'av', 'human'"),
-        (["--diff", "nowhere"], "nowhere: is no run folder"),
+        (["--diff", "nowhere"], "nowhere: is not a run folder"),
     ],
 )
 def test_refused(runs: tuple[Path, Path], options: list[str], said: str) -> None:

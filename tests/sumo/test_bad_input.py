@@ -220,7 +220,7 @@ def test_a_folder_that_holds_a_run(refused: Refuse, tmp_path: Path) -> None:
     folder.mkdir()
     (folder / "manifest.json").write_text("{}")
     (folder / "episodes.parquet").write_bytes(b"kept")
-    says(refused("run", "cctc", "--pairs", 1, "--out", folder), "--out", "holds a run already")
+    says(refused("run", "cctc", "--pairs", 1, "--out", folder), "--out", "already holds a run")
 
 
 def test_a_bad_scenario_does_not_even_make_the_folder(refused: Refuse, tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_a_bad_scenario_does_not_even_make_the_folder(refused: Refuse, tmp_path:
 
 
 def test_export_of_what_is_no_run(refused: Refuse, tmp_path: Path) -> None:
-    says(refused("export", tmp_path, "--csv"), "is no run folder")
+    says(refused("export", tmp_path, "--csv"), "is not a run folder")
     says(refused("export", "nowhere", "--csv"), "nowhere")
     says(refused("export", "x" * 300, "--csv"), "xxx")
     says(refused("export", tmp_path), "--csv")

@@ -20,7 +20,7 @@ from harness.store.manifest import options_of, scored_now
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
 from harness.store.run_folder import RunFolder, claim_folder
 from harness.store.shards import DamagedShardError
-from harness.store.tables import ASKED, encounter_tables, table_of
+from harness.store.tables import MODEL_USE, encounter_tables, table_of
 from harness.store.walk_rows import stored_walk
 from harness.studies.batch.finish import finish
 from harness.studies.batch.hour_scoring import score_hours
@@ -139,7 +139,7 @@ def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, pa.T
             continue
         # Kept traces end at the contact; what came after it was known to the run alone.
         crashed = old["ending"] == Ending.CRASHED
-        kept = (*ASKED, *_AFTER_CONTACT) if crashed else ASKED
+        kept = (*MODEL_USE, *_AFTER_CONTACT) if crashed else MODEL_USE
         rows.append(new | {name: old[name] for name in kept if name in old})
     return {**tables, "episodes": table_of("episodes", rows)}
 
