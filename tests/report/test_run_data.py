@@ -184,7 +184,7 @@ def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> N
             "episodes",
             "arm",
             "human",
-            "arm: does not have both arms of each pair; allowed: av, then human",
+            "arm: does not have both arms of each pair; allowed: av",
         ),
         ("episodes", "ending", "vanished", "ending: 'vanished'; allowed: crossed, crashed"),
         ("episodes", "steps", -1, "steps: -1; allowed: 0 to"),
