@@ -5,8 +5,8 @@ from harness.strategies.driving import resume
 
 
 class ConstantSpeed:
-    """Drives at v0 whatever happens; must crash when geometry says so."""
+    """Drives at v0 and never yields; the control case, which must crash if nobody else yields."""
 
     def decide(self, observation: Observation, /) -> float:
-        """Back to v0 where the vehicle before has slowed it, as in hours of traffic; else 0."""
+        """0, or the acceleration back to v0 if a vehicle ahead has slowed it ([traffic])."""
         return resume(observation)

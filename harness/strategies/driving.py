@@ -1,20 +1,20 @@
-"""Manoeuvres that several strategies share, exact on the simulation's time grid."""
+"""Manoeuvres that several strategies use; they are exact on the simulation's time grid."""
 
 import math
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView, Vehicle
 
 ROUNDING = 1e-9
-"""An ego this near a threshold (m, s) is on it: engines differ in the last bits of their sums."""
+"""Tolerance of thresholds (m, s): engines differ in the last bits of their sums."""
 
 CLEARANCE_M = PEDESTRIAN_RADIUS_M + 0.1
-"""Range at which an ego stands at the latest: 0.1 m before somebody on the centre line."""
+"""Least range at which an ego stops: 0.1 m before a pedestrian on the centre line."""
 
 COMFORTABLE_MPS2 = 3.0
 """Deceleration towards the crosswalk: 10 ft/s², ITE's for drivers before a red light."""
 
 AT_KERB_M = 1.0
-"""Somebody who stands no farther than this behind the kerb waits at the crosswalk."""
+"""A pedestrian who stands at most this far behind the kerb waits at the crosswalk."""
 
 
 def resume(observation: Observation) -> float:
@@ -25,7 +25,7 @@ def resume(observation: Observation) -> float:
 def towards(
     observation: Observation, speed_mps: float, acceleration_mps2: float | None = None
 ) -> float:
-    """Acceleration to a speed, at most that up (a0 where it is not said) and a0 down, in m/s²."""
+    """Acceleration to a speed in m/s²: at most the given one (or a0) upwards and a0 downwards."""
     limit = observation.vehicle.resume_acceleration_mps2
     most = limit if acceleration_mps2 is None else acceleration_mps2
     wanted = (speed_mps - observation.ego.speed_mps) / observation.step_s
@@ -35,13 +35,13 @@ def towards(
 
 
 def stop_after(distance_m: float, speed_mps: float, step_s: float) -> float:
-    """Acceleration of a constant deceleration that stands still after exactly ``distance_m``.
+    """Acceleration of a constant deceleration that stops the ego after exactly ``distance_m``.
 
     A constant deceleration from v over d takes T = 2d/v, which is seldom a whole number of
     steps.  With n = ceil(T/step) this holds a for n − 1 steps and the rest in the last one, where
     a solves Σ (v_k + v_{k+1})/2 · step = d: a = −((n − ½) v − d/step) / (step n (n − 1)/2).  It
-    differs from v²/2d by a relative 1/(4 n (n − 1)) at most and repeats itself when asked again
-    at the next step.
+    differs from v²/2d by a relative 1/(4 n (n − 1)) at most.  The next step computes the same
+    value.
 
     Args:
         distance_m: distance to the point of rest, > 0.
@@ -67,23 +67,23 @@ def full_braking_distance(speed_mps: float, deceleration_mps2: float, step_s: fl
 
 
 def clearing_time(pedestrian: PedestrianView) -> float:
-    """t_L, the time until the pedestrian reaches the far kerb; infinite for one who stands."""
+    """t_L, the time until the pedestrian reaches the far kerb; infinite if they stand."""
     if pedestrian.speed_mps <= 0:
         return math.inf
     return pedestrian.remaining_m / pedestrian.speed_mps
 
 
 def half_path(vehicle: Vehicle) -> float:
-    """Half the width in which the ego touches a walker's disc: w/2 + 0.25 m."""
+    """Half the width within which the ego touches a pedestrian's disc: w/2 + 0.25 m."""
     return vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
 
 
 def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float, float]:
-    """From when to when a pedestrian is in the ego's path if they keep their velocity, s from now.
+    """When a pedestrian who keeps their velocity enters and leaves the ego's path, in s from now.
 
     Returns:
-        (enters, leaves): enters is 0 for one who is in it, leaves below 0 for one who is past it;
-        one who stands before it never enters: both infinite.
+        (enters, leaves).  ``enters`` is 0 if they are in the path; ``leaves`` is below 0 if they
+        are past it; both are infinite if they stand before it.
     """
     to_centre, speed = pedestrian.lateral_m, pedestrian.speed_mps
     if speed > 0:
@@ -94,10 +94,10 @@ def time_in_path(pedestrian: PedestrianView, half_path_m: float) -> tuple[float,
 
 
 def lane_free_in(observation: Observation, pedestrian: PedestrianView) -> float:
-    """Time until a pedestrian has left the ego's lane, disc and all, in s.
+    """Time in s until the whole disc of a pedestrian has left the ego's lane.
 
-    Where it lies at a kerb they leave it there.  0 or less for one who has left it, infinite for
-    one who stands before its end.
+    If the lane ends at a kerb, they leave it at the kerb.  The time is 0 or less if they have left
+    it, and infinite if they stand before its end.
     """
     end_m = observation.crossing.lane_width_m / 2 + PEDESTRIAN_RADIUS_M
     rest_m = min(pedestrian.lateral_m + end_m, pedestrian.remaining_m)
@@ -112,7 +112,7 @@ def speeding_up(
     speed_mps: float,
     acceleration_mps2: float | None = None,
 ) -> tuple[float, float]:
-    """(time in s, speed at the end in m/s) of a distance ≥ 0 at a0, or as said, up to v0."""
+    """(time in s, final speed in m/s) of a distance ≥ 0 at a0 or a given acceleration, up to v0."""
     vehicle = observation.vehicle
     gain, top = acceleration_mps2 or vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
     reached = max(speed_mps, min(top, math.sqrt(speed_mps**2 + 2 * gain * distance_m)))
@@ -121,14 +121,14 @@ def speeding_up(
 
 
 def stop_at_line(observation: Observation) -> float:
-    """Acceleration of a constant deceleration to a stop at the stop line; no harder than needed."""
+    """Acceleration of the constant deceleration that stops the ego at the stop line."""
     speed, step = observation.ego.speed_mps, observation.step_s
     distance = observation.ego.range_m - observation.crossing.stop_line_m
     return stop_after(distance, speed, step) if distance > ROUNDING else -speed / step
 
 
 def anybody_waits(observation: Observation) -> bool:
-    """Whether somebody stands at one of the kerbs, not yet on the crossing."""
+    """Whether a pedestrian stands at one of the kerbs and is not yet on the crossing."""
     farthest = observation.crossing.length_m + AT_KERB_M
     return any(
         not pedestrian.on_crossing
@@ -144,16 +144,16 @@ def can_stop_at_line(
     after_s: float = 0.0,
     at_mps2: float = 0.0,
 ) -> bool:
-    """Whether a deceleration is enough for a stop at the stop line; what was possible stays so.
+    """Whether a deceleration is enough to stop at the stop line; once true, it stays true.
 
-    An ego that stands before the near edge has stopped.  With the bumper over the edge it is too
-    late: nobody steps off in front of such a car, so it and they would wait for each other.
+    An ego that stands before the near edge has stopped.  If its bumper is over the edge it must not
+    stop: nobody steps off in front of such a car, so both would wait for each other.
 
     Args:
-        observation: where the ego is.
-        deceleration_mps2: above 0; the vehicle's maximum counts if that is less.
-        after_s: asks of so much later, …
-        at_mps2: … having driven at this acceleration until then.
+        observation: what the strategy sees.
+        deceleration_mps2: the deceleration, above 0, limited by the vehicle's maximum.
+        after_s: time in s at which the ego begins to brake.
+        at_mps2: acceleration until then.
     """
     ego, crossing = observation.ego, observation.crossing
     speed = ego.speed_mps + at_mps2 * after_s

@@ -1,4 +1,4 @@
-"""An emergency brake alone (AEB): nothing before a collision is near, then everything."""
+"""Autonomous emergency braking (AEB) alone: no reaction until a collision is near."""
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation, PedestrianView
 from harness.core.errors import InputError
@@ -6,25 +6,26 @@ from harness.strategies.driving import ROUNDING, half_path, resume, time_in_path
 
 
 class EmergencyBrake:
-    """Drives at v0, brakes at the maximum when the TTC to a pedestrian falls under a threshold.
+    """Drives at v0 and brakes at the maximum if the TTC to a pedestrian is below a threshold.
 
-    With both keeping their velocities the ego is over the pedestrian's line (x = 0) from
-    (R − r)/v to (R + l + r)/v, they are in its path from (L − h)/v_p to (L + h)/v_p; r = 0.25 m,
-    l the vehicle's length, h half its width plus r.  The two are on a collision course where these
-    times overlap, and the TTC is the first moment of both; so "about to enter the lane" means: in
-    the ego's path while the ego is there.  The TTC is that of docs/measures.md but for the rounding
-    of the corners, which it takes as full: never later.
+    If both keep their velocities, the ego covers the pedestrian's line (x = 0) from (R − r)/v to
+    (R + l + r)/v, and the pedestrian is in its path from (L − h)/v_p to (L + h)/v_p.  Here
+    r = 0.25 m, l is the vehicle's length, and h is half its width plus r.  They are on a collision
+    course if these intervals overlap, and the TTC is the beginning of the overlap.  The TTC is that
+    of docs/measures.md, except that the corners of the ego's outline are not rounded; so it is
+    never later.
 
-    Having begun to brake it goes on until whoever it brakes for has left its path, or stands
-    outside it; then a0 to v0.  With the bumper past R = r it goes on: braking could only lengthen
-    the time it is in the way.
+    It brakes until the pedestrian has left its path or stands outside it; then it returns to v0
+    with a0.  If the bumper is past R = r it drives on, because braking would only lengthen the time
+    for which it is in the way.
 
-    Source: the function that Euro NCAP's AEB VRU test protocol presumes (full braking by itself
-    when a collision is near, TTC with both velocities kept).  It sets no threshold.  1.2 s stops a
-    car that brakes at b = 9 m/s² from 60 km/h: that takes v/2b = 0.93 s, and two steps are spare.
+    Source: the function that Euro NCAP's AEB VRU test protocol presumes (full automatic braking
+    when a collision is near, TTC with constant velocities).  The protocol sets no threshold.  1.2 s
+    stop a car that brakes at b = 9 m/s² from 60 km/h: that takes v/2b = 0.93 s, and two steps
+    remain.
 
     Args:
-        ttc_threshold_s: it brakes below this TTC, s, above 0.
+        ttc_threshold_s: the TTC below which it brakes, s, above 0.
 
     Raises:
         InputError: the threshold is not above 0.
@@ -37,7 +38,7 @@ class EmergencyBrake:
         self._braking_for: set[int] = set()
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         ego, vehicle = observation.ego, observation.vehicle
         half = half_path(vehicle)
         threats = set()
@@ -57,7 +58,7 @@ class EmergencyBrake:
 def _time_to_collision(
     observation: Observation, pedestrian: PedestrianView, half_path_m: float
 ) -> float:
-    """TTC in s, infinite off a collision course or for someone who is not on the crossing."""
+    """TTC in s; infinite without a collision course or if the pedestrian is not on the crossing."""
     ego = observation.ego
     if not pedestrian.on_crossing or ego.speed_mps <= 0:
         return float("inf")

@@ -1,4 +1,4 @@
-"""Gap-Yield: goes first through a gap that is long enough, yields smoothly otherwise."""
+"""Gap-Yield: a strategy that goes first if the gap is long enough and otherwise yields smoothly."""
 
 import math
 from typing import ClassVar, NamedTuple
@@ -21,46 +21,47 @@ from harness.strategies.driving import (
 )
 
 ROLLING_MPS = 1.0
-"""Slowest speed at which it rolls up to the edge; where it would be slower, it stops before."""
+"""Least speed at which it rolls up to the edge; if it would be slower, it stops before the edge."""
 
 
 class GapYield:
-    """Goes first where that leaves a gap, else yields smoothly; can always stop for a newcomer.
+    """Goes first if the gap is long enough, otherwise yields smoothly, and can always stop.
 
-    *Gap.*  From now on each pedestrian on the crossing is in the ego's path (half its width plus
-    0.25 m either side of its centre) from t_in on, and has left the ego's lane (disc and all) at
-    t_free, at their present speed.  The ego, driving on, reaches the near edge at t_edge, and its
-    rear bumper leaves their line (x = 0.25 m) at t_out.  Somebody is in the way if t_free > t_edge
-    and the time advantage t_in − t_out is not above ``critical_gap_s``.  With nobody in the way it
-    goes.  With the bumper over the near edge it has decided: then only those with t_in ≤ t_out are
-    in the way.
+    *Gap.*  At their present speed each pedestrian on the crossing enters the ego's path (half its
+    width plus 0.25 m on either side of its centre) at t_in, and their disc has left the ego's lane
+    at t_free.  An ego that drives on reaches the near edge at t_edge, and its rear bumper leaves
+    their line (x = 0.25 m) at t_out.  A pedestrian is in the way if t_free > t_edge and the time
+    advantage t_in − t_out is not above ``critical_gap_s``.  If nobody is in the way, the ego drives
+    on.  Once its bumper is over the near edge, only those with t_in ≤ t_out are in the way.
 
-    *Yielding.*  It reaches the near edge when the last one in the way has left its lane, with one
-    constant deceleration 2 (s − v t_free)/t_free², s to the edge; where it would get there slower
-    than 1 m/s it stops 1 m before the edge like Hard-Yield, and starts so as to be at the edge at
-    t_free.  Since yielding makes it later, whoever it would have passed before may now be in the
-    way too: all are looked at again until nobody is.
+    *Yielding.*  It reaches the near edge when the last pedestrian in the way has left its lane,
+    with one constant deceleration 2 (s − v t_free)/t_free², where s is the distance to the edge.
+    If it would get there slower than 1 m/s it stops 1 m before the edge like Hard-Yield, and starts
+    so that it is at the edge at t_free.  Yielding delays it, so pedestrians whom it would have
+    passed first may now be in the way too: it checks all of them again until nobody is.
 
-    *Approach.*  Nobody can be seen before they step off.  From the near kerb the path is a second
-    away or less (1.1 m at the CCTC), while at v = 5 m/s the ego takes 1.5 s to get out of the way.
-    So only stopping helps, and it has to help until the bumper is over the near edge: from there on
-    nobody walks in front of the car any more (the rule at the kerb that holds in every scenario;
-    ``kerb_wait_s`` is not relied on).  Therefore at every step that begins before the edge,
-    R' − d(v') ≥ 0.35 m at its end: d(v') = v'²/2b + b step²/8 is what full braking takes on the
-    time grid.  Held over one more step at the edge this allows v_e = b (sqrt(step² + 2 c/b) −
+    *Approach.*  It cannot detect pedestrians before they step off.  From the near kerb its path is
+    at most one second away (1.1 m at the CCTC), while at v = 5 m/s it takes 1.5 s to clear the
+    crosswalk.  So it must be able to stop until its bumper is over the near edge.  From there on
+    nobody steps off in front of it (the kerb rule of every scenario; it does not rely on
+    ``kerb_wait_s``).  Therefore at the end of every step that begins before the edge,
+    R' − d(v') ≥ 0.35 m, where d(v') = v'²/2b + b step²/8 is the distance of full braking on the
+    time grid.  Applied to one more step at the edge, this allows v_e = b (sqrt(step² + 2 c/b) −
     step), c = width/2 − 0.35 m − b step²/8: 3.42 m/s with a 4 m crosswalk and b = 4.5 m/s².  It
-    slows down to v_e with 3 m/s² and goes back to v0 with a0 from the edge on.
+    slows down to v_e with 3 m/s² and returns to v0 with a0 from the edge on.
 
-    *Limits.*  It trusts in constant walking speeds, except for the gap; it slows down for an empty
-    crosswalk too, by 5 % of the time at the CCTC; someone who stands on the crossing outside its
-    path is not waited for.  Where not even full braking stops it before x = −0.25 m it goes on.
+    *Limits.*  Apart from the gap it relies on constant walking speeds.  It slows down for an empty
+    crosswalk too, which takes 5 % of the time at the CCTC.  It does not wait for a pedestrian who
+    stands on the crossing outside its path.  If not even full braking stops it before x = −0.25 m,
+    it drives on.
 
     Sources: time advantage, Laureshyn, Svensson, Hydén 2010 (gaps under 1.5 s count as conflicts);
-    the speed from which one can still stop, as in Krauss 1998 and the assured clear distance.
+    the speed from which a vehicle can still stop, as in Krauss 1998 and the assured clear distance.
 
     Args:
-        critical_gap_s: the time advantage above which it goes first, s; below 0 it also goes where
-            it would be late.  Its aggressiveness is −critical_gap_s.
+        critical_gap_s: the time advantage above which it goes first, s; below 0 it also goes first
+            if it would be late.  Its aggressiveness is −critical_gap_s.
+        yield_to_waiting: also stop for pedestrians who wait at a kerb, if 3 m/s² are enough.
     """
 
     AGGRESSIVENESS: ClassVar = {"critical_gap_s": -1.0}  # a smaller gap is bolder
@@ -69,7 +70,7 @@ class GapYield:
         self._critical_gap_s, self._yield_to_waiting = critical_gap_s, yield_to_waiting
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         go = _within_stopping(observation, resume(observation))
         if self._yield_to_waiting and anybody_waits(observation) and can_stop_at_line(observation):
             return min(go, stop_at_line(observation))
@@ -81,14 +82,14 @@ class GapYield:
 
 
 class _Person(NamedTuple):
-    """When someone comes into the ego's path and when they have left its lane, s from now."""
+    """When a pedestrian enters the ego's path and when they have left its lane, in s from now."""
 
     enters_s: float
     frees_s: float
 
 
 def _people(observation: Observation) -> list[_Person]:
-    """Everyone on the crossing who is in the ego's lane or will be."""
+    """All pedestrians on the crossing who are or will be in the ego's lane."""
     half = half_path(observation.vehicle)
     people = []
     for pedestrian in observation.pedestrians:
@@ -105,7 +106,7 @@ def _people(observation: Observation) -> list[_Person]:
 def _lane_free(
     observation: Observation, people: list[_Person], critical_gap_s: float
 ) -> float | None:
-    """In how many seconds to be at the near edge; None if nobody is in the way."""
+    """Time in s after which the ego may be at the near edge; None if nobody is in the way."""
     ego = observation.ego
     to_edge = _to_edge(observation)
     needed = critical_gap_s if to_edge > 0 else min(0.0, critical_gap_s)
@@ -113,7 +114,7 @@ def _lane_free(
     clear = at_edge + _passage(observation, min(0.0, to_edge), speed)
     until = None
     while True:
-        # Whoever leaves within this step is as good as gone.
+        # A pedestrian who leaves within this step does not count.
         patience = max(at_edge, observation.step_s)
         in_the_way = [
             person.frees_s
@@ -127,7 +128,7 @@ def _lane_free(
 
 
 def _arrival_speed(observation: Observation, until_s: float) -> float:
-    """Speed at the near edge when it gets there in ``until_s``, by rolling or after a stop."""
+    """Speed at the near edge if it gets there in ``until_s``, by rolling or after a stop."""
     ego, crossing = observation.ego, observation.crossing
     to_edge = max(0.0, _to_edge(observation))
     rolling = 2 * to_edge / until_s - ego.speed_mps
@@ -138,12 +139,12 @@ def _arrival_speed(observation: Observation, until_s: float) -> float:
 
 
 def _yield(observation: Observation, until_s: float, go: float) -> float:
-    """Be at the near edge in ``until_s``, or stop; ``go`` where neither is possible."""
+    """The acceleration to reach the near edge in ``until_s``, or to stop; else ``go``."""
     ego, step = observation.ego, observation.step_s
     limit = observation.vehicle.max_deceleration_mps2
     to_edge = _to_edge(observation)
     if ego.speed_mps <= ROUNDING:
-        # It stands; a stop may leave 1e-17 m/s, which must not send it rolling.
+        # It stands; a stop may leave 1e-17 m/s, which must not count as rolling.
         return 0.0
     if 2 * to_edge / until_s - ego.speed_mps >= ROLLING_MPS:
         rolling = 2 * (to_edge - ego.speed_mps * until_s) / until_s**2
@@ -159,11 +160,11 @@ def _yield(observation: Observation, until_s: float, go: float) -> float:
 
 
 def _within_stopping(observation: Observation, wanted: float) -> float:
-    """``wanted``, or what leads to the edge's speed at the edge.
+    """``wanted``, limited so that the ego can slow down to v_e before the edge.
 
-    v' after this step from v'² = v_e² + 2 a (s − (v + v') step/2), with a = 3 m/s² or the
-    vehicle's maximum if that is less: being able to stop at the edge then means being able to stop
-    at every step before.
+    The speed v' after this step solves v'² = v_e² + 2 a (s − (v + v') step/2), with a = 3 m/s² or
+    the vehicle's maximum if that is less.  An ego that can stop at the edge can then stop at every
+    step before it.
     """
     speed, step = observation.ego.speed_mps, observation.step_s
     to_edge = _to_edge(observation)
@@ -182,7 +183,7 @@ def _to_edge(observation: Observation) -> float:
 
 
 def _edge_speed(observation: Observation) -> float:
-    """v_e: held over one more step at the near edge it still allows to stop."""
+    """v_e, from which the ego can still stop if it holds it for one more step at the near edge."""
     limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
     room = observation.crossing.width_m / 2 - CLEARANCE_M - limit * step**2 / 8
     return limit * (math.sqrt(step**2 + 2 * max(0.0, room) / limit) - step)
@@ -196,11 +197,11 @@ def _run_up(observation: Observation, distance_m: float, speed_mps: float) -> tu
     """(time to the near edge, speed there) of the free approach: a0, v0, then down to v_e."""
     vehicle, slowing, edge = observation.vehicle, _slowing(observation), _edge_speed(observation)
     a0, top = vehicle.resume_acceleration_mps2, vehicle.initial_speed_mps
-    # Squared speed from which slowing down has to begin at this distance.
+    # Squared speed at which slowing down has to begin at this distance.
     on_curve = edge**2 + 2 * slowing * distance_m
     if speed_mps**2 >= on_curve:
         return 2 * distance_m / (speed_mps + edge) if distance_m > 0 else 0.0, edge
-    # Where a0 would meet that curve.
+    # Distance after which accelerating with a0 would meet that curve.
     run = (on_curve - speed_mps**2) / (2 * (a0 + slowing))
     if top <= edge or run >= distance_m:
         return speeding_up(observation, distance_m, speed_mps)

@@ -1,4 +1,4 @@
-"""Hard-Yield: stop before the crosswalk and wait until it is clear."""
+"""Hard-Yield: a strategy that stops before the crosswalk and waits until it is clear."""
 
 from harness.core.encounter import PEDESTRIAN_RADIUS_M, Observation
 from harness.strategies.driving import (
@@ -13,13 +13,13 @@ from harness.strategies.driving import (
 class HardYield:
     """Brakes constantly to a stop 1 m before the crosswalk, waits until clear, then resumes.
 
-    Past that line, or where stopping there would need more than the vehicle's maximum
-    deceleration, it brakes at the maximum if that stops it before R = 0.25 m; otherwise it goes
-    on.  Any number of pedestrians: it waits for all of them.  Source: the stopping counterpart of
-    Soft-Yield in Schroeder et al. 2014, as laid down in docs/method.md.
+    If it is past that line, or if stopping there would need more than the vehicle's maximum
+    deceleration, it brakes at the maximum if that stops it before R = 0.25 m; otherwise it drives
+    on.  It waits for all pedestrians on the crossing.  Source: the stopping counterpart of
+    Soft-Yield in Schroeder et al. 2014, as defined in docs/method.md.
 
     Args:
-        yield_to_waiting: also stop for people who wait at a kerb, where 3 m/s² are enough.
+        yield_to_waiting: also stop for pedestrians who wait at a kerb, if 3 m/s² are enough.
     """
 
     def __init__(self, *, yield_to_waiting: bool = False) -> None:
@@ -27,7 +27,7 @@ class HardYield:
         self._braking_at_maximum = False
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         ego = observation.ego
         occupied = any(pedestrian.on_crossing for pedestrian in observation.pedestrians)
         if self._yield_to_waiting and anybody_waits(observation):
@@ -37,7 +37,7 @@ class HardYield:
             return resume(observation)
         limit, step = observation.vehicle.max_deceleration_mps2, observation.step_s
         distance = ego.range_m - observation.crossing.stop_line_m
-        # Once braking at the maximum it stays with that until the crossing is clear.
+        # Once it brakes at the maximum, it does so until the crossing is clear.
         if (
             not self._braking_at_maximum
             and distance > 0

@@ -1,4 +1,4 @@
-"""The human driver of the paper: drives at the most likely speed of the interaction model."""
+"""The human driver of the paper, who drives at the most likely speed of the interaction model."""
 
 from typing import Literal
 
@@ -10,21 +10,22 @@ from harness.model.interaction import Asked, InteractionModel
 
 
 class HumanDriver:
-    """Adjusts its speed every Δt to the mode of f(v | 1/R, v_p, 1/T_adv) and holds in between.
+    """Every Δt it chooses the acceleration to the mode of f(v | 1/R, v_p, 1/T_adv) and holds it.
 
     a_d = (v_d − v) / Δt (paper, section III-D) within the vehicle's limits, where v_d is the
-    smallest mode over all pedestrians on the crossing and at most v0.  T_adv uses the present v
-    and the signed L.  Nobody on the crossing, or R ≤ 0: a0 to v0, held for Δt like the rest.
+    smallest mode over all pedestrians on the crossing, and at most v0.  T_adv uses the present v
+    and the signed L.  If nobody is on the crossing, or if R ≤ 0, it returns to v0 with at most a0;
+    it holds this acceleration for Δt too.
 
-    ``asked`` counts the states of the ego that the model was asked about.
+    ``asked`` counts the states of the ego for which the model was used.
 
     Args:
         model: the interaction model (given by the harness).
         rng: random numbers of this pair (given by the harness); used by ``speed="sampled"``.
         step_s: the simulation's step (given by the harness).
         decision_interval_s: Δt, a whole number of steps.
-        reading: condition on the time advantage, or leave it out (``marginal``).
-        speed: the mode, or a draw from the density (``sampled``).
+        reading: whether the density is conditioned on the time advantage or not (``marginal``).
+        speed: the mode of the density, or a draw from it (``sampled``).
     """
 
     def __init__(
@@ -52,7 +53,7 @@ class HumanDriver:
         self._held = 0.0
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s², new only at whole multiples of Δt."""
+        """Commanded acceleration in m/s²; it changes only at whole multiples of Δt."""
         # 1e-9 s: a step's time and a multiple of Δt may differ in their last bit.
         if observation.time_s >= self._decisions * self._interval_s - 1e-9:
             self._decisions += 1
@@ -84,7 +85,7 @@ class HumanDriver:
 def inverse_time_advantage(
     range_m: float, speed_mps: float, lateral_m: float, walking_speed_mps: float
 ) -> float:
-    """1/T_adv = 1/abs(R/v − L/v_p) in 1/s, 0 for one who stands, infinite on an exact meeting."""
+    """1/T_adv = 1/abs(R/v − L/v_p) in 1/s; 0 if either of them stands, infinite if T_adv = 0."""
     if speed_mps <= 0 or walking_speed_mps <= 0:
         return 0.0
     advantage = abs(range_m / speed_mps - lateral_m / walking_speed_mps)

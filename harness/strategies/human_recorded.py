@@ -16,44 +16,46 @@ from harness.strategies.driving import (
 )
 
 SPARE_M = 0.05
-"""It keeps so far from a pedestrian's disc, along the road and across it."""
+"""Clearance that it keeps from a pedestrian's disc, along the road and across it."""
 
 _LINE_M = PEDESTRIAN_RADIUS_M + SPARE_M
 
 
 class HumanRecorded:
-    """Answers those who will soon be in its path, rolls slowly among them, hits nobody avoidably.
+    """Reacts to pedestrians who will soon be in its path, and avoids every avoidable crash.
 
-    From now on, at present speeds, each pedestrian is in the ego's path (half its width plus
-    0.3 m either side of its centre) from t_in to t_out.  The ego, going first from here, covers
-    their line (x = 0, with 0.3 m to spare) from t_arrive to t_gone: it pulls away with
-    ``pulling_away_mps2`` up to v0.
+    At their present speed each pedestrian is in the ego's path (half its width plus 0.3 m on either
+    side of its centre) from t_in to t_out.  If the ego goes first, it accelerates with
+    ``pulling_away_mps2`` up to v0 and covers their line (x = 0, plus 0.3 m) from t_arrive to
+    t_gone.
 
-    *Who counts*: everyone whose t_in is at most ``horizon_s`` and who is not past its path.
-    Among people who count it does not speed up beyond ``speed_among_people_mps``; where it is
-    faster it keeps its speed.  With nobody who counts it goes at a0 to v0.
+    *Relevant pedestrians* have a t_in of at most ``horizon_s`` and are not past the ego's path.
+    While there are any, the ego does not accelerate beyond ``speed_among_people_mps``; if it is
+    faster it keeps its speed.  While there are none, it returns to v0 with a0.
 
-    *Yielding.*  It goes before those who come into its path more than ``go_first_s`` after its
-    front has reached their line, and behind those who leave it at most ``let_go_s`` after that.
-    For the others who count, once it has seen it so for ``reaction_time_s``, it stops 0.3 m before
-    their line, as late as ``comfortable_deceleration_mps2`` allows; it goes on when nobody is left.
+    *Yielding.*  It goes before pedestrians who enter its path more than ``go_first_s`` after its
+    front has reached their line, and behind those who leave its path at most ``let_go_s`` after
+    that.  It stops 0.3 m before the line of the other relevant pedestrians, once they have been in
+    the way for ``reaction_time_s`` and as late as ``comfortable_deceleration_mps2`` allows.  It
+    drives on when none of them is left.
 
-    *Avoiding*, without a reaction time and whether they count or not: for somebody whom it would
-    meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive) it stops there, too, from the last
-    step on at which full braking is enough.  Where full braking is no longer enough nobody was in
-    the way, and it goes first.
+    *Avoiding* has no reaction time and applies to all pedestrians.  The ego also stops there for a
+    pedestrian whom it would meet if it went first (t_in ≤ t_gone and t_out ≥ t_arrive), from the
+    last step on at which full braking is enough.  If full braking is no longer enough, nobody was
+    in the way before, and it goes first.
 
-    *Limits.*  It was fitted to a few dozen vehicles of one place: docs/validation.md has its card.
-    Recorded pedestrians give way to a car that rolls among them; where they keep their speeds, as
-    in flows here, it waits for them.
+    *Limits.*  It was fitted to a few dozen vehicles at one place: docs/validation.md has its card.
+    Recorded pedestrians give way to a car that rolls among them; if they keep their speeds, as in
+    the flows of the harness, it waits for them.
 
     Args:
-        horizon_s: when a person counts, s before they come into its path, above 0.
+        horizon_s: time before entering its path from which a pedestrian is relevant, s, above 0.
         go_first_s: threshold for going first, s; larger is more careful.
-        let_go_s: threshold for passing behind somebody, s; larger is bolder.
-        reaction_time_s: of yielding, s, not below 0.
-        comfortable_deceleration_mps2: of yielding, m/s², above 0.
-        speed_among_people_mps: up to which it speeds up among people who count, m/s, above 0.
+        let_go_s: threshold for passing behind a pedestrian, s; larger is bolder.
+        reaction_time_s: reaction time of yielding, s, at least 0.
+        comfortable_deceleration_mps2: deceleration of yielding, m/s², above 0.
+        speed_among_people_mps: greatest speed to which it accelerates among relevant pedestrians,
+            m/s, above 0.
         pulling_away_mps2: acceleration of going first, m/s², above 0, at most the vehicle's.
 
     Raises:
@@ -90,7 +92,7 @@ class HumanRecorded:
         self._since: dict[int, float] = {}
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         ego, vehicle, step = observation.ego, observation.vehicle, observation.step_s
         limit, room = vehicle.max_deceleration_mps2, ego.range_m - _LINE_M
         pulling = min(self._pulling_mps2, vehicle.max_acceleration_mps2)
@@ -121,7 +123,7 @@ class HumanRecorded:
         return min(go, max(-limit, stop_after(room, ego.speed_mps, step)))
 
     def _yields(self, observation: Observation, counting: "list[_Person]", arrives: float) -> bool:
-        """Whether it has seen long enough that somebody is neither before nor behind it."""
+        """Whether a relevant pedestrian has been in the way for at least the reaction time."""
         since = {
             person.index: self._since.get(person.index, observation.time_s)
             for person in counting
@@ -134,7 +136,7 @@ class HumanRecorded:
 
 
 class _Person(NamedTuple):
-    """When someone on the way to its path or in it enters and leaves it, s from now."""
+    """When a pedestrian enters and leaves the ego's path, in s from now."""
 
     index: int  # type: ignore[assignment]  # the field's own name; tuple.index is not needed
     enters_s: float
@@ -151,7 +153,7 @@ def _people(observation: Observation) -> list[_Person]:
 
 
 def _over_their_line(observation: Observation, pulling_mps2: float) -> tuple[float, float]:
-    """From when to when it covers the centre line, with 5 cm to spare, if it goes first."""
+    """When it begins and ends to cover the pedestrians' line, plus 0.3 m, if it goes first."""
     ego = observation.ego
     ahead, behind = ego.range_m - _LINE_M, ego.range_m + _LINE_M
     behind += observation.vehicle.length_m

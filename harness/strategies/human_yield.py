@@ -1,4 +1,4 @@
-"""The human driver of traffic engineering: yields at a measured rate, runs into nobody."""
+"""The human driver of traffic engineering, who yields at a measured rate and avoids crashes."""
 
 import math
 from typing import ClassVar
@@ -28,23 +28,23 @@ MEAN_YIELD_RATE = 0.74
 
 
 class HumanYield:
-    """Yields to people at the crosswalk, or goes on before them; brakes for who is in its path.
+    """Yields to pedestrians at a measured rate, and brakes for those who are in its path.
 
-    *Yielding.*  Each vehicle is one that yields, or one that does not, for good.  One that yields
-    stops at the stop line, 1 m before the crosswalk, for anybody who waits at a kerb, or who is
-    on the crossing and will not have left its lane, disc and all, when it would get to the near
-    edge.  It does so if a comfortable deceleration is enough, else it goes on.  It brakes as late
-    as that deceleration allows, so it often need not stop at all.  At rest it waits for those who
-    step off.
+    *Yielding.*  A vehicle either always yields or never does.  A vehicle that yields stops at the
+    stop line, 1 m before the crosswalk, for pedestrians who wait at a kerb.  It also stops for
+    those on the crossing whose disc will not have left its lane when it would reach the near edge.
+    It does so if a comfortable deceleration is enough; otherwise it drives on.  It brakes as late
+    as that deceleration allows, so it often need not stop at all.  Once stopped it waits for those
+    who step off.
 
-    *Avoiding.*  Whether it yields or not: somebody whom it would meet if it went on and they kept
-    their velocity is braked for, comfortably to the stop line if that is possible, else as hard as
-    a stop 0.1 m before them takes, up to the vehicle's maximum.  To meet is to come within 0.1 m
-    of their disc, at a0 up to v0.  Where even a full stop comes too late for somebody who would
-    walk into its flank, it goes on.
+    *Avoiding.*  Whether it yields or not, it brakes for a pedestrian whom it would meet if it drove
+    on and they kept their velocity.  To meet means to come within 0.1 m of their disc, with a0 up
+    to v0.  It stops comfortably at the stop line if possible; otherwise it brakes as hard as a stop
+    0.1 m before them requires, up to the vehicle's maximum.  If even a full stop comes too late for
+    a pedestrian who would walk into its side, it drives on.
 
-    *Limits.*  It has no reaction time and does not slow down for people whom it does not see yet:
-    somebody who steps off nearer than its stopping distance is hit.
+    *Limits.*  It has no reaction time and does not slow down for pedestrians whom it does not see
+    yet: it hits a pedestrian who steps off within its stopping distance.
 
     Sources: yield rates as in the Highway Capacity Manual's pedestrian delay at uncontrolled
     crossings and its revision, NCHRP Project 17-87; comfortable deceleration, ITE's 10 ft/s².
@@ -53,13 +53,13 @@ class HumanYield:
         rng: random numbers of this vehicle (given by the harness).
         yield_rate: the share of vehicles that yield, M_y, 0 to 1.  Its aggressiveness is
             −yield_rate.
-        comfortable_deceleration_mps2: up to which it yields, m/s², above 0.
+        comfortable_deceleration_mps2: greatest deceleration for yielding, m/s², above 0.
 
     Raises:
         InputError: a value is outside its range.
     """
 
-    AGGRESSIVENESS: ClassVar = {"yield_rate": -1.0}  # who seldom yields is bolder
+    AGGRESSIVENESS: ClassVar = {"yield_rate": -1.0}  # a smaller yield rate is bolder
 
     def __init__(
         self,
@@ -77,7 +77,7 @@ class HumanYield:
         self._comfortable_mps2 = comfortable_deceleration_mps2
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         go = resume(observation)
         passed = observation.ego.range_m <= PEDESTRIAN_RADIUS_M + ROUNDING
         met = [] if passed else _people_met(observation)
@@ -89,7 +89,7 @@ class HumanYield:
 
 
 def _somebody_to_yield_to(observation: Observation) -> bool:
-    """Whether somebody waits, or is on the crossing and in no time past its lane."""
+    """Whether a pedestrian waits, or will still be in its lane when it reaches the near edge."""
     crossing = observation.crossing
     to_edge = max(0.0, observation.ego.range_m - crossing.width_m / 2)
     at_edge, _ = speeding_up(observation, to_edge, observation.ego.speed_mps)
@@ -100,7 +100,7 @@ def _somebody_to_yield_to(observation: Observation) -> bool:
 
 
 def _people_met(observation: Observation) -> list[tuple[float, float]]:
-    """When those whom it would meet if it went on come into its path and leave it, s from now."""
+    """When each pedestrian whom it would meet enters and leaves its path, in s from now."""
     arrives, gone = _over_their_line(observation)
     half = half_path(observation.vehicle) + CLEARANCE_M - PEDESTRIAN_RADIUS_M
     met = []
@@ -113,7 +113,7 @@ def _people_met(observation: Observation) -> list[tuple[float, float]]:
 
 
 def _over_their_line(observation: Observation) -> tuple[float, float]:
-    """From when to when it covers the centre line, with 0.1 m to spare, if it goes on."""
+    """When it begins and ends to cover the centre line, plus 0.1 m, if it drives on."""
     ego = observation.ego
     ahead = max(0.0, ego.range_m - CLEARANCE_M)
     behind = ego.range_m + observation.vehicle.length_m + CLEARANCE_M
@@ -124,7 +124,7 @@ def _over_their_line(observation: Observation) -> tuple[float, float]:
 
 
 def _avoid(observation: Observation, met: list[tuple[float, float]], go: float) -> float:
-    """Stop before somebody's disc, or brake so that they are gone."""
+    """Stop before the disc; if that is too late, brake for those in front or drive on."""
     ego, step = observation.ego, observation.step_s
     limit = observation.vehicle.max_deceleration_mps2
     hardest = -min(limit, ego.speed_mps / step)

@@ -1,4 +1,4 @@
-"""A user's own strategy: ``package.module:Class`` in the working directory, or an entry point."""
+"""Strategies of the user: ``package.module:Class`` in the working directory, or an entry point."""
 
 import importlib
 import operator
@@ -13,38 +13,39 @@ from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, in_one_line, nearest_name
 
 GROUP = "harness.strategies"
-"""The entry point group in which an installed package names its strategies."""
+"""The entry point group in which installed packages register their strategies."""
 
 _FORM = "package.module:Class"
 
 
 @lru_cache
 def installed() -> dict[str, EntryPoint]:
-    """Strategies that installed packages bring, by name."""
+    """The strategies of installed packages, by name."""
     return {point.name: point for point in entry_points(group=GROUP)}
 
 
 def is_of_this_process(name: str) -> bool:
-    """Whether a strategy's name is that of a class of this script or notebook."""
+    """Whether a name stands for a class of this script or notebook."""
     return name.startswith("__main__:")
 
 
 def load_own(name: str, where: str) -> StrategyFactory:
-    """The strategy of an entry point, or that of a name such as ``package.module:MyStrategy``.
+    """The strategy of an entry point or of a name such as ``package.module:MyStrategy``.
 
-    The working directory is importable, in worker processes too: they are started in it.
+    Modules of the working directory can be imported, in worker processes too.
 
     Raises:
-        InputError: no such module or class, the module cannot be imported, or it is no strategy.
+        InputError: the module or class does not exist, the module cannot be imported, or the class
+            is not a strategy.
     """
     if name in installed():
         return load_once(installed()[name].value.partition("[")[0].strip(), where)
     if is_of_this_process(name):
-        # The cell of a notebook may have been run again.
+        # The notebook's cell may have been run again, so the class is not cached.
         return _load(name, where)
     here = str(Path.cwd())
     if here not in sys.path:
-        # The console script has its own folder there, `python -m harness` the working directory.
+        # `python -m harness` puts the working directory there; the console script does not.
         sys.path.insert(0, here)
     return load_once(name, where)
 
@@ -59,19 +60,19 @@ def _load(name: str, where: str) -> StrategyFactory:
     module_name, _, path = name.partition(":")
     parts = [*module_name.split("."), *path.split(".")]
     if not all(part.isidentifier() for part in parts):
-        raise InputError(where, f"{name!r} names no strategy", _FORM)
+        raise InputError(where, f"{name!r} is not a strategy's name", _FORM)
     module = _import(module_name, where)
     try:
         strategy = operator.attrgetter(path)(module)
     except AttributeError:
         raise _unknown_class(module, path, where) from None
     if not isinstance(strategy, type) or not callable(getattr(strategy, "decide", None)):
-        raise InputError(where, f"{name!r} is no strategy", "a class with a method decide")
+        raise InputError(where, f"{name!r} is not a strategy", "a class with a method decide")
     return strategy
 
 
 def _import(name: str, where: str) -> ModuleType:
-    # A module written since Python last looked into its folder has to be seen.
+    # Python caches the contents of folders; a new module would not be found.
     importlib.invalidate_caches()
     try:
         return importlib.import_module(name)
@@ -84,7 +85,7 @@ def _import(name: str, where: str) -> ModuleType:
 
 
 def _unknown_module(missing: str, where: str) -> InputError:
-    """The refusal of a module that is not there, with the nearest one beside it."""
+    """The error for a module that does not exist; it holds the nearest name in the same folder."""
     package, _, last = missing.rpartition(".")
     folders = (
         list(getattr(sys.modules.get(package), "__path__", [])) if package else [str(Path.cwd())]

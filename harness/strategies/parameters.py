@@ -1,4 +1,4 @@
-"""Parameters of strategies: what a constructor takes, and whether a scenario's table fits it."""
+"""Parameters of strategies, and the check of a scenario's table against a constructor."""
 
 import inspect
 from collections.abc import Mapping
@@ -14,14 +14,14 @@ from harness.core.encounter import StrategyFactory
 from harness.core.errors import InputError, unknown_name
 
 GIVEN_BY_HARNESS = ("model", "rng", "step_s")
-"""Constructor arguments that the harness fills in; never keys of a scenario."""
+"""Constructor arguments that the harness passes; they are never keys of a scenario."""
 
 _OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 @dataclass(frozen=True)
 class StrategyParameter:
-    """One key of a ``[strategies.<name>]`` table; ``required`` where it has no default."""
+    """One key of a ``[strategies.<name>]`` table; it is ``required`` if it has no default."""
 
     name: str
     default: Any
@@ -29,7 +29,7 @@ class StrategyParameter:
 
     @property
     def required(self) -> bool:
-        """Whether a scenario has to give it."""
+        """Whether a scenario must set it."""
         return self.default is inspect.Parameter.empty
 
 
@@ -38,7 +38,7 @@ def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
     try:
         hints = get_type_hints(_constructor(strategy))
     except (NameError, TypeError):
-        # A user's annotation that means nothing at run time, e.g. imported for type checkers only.
+        # A user's annotation may not exist at run time, e.g. if only type checkers import it.
         hints = {}
     return [
         StrategyParameter(parameter.name, parameter.default, hints.get(parameter.name, Any))
@@ -49,21 +49,21 @@ def parameters_of(strategy: StrategyFactory) -> list[StrategyParameter]:
 
 @lru_cache
 def needs(strategy: StrategyFactory) -> tuple[str, ...]:
-    """Which of ``GIVEN_BY_HARNESS`` the constructor asks for."""
+    """The arguments of ``GIVEN_BY_HARNESS`` that the constructor names."""
     names = inspect.signature(strategy).parameters
     return tuple(name for name in GIVEN_BY_HARNESS if name in names)
 
 
 def knows_the_model(strategy: StrategyFactory) -> bool:
-    """Whether it is given the interaction model, the very one that people are drawn from."""
+    """Whether the strategy gets the interaction model, from which pedestrians are drawn too."""
     return "model" in needs(strategy)
 
 
 def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
-    """Hold a ``[strategies.<name>]`` table against the constructor's signature.
+    """Check a ``[strategies.<name>]`` table against the constructor's signature.
 
     Raises:
-        InputError: an unknown key, or a value of another type than the annotation says.
+        InputError: a key is unknown, or a value has another type than the annotation.
     """
     known = {parameter.name: parameter for parameter in parameters_of(strategy)}
     takes_any = any(
@@ -84,10 +84,10 @@ def check_parameters(strategy: StrategyFactory, parameters: Mapping[str, Any], w
 
 
 def check_complete(strategy: StrategyFactory, parameters: Mapping[str, Any], where: str) -> None:
-    """Whether every parameter without a default is there.
+    """Check that every parameter without a default is set.
 
     Raises:
-        InputError: naming the first that is missing.
+        InputError: a parameter is missing; names the first one.
     """
     for parameter in parameters_of(strategy):
         if parameter.required and parameter.name not in parameters:
@@ -99,7 +99,7 @@ def check_complete(strategy: StrategyFactory, parameters: Mapping[str, Any], whe
 
 
 def describe(annotation: Any) -> str:
-    """An annotation in a reader's words: ``number``, ``'mode' or 'sampled'``."""
+    """An annotation in plain words, such as ``finite number`` or ``'mode' or 'sampled'``."""
     if get_origin(annotation) is Literal:
         return " or ".join(repr(choice) for choice in get_args(annotation))
     if get_origin(annotation) in (Union, UnionType):
@@ -126,6 +126,6 @@ def _fits(value: Any, annotation: Any) -> bool:
     except ValidationError:
         return False
     except PydanticUserError:
-        # An annotation that pydantic knows no check for.
+        # Pydantic cannot check this annotation.
         return True
     return True

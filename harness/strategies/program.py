@@ -1,7 +1,8 @@
 """A strategy in another process, whatever its language: ``exec:./my_driver --flag``.
 
-One JSON line for each observation on its standard input, one number back on its standard output;
-``observation.schema.json`` beside this file is the form of a line (docs/strategies.md).
+The program reads one JSON line for each observation from its standard input and writes one number
+to its standard output.  ``observation.schema.json`` beside this file defines the form of a line
+(docs/strategies.md).
 """
 
 import json
@@ -21,15 +22,15 @@ from harness.core.errors import InputError
 PREFIX = "exec:"
 
 SCHEMA_FILE = Path(__file__).with_name("observation.schema.json")
-"""The form of a line."""
+"""The schema of a line."""
 
 _NEWLINE = b"\n"
 _LONGEST_ANSWER = 1_000
-"""Bytes; a number has fewer."""
+"""Greatest length of an answer in bytes; a number has fewer."""
 
 
 def is_program(name: str) -> bool:
-    """Whether a strategy's name is that of a program."""
+    """Whether a strategy's name stands for a program."""
     return name.startswith(PREFIX)
 
 
@@ -37,19 +38,19 @@ def is_program(name: str) -> bool:
 def load_program(name: str, where: str) -> StrategyFactory:
     """The strategy that a name such as ``exec:./my_driver --flag`` stands for.
 
-    The program lies in the working directory or below it: a scenario that somebody else wrote can
-    start what you put there, and nothing else.
+    The program must lie in the working directory or below it, so that a scenario from somebody else
+    can start only programs that you put there.
 
     Raises:
-        InputError: no such program, or it cannot be executed.
+        InputError: the program does not exist or cannot be executed.
     """
     allowed = "exec:./PROGRAM ARGUMENTS, a program below the working directory"
     try:
         words = shlex.split(name.removeprefix(PREFIX))
     except ValueError as error:
-        raise InputError(where, f"{name!r} is no command ({error})", allowed) from None
+        raise InputError(where, f"{name!r} is not a command ({error})", allowed) from None
     if not words:
-        raise InputError(where, f"{name!r} names no program", allowed)
+        raise InputError(where, f"{name!r} has no program", allowed)
     here = Path.cwd().resolve()
     path = (here / words[0]).resolve()
     if not path.is_relative_to(here):
@@ -62,14 +63,14 @@ def load_program(name: str, where: str) -> StrategyFactory:
 
 
 class ProgramDriver:
-    """A program outside: asked with a JSON line, answers with a wanted acceleration.
+    """An external program that reads a JSON line and answers with a commanded acceleration.
 
-    It is started once per worker and asked for one episode after the other; ``time_s = 0`` begins
-    a new one.  It ends when its standard input does.
+    Each worker starts it once and uses it for one episode after another; ``time_s = 0`` begins a
+    new episode.  It must end when its standard input ends.
 
     Args:
-        answer_limit_s: wall time that one answer may take, its start included; then it is ended,
-            the episode fails, and the next one starts it again.
+        answer_limit_s: wall time for one answer, including the program's start.  If it takes
+            longer, the program is ended and the episode fails; the next episode starts it again.
     """
 
     COMMAND: ClassVar[tuple[str, ...]] = ()
@@ -92,11 +93,12 @@ class ProgramDriver:
             return json.loads(answer)
         except ValueError:
             _end(self.COMMAND)
-            raise ValueError(f"the program answered {answer[:80]!r}, which is no number") from None
+            problem = f"the program answered {answer[:80]!r}, which is not a number"
+            raise ValueError(problem) from None
 
 
 class _Running:
-    """A program that is under way; one line in, one line out."""
+    """A running program; it reads one line and writes one line."""
 
     def __init__(self, command: tuple[str, ...]) -> None:
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
@@ -114,7 +116,7 @@ class _Running:
             raise ChildProcessError(self._why_gone()) from None
 
     def answer(self, limit_s: float) -> bytes:
-        """The next line, without its end."""
+        """The next line without its line end."""
         until_s = monotonic() + limit_s
         while _NEWLINE not in self._rest:
             ready, _, _ = select.select([self._stdout], [], [], max(0.0, until_s - monotonic()))
@@ -125,15 +127,15 @@ class _Running:
                 raise ChildProcessError(self._why_gone())
             self._rest += part
             if len(self._rest) > _LONGEST_ANSWER:
-                raise ValueError("the program says more than one number for each line")
+                raise ValueError("the program answered a line with more than one number")
         line, _, self._rest = self._rest.partition(_NEWLINE)
         if self._rest:
-            # It would be taken for the answer to the next observation.
-            raise ValueError("the program says more than one number for each line")
+            # The rest would be taken for the answer to the next observation.
+            raise ValueError("the program answered a line with more than one number")
         return line
 
     def end(self) -> None:
-        """Kill it, whatever it does."""
+        """Kill the program."""
         self._process.kill()
         self._process.communicate()
 
@@ -146,7 +148,7 @@ class _Running:
 
 
 _programs: dict[tuple[str, ...], _Running] = {}
-"""The programs of this process, by their commands."""
+"""The running programs of this process, by their commands."""
 
 
 def _running_program(command: tuple[str, ...]) -> _Running:
@@ -162,7 +164,7 @@ def _end(command: tuple[str, ...]) -> None:
 
 
 def line_of(observation: Observation) -> bytes:
-    """An observation as the program is told it, with the line's end."""
+    """The JSON line of an observation, with its line end."""
     ego = observation.ego
     moving = {
         "time_s": observation.time_s,
@@ -172,7 +174,7 @@ def line_of(observation: Observation) -> bytes:
             {**person._asdict(), "side": person.side.value} for person in observation.pedestrians
         ],
     }
-    # The constants are the same in every line: written once.
+    # The constants are the same in every line, so their text is cached.
     constants = _constants(observation.vehicle, observation.crossing)
     return f"{json.dumps(moving)[:-1]}, {constants}}}\n".encode()
 

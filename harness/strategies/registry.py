@@ -1,4 +1,4 @@
-"""Every strategy that can drive an arm: one line each; a user's own are found by their names."""
+"""The table of built-in strategies, and the search for the user's strategies by name."""
 
 import hashlib
 import inspect
@@ -33,14 +33,14 @@ STRATEGIES: dict[str, StrategyFactory] = {
 }
 
 _prepared: set[tuple[StrategyFactory, str]] = set()
-"""Strategies that this process has prepared, with the parameters they were prepared with."""
+"""The strategies that this process has prepared, each with its parameters."""
 
 
 def find_strategy(name: str, where: str) -> StrategyFactory:
-    """The strategy of that name: of the table, ``package.module:Class``, an entry point, a program.
+    """The strategy with a name: built-in, ``package.module:Class``, an entry point or a program.
 
     Raises:
-        InputError: no such name, or it cannot be imported; ``where`` says which key named it.
+        InputError: the name is unknown or cannot be imported; ``where`` is the key that has it.
     """
     if name in STRATEGIES:
         return STRATEGIES[name]
@@ -54,18 +54,18 @@ def find_strategy(name: str, where: str) -> StrategyFactory:
 
 
 def available() -> dict[str, StrategyFactory | InputError]:
-    """Every strategy that has a name; in place of one that cannot be loaded, what is wrong."""
-    found: dict[str, StrategyFactory | InputError] = {**STRATEGIES}
+    """Every named strategy, or the error of one that cannot be loaded."""
+    strategies: dict[str, StrategyFactory | InputError] = {**STRATEGIES}
     for name in installed():
         try:
-            found.setdefault(name, load_own(name, name))
+            strategies.setdefault(name, load_own(name, name))
         except InputError as error:
-            found.setdefault(name, error)
-    return found
+            strategies.setdefault(name, error)
+    return strategies
 
 
 def source_digests(names: Iterable[str]) -> dict[str, str]:
-    """sha256 of the module of each strategy that is not built in: what its name stands for now."""
+    """sha256 of the module of each strategy that is not built in, which identifies its code."""
     digests = {}
     for name in sorted({*names} - {*STRATEGIES}):
         content = _source_of(find_strategy(name, "arms"))
@@ -74,7 +74,7 @@ def source_digests(names: Iterable[str]) -> dict[str, str]:
 
 
 def _source_of(strategy: StrategyFactory) -> bytes | None:
-    """The module of a strategy, the functions of a notebook's; None where there is neither."""
+    """The source of a strategy's module or, in a notebook, of its methods; None without either."""
     if isinstance(strategy, type) and issubclass(strategy, ProgramDriver):
         return Path(strategy.COMMAND[0]).read_bytes()
     try:
@@ -93,21 +93,21 @@ def _source_of(strategy: StrategyFactory) -> bytes | None:
 def aggressiveness_of(name: str) -> Mapping[str, float]:
     """Parameters of a built-in strategy that are its aggressiveness, each with its sign.
 
-    The attribute ``AGGRESSIVENESS`` of its class, where there is one; nothing for a user's own,
-    whose code need not be there when results are read.
+    They are the attribute ``AGGRESSIVENESS`` of its class.  Strategies of the user have none, since
+    their code may be missing when results are read.
     """
     signs: Mapping[str, float] = getattr(STRATEGIES.get(name), "AGGRESSIVENESS", {})
     return signs
 
 
 def fallback_of(name: str) -> str:
-    """The strategy that drives where one has no answer: ``FALLBACK`` of a built-in one's class."""
+    """The strategy that drives if a strategy has no answer: ``FALLBACK`` of a built-in class."""
     fallback: str = getattr(STRATEGIES.get(name), "FALLBACK", "its fallback")
     return fallback
 
 
 def table_key(name: str) -> str:
-    """The key of a strategy's table as a scenario writes it; names with a colon are quoted."""
+    """The key of a strategy's table in a scenario file; names with a colon are quoted."""
     return f'strategies."{name}"' if ":" in name else f"strategies.{name}"
 
 

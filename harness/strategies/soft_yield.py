@@ -8,7 +8,7 @@ from harness.strategies.driving import clearing_time, resume
 from harness.strategies.hard_yield import HardYield
 
 _ROUNDING_S = 1e-9
-"""Within it a planned arrival and a step's time are the same."""
+"""A planned arrival and a step's time that differ by less are equal."""
 
 
 class _Plan(NamedTuple):
@@ -20,30 +20,30 @@ class _Plan(NamedTuple):
 
 
 class SoftYield:
-    """Decelerates for T1, then coasts, so that the bumper meets x = 0 as the pedestrian leaves.
+    """Decelerates for T1 and then coasts, so that it reaches x = 0 as the pedestrian leaves.
 
-    With the state (v, R) of the moment it perceives a pedestrian:
+    It plans with the state (v, R) at the moment at which it perceives a pedestrian:
     a = p1 + p2 v + p3 R (paper, section III-C) and
-    T1 = t_x − sqrt(t_x² − 2 (R − v t_x) / a), t_x = remaining distance / v_p + time_margin_s.
-    R ≥ v t_x: the pedestrian clears first and the speed is kept.  Of several pedestrians it plans
-    for the one who leaves last, and plans again when that is another one.  With a positive margin
-    it keeps to the plan after they have left, until t_x.  The paper's strategy has no margin; its
-    aggressiveness (paper, figure 1) is here −time_margin_s.
+    T1 = t_x − sqrt(t_x² − 2 (R − v t_x) / a), with t_x = remaining distance / v_p + time_margin_s.
+    If R ≥ v t_x, the pedestrian clears first and it keeps its speed.  With several pedestrians it
+    plans for the one who leaves last, and plans again when another one becomes the last.  With a
+    positive margin it follows the plan until t_x, after the pedestrian has left.  The paper's
+    strategy has no margin; here its aggressiveness (paper, figure 1) is −time_margin_s.
 
-    *Limits.*  One plan for one walk: when somebody changes speed on the way, the plan stays.
+    *Limits.*  It makes one plan for each walk and keeps it if the pedestrian's speed changes.
 
-    *No answer* for someone who stands, where a ≥ 0, the root is of a negative number, the speed
-    would fall below zero within T1, or a exceeds the vehicle's maximum deceleration: then
-    Hard-Yield drives, which knows no margin, and ``fallback`` is set.  At R = 30 m, v = 5 m/s that
-    is every t_x above 9.2246 s: without a margin every v_p below 0.97565 m/s, with a margin m those
-    below 9 m / (9.2246 s − m).
+    *No answer.*  It has no plan if the pedestrian stands, if a ≥ 0, if the root is of a negative
+    number, if the speed would fall below zero within T1, or if a exceeds the vehicle's maximum
+    deceleration.  Then Hard-Yield drives, which has no margin, and ``fallback`` is set.  At
+    R = 30 m and v = 5 m/s this is so for every t_x above 9.2246 s: without a margin for every v_p
+    below 0.97565 m/s, with a margin m for every v_p below 9 m / (9.2246 s − m).
 
     Args:
         p1: constant of the regression, m/s².
         p2: coefficient of the speed, 1/s.
         p3: coefficient of the range, 1/s².
-        time_margin_s: how long after the pedestrian has left it arrives at x = 0, s; if negative,
-            so long before.
+        time_margin_s: time in s from the pedestrian's leaving to the ego's arrival at x = 0; if
+            negative, the ego arrives first.
     """
 
     AGGRESSIVENESS: ClassVar = {"time_margin_s": -1.0}  # a smaller margin is bolder
@@ -65,7 +65,7 @@ class SoftYield:
         self._hard_yield = HardYield()
 
     def decide(self, observation: Observation, /) -> float:
-        """Wanted acceleration in m/s²."""
+        """Commanded acceleration in m/s²."""
         last = _last_to_leave(observation.pedestrians)
         if last is None or observation.ego.range_m <= 0:
             if self._waits_out_margin(observation):
@@ -83,7 +83,7 @@ class SoftYield:
         return _follow(self._plan, observation)
 
     def _waits_out_margin(self, observation: Observation) -> bool:
-        """Whether the last one has left and the plan still says to arrive later."""
+        """Whether the last pedestrian has left but the planned arrival is still ahead."""
         return (
             self._margin_s > 0
             and self._plan is not None
@@ -93,10 +93,10 @@ class SoftYield:
         )
 
     def _make_plan(self, observation: Observation, until_s: float) -> _Plan | None:
-        """The way to x = 0 in ``until_s``; None where there is no answer."""
+        """The plan to reach x = 0 in ``until_s``; None if there is none."""
         now, ego = observation.time_s, observation.ego
         if not math.isfinite(until_s):
-            return None  # someone stands
+            return None  # a pedestrian stands
         shortfall = ego.range_m - ego.speed_mps * until_s
         if shortfall >= 0:
             return _Plan(0.0, now, now + until_s)
@@ -104,7 +104,7 @@ class SoftYield:
         if a >= 0 or -a > observation.vehicle.max_deceleration_mps2:
             return None
         discriminant = until_s * until_s - 2 * shortfall / a
-        # Not a number for a margin beyond all measure.
+        # The discriminant is NaN if the margin is extremely large.
         if not discriminant >= 0:
             return None
         t1 = until_s - math.sqrt(discriminant)
@@ -130,16 +130,16 @@ def _follow(plan: _Plan, observation: Observation) -> float:
     if until_arrival < -_ROUNDING_S:
         return resume(observation)
     if until_arrival <= step:
-        # The arrival is inside this step: from then on a0, spread over the whole step.
+        # It arrives within this step; the gain at a0 from then on is spread over the whole step.
         return _gain(observation, step - until_arrival, speed) / step
     return 0.0
 
 
 def _coasting_speed(observation: Observation, until_arrival: float) -> float:
-    """Speed at the end of the step in which T1 ends, so that the coasting arrives on time.
+    """Speed at the end of the step in which T1 ends, for which the ego arrives on time.
 
-    Holding a to the step's end would arrive up to 34 ms late.  Counted in is the distance s²/2
-    times the gain over the step that the step of the arrival covers before it.
+    If it held ``a`` to the end of the step, it would arrive up to 34 ms late.  The formula includes
+    the distance that the ego gains in the step of the arrival before it arrives.
     """
     step, range_m, speed = observation.step_s, observation.ego.range_m, observation.ego.speed_mps
     before = math.fmod(until_arrival, step) or step
@@ -154,7 +154,7 @@ def _coasting_speed(observation: Observation, until_arrival: float) -> float:
 
 
 def _gain(observation: Observation, duration_s: float, speed_mps: float) -> float:
-    """Speed gained in that time at a0, up to v0."""
+    """Speed gained in a time at a0, up to v0."""
     vehicle = observation.vehicle
     wanted = vehicle.resume_acceleration_mps2 * duration_s
     return min(wanted, vehicle.initial_speed_mps - speed_mps)

@@ -1,16 +1,16 @@
-"""SUMO's own driver: what a SUMO user has today."""
+"""SUMO's own driver model."""
 
 from harness.core.encounter import Observation
 
 
 class SumoDriver:
-    """Hands the ego to SUMO's own car-following and junction model at every step.
+    """Lets SUMO's own car-following and junction model drive the ego at every step.
 
-    It drives at most at v0, speeds up with a0 and brakes up to the vehicle's maximum; who has
-    priority at the crosswalk is ``crossing.pedestrian_priority``.  SUMO alone can do that: on the
-    plain engine it is an error.  How it reacts to pedestrians: docs/sumo.md.
+    It drives at most at v0, accelerates with a0 and brakes up to the vehicle's maximum.
+    ``crossing.pedestrian_priority`` decides who has priority at the crosswalk.  The plain engine
+    has no such driver and reports an error.  docs/sumo.md describes how it reacts to pedestrians.
     """
 
     def decide(self, observation: Observation, /) -> None:  # noqa: ARG002
-        """None: SUMO drives."""
+        """None, which lets SUMO drive."""
         return

@@ -7,16 +7,17 @@ from harness.core.encounter import Observation, Vehicle
 
 EGO_ENTRIES = ("range_m", "speed_mps", "acceleration_mps2")
 PEDESTRIAN_ENTRIES = ("present", "lateral_m", "remaining_m", "speed_mps", "on_crossing")
-"""``present`` and ``on_crossing`` are 1 or 0; all entries of one who is not there are 0."""
+"""``present`` and ``on_crossing`` are 1 or 0; all entries of a missing pedestrian are 0."""
 
 
 def observation_vector(observation: Observation, nearest: int) -> NDArray[np.float32]:
-    """An observation as numbers.
+    """An observation as a vector.
 
     Args:
         observation: what the strategy sees.
-        nearest: k, how many pedestrians find room; those nearest to the centre of the ego's lane
-            (smallest abs(lateral_m)) come first, of equals the one who arrived first.
+        nearest: k, the number of pedestrians in the vector.  Those nearest to the centre of the
+            ego's lane (smallest abs(lateral_m)) come first; at equal distances, those who arrived
+            first.
 
     Returns:
         Shape (3 + 5 k,): ``EGO_ENTRIES``, then ``PEDESTRIAN_ENTRIES`` of each of the k.
@@ -36,15 +37,15 @@ def observation_vector(observation: Observation, nearest: int) -> NDArray[np.flo
 
 
 def acceleration_of(action: float, vehicle: Vehicle) -> float:
-    """A policy's action as the wanted acceleration.
+    """The commanded acceleration of a policy's action.
 
     Args:
-        action: from -1, the hardest braking, over 0, the same speed, to 1, full acceleration; what
-            is beyond counts as the end.  NaN stays, and is refused where it is to be driven.
+        action: -1 is the hardest braking, 0 keeps the speed, 1 is full acceleration; values outside
+            are clipped.  NaN stays NaN; the harness refuses it as a command.
         vehicle: the ego.
 
     Returns:
-        In m/s².
+        The acceleration in m/s².
 
     >>> from harness.scenario import Scenario
     >>> [acceleration_of(action, Scenario().vehicle()) for action in (-1, -0.5, 0, 0.5, 7)]

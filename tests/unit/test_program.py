@@ -149,7 +149,7 @@ def test_the_example_in_cpp_drives_as_the_one_in_python(here: Path, model) -> No
     [
         ("sys.stdin.readline(); sys.exit(3)", "the program ended (exit code 3)"),
         ("sys.exit(4)", "the program ended (exit code 4)"),
-        ("[print('fast', flush=True) for _ in sys.stdin]", "answered b'fast', which is no number"),
+        ("[print('fast', flush=True) for _ in sys.stdin]", "b'fast', which is not a number"),
         ("[print('1\\n2', flush=True) for _ in sys.stdin]", "more than one number"),
         ("print('1' * 5000, flush=True); sys.stdin.read()", "more than one number"),
         ("[None for _ in sys.stdin]", "no answer within 0.3 s"),
@@ -182,13 +182,13 @@ def test_a_program_that_ended_is_started_again(model) -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("exec:", "names no program"),
+        ("exec:", "has no program"),
         ("exec:./none", "there is no program './none'"),
         ("exec:/bin/cat", "'/bin/cat' is not below the working directory"),
         ("exec:../../bin/cat", "is not below the working directory"),
         ("exec:cat", "there is no program 'cat'"),
         ("exec:./plain.txt", "cannot be executed; allowed: chmod"),
-        ("exec:./driver.py 'x", "is no command (No closing quotation)"),
+        ("exec:./driver.py 'x", "is not a command (No closing quotation)"),
     ],
 )
 def test_refused(name: str, said: str) -> None:

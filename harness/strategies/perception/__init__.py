@@ -1,1 +1,1 @@
-"""Pedestrians as a driver is shown them: late, in part, with errors, and not through walls."""
+"""Perception errors: pedestrians that a driver sees late, in part, with errors or not at all."""

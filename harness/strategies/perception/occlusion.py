@@ -1,4 +1,4 @@
-"""Whether obstacles hide somebody: plane geometry in the road frame, exact."""
+"""Whether obstacles hide a pedestrian, by exact plane geometry in the road frame."""
 
 import math
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import NamedTuple
 from harness.core.encounter import PEDESTRIAN_RADIUS_M
 
 _ROUNDING_RAD = 1e-12
-"""Obstacles that touch each other leave no gap to look through."""
+"""Tolerance of angles: obstacles that touch each other leave no gap."""
 
 Point = tuple[float, float]
 """(x, y) in m."""
@@ -25,14 +25,14 @@ class Rectangle(NamedTuple):
 def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool:
     """Whether obstacles hide the whole disc of a pedestrian from an eye.
 
-    From distance d the disc of radius r fills the angles within asin(r/d) of the direction to its
-    centre.  An obstacle before it hides the angles between its outermost corners.  The disc is
-    hidden where the obstacles together leave none of its angles free.
+    At distance d a disc of radius r covers the angles within asin(r/d) of the direction to its
+    centre.  An obstacle in front of it hides the angles between its outermost corners.  The disc is
+    hidden if the obstacles together hide all its angles.
 
     Args:
-        eye: outside every obstacle.
-        centre: of the disc, which no obstacle touches.
-        obstacles: any number of them.
+        eye: the eye, outside every obstacle.
+        centre: centre of the disc, which no obstacle touches.
+        obstacles: the obstacles.
 
     Example:
         >>> wall = Rectangle(4.0, 5.0, -1.0, 1.0)
@@ -61,7 +61,7 @@ def is_hidden(eye: Point, centre: Point, obstacles: Sequence[Rectangle]) -> bool
 def _shadows(
     eye: Point, bearing: float, distance_m: float, obstacle: Rectangle
 ) -> list[tuple[float, float]]:
-    """The angles of the disc that an obstacle hides, from the direction to the disc's centre."""
+    """The angles of the disc that an obstacle hides, relative to the direction to its centre."""
     x_low, x_high, y_low, y_high = (
         bound - eye[number // 2] for number, bound in enumerate(obstacle)
     )
@@ -77,7 +77,7 @@ def _shadows(
         if high - low <= _ROUNDING_RAD:
             continue
         angle = (low + high) / 2
-        # Two convex bodies apart: along every line of sight the same one is nearer.
+        # Of two separate convex bodies the same one is nearer along every line of sight.
         to_disc = distance_m * math.cos(angle) - math.sqrt(
             max(0.0, PEDESTRIAN_RADIUS_M**2 - (distance_m * math.sin(angle)) ** 2)
         )
@@ -96,5 +96,5 @@ def _entry(direction: float, x_m: Point, y_m: Point) -> float:
 
 
 def _turned(angle: float) -> float:
-    """The same direction within half a turn of 0."""
+    """The same direction as an angle from −π to π."""
     return math.remainder(angle, math.tau)

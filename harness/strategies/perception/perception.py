@@ -1,4 +1,4 @@
-"""From true views to shown ones, over one episode."""
+"""The true pedestrians of one episode in, the ones that a driver sees out."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -11,26 +11,26 @@ from harness.strategies.perception.sensor import Sensor
 from harness.strategies.perception.track import Track
 
 ROUNDING_M = 1e-9
-"""An ego this near the detection range is on it: engines differ in the last bits of their sums."""
+"""Tolerance of the detection range: engines differ in the last bits of their sums."""
 
 Views = tuple[PedestrianView, ...]
 
 
 class Perception:
-    """The people that one driver is shown in one episode: asked at every step, from the first on.
+    """The pedestrians that one driver sees in one episode; to be used at every step.
 
-    At every ``update_steps``-th step the sensor looks; what it finds is shown ``latency_steps``
-    later, as it was then, and stays until the next finding takes its place.  It looks at everybody
-    at the crosswalk, finds those in sight within the detection range (``Track``), and adds its
-    errors to their place along the walk and to their speed.
+    The sensor updates at every ``update_steps``-th step.  The driver sees the result
+    ``latency_steps`` later, and until the next result replaces it.  At an update the sensor detects
+    pedestrians who are in sight and within the detection range (``Track``), and adds its errors to
+    their position along the walk and to their speed.
 
-    Whether they walk or stand, and whether they are on the crossing, is told rightly.
+    The sensor makes no errors in whether they walk or stand, and whether they are on the crossing.
 
     Args:
-        sensor: the arm's.
-        arrivals: everyone who may come.
+        sensor: the sensor of the arm.
+        arrivals: all pedestrians who may arrive.
         pair: index of the pair, which keys every stream.
-        given: uniforms that are not drawn.
+        given: uniforms that replace draws.
     """
 
     def __init__(
@@ -47,12 +47,12 @@ class Perception:
         self._shown: Views = ()
 
     def shown(self, step: int, x_m: float, people: Sequence[tuple[PedestrianView, float]]) -> Views:
-        """The people that the driver is shown at a step.
+        """The pedestrians that the driver sees at a step.
 
         Args:
-            step: 0, 1, 2 …; every step once.
-            x_m: of the ego's front bumper.
-            people: everybody at the crosswalk, as they are, with their x in m.
+            step: 0, 1, 2, …; each step once.
+            x_m: x of the ego's front bumper.
+            people: the ground truth: everybody at the crosswalk, with their x in m.
         """
         if step % self._sensor.update_steps == 0:
             self._findings.append((step + self._sensor.latency_steps, self._find(x_m, people)))
@@ -89,7 +89,7 @@ class Perception:
     ) -> PedestrianView:
         if not place_m and not speed_mps:
             return view
-        # Nobody is shown beyond the far kerb, nor walking backwards.
+        # The driver sees nobody beyond the far kerb or walking backwards.
         ahead_m = min(place_m, view.remaining_m)
         return view._replace(
             lateral_m=view.lateral_m - ahead_m,

@@ -1,4 +1,4 @@
-"""An arm's sensor, the same in all its episodes; None for perfect sight."""
+"""The sensor of an arm, which is the same in all its episodes."""
 
 import math
 from dataclasses import dataclass
@@ -16,13 +16,12 @@ AASHTO's Green Book has the driver's eye 8 ft behind the front of the car at int
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """An arm's perception: its section of the scenario, and what follows from that.
+    """The sensor of an arm: its section of the scenario and the constants that follow from it.
 
-    ``correlation`` is that of an error with itself one update later.
+    ``correlation`` is the correlation of an error with the error one update later.
     """
 
     section: PerceptionSection
-
     seed: int
     crossing: Crossing
     detection_range_m: float
@@ -34,10 +33,10 @@ class Sensor:
 
 
 def sensor_of(scenario: Scenario, arm: Arm) -> Sensor | None:
-    """The perception of an arm's driver; None where it is perfect within the detection range.
+    """The sensor of an arm's driver; None if they see the ground truth within the detection range.
 
-    The human's arm sees like the AV's where ``perception.human`` says so; else only obstacles
-    limit it.
+    The human's arm has the sensor of the AV's arm if ``perception.human`` is set; otherwise only
+    obstacles limit its sight.
     """
     perception = scenario.perception
     imperfect = arm is Arm.AV or perception.human

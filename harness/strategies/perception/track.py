@@ -1,4 +1,4 @@
-"""One pedestrian as a sensor has them: when they are found and lost, and the errors beside."""
+"""A sensor's track of one pedestrian: when it is detected and lost, and its errors."""
 
 import math
 from types import MappingProxyType
@@ -11,13 +11,13 @@ from harness.strategies.perception.sensor import Sensor
 
 
 def updates_until_found(quantile: float, detection_probability: float) -> float:
-    """How many updates it takes to find somebody in sight: geometric, by its inverse CDF.
+    """Number of updates until a pedestrian in sight is detected: geometric, by its inverse CDF.
 
     N = ⌈ln(1 − u)/ln(1 − p)⌉, at least 1, so that P(N = n) = p (1 − p)^(n − 1).
 
     Args:
-        quantile: u in [0, 1); the larger, the later.
-        detection_probability: p in [0, 1], of each update.
+        quantile: u in [0, 1); a larger one means a later detection.
+        detection_probability: p in [0, 1], the probability at each update.
 
     Returns:
         A whole number ≥ 1; infinite for p = 0.
@@ -34,14 +34,14 @@ def updates_until_found(quantile: float, detection_probability: float) -> float:
 
 
 class Track:
-    """A sensor's track of one pedestrian; asked once at every update from their arrival on.
+    """A sensor's track of one pedestrian; to be updated once at every update from their arrival on.
 
     Args:
-        sensor: gives probabilities and errors.
+        sensor: the sensor, with its probabilities and errors.
         pair: index of the pair, which keys the streams.
-        index: of the pedestrian, which keys them too.
-        quantile: of the time to the first detection; None where the first look finds everybody.
-        given: uniforms of the first errors and of the wait after the first loss, by the index.
+        index: index of the pedestrian, which keys the streams too.
+        quantile: quantile of the time to the first detection; None if detection is certain.
+        given: uniforms of the first errors and of the wait after the first loss, by pedestrian.
     """
 
     def __init__(
@@ -68,12 +68,12 @@ class Track:
             self._errors = ndtri(np.array(first))
 
     def update(self, in_sight: bool) -> bool:
-        """Whether they are shown after one more update.
+        """Whether the driver sees the pedestrian after one more update.
 
-        Found at the N-th update in sight (``updates_until_found``) and shown from then on, until
-        an update drops the track or finds them out of sight; then they have to be found again.
+        The sensor detects them at the N-th update in sight (``updates_until_found``).  It keeps the
+        track until an update drops it or they are out of sight; then it must detect them again.
         """
-        # One draw for each update, whatever came of it: strategies share them.
+        # There is one draw for each update in any case, so that strategies share the draws.
         drawn = 1.0 if self._dropout is None else self._dropout.random()
         if self._found:
             if in_sight and drawn >= self._section.dropout_probability:
@@ -86,10 +86,10 @@ class Track:
         return self._found
 
     def next_errors(self) -> tuple[float, float]:
-        """The errors of this update: of the place along the walk in m, of the speed in m/s.
+        """The errors of this update: of the position along the walk in m and of the speed in m/s.
 
-        First-order autoregressive, e' = φ e + √(1 − φ²) σ n, the Ornstein-Uhlenbeck process at
-        the updates: variance σ², correlation φ^k after k updates.
+        They are first-order autoregressive, e' = φ e + √(1 − φ²) σ n: an Ornstein-Uhlenbeck process
+        at the times of the updates, with variance σ² and correlation φ^k after k updates.
         """
         if self._noise is None:
             return 0.0, 0.0
