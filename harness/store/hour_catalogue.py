@@ -19,6 +19,7 @@ def _mean(
     undefined: str = _NO_VEHICLE,
     *,
     first_screen: bool = False,
+    digits: int = 2,
 ) -> Entry[HourColumns]:
     """The mean over hours of the column ``key``, and its difference hour by hour."""
     return Entry(
@@ -26,6 +27,7 @@ def _mean(
         heading,
         meaning,
         unit=unit,
+        digits=digits,
         of_arm=lambda c, arm: c.mean(key, arm),
         paired=lambda c: c.difference(key),
         interval=Interval,
@@ -73,6 +75,14 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         "s",
         _NO_KIND,
         first_screen=True,
+    ),
+    _mean(
+        "throughput_per_hour",
+        "throughput",
+        "Number of vehicles that passed the crosswalk, per hour.",
+        "1/h",
+        first_screen=True,
+        digits=0,
     ),
     _mean(
         "pedestrian_delay_s",
@@ -145,12 +155,6 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         "Delay of all persons: `traffic.occupancy` × the vehicles' delays plus the pedestrians' "
         "waits.",
         "h",
-    ),
-    _mean(
-        "throughput_per_hour",
-        "throughput, vehicles per hour",
-        "Number of vehicles that passed the crosswalk, per hour.",
-        "1/h",
     ),
     _mean(
         "queue_mean",

@@ -1,11 +1,12 @@
 """First screens and notes, made from findings that were written by hand."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from harness.report.screens import terminal
+from harness.report.screens import run_document, terminal
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import per_cent
@@ -225,7 +226,7 @@ def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
         for number in range(2)
     ]
     lines = screen_lines(run_with(*cells))
-    assert "50 pairs each (60 met nobody), seed 1" in "".join(lines[:2])
+    assert "50 pairs each (60 of 100 met nobody), seed 1" in "".join(lines[:2])
     headings = next(line for line in lines if line.startswith("cell")).split()
     assert "crashes" in headings
     assert "5 / 0" in next(line for line in lines if line.startswith("1 "))
@@ -497,3 +498,36 @@ def test_no_crash_in_few_hours_shows_how_little_that_says() -> None:
     row = next(line for line in lines if line.startswith("crashes per 1,000"))
     assert row.endswith("0.00 (arms 0.00 … 52.53 / 0.00 … 52.53)")
     assert not any(line.startswith("worst case") for line in lines)
+
+
+def test_a_permanent_queue_shows_its_capacity_first_and_no_worst_case() -> None:
+    capacity = {
+        "throughput_per_hour": Finding(1400.0, 195.3, 2604.7),
+        "throughput_per_hour_human": Finding(2010.0, 1007.4, 3012.6),
+        "throughput_per_hour_difference": Finding(-610.0, -849.6, -370.4),
+    }
+    cell = replace(hour_with({}, **capacity), varied={"arms.av": "hard_yield"})
+    sweep = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell, cell))
+    lines = screen_lines(screen_of(sweep))
+    assert any("1,400 / 2,010" in line for line in lines)
+    assert not any("worst" in line for line in lines)
+    alone = RunFindings(
+        HOURS, "hours", "runs/h", "seed 1", 0.95, False, (replace(cell, varied={}),)
+    )
+    row = next(line for line in screen_lines(screen_of(alone)) if line.startswith("throughput"))
+    assert row.split()[2:] == ["1,400", "2,010", "−610", "(−850", "…", "−370)"]
+
+
+def test_the_json_of_hours_has_the_notes_of_the_first_screen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    cell = hour_with({}, never_went=Finding(3))
+    findings = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
+    monkeypatch.setattr(run_document, "reported", lambda _: findings)
+    monkeypatch.setattr(run_document, "missed_targets", lambda _: [])
+    run: Any = SimpleNamespace(
+        path="runs/h", engine="sumo", in_traffic=True, results=[None], failures=[]
+    )
+    cells: Any = run_document.run_document(run)["cells"]
+    assert cells[0]["caveats"] == [note.text for note in cell.notes] != []
+    assert cells[0]["summary"]["never_went"] == 3

@@ -107,7 +107,8 @@ def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
 def _met_nobody(cells: Sequence[CellFindings]) -> str:
     """How many pairs met nobody: in them nothing could go wrong, and crashes seem rarer."""
     count = sum(cell.findings.get("met_nobody", _NO_FINDING).count for cell in cells)
-    return f" ({count:,} met nobody)" if count else ""
+    total = f" of {sum(cell.pairs for cell in cells):,}" if len(cells) > 1 else ""
+    return f" ({count:,}{total} met nobody)" if count else ""
 
 
 def left_out(cell: CellFindings) -> bool:
@@ -143,7 +144,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
     ]
     # What does not fit is left out from the right: crashes never are.
     entries[1:] = sorted(entries[1:], key=lambda entry: not entry.crashes)
-    worst = any(map(left_out, shown))
+    worst = any(entry.worst_case for entry in run.catalogue) and any(map(left_out, shown))
     labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
     scope = run.scope
     if len({*pairs}) == 1:

@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 from harness.statistics import Catalogue, CellFindings, row_of
 from harness.studies.runs.reported import reported
-from harness.studies.runs.run_data import CellResult, RunData
+from harness.studies.runs.run_data import RunData
 from harness.studies.runs.targets import missed_targets
 from harness.studies.workers.tasks import Failure
 
@@ -29,30 +29,21 @@ def run_document(run: RunData) -> Document:
 
 
 def _cells(run: RunData) -> list[Document]:
-    if run.in_traffic:
-        return [
-            {
-                "varied": dict(result.cell.varied),
-                "summary": row_of(run.kind.catalogue, result.findings),
-                "findings": {name: asdict(of) for name, of in result.findings.items()},
-            }
-            for result in run.results
-        ]
     findings = reported(run)
-    return [
-        _cell(findings.catalogue, cell, result)
-        for cell, result in zip(findings.cells, run.results, strict=True)
-    ]
+    cells: list[Document] = []
+    for cell, result in zip(findings.cells, run.results, strict=True):
+        conflicts = {} if run.in_traffic else {"conflicts": result.conflicts}
+        cells.append({**_cell(findings.catalogue, cell), **conflicts})
+    return cells
 
 
-def _cell(catalogue: Catalogue, cell: CellFindings, result: CellResult) -> Document:
+def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
     return {
         "varied": dict(cell.varied),
         "av": cell.av,
         "caveats": [note.text for note in cell.notes],
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
-        "conflicts": result.conflicts,
         "indicative": [name for name, of in cell.findings.items() if not of.reliable],
     }
 
