@@ -1,21 +1,21 @@
-"""Whether two records of an episode agree: those of two engines, or of two versions."""
+"""Compares two records of an episode: those of two engines, or of two versions."""
 
 from harness.measures.catalogue import COLUMNS
 from harness.measures.record import EpisodeRecord
 
 TOLERANCE = 1e-6
-"""Numbers that differ by no more, absolutely and relatively, are equal."""
+"""Numbers are equal if they differ by at most this, absolutely or relatively."""
 
 
-def difference(one: EpisodeRecord, other: EpisodeRecord) -> str | None:
-    """What differs between two records of an episode, None where they are equal.
+def difference(first: EpisodeRecord, second: EpisodeRecord) -> str | None:
+    """The first difference between two records of an episode; None if they are equal.
 
     Equal means: the same ending and contact, and numbers within ``TOLERANCE``.
     """
     for name in ("ending", "contact", "contact_index"):
-        if getattr(one, name) != getattr(other, name):
-            return f"{name} {getattr(one, name)} and {getattr(other, name)}"
-    for measure, a, b in zip(COLUMNS, one.values, other.values, strict=True):
+        if getattr(first, name) != getattr(second, name):
+            return f"{name} {getattr(first, name)} and {getattr(second, name)}"
+    for measure, a, b in zip(COLUMNS, first.values, second.values, strict=True):
         if (a is None) != (b is None):
             return f"{measure} {a} and {b}"
         if a is not None and b is not None and abs(a - b) > TOLERANCE * max(1.0, abs(a)):

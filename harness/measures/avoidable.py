@@ -1,4 +1,4 @@
-"""Whether a crash need not have happened."""
+"""Whether full braking would have prevented a crash."""
 
 import numpy as np
 
@@ -10,23 +10,23 @@ from harness.measures.motion.contact import Motion, first_contact_in_step
 
 
 def avoidable(chunk: Chunk) -> FloatArray:
-    """1 where full braking from the moment they stepped off would have prevented the contact.
+    """1 if full braking from the moment of stepping off would have prevented the contact.
 
-    The ego brakes at ``max_deceleration_mps2`` from its state at that very moment until it
-    stands, and stays there; the pedestrian it struck walks as in the run, all the way across.  0
-    where they would have touched all the same, the standing ego included; NaN without a contact.
+    The ego brakes at ``max_deceleration_mps2`` from its state at that moment until it stands, and
+    stays there.  The pedestrian walks as in the run, all the way across.  The value is 0 if they
+    would still have touched, even if the ego stood by then; it is NaN if there was no contact.
     """
     values = np.full(len(chunk.traces), np.nan)
     for number, strike in enumerate(chunk.strikes):
         if strike is not None:
-            values[number] = not _hit_all_the_same(chunk, number, strike)
+            values[number] = not _still_hit(chunk, number, strike)
     return values
 
 
-def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
+def _still_hit(chunk: Chunk, number: int, strike: Strike) -> bool:
     legs, braking = chunk.legs, chunk.vehicle.max_deceleration_mps2
     legs_of_struck = np.flatnonzero(legs.walk == strike.walk)
-    # Somebody who stepped off before the trace began counts from its beginning on.
+    # For a pedestrian who stepped off before the trace began, the ego brakes from its beginning on.
     begin = max(0.0, float(legs.begin_s[legs_of_struck[0]]))
     x, speed = ego_state(chunk.traces[number], begin)
     stands = begin + speed / braking
@@ -35,7 +35,7 @@ def _hit_all_the_same(chunk: Chunk, number: int, strike: Strike) -> bool:
         seen, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
         for since, until, deceleration in ((seen, middle, braking), (middle, leg_end, 0.0)):
             if until < since:
-                continue  # a leg that was over before
+                continue  # the leg ended before
             braked = min(since, stands) - begin
             ego = Motion(
                 x + speed * braked - braking * braked**2 / 2,

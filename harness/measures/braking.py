@@ -1,8 +1,8 @@
-"""How hard the ego braked, and how hard it would have had to.
+"""How hard the ego braked, and how hard it needed to brake.
 
-The latter at states on a collision course with the front: ego and pedestrian would touch, with
-the pedestrian ahead of the bumper, if both kept their velocities.  Where they would walk into the
-flank it is not the ego that avoids the contact by braking.
+The latter counts states on a collision course with the front: if both kept their velocities, ego
+and pedestrian would touch, with the pedestrian ahead of the bumper.  If the pedestrian would walk
+into the side of the ego, braking would not avoid the contact.
 """
 
 import numpy as np
@@ -25,8 +25,8 @@ def max_deceleration_mps2(chunk: Chunk) -> FloatArray:
 def max_jerk_mps3(chunk: Chunk) -> FloatArray:
     """Largest abs(Δa)/Δt from one step of the record to the next, in m/s³.
 
-    Before the trigger the ego drove at constant speed.  A change of acceleration takes a step
-    here, so the value is one for that length of step.
+    Before the trigger the ego drove at constant speed.  Acceleration changes within one step, so
+    the value depends on the length of the step.
     """
     ego, step_s = chunk.ego, chunk.step_s
     trace, state = chunk.record_steps()
@@ -41,7 +41,7 @@ def max_jerk_mps3(chunk: Chunk) -> FloatArray:
 def max_drac_mps2(chunk: Chunk) -> FloatArray:
     """Largest deceleration rate to avoid a crash over the states, in m/s²; NaN after a contact.
 
-    DRAC is the least constant deceleration with which the bumper comes to the pedestrian's disc,
+    DRAC is the least constant deceleration with which the bumper reaches the pedestrian's disc,
     d ahead, no sooner than the disc has left the ego's path, T from now: 2 (v − d/T)/T where the
     ego still moves then (v T ≤ 2d), otherwise v²/2d, a stop.  As the ego closes in on someone it
     hits DRAC grows without bound.  Source: Cooper and Ferguson 1976, Archer 2005; for crossing
@@ -66,9 +66,9 @@ def max_drac_mps2(chunk: Chunk) -> FloatArray:
 def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
     """Constant deceleration to stop before the pedestrian from first sight, v²/2d, in m/s².
 
-    First sight: the first state in which they have stepped off and the ego is within its detection
-    range.  Only those count who are on a collision course with the front at that state; of
-    several the largest.
+    First sight is the first state in which the pedestrian has stepped off and the ego is within its
+    detection range.  Only pedestrians on a collision course with the front at that state count; the
+    value is the largest over them.
     """
     met = chunk.met
     in_sight = np.abs(met.x_m) <= chunk.vehicle.detection_range_m + _ROUNDING_M
@@ -80,7 +80,7 @@ def required_deceleration_mps2(chunk: Chunk) -> FloatArray:
 
 
 def _on_course_with_front(chunk: Chunk) -> np.ndarray:
-    """For every row of ``met``: a collision course with the front, and room to the disc."""
+    """For every row of ``met``: whether it is on a collision course with the front."""
     met, ttc = chunk.met, chunk.ttc_s
     with np.errstate(invalid="ignore"):
         ahead_then = met.ahead_m - met.closing_mps * ttc

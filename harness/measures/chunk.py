@@ -1,4 +1,4 @@
-"""Arrays that the measures of a chunk of episodes share: worked out once for all of them."""
+"""Arrays that the measures of a chunk of episodes share, computed once."""
 
 import math
 from collections.abc import Sequence
@@ -15,16 +15,16 @@ from harness.measures.steps import Legs, Rows, legs_of, rows_of
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Traces of one vehicle, crossing and step, and what follows from them.
+    """Traces with the same vehicle, crossing and step, and arrays computed from them.
 
-    Arrays have one entry for each episode unless said otherwise.
+    Arrays have one entry for each episode unless stated otherwise.
     """
 
     traces: tuple[Trace, ...]
     ego: EgoStates
     legs: Legs
     met: Rows
-    """Only rows that begin within the record."""
+    """The rows that begin within the record."""
     ttc_s: FloatArray
     """Time to collision of every row of ``met``; infinite off a collision course."""
     strikes: tuple[Strike | None, ...]
@@ -33,9 +33,9 @@ class Chunk:
     """From the trigger until the rear bumper leaves the far edge; NaN after a contact, or where the
     ego did not cross."""
     pass_time_ignoring_contact_s: FloatArray
-    """The same if contacts are ignored: the simulation goes on after a contact."""
+    """The pass time if contacts are ignored: the simulation continues after a contact."""
     end_s: FloatArray
-    """Where the record ends: at the contact, the pass, the time-out or the failure."""
+    """The time at which the record ends: at the contact, the pass, the time-out or the failure."""
     steps: IntArray
     """Steps of the record."""
 
@@ -66,23 +66,23 @@ class Chunk:
         return trace, self.ego.first[trace] + within
 
     def smallest(self, trace: IntArray, values: FloatArray) -> FloatArray:
-        """The smallest value of every episode; NaN where there is none, or an infinite one.
+        """The smallest value of every episode; NaN if there is none, or if it is infinite.
 
         Args:
             trace: number of the episode each value belongs to.
-            values: no NaN among them.
+            values: none of them NaN.
         """
         minima = np.full(len(self.traces), np.inf)
         np.minimum.at(minima, trace, values)
         return np.where(np.isinf(minima), np.nan, minima)
 
     def largest(self, trace: IntArray, values: FloatArray) -> FloatArray:
-        """The largest value of every episode, as ``smallest``."""
+        """The largest value of every episode; see ``smallest``."""
         return -self.smallest(trace, -values)
 
 
 def chunk_of(traces: Sequence[Trace]) -> Chunk:
-    """Find contacts and ends of some episodes; at least one."""
+    """Find contacts and ends of some episodes, at least one."""
     ego, legs, step_s = ego_states(traces), legs_of(traces), traces[0].step_s
     rows = rows_of(legs, ego, step_s)
     strikes = strikes_of(traces, rows)

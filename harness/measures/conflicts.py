@@ -1,7 +1,7 @@
-"""How near ego and pedestrians came: gap, TTC, time advantage, PET; how fast the ego hit them.
+"""How close ego and pedestrians came: gap, TTC, time advantage, PET, speed at the contact.
 
-Gap, TTC and time advantage are over the states of the record: the beginning of each step, and the
-moment at which someone steps off.
+Gap, TTC and time advantage are extremes over the states of the record: the beginning of each step,
+and the moment at which someone steps off.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from harness.measures.steps import time_at, x_range
 
 
 def contact_speed_mps(chunk: Chunk) -> FloatArray:
-    """The ego's speed at the contact in m/s; NaN without one."""
+    """The ego's speed at the contact in m/s; NaN if there was no contact."""
     return np.array(
         [np.nan if strike is None else strike.speed_mps for strike in chunk.strikes], dtype=float
     )
@@ -46,11 +46,11 @@ def min_time_advantage_s(chunk: Chunk) -> FloatArray:
 def pet_s(chunk: Chunk) -> FloatArray:
     """Smallest PET over the pedestrians of the record in s; NaN after a crash.
 
-    The zone is where the ego's width and the walker's disc cross, along the road wherever they are
-    while they are in the ego's path.  Who is in it when their walk begins, as some are after a
-    warm-up, enters it then.  0 if both were in it at once without touching (a corner);
-    undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, with the pedestrian
-    going on at their speed after the trace's end.
+    The zone is the part of the road that both the ego's width and the pedestrian's disc cover.  It
+    moves along the road with the pedestrian.  A pedestrian who is in it when their walk begins, as
+    after a warm-up, enters it then.  PET is 0 if both were in the zone at once without touching (a
+    corner); it is undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, if the
+    pedestrian keeps their speed after the trace's end.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
@@ -60,21 +60,21 @@ def pet_s(chunk: Chunk) -> FloatArray:
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
-    # Somebody who leaves the zone and never enters it was in it from the start.
+    # A pedestrian who leaves the zone without entering it was in it from the start.
     enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
     trace = legs.of_walk
     nearest, farthest = x_range(legs, enters, leaves)
     ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
     ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
-    # NaN passes on: someone who never gets there has no PET.
+    # NaN propagates: a pedestrian who never reaches the zone has no PET.
     pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
     counts = ~np.isnan(pet) & (began < chunk.end_s[trace]) & ~chunk.crashed[trace]
     return chunk.smallest(trace[counts], pet[counts])
 
 
 def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
-    """When the ego that each walker meets has its bumper at their ``x_m``; NaN if it never has."""
-    known: dict[tuple[int, float], float] = {}  # most walk on one line
+    """When the bumper of each walker's ego reaches their ``x_m``; NaN if it never does."""
+    known: dict[tuple[int, float], float] = {}  # most pedestrians walk along the same line
     times = []
     for key in zip(chunk.legs.of_walk.tolist(), x_m.tolist(), strict=True):
         if key not in known:

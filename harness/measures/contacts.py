@@ -13,7 +13,7 @@ from harness.measures.steps import Rows
 
 @dataclass(frozen=True, slots=True)
 class Strike:
-    """A contact: when, in which walk (its number among the legs'), where, at what speed."""
+    """A contact: its time, its walk (a number in ``Legs``), its place on the ego and its speed."""
 
     time_s: float
     walk: int
@@ -22,7 +22,7 @@ class Strike:
 
 
 def strikes_of(traces: Sequence[Trace], rows: Rows) -> list[Strike | None]:
-    """The first contact of every trace; exact work only where bounding boxes overlap."""
+    """The first contact of every trace, computed exactly where bounding boxes overlap."""
     strikes: list[Strike | None] = [None] * len(traces)
     body = body_of(traces[0])
     struck: set[int] = set()

@@ -1,4 +1,4 @@
-"""Time: how long the ego took, waited and stood."""
+"""Times of the ego and waits of the pedestrians."""
 
 from collections.abc import Iterator
 
@@ -8,27 +8,27 @@ from harness.core.encounter import FloatArray, Walk
 from harness.measures.chunk import Chunk
 
 STANDING_MPS = 0.1
-"""Slower than this counts as stopped (SUMO's own threshold for waiting time)."""
+"""Below this speed the ego counts as stopped (SUMO's threshold for waiting time)."""
 
 _ROUNDING_S = 1e-9
 
 
 def delay_s(chunk: Chunk) -> FloatArray:
-    """Pass time less the free pass time at v0, in s; NaN if not crossed."""
+    """Pass time minus the free pass time at v0, in s; NaN if the ego did not cross."""
     return beyond(chunk.pass_time_s, chunk.vehicle.free_pass_time_s(chunk.crossing))
 
 
 def beyond(time_s: FloatArray | float, free_s: float) -> FloatArray:
-    """How much longer than a free way, in s; 0 within 1e-9 s.
+    """A time minus the time of a free passage, in s; 0 within 1e-9 s.
 
-    Sums of step times end in other last bits than a quotient.
+    Sums of step times and a quotient differ in their last bits.
     """
     delay = np.subtract(time_s, free_s)
     return np.where(np.abs(delay) < _ROUNDING_S, 0.0, delay)
 
 
 def stops(chunk: Chunk) -> FloatArray:
-    """How often the speed at a step's end falls below 0.1 m/s."""
+    """Number of times the speed at a step's end falls below 0.1 m/s."""
     trace, before, after = _standing(chunk)
     return np.bincount(trace[after & ~before], minlength=len(chunk.traces)).astype(float)
 
@@ -51,10 +51,10 @@ def max_speed_mps(chunk: Chunk) -> FloatArray:
 
 
 def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
-    """Mean wait at the kerb of those who came within the record, in s; NaN if nobody did.
+    """Mean wait at the kerb of those who arrived within the record, in s; NaN if nobody did.
 
-    From arrival until stepping off, or until the record's end for those who still wait then.
-    Timed pedestrians, who have no quantile, wait for their time and for nobody else.
+    A wait lasts from arrival until stepping off, or until the record's end.  Timed pedestrians, who
+    have no quantile, do not count: they step off at a given time.
     """
     total = np.zeros(len(chunk.traces))
     for number, walk, end_s in _arrivals(chunk):
@@ -66,7 +66,7 @@ def pedestrian_delay_s(chunk: Chunk) -> FloatArray:
 
 
 def arrivals(chunk: Chunk) -> FloatArray:
-    """Number of people who arrived within the record, timed pedestrians apart."""
+    """Number of people who arrived within the record, without timed pedestrians."""
     count = np.zeros(len(chunk.traces))
     for number, _, _ in _arrivals(chunk):
         count[number] += 1
@@ -84,6 +84,6 @@ def _arrivals(chunk: Chunk) -> Iterator[tuple[int, Walk, float]]:
 def _standing(chunk: Chunk) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For every step: its episode, and whether the ego stands at its beginning and at its end."""
     trace, state = chunk.record_steps()
-    # The first step at a0 often ends at 0.1 m/s exactly, to the last bit but one.
+    # The first step at a0 often ends at 0.1 m/s, up to rounding.
     standing = chunk.ego.speed_mps < STANDING_MPS - 1e-9
     return trace, standing[state], standing[state + 1]

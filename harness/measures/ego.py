@@ -1,4 +1,4 @@
-"""The ego along its trace: where it is at any time, and when it is at any place.
+"""The ego along its trace: its place at any time, and the time at any place.
 
 Within a step its acceleration is constant, so both are exact.
 """
@@ -19,7 +19,7 @@ IntArray = NDArray[np.int64]
 class EgoStates:
     """The states of all egos of a chunk, one after another.
 
-    ``first`` is the place of each trace's first state; ``steps`` the number of its steps.
+    ``first`` is the index of each trace's first state; ``steps`` is the number of its steps.
     """
 
     x_m: FloatArray
@@ -29,7 +29,7 @@ class EgoStates:
 
 
 def ego_states(traces: Sequence[Trace]) -> EgoStates:
-    """The states of every trace, an episode without any included."""
+    """The states of every trace; a trace may have none."""
     counts = np.array([len(trace.x_m) for trace in traces], dtype=np.int64)
     return EgoStates(
         x_m=np.concatenate([trace.x_m for trace in traces]),

@@ -15,14 +15,14 @@ from harness.measures.steps import legs_of, rows_of
 Value = float | int | bool | None
 
 Values = namedtuple("Values", COLUMNS)  # type: ignore[misc]  # the names come from the catalogue
-"""The measures of an episode, by their columns' names; ``_asdict()`` makes a dictionary."""
+"""The measures of an episode, named as their columns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeRecord(Measured):
-    """What is kept of an episode: a row of ``episodes.parquet`` (docs/files.md).
+    """The stored results of an episode: a row of ``episodes.parquet`` (docs/files.md).
 
-    ``end_s`` is where the record ends: at the contact, the pass, the time-out or the failure.
+    ``end_s`` is the time of the record's end: the contact, the pass, the time-out or the failure.
     Each measure is an attribute (``record.pet_s``).  Undefined values are None.
     """
 
@@ -51,7 +51,7 @@ class EpisodeRecord(Measured):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One episode: which one it was, its record and its trace."""
+    """An episode: its pair, arm and strategy, its record and its trace."""
 
     pair: int
     arm: Arm
@@ -90,7 +90,7 @@ def _values(entry: Measure, chunk: Chunk) -> list[Value]:
 def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecord:
     trace, strike = chunk.traces[number], chunk.strikes[number]
     end_s = float(chunk.end_s[number])
-    asked = trace.conditionings
+    model_use = trace.conditionings
     return EpisodeRecord(
         ending=trace.ending if strike is None else Ending.CRASHED,
         reason=trace.reason,
@@ -103,10 +103,10 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
         fallback=trace.fallback,
         steps=int(chunk.steps[number]),
         pedestrians=sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks),
-        conditionings=asked.asked,
-        clamped=asked.clamped,
-        near_clamped=asked.near_clamped,
-        clamped_speed_excess_mps=asked.speed_excess_mps if asked.clamped else None,
-        clamped_range_excess_m=asked.range_excess_m if asked.clamped else None,
+        conditionings=model_use.asked,
+        clamped=model_use.clamped,
+        near_clamped=model_use.near_clamped,
+        clamped_speed_excess_mps=model_use.speed_excess_mps if model_use.clamped else None,
+        clamped_range_excess_m=model_use.range_excess_m if model_use.clamped else None,
         **measures,
     )

@@ -1,7 +1,7 @@
 """How pedestrians move, and where they and the ego are at every step.
 
-The one place among the measures that knows a walk: as straight legs, at constant velocity but for
-an even acceleration across the road.
+Only this module of the measures knows the form of a walk: straight legs with constant velocity
+along the road and constant acceleration across it.
 """
 
 from collections.abc import Sequence
@@ -16,10 +16,10 @@ from harness.measures.motion import walking
 
 @dataclass(frozen=True, slots=True)
 class Legs:
-    """Straight stretches of walks, in order of traces, walks and time.
+    """Straight parts of walks, in order of traces, walks and time.
 
-    ``walk`` counts those who stepped off, over all traces.  A leg begins at (``x_m``, ``y_m``)
-    with ``x_mps`` along the road and ``y_mps`` across it, which changes by ``y_mps2``.
+    ``walk`` numbers the pedestrians who stepped off, over all traces.  A leg begins at
+    (``x_m``, ``y_m``) with ``x_mps`` along the road and ``y_mps`` across it, which changes by ``y_mps2``.
     """
 
     trace: IntArray
@@ -42,9 +42,10 @@ class Legs:
 class Rows:
     """One row for each step of each pedestrian on the crossing, in order of traces and walks.
 
-    ``start_s`` … ``stop_s`` is the part of the step in which they are on it; ego and pedestrian are
-    as at ``start_s``: the ego's bumper at ``x_m`` (``x_stop_m`` at the step's end) with its speed
-    and acceleration, they at (``walker_x_m``, ``walker_y_m``) with their velocity.
+    ``start_s`` … ``stop_s`` is the part of the step in which they are on the crossing.  The other
+    columns are those at ``start_s``: the ego's bumper is at ``x_m`` (``x_stop_m`` at the step's
+    end) with its speed and acceleration, the pedestrian at (``walker_x_m``, ``walker_y_m``) with
+    their velocity.
     """
 
     trace: IntArray
@@ -89,7 +90,7 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
             if walk.start_s is None:
                 continue
             stretches = walking.legs_of(walk, crossing)
-            # Somebody who stands for good is there as long as the trace goes on.
+            # A pedestrian who stops for good stays until the end of the trace.
             trace_end_s = max(stretches[-1].time_s, (len(trace.x_m) - 1) * trace.step_s)
             cleared = walking.cleared_s(walk, crossing)
             numbers += [len(walks)] * len(stretches)
@@ -117,7 +118,7 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
 
 
 def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
-    """When each walk has first come that far across the road, in s; NaN where it never does.
+    """When each walk first reaches a distance across the road, in s; NaN if it never does.
 
     Args:
         legs: of all walks.
@@ -131,7 +132,7 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         # 2d/(v + sqrt(v² + 2ad)) is d/v without acceleration, to the last bit.
         time = legs.begin_s + 2 * ahead_m / (speed + np.sqrt(speed**2 + 2 * gain * ahead_m))
-    # The far kerb may lie a rounding beyond the end.
+    # The far kerb may lie beyond the end by a rounding error.
     on_leg = (time >= legs.begin_s) & (time <= legs.end_s + 1e-9)
     first = np.full(len(legs.walks), np.inf)
     np.minimum.at(first, legs.walk[on_leg], time[on_leg])
@@ -139,7 +140,7 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
 
 
 def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Smallest and largest x of each walk between two times, in m; NaN where it is not there then.
+    """Smallest and largest x of each walk between two times, in m; NaN if it has no state then.
 
     Args:
         legs: of all walks.
@@ -161,11 +162,11 @@ def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[Float
 
 
 def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
-    """Every step of every leg, as long as the ego's trace goes on."""
+    """Every step of every leg until the end of the ego's trace."""
     first = np.floor(legs.begin_s / step_s).astype(np.int64)
-    # A beginning that is a step's time may fall just short of it as a quotient.
+    # Rounding may put a beginning at a step's time into the step before.
     first += (first + 1) * step_s <= legs.begin_s
-    # Somebody who stepped off before the trace began is there from its first step on.
+    # A pedestrian who stepped off before the trace began is there from its first step on.
     first = np.maximum(first, 0)
     last = np.minimum(np.ceil(legs.end_s / step_s).astype(np.int64), ego.steps[legs.trace])
     counts = np.maximum(last - first, 0)

@@ -15,7 +15,7 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, FloatArray
 _EPSILON_M = 1e-12
 _MARGIN_M = 1e-6
 _REAL_S = 1e-7
-"""A root whose imaginary part is below that is real: rounding parts a double one."""
+"""A root with a smaller imaginary part counts as real: rounding splits double roots."""
 
 
 class Motion(NamedTuple):
@@ -39,8 +39,8 @@ def first_contact_in_step(
 ) -> float | None:
     """Time into the step at which contact begins, or None.
 
-    Candidates are all roots of the boundary's pieces (at most quartic); the earliest at which
-    the distance is within the radius counts.
+    Candidates are the roots of all pieces of the boundary (at most quartic).  The result is the
+    earliest at which the distance is within the radius.
 
     Args:
         ego: of the front bumper, along the road.
@@ -57,7 +57,7 @@ def first_contact_in_step(
         -ego.acceleration_mps2,
     )
     ahead_range, across_range = _range(front, duration_s), _range(walker_y, duration_s)
-    # Only pieces that the path comes near can have a root; finding roots is what costs.
+    # Only pieces near the path can have a root; finding roots is expensive.
     candidates = [0.0]
     for path, span, edges in (
         (front, ahead_range, (radius, -length - radius)),
@@ -74,7 +74,7 @@ def first_contact_in_step(
         if not 0 <= time <= duration_s:
             continue
         y = walker_y.at(time)
-        # A root is found to about 1e-9; a grazing one counts as contact.
+        # A root is accurate to about 1e-9; grazing counts as a contact.
         if gap(front.at(time), y, body) <= 1e-9 * max(1.0, abs(y)) + _EPSILON_M:
             return time
     return None
@@ -89,7 +89,7 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
     if discriminant < 0:
         touches = math.sqrt(-discriminant) < 2 * abs(square) * _REAL_S
         return (-slope / (2 * square),) if touches else ()
-    # The sum of equal signs: the other one loses digits.
+    # The sum with equal signs loses no digits; the other root follows from it.
     larger = -(slope + math.copysign(math.sqrt(discriminant), slope)) / 2
     return (larger / square, constant / larger) if larger != 0 else ()  # from the start on
 
@@ -97,7 +97,7 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
 def _times_at_circle(
     ahead: Motion, across: Motion, corner_x: float, corner_y: float
 ) -> list[float]:
-    """When a point that moves so is at the circle of the disc's radius around a corner."""
+    """When a moving point is on the circle with the disc's radius around a corner."""
     dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x)
     dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y)
     circle = np.convolve(dx, dx) + np.convolve(dy, dy)
@@ -144,7 +144,7 @@ def time_to_collision(
     Args:
         ahead_m: pedestrian's distance ahead of the front bumper (negative beside the body).
         y_m: the pedestrian's y.
-        ahead_mps: rate of ``ahead_m``: their velocity along the road less the ego's speed.
+        ahead_mps: rate of ``ahead_m``: their velocity along the road minus the ego's speed.
         y_mps: their velocity across the road.
         body: (length, y of the right side, y of the left side) of the ego in m.
 
@@ -178,7 +178,7 @@ def _enters_rectangle(
     x_bounds: tuple[float, float],
     y_bounds: tuple[float, float],
 ) -> FloatArray:
-    """Slab method; infinite where the ray misses."""
+    """First time ≥ 0 in the rectangle, by the slab method; infinite if never."""
     enter, leave = np.zeros_like(place[0]), np.full_like(place[0], np.inf)
     for position, speed, (low, high) in zip(place, velocity, (x_bounds, y_bounds), strict=True):
         first, second = (low - position) / speed, (high - position) / speed

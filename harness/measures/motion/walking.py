@@ -1,4 +1,4 @@
-"""Walks in the road frame: where a pedestrian is when, and the path of a timed one."""
+"""Walks in the road frame: places over time, and the path of a timed pedestrian."""
 
 import math
 
@@ -24,16 +24,16 @@ def timed_path(
     vehicle: Vehicle,
     crossing: Crossing,
 ) -> tuple[Leg, ...]:
-    """The walk of a pedestrian whom a car that never brakes hits at a share of its width.
+    """The walk of a pedestrian whom a car that does not brake hits at a given share of its width.
 
-    From rest they accelerate evenly over d_a to v_p and keep that speed.  The front touches their
-    disc at T = (R0 − radius)/v0; their centre is then at L = width · (½ − share) from the car's
-    centre line.  So they start at T − t, where t is the time they need for d = start − L:
+    They accelerate uniformly from rest to v_p over the distance d_a and keep that speed.  The
+    front touches their disc at T = (R0 − radius)/v0; their centre is then at
+    L = width · (½ − share) from the car's centre line.  So they start at T − t, where t is the time they need for d = start − L:
     sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
 
     Args:
         side: the side they come from.
-        start_lateral_m: from where, in m from the car's centre line.
+        start_lateral_m: their start, in m from the car's centre line.
         acceleration_distance_m: d_a ≥ 0.
         speed_mps: v_p > 0.
         impact_share: 0 at the edge of the car they reach first, 1 at the other one.
@@ -67,7 +67,7 @@ def timed_path(
 
 
 def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
-    """The legs of someone who stepped off."""
+    """The legs of a pedestrian who stepped off."""
     if walk.legs is not None:
         return walk.legs
     assert walk.start_s is not None
@@ -78,7 +78,7 @@ def legs_of(walk: Walk, crossing: Crossing) -> tuple[Leg, ...]:
 
 
 def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
-    """When someone reaches the other kerb; None if they never stepped off, or stand for good."""
+    """When a pedestrian reaches the other kerb; None if they never do."""
     if walk.start_s is None or walk.speed_mps is None:
         return None
     if walk.legs is None:
@@ -87,7 +87,7 @@ def cleared_s(walk: Walk, crossing: Crossing) -> float | None:
     ends = [leg.time_s for leg in walk.legs[1:]] + [math.inf]
     for leg, end_s in zip(walk.legs, ends, strict=True):
         time_s = leg.time_s + time_over(leg, kerb_m - leg.y_m)
-        # The kerb may lie a rounding beyond the leg's end.
+        # The kerb may lie beyond the leg's end by a rounding error.
         if math.isfinite(time_s) and time_s <= end_s + 1e-9:
             return time_s
     return None
@@ -108,7 +108,7 @@ def time_over(leg: Leg, across_m: float) -> float:
 def states_at(
     walk: Walk, crossing: Crossing, times_s: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """(x, y, speed, acceleration along the way) of someone who stepped off, at given times.
+    """(x, y, speed, forward acceleration) of a pedestrian who stepped off, at given times.
 
     Args:
         walk: their walk.
@@ -124,7 +124,7 @@ def states_at(
     time, x, y, x_mps, y_mps, y_mps2 = columns[:, np.maximum(number, 0)]
     walked_s = times_s - time
     velocity = y_mps + y_mps2 * walked_s
-    # 0 − 0 is 0, where −0 would be another number in a file.
+    # 0.0 − 0.0 is 0.0; −0.0 would be written differently into a file.
     forward = y_mps2 if walk.arrival.side is Side.NEAR else 0.0 - y_mps2
     return (
         x + x_mps * walked_s,
