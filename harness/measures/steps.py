@@ -19,7 +19,8 @@ class Legs:
     """Straight parts of walks, in order of traces, walks and time.
 
     ``walk`` numbers the pedestrians who stepped off, over all traces.  A leg begins at
-    (``x_m``, ``y_m``) with ``x_mps`` along the road and ``y_mps`` across it, which changes by ``y_mps2``.
+    (``x_m``, ``y_m``) with ``x_mps`` along the road and ``y_mps`` across it, which
+    changes by ``y_mps2``.
     """
 
     trace: IntArray

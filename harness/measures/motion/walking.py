@@ -28,7 +28,8 @@ def timed_path(
 
     They accelerate uniformly from rest to v_p over the distance d_a and keep that speed.  The
     front touches their disc at T = (R0 − radius)/v0; their centre is then at
-    L = width · (½ − share) from the car's centre line.  So they start at T − t, where t is the time they need for d = start − L:
+    L = width · (½ − share) from the car's centre line.  So they start at T − t.
+    Here t is the time they need for d = start − L:
     sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
 
     Args:
