@@ -401,7 +401,7 @@ def test_another_reference_is_refused(tmp_path: Path) -> None:
     document = json.loads(manifest.read_text())
     document["simulated_with"]["models"][0]["sha256"] = "0" * 64
     manifest.write_text(json.dumps(document))
-    with pytest.raises(InputError, match="its model dut is another one"):
+    with pytest.raises(InputError, match="its model dut differs from that"):
         compare(one, slower)
 
 

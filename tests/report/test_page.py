@@ -226,7 +226,7 @@ def test_a_record_that_differs_is_named(swept: Path, tmp_path: Path) -> None:
     assert "episodes.pass_time_s" in written.differing[0]
     found = Page(written.page)
     assert "1 of them differ from the stored record" in found.words
-    assert "the record differs from the stored one" in found.source
+    assert "the record differs from the stored record" in found.source
     assert "of cell 0 (pedestrians.flow_per_hour = 300, arms.av = soft_yield)" in found.source
 
 

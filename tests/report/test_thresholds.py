@@ -42,7 +42,7 @@ def test_other_thresholds_count_other_conflicts(tmp_path: Path) -> None:
     ("setting", "words"),
     [
         (Setting("conflicts.pets", 1.0), "did you mean 'conflicts.pet_s'"),
-        (Setting("ego.initial_speed_mps", 6.0), "anything else has to be simulated"),
+        (Setting("ego.initial_speed_mps", 6.0), "other changes need a new simulation"),
         (Setting("conflicts.pet_s", -1.0), "greater than or equal to 0"),
     ],
 )

@@ -192,7 +192,7 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["cctc", "--event", "crush"], "--event crush: is no event"),
+        (["cctc", "--event", "crush"], "--event crush: is not an event"),
         (["cctc", "--event", "min_tcc_s<1"], "did you mean 'min_ttc_s'?"),
         (["cctc", "--arm", "humans"], "'humans' is not one of 'av', 'human'"),
         (["cctc", "--target-cv", "0"], "--target-cv"),

@@ -328,7 +328,7 @@ def test_the_sampled_uniforms_are_those_of_the_people_who_come() -> None:
     assert (paper.fixed, paper.marks) == (("side", "quantile"), ())
     with pytest.raises(InputError, match="sumo"):
         space_of(validate({"pedestrians": {"behaviour": "sumo"}}, "test"), Arm.AV)
-    with pytest.raises(InputError, match="nothing in an episode is left to chance"):
+    with pytest.raises(InputError, match="nothing in an episode is random"):
         space_of(validate({"pedestrians": {"flow_per_hour": 0.0}}, "test"), Arm.AV)
 
 

@@ -1,1 +1,1 @@
-"""A study from scenario to run folder: begun, interrupted, resumed, finished, scored anew."""
+"""Carries out a study from scenario to run folder: start, resume, finish and score again."""

@@ -1,4 +1,4 @@
-"""A study from scenario to run folder: begun, interrupted, resumed, finished."""
+"""Carries out a study from scenario to run folder: start, resume and finish."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -24,14 +24,14 @@ from harness.studies.workers.pool import workers_for
 from harness.studies.workers.tasks import Executor, ExecutorLostError, Task
 
 SHORTEST_S, LONGEST_S = 0.02, 5.0
-"""How long a task takes: less at the end of a run, so that workers end together, and no longer,
-so that a slow strategy keeps all of them busy."""
+"""Bounds on the duration of a task.  Tasks get shorter at the end of a run, so that all workers
+end together, and are never longer, so that a slow strategy keeps all workers busy."""
 
 _OPTIONS = Options()
 
 MakeExecutor = Callable[[int], Executor]
 Progress = Callable[[int, int, str], None]
-"""(done, planned, of what)."""
+"""(done, planned, unit)."""
 
 
 def run_study(
@@ -45,17 +45,17 @@ def run_study(
     """Run every cell and write the run folder.
 
     Args:
-        study: what to run.
-        options: how.
+        study: the cells to run.
+        options: options of the run.
         out: the folder; default ``runs/<name>-<next free number>``.
-        progress: told how far it is.
+        progress: called with the progress.
         make_executor: makes the executor for a number of workers; None: local processes, or this
-            one where ``options.workers`` is 0 or a strategy is a class of this script or notebook.
+            process if ``options.workers`` is 0 or a strategy is a class of this script or notebook.
 
     Raises:
-        InputError: SUMO, model, strategies or folder are refused; nothing has been written then.
-        HarnessError: the folder cannot be written any more; the run can be resumed.
-        KeyboardInterrupt: Ctrl-C; what is finished is kept, and the message says how to go on.
+        InputError: SUMO, model, strategies or folder are refused; nothing has been written.
+        HarnessError: the folder can no longer be written; the run can be resumed.
+        KeyboardInterrupt: Ctrl-C; finished work is kept, and the message says how to continue.
     """
     check_packages()
     plan = plan_of(study, options)
@@ -73,10 +73,11 @@ def resume(
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor | None = None,
 ) -> RunData:
-    """Go on with an interrupted run; a finished one is only read.
+    """Continue an interrupted run; a finished run is only read.
 
     Raises:
-        InputError: no run folder, another process works on it, or versions or model differ.
+        InputError: the folder is not a run folder, another process uses it, or versions or the
+            model differ.
     """
     path = Path(path)
     if not path.is_dir():
@@ -87,7 +88,7 @@ def resume(
         document = read_manifest(path)
         finished = document["counts"] is not None
         if finished:
-            # Interrupted, if at all, while it cleared up.
+            # An interruption may have left shards behind.
             folder.drop_shards()
         if finished and document["sumo_outputs"] is None:
             return load_run(path)
@@ -105,11 +106,11 @@ def _held(folder: RunFolder) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         if not (folder.path / MANIFEST).is_file():
-            raise  # nothing has begun that could go on
+            raise  # nothing has begun that could be resumed
         raise InterruptedRunError(folder.path) from None
     except ExecutorLostError as error:
-        kept = f"what is finished is kept: {resume_command(folder.path)}"
-        raise HarnessError(f"{error}; {kept}") from None
+        advice = f"finished work is kept: {resume_command(folder.path)}"
+        raise HarnessError(f"{error}; {advice}") from None
     finally:
         folder.close()
 
@@ -130,18 +131,18 @@ def _carry_out(
 
 
 def _with_outputs(run: RunData, folder: RunFolder, plan: Plan, progress: Progress) -> RunData:
-    """Add what is missing of SUMO's own outputs, where they were asked for."""
+    """Add SUMO's own outputs that are requested and missing."""
     if plan.options.sumo_outputs is None:
         return run
-    what = "SUMO outputs (slow: a SUMO for each episode)"
+    unit = "SUMO outputs (slow: a SUMO for each episode)"
     failures = write_outputs(
-        folder, plan.study, plan.options, lambda done, planned: progress(done, planned, what)
+        folder, plan.study, plan.options, lambda done, planned: progress(done, planned, unit)
     )
     return replace(run, output_failures=failures)
 
 
 class _Work:
-    """Brings cells to a number of pairs, skipping what is done."""
+    """Runs cells up to a number of pairs and skips finished pairs."""
 
     def __init__(
         self,
@@ -156,11 +157,11 @@ class _Work:
         )
         self.executor: Executor | None = None
         self.pair_s: float | None = None
-        """How long a pair took in the task that was finished last."""
+        """Duration of a pair in the task that finished last."""
         self.done = folder.done_pairs(plan.planned, plan.shard_tables)
 
     def reach(self, goals: dict[int, int]) -> None:
-        """Run what is missing up to ``goals`` pairs of each cell."""
+        """Run the missing pairs, up to ``goals`` pairs of each cell."""
         missing = {
             cell: [pair for pair in range(goal) if pair not in self.done.get(cell, ())]
             for cell, goal in goals.items()
@@ -173,8 +174,8 @@ class _Work:
         self.folder.note("started", pairs=left, workers=executor.workers)
         tasks = self._tasks(missing, left, executor.workers)
 
-        def waits_for(what: str) -> None:
-            self.progress(done, total, f"pairs, waiting for {what}")
+        def waits_for(episodes: str) -> None:
+            self.progress(done, total, f"pairs, waiting for {episodes}")
 
         for task, result in run_tasks(executor, tasks, self.folder.note, waits_for):
             self.folder.write_shard(task.cell, task.first_pair, task.count, result.tables)
@@ -188,21 +189,22 @@ class _Work:
         self.folder.note("reached", pairs=total, pairs_per_s=round(rate, 1))
 
     def stop(self) -> None:
-        """End the executor, if there is one."""
+        """Stop the executor if it exists."""
         if self.executor is not None:
             self.executor.stop()
 
     def _executor(self) -> Executor:
-        """One for all looks of ``--until``."""
+        """Return the executor, which all looks of ``--until`` share."""
         if self.executor is None:
             planned = sum(self.plan.planned.values())
             self.executor = self.make_executor(workers_for(planned, self.plan.options))
         return self.executor
 
     def _tasks(self, missing: dict[int, list[int]], left: int, workers: int) -> Iterator[Task]:
-        """Runs of consecutive pairs, smaller towards the end, so that no worker ends late.
+        """Yield tasks of consecutive pairs, smaller towards the end, so that no worker ends late.
 
-        They are read as workers get free: how long pairs take is seen by those before.
+        Each task is made when a worker is free; its size follows from the duration of earlier
+        pairs.
         """
         for cells in self._twins(missing):
             pairs = missing[cells[0].number]
@@ -218,11 +220,11 @@ class _Work:
                 begin = end
 
     def _size(self, cells: int, share: int) -> int:
-        """Pairs of the next task: a share of what is left, but neither too short nor too long.
+        """Return the number of pairs of the next task, within the bounds on its duration.
 
         Args:
-            cells: whose pairs they are.
-            share: of the pairs that are left.
+            cells: number of cells that the task covers.
+            share: the task's share of the remaining pairs.
         """
         if self.plan.kind.long_pairs or self.pair_s is None:
             return 1
@@ -231,7 +233,7 @@ class _Work:
         return max(1, min(most, max(share, int(SHORTEST_S / each_s))))
 
     def _twins(self, missing: dict[int, list[int]]) -> Iterable[list[Cell]]:
-        """The cells by what differs in their arms alone, and misses the same pairs."""
+        """Group the cells that differ only in their arms and miss the same pairs."""
         groups: dict[object, list[Cell]] = {}
         for cell in self.plan.study.cells:
             if pairs := missing.get(cell.number):

@@ -1,4 +1,4 @@
-"""From shards to a finished run: tables, summary, and last of all the manifest with counts."""
+"""Turns the shards of a run into tables, a summary and the final manifest."""
 
 import math
 from collections import Counter
@@ -19,7 +19,7 @@ from harness.studies.runs.run_data import RunData
 
 
 def finish(folder: RunFolder, plan: Plan) -> RunData:
-    """Turn a folder's shards into tables, summary and, last of all, the manifest with counts."""
+    """Turn a folder's shards into tables, a summary and finally the manifest with counts."""
     kind, cells = plan.kind, plan.study.cells
     write_parquet(folder.path / "cells.parquet", *_cells_table(plan.study))
     folder.finish_tables(plan.shard_tables)
@@ -45,7 +45,7 @@ def finish(folder: RunFolder, plan: Plan) -> RunData:
 
 
 def _cells_table(study: Study) -> tuple[pa.Schema, Iterator[pa.Table]]:
-    """``cells.parquet``: number and varied keys; mixed types of a key become text."""
+    """Return ``cells.parquet``: number and varied keys; a key with mixed types becomes text."""
     columns: dict[str, pa.Array] = {
         "cell": pa.array([cell.number for cell in study.cells], type=pa.int32())
     }

@@ -1,4 +1,4 @@
-"""Measures of hours of traffic worked out anew, from their kept traces."""
+"""Recomputes the measures of hours of traffic from their traces."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -21,15 +21,15 @@ Tables = dict[str, pa.Table]
 
 
 def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int, Tables]]:
-    """The tables of a cell, pair by pair, with the measures of passages and what rests on them.
+    """Yield the tables of a cell pair by pair, with recomputed measures and counts.
 
     Args:
         run: a finished run of hours of traffic.
-        cell: the cell, with the thresholds of conflicts that are to hold.
-        traced: whether the run kept traces; without them the measures stay as they are.
+        cell: the cell with the new conflict thresholds.
+        traced: whether the run kept traces; without traces the measures stay as they are.
 
     Yields:
-        The first pair, how many there are, and their tables.
+        The first pair, the number of pairs, and their tables.
 
     Raises:
         InputError: a table cannot be read, or a passage has no trace.
@@ -51,22 +51,22 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
 
 
 def _counts(cell: Cell, passages: Sequence[dict[str, Any]], arm: str) -> dict[str, float | None]:
-    own = [row for row in passages if row["arm"] == arm]
-    return passage_counts(own, cell.scenario.conflicts)
+    arm_passages = [row for row in passages if row["arm"] == arm]
+    return passage_counts(arm_passages, cell.scenario.conflicts)
 
 
 def _measured(
     run: Path, cell: Cell, tables: dict[str, pa.Table], passages: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """The rows of ``passages`` in their order, with the measures of their traces."""
+    """Return the rows of ``passages`` in order, with the measures of their traces."""
     scored: dict[tuple[str, int], dict[str, Any]] = {}
     walks = tables["walks"].to_pylist()
     for arm in Arm:
-        own = [row for row in passages if row["arm"] == arm.value]
-        walked = [row for row in walks if row["arm"] == arm.value]
+        arm_passages = [row for row in passages if row["arm"] == arm.value]
+        arm_walks = [row for row in walks if row["arm"] == arm.value]
         try:
             states = _states(tables["traces"], arm)
-            traces = list(stored_traces(cell.scenario, own, walked, states))
+            traces = list(stored_traces(cell.scenario, arm_passages, arm_walks, states))
         except (KeyError, IndexError):
             raise InputError(str(run), "a passage has no trace", "a whole run") from None
         for lane_traces in _by_lane(traces):
@@ -79,7 +79,7 @@ def _measured(
 def _by_lane(
     traces: Sequence[tuple[Any, Trace | None]],
 ) -> Iterator[list[tuple[Any, Trace]]]:
-    """Rows with a trace, by lane: only passages of one lane are measured together."""
+    """Group rows with a trace by lane: only passages of one lane are measured together."""
     lanes: dict[tuple[str, int], list[tuple[Any, Trace]]] = {}
     for row, trace in traces:
         if trace is not None:
@@ -88,14 +88,14 @@ def _by_lane(
 
 
 def _states(traces: pa.Table, arm: Arm) -> _States:
-    """Time, x and speed of every object of one arm, by name."""
+    """Return time, x and speed of every object of one arm, by name."""
     arms, objects = traces["arm"].to_pylist(), traces["object"].to_pylist()
     columns = [traces[name].to_numpy() for name in ("time_s", "x_m", "speed_mps")]
-    found: dict[str, list[int]] = {}
-    for number, (of, name) in enumerate(zip(arms, objects, strict=True)):
-        if of == arm.value:
-            found.setdefault(name, []).append(number)
+    rows_by_object: dict[str, list[int]] = {}
+    for number, (row_arm, name) in enumerate(zip(arms, objects, strict=True)):
+        if row_arm == arm.value:
+            rows_by_object.setdefault(name, []).append(number)
     return {
         name: (columns[0][rows], columns[1][rows], columns[2][rows])
-        for name, rows in ((name, np.array(numbers)) for name, numbers in found.items())
+        for name, rows in ((name, np.array(numbers)) for name, numbers in rows_by_object.items())
     }

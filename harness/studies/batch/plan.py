@@ -1,4 +1,4 @@
-"""The plan of a run: its study with the models loaded and everything checked."""
+"""The plan of a run: its checked study with the loaded models."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +22,7 @@ from harness.studies.workers.audit import Audit, audit_of
 class Plan:
     """The plan of a run: its cells, the model of each by number, and the options.
 
-    ``origin`` is what its manifest says the run is made with (``origin_of``).
+    ``origin`` is the manifest's record of versions, models and strategies (``origin_of``).
     """
 
     study: Study
@@ -37,13 +37,13 @@ class Plan:
 
     @property
     def shard_tables(self) -> list[str]:
-        """The tables that its tasks bring."""
+        """The tables that the tasks return."""
         audit = self.options.engine == "plain"
         return self.kind.tables(traces=self.options.traces, audit=audit)
 
     @cached_property
     def audits(self) -> dict[int, Audit]:
-        """The audit of each cell in SUMO, by number; empty where all takes place in SUMO."""
+        """The audit of each cell in SUMO, by number; empty if the whole run uses SUMO."""
         if self.options.engine == "sumo":
             return {}
         return {
@@ -52,7 +52,7 @@ class Plan:
 
     @property
     def planned(self) -> dict[int, int]:
-        """Pairs of each cell, by number; with ``--until`` at most so many."""
+        """Number of pairs of each cell, by cell number; with ``--until`` the maximum."""
         return {cell.number: cell.scenario.experiment.pairs for cell in self.study.cells}
 
     def manifest(self, counts: dict[str, int] | None = None) -> dict[str, Any]:
@@ -61,7 +61,7 @@ class Plan:
 
 
 def plan_of(study: Study, options: Options) -> Plan:
-    """Load the models; all that a user may have got wrong is found here.
+    """Load the models and check all user input.
 
     Raises:
         InputError: a model, a strategy or a network is refused.
@@ -74,8 +74,8 @@ def plan_of(study: Study, options: Options) -> Plan:
     for cell in study.cells if hours else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
-                what = f"{name} drives one vehicle at a time"
-                raise InputError(f"arms.{arm}", what, "a scenario without [traffic]")
+                problem = f"{name} drives one vehicle at a time"
+                raise InputError(f"arms.{arm}", problem, "a scenario without [traffic]")
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
     models = {}
     for cell in study.cells:
@@ -90,7 +90,7 @@ def plan_of(study: Study, options: Options) -> Plan:
 
 
 def _refuse_for_plain(study: Study, options: Options) -> None:
-    """Refuse what the plain engine cannot do as SUMO does."""
+    """Refuse options and scenarios that need SUMO."""
     if options.sumo_outputs is not None:
         raise InputError(
             "--sumo-outputs", "cannot be combined with --engine plain", "--engine sumo"
@@ -101,7 +101,7 @@ def _refuse_for_plain(study: Study, options: Options) -> None:
 
 
 def _need_of_sumo(scenario: Scenario) -> str | None:
-    """The part of a scenario that only SUMO can do; None where the plain engine does the same."""
+    """Return the part of a scenario that needs SUMO; None if the plain engine suffices."""
     if scenario.traffic is not None:
         return "[traffic]"
     if scenario.pedestrians.behaviour == "sumo":
@@ -113,7 +113,7 @@ def _need_of_sumo(scenario: Scenario) -> str | None:
 
 
 def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:
-    """The plan of the run of a manifest.
+    """Return the plan of the run that a manifest describes.
 
     Raises:
         InputError: see ``study_from`` and ``plan_of``.

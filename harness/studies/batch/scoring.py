@@ -1,4 +1,4 @@
-"""Recomputes a run's measures and summary from its kept traces, without simulating."""
+"""Recomputes a run's measures and summary from its traces, without simulation."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -27,24 +27,24 @@ from harness.studies.batch.hour_scoring import score_hours
 from harness.studies.batch.plan import Plan
 
 _AFTER_CONTACT = ("pass_time_ignoring_contact_s",)
-"""Measures that need the passage after a contact."""
+"""Measures that need the part of the passage after a contact."""
 
 _PART_PAIRS = 500
-"""Pairs scored together: what is in memory at once."""
+"""Number of pairs in memory at once."""
 
 
 def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
-    """Write a run folder whose measures come from the traces of another.
+    """Write a run folder with measures recomputed from the traces of another run.
 
     Args:
-        run: a finished run that kept its traces; any finished run where settings are given, whose
-            stored measures then stay.
+        run: a finished run with traces.  A run without traces is accepted if settings are given;
+            its stored measures then stay.
         out: a new or empty folder.
-        settings: other thresholds of conflicts (``conflicts.…``); nothing is simulated.
+        settings: other conflict thresholds (``conflicts.…``).
 
     Raises:
         InputError: the run is not finished, kept no traces, ``out`` is refused, or a setting is
-            no threshold.
+            not a threshold.
     """
     document = read_finished_manifest(run)
     traced = (run / "traces.parquet").is_file()
@@ -52,9 +52,9 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
         raise InputError(str(run), "kept no traces", "a run with --traces")
     _apply(settings, document)
     study = study_from(document, str(run / MANIFEST))
-    # Neither model nor strategy has to be there: what they did is in the traces.
+    # Model and strategies are not needed, because the traces contain their effects.
     origin = {name: document[name] for name in ("know_the_model", "simulated_with")}
-    # SUMO's outputs are the simulated run's.
+    # SUMO's outputs belong to the simulated run.
     options = replace(options_of(document), sumo_outputs=None)
     plan = Plan(study, {}, options, {**origin, "scored_with": scored_now()})
     folder = RunFolder(claim_folder(out, plan.study.name))
@@ -67,10 +67,10 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
         finish(folder, plan)
         finished = True
     except BaseException as error:
-        # Nothing here can go on: what is half done would only be in the way.
+        # Scoring cannot be resumed, so unfinished work is removed.
         folder.drop_shards()
         if isinstance(error, DamagedShardError):
-            raise InputError(str(run), "its traces give no measures", "a run's traces") from None
+            raise InputError(str(run), "its traces cannot be scored", "a run's traces") from None
         raise
     finally:
         folder.close()
@@ -82,10 +82,10 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
 def _score_encounters(
     run: Path, cell: Cell, traced: bool
 ) -> Iterator[tuple[int, int, dict[str, pa.Table]]]:
-    """First pair, number of pairs and tables of some pairs, one part after another."""
+    """Yield first pair, number of pairs and tables, part by part."""
     audited = (run / "audit.parquet").is_file()
     names = encounter_tables(traces=traced, audit=audited)
-    # Measures are computed again: those that are newer than the run need not be there.
+    # Measures are recomputed, so columns that are newer than the run may be missing.
     optional = COLUMNS if traced else ()
     tables = {name: read_table(run, name, cell.number, optional=optional) for name in names}
     pairs = _pairs(run, tables["episodes"])
@@ -96,26 +96,28 @@ def _score_encounters(
 
 
 _SCORERS = {"episodes": _score_encounters, "hours": score_hours}
-"""What scores a cell anew, by the table of its kind that findings are made of."""
+"""The function that scores a cell, by the table from which its kind computes findings."""
 
 
 def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:
-    """Change thresholds of conflicts in a manifest."""
+    """Change conflict thresholds in a manifest."""
     thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
     for setting in settings:
         where = f"{setting.source} {setting.key}"
         if setting.key not in thresholds:
             nearest = nearest_name(setting.key, thresholds)
-            what = "is no threshold of conflicts; anything else has to be simulated"
-            raise InputError(where, what, ", ".join(thresholds), nearest)
+            problem = "is not a conflict threshold; other changes need a new simulation"
+            raise InputError(where, problem, ", ".join(thresholds), nearest)
         if setting.key in document["cells"][0]:
-            raise InputError(where, "varies in this run", "a threshold that is the same in all")
+            raise InputError(
+                where, "varies in this run", "a threshold that is the same in all cells"
+            )
         apply_setting(document["scenario"], setting)
-    validate(document["scenario"], MANIFEST, {of.key: of.source for of in settings})
+    validate(document["scenario"], MANIFEST, {setting.key: setting.source for setting in settings})
 
 
 def _pairs(run: Path, episodes: pa.Table) -> int:
-    """How many pairs a cell has: numbered from 0 on, the AV's arm of each before the human's."""
+    """Return the number of pairs, numbered from 0, each with the AV's arm before the human's."""
     pairs, arms = episodes["pair"].to_numpy(), episodes["arm"].to_pylist()
     count = len(pairs) // 2
     whole = count > 0 and np.array_equal(pairs, np.repeat(np.arange(count), 2))
@@ -130,14 +132,14 @@ def _pairs_of(table: pa.Table, first: int, last: int) -> pa.Table:
 
 
 def _score(run: Path, tables: dict[str, pa.Table], cell: Cell) -> dict[str, pa.Table]:
-    """The tables of some pairs, the measures worked out anew."""
+    """Return the tables of some pairs with recomputed measures."""
     rows = []
     scored = episode_rows(cell.number, _outcomes(run, tables, cell.scenario)).to_pylist()
     for old, new in zip(tables["episodes"].to_pylist(), scored, strict=True):
         if old["ending"] == Ending.ENGINE_FAILED:
-            rows.append(old)  # there is nothing to measure where a worker died
+            rows.append(old)  # a failed episode has nothing to measure
             continue
-        # Kept traces end at the contact; what came after it was known to the run alone.
+        # Stored traces end at the contact; only the run knew the part after it.
         crashed = old["ending"] == Ending.CRASHED
         kept = (*MODEL_USE, *_AFTER_CONTACT) if crashed else MODEL_USE
         rows.append(new | {name: old[name] for name in kept if name in old})
@@ -163,7 +165,7 @@ def _outcomes(run: Path, tables: dict[str, pa.Table], scenario: Scenario) -> Ite
                 x_m=x,
                 speed_mps=speed,
                 walks=tuple(walks.get(key, ())),
-                # How the engine left off is gone after a contact; the contact itself is found anew.
+                # The engine's ending is not stored after a contact; measuring finds the contact.
                 ending=Ending.TIMED_OUT if ending is Ending.CRASHED else ending,
                 reason=row["reason"],
                 sumo_collision=row["sumo_collision"],

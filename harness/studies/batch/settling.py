@@ -1,4 +1,4 @@
-"""The warm-up of each cell of a study of hours, found by a pilot before anything counts."""
+"""Sets the warm-up of each cell of a study of hours with a pilot run."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from harness.studies.runs.run_data import RunData
 WARM_UP = "traffic.warm_up_s"
 
 ROUND_S = 300.0
-"""Warm-ups are whole multiples of it, or the counted time."""
+"""Warm-ups are multiples of this time, or equal the counted time."""
 
 
 def settled(
@@ -26,19 +26,19 @@ def settled(
     options: Options,
     progress: Callable[[int, int, str], None] = lambda _done, _planned, _what: None,
 ) -> Study:
-    """The study with a warm-up for each cell in which its road forgets how it began.
+    """Return the study with a warm-up for each cell that removes the effect of the empty start.
 
-    A pilot of each cell, one pair with a seed of its own, begins with an empty road and lasts twice
-    the counted time.  The warm-up is the longest that a queue took in it to clear, in either arm;
-    at least the scenario's and at most the counted time.  Several cells vary it from here on.
+    The pilot of a cell is one pair with a separate seed.  It begins with an empty road and lasts
+    twice the counted time.  The warm-up is the longest time that a queue took to clear in either
+    arm, at least the scenario's warm-up and at most the counted time.  In a study of several cells
+    it becomes a varied key.
 
     Raises:
-        InputError: a cell has no hours that could settle: no traffic, flows that change, a
-            permanent queue.
+        InputError: a cell has no traffic, flows that change, or a permanent queue.
     """
     for cell in study.cells:
         _check(cell.scenario)
-    pilots = [_cell(of, _pilot(of.scenario)) for of in study.cells]
+    pilots = [_cell(cell, _pilot(cell.scenario)) for cell in study.cells]
     with TemporaryDirectory(prefix="harness-pilot-") as folder:
         run = run_study(
             Study(study.name, _with(study.base, _pilot(study.base)), tuple(pilots)),
@@ -46,12 +46,13 @@ def settled(
             out=Path(folder) / "pilot",
             progress=lambda done, planned, _: progress(done, planned, "pilots"),
         )
-        found = [{WARM_UP: _warm_up_s(run, cell)} for cell in study.cells]
-    cells = [_cell(of, own) for of, own in zip(study.cells, found, strict=True)]
+        warm_ups = [{WARM_UP: _warm_up_s(run, cell)} for cell in study.cells]
+    cells = [_cell(cell, warm_up) for cell, warm_up in zip(study.cells, warm_ups, strict=True)]
     if len(cells) == 1:
         return replace(study, base=cells[0].scenario, cells=tuple(cells))
     varied = (
-        replace(of, varied={**of.varied, **own}) for of, own in zip(cells, found, strict=True)
+        replace(cell, varied={**cell.varied, **warm_up})
+        for cell, warm_up in zip(cells, warm_ups, strict=True)
     )
     return replace(study, cells=tuple(varied))
 
@@ -71,7 +72,7 @@ def _check(scenario: Scenario) -> None:
 
 
 def _pilot(scenario: Scenario) -> dict[str, Any]:
-    """The keys in which a pilot differs."""
+    """Return the keys in which a pilot differs from its cell."""
     seed = stream(scenario.experiment.seed, "pilot", 0).integers(2**62)
     return {
         WARM_UP: 0.0,
@@ -82,13 +83,13 @@ def _pilot(scenario: Scenario) -> dict[str, Any]:
 
 
 def _warm_up_s(run: RunData, cell: Cell) -> float:
-    """The longest queue of both arms in whole ``ROUND_S``, within its limits."""
+    """Return the longest queue of both arms, rounded up to ``ROUND_S`` within its limits."""
     traffic, passages = cell.scenario.known_traffic, run.passages
-    own, end_s = passages[passages["cell"] == cell.number], 2 * traffic.duration_s
+    cell_passages, end_s = passages[passages["cell"] == cell.number], 2 * traffic.duration_s
     longest_s = 0.0
     for arm in Arm:
-        rows = own[own["arm"] == arm.value]
-        # Who never got through is late at least from a free way after the schedule on.
+        rows = cell_passages[cell_passages["arm"] == arm.value]
+        # A vehicle that never passed is late from its scheduled time on at the latest.
         due_s = (rows["passed_s"] - rows["delay_s"]).fillna(rows["scheduled_s"]).to_numpy(float)
         left_s = rows["passed_s"].fillna(math.inf).to_numpy(float)
         late = left_s > due_s
@@ -98,7 +99,7 @@ def _warm_up_s(run: RunData, cell: Cell) -> float:
 
 
 def _cell(cell: Cell, settings: dict[str, Any]) -> Cell:
-    """A cell with other values; keys that it varies have them too."""
+    """Return a cell with other values, also in its varied keys."""
     varied = {key: settings.get(key, value) for key, value in cell.varied.items()}
     return Cell(cell.number, varied, _with(cell.scenario, settings))
 
@@ -108,5 +109,8 @@ def _with(scenario: Scenario, settings: dict[str, Any]) -> Scenario:
     for key, value in settings.items():
         section, name = key.split(".")
         sections.setdefault(section, {})[name] = value
-    updated = {of: getattr(scenario, of).model_copy(update=own) for of, own in sections.items()}
+    updated = {
+        section: getattr(scenario, section).model_copy(update=values)
+        for section, values in sections.items()
+    }
     return scenario.model_copy(update=updated)

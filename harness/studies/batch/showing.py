@@ -1,4 +1,4 @@
-"""Runs the pairs again that a page is to show and that a run kept no traces of."""
+"""Repeats the pairs that a page shows if the run kept no traces of them."""
 
 import os
 from pathlib import Path
@@ -19,18 +19,18 @@ from harness.studies.workers.pool import LocalPool, default_workers
 from harness.studies.workers.tasks import Task, TaskResult
 
 _WORKERS = 2
-"""Processes that simulate again: enough for so few pairs."""
+"""Number of processes; enough for so few pairs."""
 
 
 def write_shown(run: RunData, page: Path | None = None) -> str:
-    """Write the pairs that a page shows and that are missing into the run folder.
+    """Write the missing pairs that a page shows into the run folder.
 
     Args:
-        run: with at least one finished pair.
-        page: the file that is to show them; they lie beside it where the run is read-only.
+        run: a run with at least one finished pair.
+        page: the file that shows the pairs; they are written next to it if the run is read-only.
 
     Returns:
-        Why some pairs are still missing; empty where none is.
+        The reason why pairs are still missing; empty if none is missing.
     """
     try:
         missing = missing_pairs(run, page)
@@ -39,7 +39,7 @@ def write_shown(run: RunData, page: Path | None = None) -> str:
         folders = shown_folders(run.path, page)
         folder = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
         folder.mkdir(exist_ok=True)
-        # A pair may kill or hang the process that it runs in, which is therefore not this one.
+        # A pair may kill or hang its process, so it runs in another process than this one.
         tasks = [_task(run, *key) for key in missing]
         pool = LocalPool(min(_WORKERS, default_workers(), len(tasks)))
         try:
@@ -49,17 +49,17 @@ def write_shown(run: RunData, page: Path | None = None) -> str:
         finally:
             pool.stop()
     except OSError as error:
-        return f"Traces were not kept: {cannot_write(folder, error)}."
+        return f"The traces could not be stored: {cannot_write(folder, error)}."
     except HarnessError as error:
-        return f"Traces were not kept and the episodes could not be simulated again: {error}."
+        return f"The run kept no traces, and the episodes could not be simulated again: {error}."
     return ""
 
 
 def _task(run: RunData, cell: int, pair: int) -> Task:
-    """A stored pair as a task that keeps its traces.
+    """Return a task that repeats a stored pair and keeps its traces.
 
     Raises:
-        HarnessError: its network or model is gone, or another one.
+        HarnessError: the network or model is missing or has changed.
     """
     scenario = run.scenario_of(cell)
     network_of(scenario)
@@ -77,7 +77,7 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
 
 
 def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
-    """The tables of a pair; of an hour only the traces of what is shown of it."""
+    """Return the tables of a pair; of an hour only the traces of the displayed minutes."""
     tables = dict(result.tables)
     if run.kind.long_pairs and "traces" in tables:
         begin_s, end_s = stretch_of(run, *key)

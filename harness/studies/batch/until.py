@@ -1,7 +1,6 @@
-"""``--until``: look again and again until every interval is narrow enough, and pay for it.
+"""``--until``: runs pairs until every interval is narrow enough, and corrects for the looks.
 
-Narrow because few pairs told anything is not narrow enough: an interval that is unreliable for
-that does not stop a cell.
+An interval with too few informative pairs is unreliable and does not stop a cell.
 """
 
 from collections.abc import Callable
@@ -19,13 +18,13 @@ def reach_precision(
     reach: Callable[[dict[int, int]], None],
     episodes_of: Callable[[int], pa.Table],
 ) -> None:
-    """Go on until every cell's interval is narrow enough, or all its pairs are done.
+    """Continue until the interval of every cell is narrow enough, or all its pairs are done.
 
     Args:
-        plan: of the run.
-        until: the width that is narrow enough.
-        reach: brings cells to a number of pairs, both by the cell's number.
-        episodes_of: the ``episodes`` of a cell so far.
+        plan: plan of the run.
+        until: the required half-width.
+        reach: runs cells up to the numbers of pairs that it gets by cell number.
+        episodes_of: returns the ``episodes`` of a cell so far.
     """
     planned = plan.planned
     confidence = confidence_of(plan.study, plan.options)

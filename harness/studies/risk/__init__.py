@@ -1,1 +1,1 @@
-"""How rare an event is: sampling in the space of the uniforms behind an episode."""
+"""Estimates how rare an event is, by sampling the uniforms behind an episode."""

@@ -1,4 +1,4 @@
-"""The settings of a risk as the user gives them, and the question as the workers get it."""
+"""The settings of a risk estimate from the user, and the question for the workers."""
 
 from dataclasses import dataclass, fields
 
@@ -17,13 +17,13 @@ from harness.studies.risk.space import Space, space_of
 
 
 class Document(BaseModel):
-    """A part of a risk's JSON files."""
+    """A part of the JSON files of a risk estimate."""
 
     model_config = ConfigDict(allow_inf_nan=False, frozen=True)
 
 
 class SettingsDocument(Document):
-    """``risk.json``: everything that the result depends on; ``model`` is its name and sha256."""
+    """``risk.json``: everything that determines the result; ``model`` has its name and sha256."""
 
     name: str
     scenario: dict[str, object]
@@ -37,7 +37,7 @@ class SettingsDocument(Document):
     model: dict[str, str]
 
     def settings(self, where: str) -> "Settings":
-        """The settings that the document was made from.
+        """Return the settings from which the document was made.
 
         Raises:
             InputError: the scenario is refused, naming ``where``.
@@ -48,7 +48,7 @@ class SettingsDocument(Document):
 
 @dataclass(frozen=True)
 class Question:
-    """What a worker has to know to run episodes; ``in_sumo`` makes SUMO the engine."""
+    """The input of a worker that runs episodes; ``in_sumo`` makes SUMO the engine."""
 
     scenario: Scenario
     model: InteractionModel
@@ -60,9 +60,9 @@ class Question:
 
 @dataclass(frozen=True)
 class Settings:
-    """What the user asks.
+    """The settings of a risk estimate.
 
-    ``event`` is written as ``parse_event`` reads it; ``most_episodes`` bounds the last stage.
+    ``event`` has the format of ``parse_event``; ``most_episodes`` bounds the last stage.
     """
 
     name: str
@@ -79,7 +79,7 @@ class Settings:
         return self.scenario.arms.driver(self.arm)
 
     def document(self) -> SettingsDocument:
-        """What ``risk.json`` holds."""
+        """Return the content of ``risk.json``."""
         scenario = self.scenario
         model = load_model(scenario.model.name, scenario.model.path)
         more = {
@@ -92,7 +92,7 @@ class Settings:
 
 
 def question_of(settings: Settings) -> Question:
-    """The question for the workers.
+    """Return the question for the workers.
 
     Raises:
         InputError: a setting, the scenario, the strategy or the event is refused.

@@ -1,4 +1,4 @@
-"""Runs the episodes of a risk in a worker process: states in standard normal space to scores."""
+"""Runs the episodes of a risk estimate in a worker: from states in normal space to scores."""
 
 import math
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ _runners: dict[bool, PairRunner] = {}
 
 @dataclass(frozen=True)
 class Episodes:
-    """Some episodes of a batch from its ``first``-th on: their numbers and states (n, width).
+    """Episodes of a batch from the ``first``-th on, with their numbers and states (n, width).
 
-    ``compare`` makes the other engine run them too, and reports which records differ.
+    With ``compare`` the other engine runs them too, and differing records are reported.
     """
 
     question: Question
@@ -41,12 +41,12 @@ class Score(NamedTuple):
     """The outcome of one episode.
 
     Attributes:
-        score: one for each grading of the event; NaN where the episode failed.
-        passed_s: when the ego's front reached the centre line; NaN where it did not.
+        score: one score for each grading of the event; NaN if the episode failed.
+        passed_s: time at which the ego's front reached the centre line; NaN if it did not.
         timed_out: whether the time limit ended the episode.
-        reason: of a failure; else None.
-        difference: how the two engines' records differ; None where they are equal.
-        by_a_tie: whether a tie of the strategy made them differ.
+        reason: reason of a failure; else None.
+        difference: the difference of the two engines' records; None if they are equal.
+        by_a_tie: whether a tie of the strategy caused the difference.
         drew_more: whether the strategy drew more random numbers than the sampled ones.
     """
 
@@ -60,14 +60,14 @@ class Score(NamedTuple):
 
 
 def failed(reason: str) -> Score:
-    """The score of an episode that no worker survived."""
+    """Return the score of an episode that killed its worker."""
     return Score((math.nan,) * GRADINGS, math.nan, reason=reason)
 
 
 def run_episodes(task: Episodes) -> list[Score]:
     """Run every episode of a task, in its order."""
     question = task.question
-    given = [
+    inputs = [
         (number, question.space.given(z, number))
         for number, z in zip(task.numbers, task.z, strict=True)
     ]
@@ -76,12 +76,12 @@ def run_episodes(task: Episodes) -> list[Score]:
 
         def ended(rng: np.random.Generator | None) -> None:
             watch.alive()
-            number, known = given[len(drew_more)]
-            fresh = draws_of(question.scenario, question.arm, number, given=known)
+            number, uniforms = inputs[len(drew_more)]
+            fresh = draws_of(question.scenario, question.arm, number, given=uniforms)
             drew_more.append(rng is not None and has_drawn_more(rng, fresh))
 
         runner = _runner_of(question, question.in_sumo)
-        outcomes = list(runner.run_arm_given(question.arm, given, ended))
+        outcomes = list(runner.run_arm_given(question.arm, inputs, ended))
         scores = [
             Score(
                 question.event.scores(outcome.record),
@@ -94,11 +94,11 @@ def run_episodes(task: Episodes) -> list[Score]:
         ]
         if task.compare:
             runner = _runner_of(question, not question.in_sumo)
-            others = runner.run_arm_given(question.arm, given, lambda _: watch.alive())
+            others = runner.run_arm_given(question.arm, inputs, lambda _: watch.alive())
             for place, other in enumerate(others):
                 words = difference(outcomes[place].record, other.record)
                 if words is not None:
-                    tie = _tie_s(question, *given[place])
+                    tie = _tie_s(question, *inputs[place])
                     watch.alive()
                     when = "" if tie is None else f"tie at {tie:.3f} s, "
                     scores[place] = scores[place]._replace(
@@ -109,15 +109,17 @@ def run_episodes(task: Episodes) -> list[Score]:
 
 
 def _tie_s(question: Question, number: int, given: Given) -> float | None:
-    """When a tie of the strategy made the two engines' records differ; None where none did."""
+    """Return the time of the tie that made the two engines' records differ; None without a tie."""
     decisions: tuple[list[Asked], list[Asked]] = ([], [])
-    for heard, in_sumo in zip(decisions, (False, True), strict=True):
-        _runner_of(question, in_sumo).run_arm(number, question.arm, given=given, asked=heard)
+    for engine_decisions, in_sumo in zip(decisions, (False, True), strict=True):
+        _runner_of(question, in_sumo).run_arm(
+            number, question.arm, given=given, asked=engine_decisions
+        )
     return tie_s(*decisions)
 
 
 def _passed_s(trace: Trace) -> float:
-    """When the ego's front reached the centre line, interpolated between steps."""
+    """Return the time at which the ego's front reached the centre line, interpolated."""
     beyond = np.flatnonzero(trace.x_m >= 0.0)
     if len(beyond) == 0 or beyond[0] == 0:
         return math.nan
@@ -127,7 +129,7 @@ def _passed_s(trace: Trace) -> float:
 
 
 def _runner_of(question: Question, in_sumo: bool) -> PairRunner:
-    """The runner of a scenario; it is made again only when the scenario changes."""
+    """Return the runner of a scenario; a new one is made only if the scenario changes."""
     global _scene
     scenario = question.scenario
     scene = repr((scenario, question.model.sha256))

@@ -1,9 +1,9 @@
 """Stage two: the probability of the event, by importance sampling with independent draws.
 
 p = E_q[1_F φ/q] for any density q that is positive where φ is (Owen, Monte Carlo theory, methods
-and examples, ch. 9).  The draws are independent, their number is fixed before the first of them,
-and nothing that the proposal was fitted on is counted.  So the estimate is unbiased whatever the
-exploration missed.
+and examples, ch. 9).  The draws are independent, their number is fixed before the first draw, and
+draws that the proposal was fitted to are not counted.  So the estimate is unbiased even if the
+exploration missed a way to the event.
 """
 
 import math
@@ -24,47 +24,47 @@ from harness.studies.risk.proposal import NOMINAL_SHARE, Proposal, draws_from, k
 from harness.studies.risk.refitting import refit
 
 EXPLORATIONS = 3
-"""Independent explorations: one alone now and then loses a way to the event."""
+"""Number of independent explorations; a single one sometimes loses a way to the event."""
 
 _LEAST_DRAWS = 4_000
 
 _RESERVE = 2.5
-"""More draws than the refits say are needed: weights found late are the large ones."""
+"""Factor on the number of draws that the refits suggest, because large weights are found late."""
 
 _RESERVE_OF_BRUTE_FORCE = 1.25
-"""The same where all weights are 1: how frequent the event is is known roughly."""
+"""The same factor if all weights are 1: then the frequency of the event is roughly known."""
 
 _AFFORDABLE = 50_000
-"""Episodes that exploring and refitting take in any case: brute force may take as many."""
+"""Episodes that exploring and refitting need anyway; brute force may use the same number."""
 
 _PILOT_EVENTS = (4, 0.25)
-"""The pilot ends at this many events at least, and at this part of what the estimate will need."""
+"""The pilot ends at this number of events, and at this part of what the estimate will need."""
 
 _PILOT_MOST = 10_000
-"""Episodes of the pilot at most: what is not clear then is explored."""
+"""Maximum number of pilot episodes; if the pilot is undecided then, exploration follows."""
 
 _PILOT_DOUBT = 0.05
-"""The pilot ends where so few events are as unlikely as this if brute force were affordable."""
+"""The pilot ends if so few events had this probability or less under affordable brute force."""
 
 _SMALL_SAMPLE = 30
-"""An effective sample size below this makes no trustworthy interval."""
+"""The interval is unreliable below this effective sample size."""
 
 _LARGE_SHARE = 0.1
-"""One weight, or the nominal draws together, should not hold more of the estimate."""
+"""Maximum share of the estimate from one weight, or from the nominal draws together."""
 
 _CHECK_TAIL = 0.001
-"""A brute-force check as unlikely as this disagrees."""
+"""Tail probability below which the brute-force check disagrees."""
 
 
 @dataclass(frozen=True, slots=True)
 class Estimation:
-    """The estimate and how it came about.
+    """The estimate with its draws and diagnostics.
 
-    ``z`` (n, width), ``weights`` (n,), ``numbers`` (n,) of the episodes and ``keys`` (n, k), see
-    ``keys_of``, are those of the last draws that were in the event.  ``episodes`` were run in all,
-    of which ``events_in_all`` ended in the event.  ``first_look`` counts the draws that decided
-    between brute force and exploring; the estimate does not count them.  ``failed_weight`` is the
-    probability that failed episodes would add if all were in the event.
+    ``z`` (n, width), ``weights`` (n,), episode ``numbers`` (n,) and ``keys`` (n, k), see
+    ``keys_of``, belong to the final draws that ended in the event.  ``episodes`` counts all
+    episodes, ``events_in_all`` those that ended in the event.  ``first_look`` counts the draws
+    that decided between brute force and exploration; the estimate does not use them.
+    ``failed_weight`` is the probability that failed episodes would add if all ended in the event.
     """
 
     estimate: Estimate
@@ -88,16 +88,16 @@ def estimate_probability(
     target_cv: float = 0.1,
     most_draws: int = 200_000,
 ) -> Estimation:
-    """Explore, fit a proposal, estimate.
+    """Explore, fit a proposal and estimate the probability.
 
     Args:
         evaluate: runs episodes.
-        layout: of the states.
-        rng: draws everything.
-        target_cv: wanted coefficient of variation of the estimate.
-        most_draws: bound on the draws of the last stage.
+        layout: layout of the states.
+        rng: generator for all draws.
+        target_cv: target coefficient of variation of the estimate.
+        most_draws: maximum number of draws in the last stage.
     """
-    # Small matrices are slower on several threads, and their last bits depend on the number.
+    # Several threads slow small matrices down, and the last bits depend on their number.
     with threadpool_limits(1, user_api="blas"):
         return _estimate(Counted(evaluate), layout, rng, target_cv, most_draws)
 
@@ -109,7 +109,7 @@ def _estimate(
     target_cv: float,
     most_draws: int,
 ) -> Estimation:
-    # From a generator of its own: what follows is the same whatever the pilot took.
+    # The pilot has a separate generator, so that its length does not change later draws.
     share, pilot = _pilot(counted, layout, rng.spawn(1)[0], target_cv)
     explorations: list[Exploration] = []
     if share is None:
@@ -122,7 +122,7 @@ def _estimate(
         rough = float(np.mean([exploration.rough for exploration in explorations]))
         proposal, squared_cv = refit(counted, layout, found, rough, rng)
     else:
-        # Nothing is known of where the event might be: more nominal draws only bound it.
+        # The location of the event is unknown, so more nominal draws can only bound it.
         proposal, squared_cv = nominal(layout), 0.0
     weighted = bool(proposal.components)
     reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
@@ -134,16 +134,16 @@ def _estimate(
     estimate = estimate_of(drawn.weight, event, tally)
     notes = _doubts(estimate, weights, weighted=weighted)
     if counted.events and not event.any():
-        seen = counted.events - pilot.events
+        explored_events = counted.events - pilot.events
         notes.append(
             f"None of the {draws:,} draws ended in the event, but {pilot.events:,} of the "
-            f"{pilot.draws:,} episodes of the first look did, and {seen:,} of the exploration: "
-            "more draws are needed."
+            f"{pilot.draws:,} episodes of the first look and {explored_events:,} of the "
+            "exploration did: more draws are needed."
         )
     if len(found) and not weighted:
         notes.append(
-            "The estimate is by brute force: weighted draws around the events that the exploration "
-            "found would have needed as many episodes, or held too few events."
+            "The estimate uses brute force: weighted draws around the explored events would have "
+            "needed as many episodes, or contained too few events."
         )
     if wanted > most_draws:
         notes.append(
@@ -169,10 +169,10 @@ def _estimate(
 def _pilot(
     evaluate: Evaluate, layout: Layout, rng: np.random.Generator, target_cv: float
 ) -> tuple[float | None, Tally]:
-    """Nominal draws, until it is clear whether brute force alone would be affordable.
+    """Draw nominal states until it is clear whether brute force alone is affordable.
 
     Returns:
-        The share of events, None where it would not, and the draws.
+        The share of events, None if brute force is not affordable, and the draws.
     """
     least = min(1.0, 1 / (_AFFORDABLE * target_cv**2))
     enough = max(_PILOT_EVENTS[0], math.ceil(_PILOT_EVENTS[1] / target_cv**2))
@@ -187,7 +187,7 @@ def _pilot(
 
 
 def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[str]:
-    """Where the proposal missed, in words."""
+    """Describe the doubts about a weighted estimate."""
     # The interval of brute force is exact, however few events there were.
     if estimate.probability is None or not weighted:
         return []
@@ -197,7 +197,7 @@ def _doubts(estimate: Estimate, weights: FloatArray, *, weighted: bool) -> list[
         doubts.append(f"The interval is too narrow: the effective sample size is only {size:.0f}.")
     if largest is not None and largest > _LARGE_SHARE:
         doubts.append(
-            f"The interval is too narrow: one draw holds {100 * largest:.0f} % of the estimate."
+            f"The interval is too narrow: one draw makes up {100 * largest:.0f} % of the estimate."
         )
     beyond = float(weights[weights > 0.5 / NOMINAL_SHARE].sum() / weights.sum())
     if beyond > _LARGE_SHARE:

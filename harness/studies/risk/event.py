@@ -1,7 +1,7 @@
-"""What a risk is of: an event of an episode, and a score that says how far an episode is from it.
+"""The event of a risk estimate, and a score for the distance of an episode from the event.
 
-The score is graded before the event, or no method could find its way there: a mere indicator holds
-subset simulation up.  It orders episodes and means nothing else.
+The score is graded outside the event, because subset simulation cannot approach the event with a
+mere indicator.  The score orders episodes and has no other meaning.
 """
 
 import math
@@ -15,13 +15,13 @@ from harness.measures import MEASURES, EpisodeRecord
 CRASHED = "crashed"
 
 GRADINGS = 3
-"""Ways in which an episode's distance from an event is graded."""
+"""Number of ways to grade the distance of an episode from an event."""
 
 _FAR = 1_000.0
-"""Added to the score of an episode in which the event's own measure is undefined."""
+"""Added to the score of an episode in which the measure of the event is undefined."""
 
 _NEVER_NEAR = 100.0
-"""Added to the least gap in m, which grades an episode without a conflict."""
+"""Added to the smallest gap in m, which grades an episode without a conflict."""
 
 _BEYOND = {
     "min_time_advantage_s": "<",
@@ -29,7 +29,7 @@ _BEYOND = {
     "max_drac_mps2": ">",
     "required_deceleration_mps2": ">",
 }
-"""Measures that do not tell a crash, and the side of every limit on which it lies."""
+"""Measures that do not identify a crash, and the side of any limit on which a crash lies."""
 
 _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 
@@ -38,9 +38,10 @@ _FORM = re.compile(r"\s*(\w+)\s*([<>])\s*([-+.\deE]+)\s*")
 class Event:
     """A crash (``measure`` None), or a measure below or above a limit.
 
-    A crash that leaves the measure undefined is in the event where it lies on that side: a DRAC
-    that grew without bound is above every limit.  So is a crash below every time advantage, which
-    is of points and not 0 where bodies touch.  Every other undefined measure is in no event.
+    A crash with an undefined measure is in the event if it lies on that side of any limit: a DRAC
+    that grew without bound is above every limit.  Likewise a crash is below every time advantage,
+    which refers to points and is not 0 when bodies touch.  Any other undefined measure is not in
+    the event.
     """
 
     text: str
@@ -49,7 +50,7 @@ class Event:
     limit: float = 0.0
 
     def holds(self, record: EpisodeRecord) -> bool:
-        """Whether an episode ended in the event."""
+        """Return whether an episode ended in the event."""
         crashed = record.ending is Ending.CRASHED
         if self.measure is None:
             return crashed
@@ -59,12 +60,13 @@ class Event:
         return bool(value < self.limit if self.below else value > self.limit)
 
     def scores(self, record: EpisodeRecord) -> tuple[float, ...]:
-        """How far an episode is from the event, graded in ``GRADINGS`` ways.
+        """Return the distance of an episode from the event, graded in ``GRADINGS`` ways.
 
-        Each is at most 0 in the event, positive outside; NaN where the episode failed.  Outside a
-        crash they are 10/DRAC, PET and TTC, so that one of them leads to each kind of contact;
-        where the measure is undefined, 100 and the least gap in m, +∞ where nobody stepped off.
-        For another event it is the distance of the measure from its limit, in its unit.
+        Each score is at most 0 in the event and positive outside; NaN if the episode failed.
+        Without a crash the scores are 10/DRAC, PET and TTC, so that one of them leads to each kind
+        of contact.  If such a measure is undefined, the score is 100 plus the smallest gap in m,
+        or +∞ if nobody stepped off.  For another event the score is the distance of the measure
+        from its limit, in its unit.
         """
         if record.ending is Ending.ENGINE_FAILED:
             return (math.nan,) * GRADINGS
@@ -82,7 +84,7 @@ class Event:
 
 
 def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
-    """See ``Event.scores``; minus the speed at the contact in m/s where it crashed."""
+    """Return the scores of ``Event.scores``; after a crash minus the contact speed in m/s."""
     if record.ending is Ending.CRASHED:
         return (-float(record.contact_speed_mps or 0.0),) * GRADINGS
     gap_m = record.min_gap_m
@@ -96,10 +98,10 @@ def _to_a_crash(record: EpisodeRecord) -> tuple[float, ...]:
 
 
 def parse_event(text: str) -> Event:
-    """The event that a text names: ``crashed``, ``min_ttc_s<0.5``, ``contact_speed_mps>5``.
+    """Parse an event: ``crashed``, ``min_ttc_s<0.5`` or ``contact_speed_mps>5``.
 
     Raises:
-        InputError: the text is no event, or names no measure.
+        InputError: the text is not an event, or names an unknown measure.
 
     >>> parse_event("contact_speed_mps>5")
     Event(text='contact_speed_mps>5', measure='contact_speed_mps', below=False, limit=5.0)
@@ -109,7 +111,7 @@ def parse_event(text: str) -> Event:
     match = _FORM.fullmatch(text)
     allowed = "crashed, or MEASURE<NUMBER or MEASURE>NUMBER, e.g. min_ttc_s<0.5"
     if match is None:
-        raise InputError(f"--event {text}", "is no event", allowed)
+        raise InputError(f"--event {text}", "is not an event", allowed)
     column, sign, number = match.groups()
     columns = [measure.column for measure in MEASURES]
     if column not in columns:
@@ -117,7 +119,7 @@ def parse_event(text: str) -> Event:
     try:
         limit = float(number)
     except ValueError:
-        raise InputError(f"--event {text}", f"{number!r} is no number", allowed) from None
+        raise InputError(f"--event {text}", f"{number!r} is not a number", allowed) from None
     if not math.isfinite(limit):
         raise InputError(f"--event {text}", f"{number!r} is not finite", allowed)
     return Event(f"{column}{sign}{limit:g}", column, sign == "<", limit)

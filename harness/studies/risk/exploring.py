@@ -1,9 +1,8 @@
-"""Stage one: where the event is.  Subset simulation in standard normal space (Au & Beck 2001).
+"""Stage one: locates the event by subset simulation in normal space (Au & Beck 2001).
 
-The levels go down the score until the event is reached; in each, chains move by the
+The levels descend the score until the event is reached.  In each level, chains move by the
 preconditioned Crank–Nicolson step, component by component (Papaioannou et al. 2015, adaptive
-conditional sampling).  What comes out is a crowd of points in the event.  Nothing that is reported
-rests on it but the proposal.
+conditional sampling).  The result is a set of points in the event, which only the proposal uses.
 """
 
 import math
@@ -19,44 +18,44 @@ from harness.studies.risk.layout import Layout
 from harness.studies.risk.outcomes import Evaluate
 
 POINTS = 1_000
-"""Episodes of a level."""
+"""Number of episodes in a level."""
 
 _LEVEL_SHARE = 0.1
 """Share of a level's points from which the next one starts."""
 
 _MOST_LEVELS = 24
-"""At a tenth a level: far below any probability that is asked for."""
+"""Maximum number of levels; a tenth per level reaches far below any relevant probability."""
 
 _STANDSTILL = 3
-"""After so many levels without a lower score there is no way down."""
+"""The exploration ends after this number of levels without a lower score."""
 
 _LOWER = 1e-3
-"""A lower score is lower by this part at least: many have a least value, approached for ever."""
+"""Relative decrease that counts as a lower score; many scores approach a minimum for ever."""
 
 _PARTS = (0.1, 0.3, 0.6)
 """Shares of the uniforms that a move draws anew."""
 
 _ANEW = 0.2
-"""Share of the moves that draw a part of the uniforms anew; the others move all a little."""
+"""Share of the moves that redraw a part of the uniforms; the others shift all uniforms a little."""
 
 _ACCEPTED = 0.4
-"""Share of the small moves that should be accepted: the step is adapted to it."""
+"""Target acceptance rate of the small moves, to which the step is adapted."""
 
 _LEAST_STEP = 0.02
-"""The step lies between it and 1, which is an independent draw."""
+"""Smallest step; the largest step, 1, is an independent draw."""
 
 
 Graded = Callable[[FloatArray, str], FloatArray]
-"""States, and what they are for, to scores of shape (n,)."""
+"""Maps states and their purpose to scores of shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """What one exploration found.
+    """The result of one exploration.
 
-    ``failures`` (n, width) are states in the event, empty where none was found; ``levels`` the
-    thresholds gone through; ``rough`` is subset simulation's own estimate.  ``nominal`` counts the
-    first ``POINTS`` episodes, which are nominal draws; ``nearest`` is the least score seen.
+    ``failures`` (n, width) are states in the event, empty if none was found; ``levels`` are the
+    thresholds; ``rough`` is the estimate by subset simulation.  ``nominal`` counts the first
+    ``POINTS`` episodes, which are nominal draws; ``nearest`` is the lowest score.
     """
 
     failures: FloatArray
@@ -69,13 +68,13 @@ class Exploration:
 def explore(
     evaluate: Evaluate, layout: Layout, rng: np.random.Generator, grading: int = 0
 ) -> Exploration:
-    """Go down the score until the event is reached, or until no lower score is found.
+    """Descend the score until the event is reached, or until no lower score is found.
 
     Args:
         evaluate: runs episodes.
-        layout: of the states.
+        layout: layout of the states.
         rng: draws the starting points and the moves.
-        grading: which of the scores leads; the first again after the last.
+        grading: index of the score to descend, modulo the number of scores.
     """
 
     def graded(z: FloatArray, what: str) -> FloatArray:
@@ -106,10 +105,9 @@ def explore(
 
 
 def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
-    """The next threshold, at least 0, and which points are below it.
+    """Return the next threshold, at least 0, and which points are at or below it.
 
-    A plateau of equal scores above it is left behind as a whole; if there is nothing below the
-    plateau, nobody is inside.
+    A plateau of equal scores is left as a whole; without a point below it, no point is inside.
     """
     level = float(np.sort(score)[int(_LEVEL_SHARE * len(score)) - 1])
     if level == score.max():
@@ -120,11 +118,11 @@ def _next_level(score: FloatArray) -> tuple[float, NDArray[np.bool_]]:
 
 
 class _Moves:
-    """Chains from seeds; the step is adapted all along an exploration.
+    """Chains from seeds, with a step that is adapted during an exploration.
 
-    Most moves change all uniforms a little, by a step adapted to what is accepted: the scores of
-    the chains have to part, or a few lucky seeds would be the parents of all and a way to the event
-    be lost.  The others draw a random part of the uniforms anew.
+    Most moves shift all uniforms a little, by a step adapted to the acceptance rate.  The chains
+    have to separate; otherwise all points would descend from a few seeds and a way to the event
+    could be lost.  The other moves redraw a random part of the uniforms.
     """
 
     def __init__(self, graded: Graded, layout: Layout, rng: np.random.Generator) -> None:
@@ -134,7 +132,7 @@ class _Moves:
     def __call__(
         self, seeds: FloatArray, scores: FloatArray, level: float, what: str
     ) -> tuple[FloatArray, FloatArray]:
-        """Move every seed on, until there are ``POINTS`` points below the level."""
+        """Move every seed until ``POINTS`` points are at or below the level."""
         rng, z, score = self._rng, seeds, scores
         points, kept = [z], [score]
         for _ in range(1, -(-POINTS // len(seeds))):

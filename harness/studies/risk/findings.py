@@ -1,4 +1,4 @@
-"""The findings of a risk: ``result.json``, of which ``--json``, terminal and page are views."""
+"""The findings of a risk estimate: ``result.json``; ``--json``, terminal and page are views."""
 
 from dataclasses import replace
 from operator import attrgetter
@@ -13,7 +13,7 @@ from harness.statistics.intervals import Proportion
 from harness.studies.risk.asking import Document
 
 SCHEMA = 2
-"""Of ``result.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
+"""Version of ``result.json`` and ``--json``; version 1 had neither ``findings`` nor ``notes``."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Count = Annotated[int, Field(ge=0)]
@@ -23,8 +23,8 @@ Number = Annotated[float, Field(ge=-1e18, le=1e18)]
 class Person(Document):
     """A pedestrian of an episode.
 
-    ``quantile`` is None of those who are timed, ``found_at_look`` where everybody or nobody is
-    found.
+    ``quantile`` is None for timed pedestrians.  ``found_at_look`` is None if every pedestrian or
+    no pedestrian is detected.
     """
 
     arrival_s: Number
@@ -38,11 +38,11 @@ class Way(Document):
     """One of the likeliest ways to the event.
 
     Attributes:
-        share: of the probability.
-        events: draws of the estimate that took this way.
-        episode: the number of the likeliest one.
-        pedestrians: of that episode.
-        critical_pairs: the first and last pair of ``critical.toml`` that took it.
+        share: share of the probability.
+        events: number of draws of the estimate that took this way.
+        episode: number of the likeliest episode.
+        pedestrians: pedestrians of that episode.
+        critical_pairs: first and last pair of ``critical.toml`` that took this way.
     """
 
     share: Share
@@ -53,12 +53,12 @@ class Way(Document):
 
 
 class RiskFindings(Document):
-    """What a finished risk reports.
+    """The findings of a finished risk estimate.
 
-    ``by_brute_force`` says that all draws of the estimate are nominal.  ``probability`` is None
-    where none of them ended in the event; ``nominal_high`` is the upper bound by all nominal draws
-    alone.  ``probability_worst`` counts every failed episode as an event; it is None where nothing
-    failed and there is no probability.
+    ``by_brute_force`` says that all draws of the estimate are nominal.  ``probability`` is None if
+    no draw ended in the event; ``nominal_high`` is the upper bound from the nominal draws alone.
+    ``probability_worst`` counts every failed episode as an event; it is None if no episode failed
+    and there is no probability.
     """
 
     scenario: str
@@ -96,7 +96,7 @@ class RiskFindings(Document):
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        """An estimate has its interval; what was saved its sample; what failed its worst case."""
+        """Check that an estimate has its interval, sample size and worst case."""
         together = [
             (self.probability is not None, ("ci_low", "ci_high")),
             (self.brute_force_episodes is not None, ("effective_sample_size",)),
@@ -141,7 +141,7 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
     Entry(
         "probability",
         "probability of the event",
-        "The probability that an episode ends in the event, by the ways to it that were found.",
+        "The probability that an episode ends in the event in one of the ways that were found.",
         paired=lambda risk: Proportion(
             risk.probability, risk.ci_low, risk.ci_high, risk.events, risk.draws
         ),
@@ -150,7 +150,7 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
     Entry(
         "nominal_high",
         "upper bound by nominal draws alone",
-        "One-sided bound by Clopper and Pearson on the probability of all ways to the event.",
+        "One-sided Clopper–Pearson bound on the probability of all ways to the event.",
         paired=lambda risk: Proportion(
             risk.nominal_high, None, None, risk.nominal_events, risk.nominal_draws
         ),
@@ -158,27 +158,27 @@ ENTRIES: tuple[Entry[RiskFindings], ...] = (
     _number(
         "probability_worst",
         "probability if every failed episode were an event",
-        "The worst case of the episodes that failed.",
+        "The worst case, in which every failed episode is an event.",
         undefined="No episode failed.",
     ),
     _number(
         "coefficient_of_variation",
         "coefficient of variation",
-        "The standard error of the probability over the probability.",
+        "The standard error of the probability, divided by the probability.",
         undefined=_NO_ESTIMATE,
     ),
     _number(
         "effective_sample_size",
         "effective sample size",
-        "The squared sum of the weights over the sum of their squares.",
+        "The squared sum of the weights, divided by the sum of their squares.",
     ),
-    _number("episodes", "episodes run", "All episodes, exploration included.", Form.COUNT),
+    _number("episodes", "episodes run", "All episodes, including the exploration.", Form.COUNT),
     _number(
         "brute_force_episodes",
         "episodes that brute force would need",
-        "Nominal draws that give the same coefficient of variation.",
+        "The number of nominal draws with the same coefficient of variation.",
         Form.COUNT,
         _NO_ESTIMATE,
     ),
 )
-"""Every number that a risk reports."""
+"""Every number that a risk estimate reports."""

@@ -1,8 +1,8 @@
-"""A risk from question to folder: begun, interrupted, gone on with, finished.
+"""Carries out a risk estimate from settings to folder: start, resume and finish.
 
-The folder holds ``risk.json`` (the settings), ``result.json`` (the findings), ``failures.parquet``
-(the draws that ended in the event, with their weights) and ``critical.toml``: a scenario whose
-pairs are the likeliest of them, on which any strategy can be run.
+The folder contains ``risk.json`` (the settings), ``result.json`` (the findings),
+``failures.parquet`` (the draws that ended in the event, with their weights) and ``critical.toml``,
+a scenario whose pairs are the likeliest of these draws and on which any strategy can be run.
 """
 
 import shutil
@@ -41,22 +41,24 @@ def estimate_risk(
     """Estimate the probability that an episode ends in the event.
 
     Args:
-        settings: as the user gave them.
+        settings: the user's settings.
         out: the folder; default ``runs/<name>-risk-<next free number>``.
-        workers: processes; default: all cores.  Results do not depend on it.
-        progress: is called with the progress of each batch.
-        make_executor: makes what runs the episodes, for a number of workers.
+        workers: number of processes; default: all cores.  Results do not depend on it.
+        progress: called with the progress of each batch.
+        make_executor: makes the executor of the episodes for a number of workers.
 
     Returns:
         The folder.
 
     Raises:
-        InputError: scenario, strategy or event are refused; nothing has been written then.
+        InputError: scenario, strategy or event are refused; nothing has been written.
     """
     question = question_of(settings)
     folder = claim_folder(out, f"{settings.name}-risk")
     if (folder / ASKED).exists():
-        raise InputError(f"--out {folder}", "holds a risk already", "a new or empty folder")
+        raise InputError(
+            f"--out {folder}", "already contains a risk estimate", "a new or empty folder"
+        )
     with _held(folder):
         write_file(folder / ASKED, as_json(settings.document().model_dump(mode="json")))
         _carry_out(folder, settings, question, workers, progress, make_executor)
@@ -70,36 +72,36 @@ def resume_risk(
     progress: Progress = lambda _done, _planned, _what: None,
     make_executor: MakeExecutor | None = None,
 ) -> None:
-    """Go on with a risk that was interrupted; nothing is done where it is finished.
+    """Continue an interrupted risk estimate; a finished one is left as it is.
 
     Raises:
-        InputError: the folder holds no risk, or versions or model differ.
+        InputError: the folder has no risk estimate, or versions or the model differ.
     """
     with _held(folder):
         document = read_settings(folder)
         settings = document.settings(ASKED)
         if document != settings.document():
             raise InputError(
-                str(folder), "was begun with other versions or another model", "the same ones"
+                str(folder), "was begun with other versions or another model", "the same versions"
             )
         if not (folder / RESULT).is_file():
             _carry_out(folder, settings, question_of(settings), workers, progress, make_executor)
 
 
 def read_settings(folder: Path) -> SettingsDocument:
-    """What ``risk.json`` of a folder holds.
+    """Read ``risk.json`` of a folder.
 
     Raises:
-        InputError: there is none, or it is damaged.
+        InputError: the file is missing or damaged.
     """
     return _read(folder, ASKED, SettingsDocument)
 
 
 def read_risk(folder: Path) -> RiskFindings:
-    """The findings of a finished risk.
+    """Read the findings of a finished risk estimate.
 
     Raises:
-        InputError: the folder holds no risk or an unfinished one, or ``result.json`` is damaged.
+        InputError: the folder has no finished risk estimate, or ``result.json`` is damaged.
     """
     if (folder / ASKED).is_file() and not (folder / RESULT).is_file():
         raise InputError(str(folder), "is not finished", resume_command(folder))
@@ -127,7 +129,7 @@ def _held(folder: Path) -> Iterator[None]:
     except KeyboardInterrupt:
         raise InterruptedRunError(folder) from None
     except ExecutorLostError as error:
-        raise HarnessError(f"{error}; what is finished is kept: {resume_command(folder)}") from None
+        raise HarnessError(f"{error}; finished work is kept: {resume_command(folder)}") from None
     finally:
         lock.close()
 

@@ -1,4 +1,4 @@
-"""A probability from weighted draws, with its interval."""
+"""Estimates a probability with its interval from weighted draws."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from harness.statistics.intervals import CONFIDENCE, clopper_pearson
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Independent draws from the nominal density, and how many of them were in the event."""
+    """The number of independent nominal draws and of the events among them."""
 
     draws: int
     events: int
@@ -23,9 +23,9 @@ class Tally:
 
     @property
     def high(self) -> float:
-        """What they exclude alone: Clopper and Pearson's one-sided bound.
+        """The one-sided Clopper–Pearson upper bound from these draws alone.
 
-        It bounds the whole probability, so that of any ways to the event as well.
+        It bounds the probability of all ways to the event together.
 
         >>> round(Tally(6_000, 0).high * 6_000, 2)
         2.99
@@ -35,14 +35,14 @@ class Tally:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A probability with its two-sided interval; None where no draw was in the event.
+    """A probability with its two-sided interval; None if no draw was in the event.
 
-    Then ``ci_high`` is ``nominal.high``.  ``nominal`` are all nominal draws, those of other stages
-    included: a weighted estimate is one of the ways to the event that the exploration found, and
-    what the nominal draws exclude is all that is known of other ways.
+    In that case ``ci_high`` is ``nominal.high``.  ``nominal`` counts the nominal draws of all
+    stages: a weighted estimate covers only the ways to the event that the exploration found, and
+    only the nominal draws bound other ways.
 
-    ``effective_sample_size`` is (Σw)²/Σw² over the draws in the event; ``largest_share`` the
-    largest weight's part of the estimate, None where there is none.
+    ``effective_sample_size`` is (Σw)²/Σw² over the draws in the event; ``largest_share`` is the
+    largest weight's share of the estimate, None without an estimate.
     """
 
     probability: float | None
@@ -57,13 +57,13 @@ class Estimate:
 
 
 def estimate_of(weight: FloatArray, event: NDArray[np.bool_], nominal: Tally) -> Estimate:
-    """Mean of w·1_F with its interval.
+    """Return the mean of w·1_F with its interval.
 
-    Where all weights are 1 the interval is Clopper–Pearson's.  Else it is the one of Student's t on
-    the scale of ln p, p̂ exp(± t s/(p̂ √n)), as weights and estimate are skew, with as many degrees
-    of freedom as the effective sample size leaves: one draw that holds the estimate says hardly
-    anything.  Large weights are rare, so the spread s of most samples is too small: one more of the
-    largest is counted in it.
+    If all weights are 1, the interval is Clopper–Pearson's.  Otherwise it is Student's t interval
+    on the scale of ln p, p̂ exp(± t s/(p̂ √n)), because weights and estimate are skew.  Its degrees
+    of freedom follow from the effective sample size, because an estimate from one dominant draw is
+    very uncertain.  Large weights are rare, so s is too small in most samples; therefore s
+    includes the largest weight once more.
 
     Args:
         weight: φ/q of every draw, shape (n,).

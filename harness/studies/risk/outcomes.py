@@ -1,4 +1,4 @@
-"""What the sampling needs to know of the episodes that it has run."""
+"""The outcomes of episodes that the sampling needs."""
 
 from typing import NamedTuple, Protocol
 
@@ -11,10 +11,11 @@ from harness.core.encounter import FloatArray
 class Outcomes(NamedTuple):
     """The outcomes of some states.
 
-    ``score`` (n, gradings) is at most 0 in the event and the greater the farther from it; +∞ where
-    nothing says how far, NaN where the episode failed.  ``passed_s`` (n,) is when the ego's front
-    reached the crosswalk's centre line, NaN where it did not.  ``numbers`` (n,) key everything that
-    a state does not hold: the same state with the same number has the same outcome.
+    ``score`` (n, gradings) is at most 0 in the event and increases with the distance from it; it
+    is +∞ if the distance is unknown and NaN if the episode failed.  ``passed_s`` (n,) is the time
+    at which the ego's front reached the centre line of the crosswalk, NaN if it did not.
+    ``numbers`` (n,) are the keys of all randomness outside the state: the same state with the same
+    number has the same outcome.
     """
 
     score: FloatArray
@@ -48,7 +49,7 @@ class Evaluate(Protocol):
         Args:
             z: the states.
             what: their purpose, for the progress bar.
-            numbers: of the episodes; None for new ones.
+            numbers: numbers of the episodes; None for new numbers.
         """
         ...
 

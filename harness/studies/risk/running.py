@@ -1,8 +1,8 @@
-"""Runs the batches of a risk in processes; what is finished is kept for ``harness resume``.
+"""Runs the batches of a risk estimate and keeps finished episodes for ``harness resume``.
 
-The batches come in a fixed order, because everything before a batch determines it.  So a batch is
-known by its number, and after an interruption the sampling starts anew and finds the episodes that
-were kept.  The results are the same on any number of workers, interrupted or not.
+Each batch is determined by the earlier ones, so the batches have a fixed order and are identified
+by their numbers.  After an interruption the sampling starts again and reuses the stored episodes.
+The results do not depend on the number of workers or on interruptions.
 """
 
 from collections.abc import Callable, Iterator
@@ -29,16 +29,16 @@ from harness.studies.workers.execution import ATTEMPTS, call_each, reason_of
 from harness.studies.workers.tasks import Executor, ExecutorLostError
 
 FIRST_NUMBER = 2**40
-"""The number of a risk's first episode: its streams are not those of a run's pairs."""
+"""Number of the first episode; its random streams differ from those of a run's pairs."""
 
 CHECKED_EVERY = 100
-"""One of this many episodes is run in the other engine too."""
+"""One in this many episodes is repeated in the other engine."""
 
 KEPT_EVERY_S = 20.0
-"""Time between two writes of what is finished: a risk that is killed loses less than a minute."""
+"""Time between two writes of finished episodes; a killed process loses less than a minute."""
 
 _CHUNK = 25
-"""Episodes of a task; the results do not depend on it."""
+"""Number of episodes in a task; the results do not depend on it."""
 
 _SCORES = pa.schema(
     {
@@ -52,16 +52,16 @@ _SCORES = pa.schema(
         "drew_more": pa.bool_(),
     }
 )
-"""``Score`` by its place in the batch."""
+"""``Score`` with its position in the batch."""
 
 Progress = Callable[[int, int, str], None]
 """(episodes done, episodes planned, their purpose)."""
 
 
 class Compared(NamedTuple):
-    """How many episodes were run in both engines, and in words the records that differ.
+    """The number of episodes that both engines ran, and descriptions of the differing records.
 
-    Those in ``ties`` differ by a tie of the strategy; those in ``differs`` by anything else.
+    Records in ``ties`` differ by a tie of the strategy, records in ``differs`` otherwise.
     """
 
     episodes: int
@@ -110,7 +110,7 @@ class Evaluation:
         return Outcomes(score, table["passed_s"].to_numpy(), numbers)
 
     def compare(self, z: FloatArray, numbers: NDArray[np.int64]) -> None:
-        """Run these episodes, and one in ``CHECKED_EVERY`` of all batches, in both engines."""
+        """Compare both engines on these episodes and on one in ``CHECKED_EVERY`` of all batches."""
         chosen = [*self._sampled, *zip(z, numbers, strict=True)]
         states, keys = (np.array(column) for column in zip(*chosen, strict=True))
         table = self._scores(states, keys, "checks in SUMO", compare=True)
@@ -123,7 +123,7 @@ class Evaluation:
     def _scores(
         self, z: FloatArray, numbers: NDArray[np.int64], what: str, *, compare: bool
     ) -> pa.Table:
-        """The scores of a batch in order; episodes that were not kept are run."""
+        """Return the scores of a batch in order; episodes without a stored score are run."""
         form = f"batch-{self._batches}-{{}}.parquet"
         self._batches += 1
         parts = [_SCORES.empty_table()]
@@ -160,7 +160,7 @@ class Evaluation:
     def _finished(
         self, z: FloatArray, numbers: NDArray[np.int64], *, compare: bool
     ) -> Iterator[tuple[Episodes, list[Score]]]:
-        """The tasks of some episodes as they are finished."""
+        """Yield the tasks of some episodes as they finish."""
         question = self.question
         hang_s = hang_limit_s(HANG_AFTER_S, question.scenario)
         keys = tuple(numbers.tolist())

@@ -113,16 +113,16 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
     if not (fixed or flows or drops):
         raise InputError(
             "pedestrians.flow_per_hour",
-            "is 0: nothing in an episode is left to chance",
-            "a flow above 0, or people who may be missed; else: harness run",
+            "is 0: nothing in an episode is random",
+            "a flow above 0, or pedestrians who may be missed; otherwise use harness run",
         )
     marks: tuple[Purpose, ...] = ("arrival", *per_walker, *seen) if flows else ()
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
     rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
     by_chance = (
-        *(["whether perception loses somebody at a look"] if drops else []),
-        *(["how the errors of perception change after somebody's first look"] if errs else []),
+        *(["whether perception loses a pedestrian at a look"] if drops else []),
+        *(["how perception errors change after the first look at a pedestrian"] if errs else []),
     )
     # The errors of those who walk at the trigger come from streams numbered after all who come.
     entangled = (errs or drops) and pedestrians.warm_up_s > 0
@@ -134,7 +134,7 @@ def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
     if scenario.traffic is not None:
         raise InputError(
-            "traffic", "is hours of many vehicles, not episodes of one", "no [traffic]"
+            "traffic", "describes hours of many vehicles, not episodes of one", "no [traffic]"
         )
     if pedestrians.behaviour == "sumo":
         raise InputError(
@@ -143,4 +143,4 @@ def _refuse_unsampled(scenario: Scenario) -> None:
             '"constant", "gap_acceptance" or "reactive"',
         )
     if pedestrians.drawn:
-        raise InputError("pedestrians.drawn", "leaves nothing to chance", "a scenario without it")
+        raise InputError("pedestrians.drawn", "leaves nothing random", "a scenario without it")

@@ -1,4 +1,4 @@
-"""The most likely ways to the event: clusters of its draws, and the people to meet them again."""
+"""Finds the most likely ways to the event: clusters of its draws with their pedestrians."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What a finished risk leaves: its findings, its events, and a scenario of the likeliest ones."""
+"""Writes the findings of a finished risk estimate, its events and a scenario of the likeliest."""
 
 import json
 import math
@@ -34,13 +34,13 @@ def write_findings(
     evaluation: Evaluation,
     rng: np.random.Generator,
 ) -> None:
-    """Write ``failures.parquet``, ``critical.toml`` where there was an event, ``result.json`` last.
+    """Write ``failures.parquet``, ``critical.toml`` if there were events, and ``result.json``.
 
     Args:
-        folder: of the risk.
-        settings: as the user gave them.
+        folder: folder of the risk estimate.
+        settings: the user's settings.
         estimation: the result of the sampling.
-        evaluation: counted the episodes, and compared the engines.
+        evaluation: has the counts of episodes and the comparison of the engines.
         rng: seeds the clusters of events.
     """
     question = evaluation.question
@@ -53,19 +53,19 @@ def write_findings(
 
 
 def risk_document(findings: RiskFindings) -> dict[str, object]:
-    """What ``result.json`` holds, and ``--json`` prints."""
+    """Return the content of ``result.json`` and the output of ``--json``."""
     return {"schema": SCHEMA, **findings.model_dump(mode="json")}
 
 
 def as_json(tree: Mapping[str, object]) -> bytes:
-    """A document as the risk's files hold it."""
+    """Return a document in the file format of a risk estimate."""
     return (json.dumps(tree, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
 
 
 def findings_of(
     settings: Settings, estimation: Estimation, evaluation: Evaluation, ways: tuple[Way, ...]
 ) -> RiskFindings:
-    """The findings; the arguments are those of ``write_findings``, and the ways."""
+    """Return the findings; the arguments are those of ``write_findings``, and the ways."""
     compared = evaluation.compared
     estimate, failed = estimation.estimate, len(evaluation.reasons)
     p, cv = estimate.probability, estimate.coefficient_of_variation
@@ -115,14 +115,14 @@ def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list
         notes.append(Note(rank, text))
 
     if len(failures) == evaluation.episodes:
-        note(Rank.NOTHING_TESTED, "Every episode failed: nothing is known.")
+        note(Rank.NOTHING_TESTED, "Every episode failed: there is no result.")
     elif not estimation.events_in_all:
         note(Rank.NOTHING_TESTED, f"No way to the event was found in {episodes}.")
     if failures:
         note(
             Rank.FAILURES,
-            f"{len(failures):,} of {episodes} failed and count as no event; if all of them were "
-            f"events, the probability would be {worst:.3g}. The first failure: {failures[0]}",
+            f"{len(failures):,} of {episodes} failed and do not count as events. If all of them "
+            f"were events, the probability would be {worst:.3g}. The first failure: {failures[0]}",
         )
     if compared.differs:
         note(
@@ -131,7 +131,7 @@ def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list
             f"{compared.episodes:,} episodes.",
         )
     if evaluation.timed_out:
-        words = f"{evaluation.timed_out:,} of {episodes} timed out and count as no event."
+        words = f"{evaluation.timed_out:,} of {episodes} timed out and do not count as events."
         note(Rank.TIME_OUTS, words)
     by_chance = list(evaluation.question.space.by_chance)
     if evaluation.drew_more:
@@ -142,8 +142,8 @@ def _notes(estimation: Estimation, evaluation: Evaluation, worst: float) -> list
     if by_chance:
         note(
             Rank.LEFT_OUT,
-            f"Left to chance, not sampled: {'; '.join(by_chance)}. Ways to the event that need "
-            "rare values of it are found only by chance.",
+            f"Random, but not sampled: {'; '.join(by_chance)}. A way to the event that needs rare "
+            "values of these draws is found only by chance.",
         )
     return notes
 
@@ -171,15 +171,15 @@ def _ways(question: Question, estimation: Estimation, clusters: list[Cluster]) -
 
 def _write_failures(folder: Path, question: Question, estimation: Estimation) -> None:
     numbers = estimation.numbers.tolist()
-    given = [question.space.given(z, key) for z, key in zip(estimation.z, numbers, strict=True)]
-    purposes = sorted({purpose for uniforms in given for purpose in uniforms})
+    states = [question.space.given(z, key) for z, key in zip(estimation.z, numbers, strict=True)]
+    purposes = sorted({purpose for uniforms in states for purpose in uniforms})
     columns = {"episode": pa.int64(), "weight": pa.float64()}
     schema = pa.schema(columns | dict.fromkeys(purposes, pa.list_(pa.float64())))
     rows: list[dict[str, Any]] = [
         {"episode": number, "weight": weight}
         | {purpose: uniforms.get(purpose, ()) for purpose in purposes}
         for uniforms, number, weight in zip(
-            given, numbers, estimation.weights.tolist(), strict=True
+            states, numbers, estimation.weights.tolist(), strict=True
         )
     ]
     table = pa.Table.from_pylist(rows, schema)
@@ -189,7 +189,7 @@ def _write_failures(folder: Path, question: Question, estimation: Estimation) ->
 def _write_critical(
     folder: Path, question: Question, estimation: Estimation, clusters: list[Cluster]
 ) -> None:
-    """The scenario of the likeliest episodes; each way names its pairs in the findings."""
+    """Write the scenario of the likeliest episodes; in the findings each way names its pairs."""
     drawn = [
         drawn_of(question.space, int(estimation.numbers[k]), estimation.z[k])
         for cluster in clusters

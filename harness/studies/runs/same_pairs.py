@@ -1,4 +1,4 @@
-"""Whether runs made at different times met the same people: only then are they compared."""
+"""Checks that separate runs met the same pedestrians, which a comparison requires."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
@@ -12,33 +12,33 @@ from harness.studies.runs.run_data import RunData
 from harness.studies.runs.strategy_groups import StrategyGroup, all_but_the_strategy
 
 _NAMED = 5
-"""Keys named in a refusal."""
+"""Number of keys that a refusal lists."""
 
 _OF_THE_HUMAN = ("ending", "steps", "pedestrians", "arrivals", "pass_time_s", "pedestrian_delay_s")
-"""Columns that are equal where the reference arm met the same people and drove as before."""
+"""Columns that are equal if the reference arm met the same pedestrians and drove the same."""
 
 
 def names_of(runs: Sequence[RunData]) -> list[str]:
-    """A name for each run: its folder's, or the whole path where two folders are called alike."""
+    """Return a name for each run: the folder's name, or the full path if names are not unique."""
     short = [run.path.resolve().name for run in runs]
     return short if len({*short}) == len(short) else [str(run.path) for run in runs]
 
 
 def check_same_pairs(runs: Sequence[RunData], groups: Sequence[StrategyGroup]) -> None:
-    """Refuse runs that cannot be compared with another one pair by pair.
+    """Refuse runs that cannot be compared pair by pair.
 
     Args:
-        runs: two or more, finished.
-        groups: those of all their cells together.
+        runs: two or more finished runs.
+        groups: the groups of all their cells together.
 
     Raises:
-        InputError: a run is there twice, differs in more than the AV's strategy (the keys are
-            named), used another model, or its reference arm came out differently.
+        InputError: a run is given twice, differs in more than the AV's strategy (the keys are
+            named), used another model, or its reference arm has other results.
     """
     for number, run in enumerate(runs):
         if run.path.resolve() in [other.path.resolve() for other in runs[:number]]:
             raise InputError(str(run.path), "is named twice", "different runs")
-    # A run that goes with none of the others is told what separates it from the first.
+    # For a run without a partner the refusal names its differences from the first run.
     for number in (*range(1, len(runs)), 0):
         together = {m.run for group in groups if _has(group, number) for m in group.cells}
         if together == {number}:
@@ -57,18 +57,18 @@ def _has(group: StrategyGroup, run: int) -> bool:
     return any(member.run == run for member in group.cells)
 
 
-def _refuse_other_scenario(one: RunData, other: RunData) -> None:
-    """Name the keys of the two cells that differ least."""
+def _refuse_other_scenario(first: RunData, other: RunData) -> None:
+    """Refuse with the keys in which the two most similar cells differ."""
     trees = [
         [flatten(all_but_the_strategy(cell.scenario)) for cell in run.study.cells]
-        for run in (one, other)
+        for run in (first, other)
     ]
     differences = min(([*_different(a, b)] for a in trees[0] for b in trees[1]), key=len)
     named = ", ".join(differences[:_NAMED])
     more = f" and {len(differences) - _NAMED} more" if len(differences) > _NAMED else ""
     raise InputError(
         str(other.path),
-        f"differs from {one.path} in more than the AV's strategy: {named}{more}",
+        f"differs from {first.path} in more than the AV's strategy: {named}{more}",
         "the same seed, pedestrians, ego and reference",
     )
 
@@ -77,13 +77,13 @@ def _different(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[str]:
     for key in dict.fromkeys([*a, *b]):
         if a.get(key) != b.get(key):
             before, after = (
-                "none" if of is None else as_written(of) for of in (a.get(key), b.get(key))
+                "none" if value is None else as_written(value) for value in (a.get(key), b.get(key))
             )
             yield f"{key} {after} instead of {before}"
 
 
 def _refuse_other_models(runs: Sequence[RunData]) -> None:
-    """A model's name may stand for another file by now."""
+    """Refuse runs in which the same model name stands for different files."""
     known: dict[str, tuple[str, RunData]] = {}
     for run in runs:
         for entry in run.manifest["simulated_with"]["models"]:
@@ -92,16 +92,16 @@ def _refuse_other_models(runs: Sequence[RunData]) -> None:
             if before != sha256:
                 raise InputError(
                     str(run.path),
-                    f"its model {name} is another one than that of {first.path} "
+                    f"its model {name} differs from that of {first.path} "
                     f"(sha256 {sha256[:8]}… instead of {before[:8]}…)",
                     "the same model",
                 )
 
 
-def _refuse_other_humans(one: tuple[RunData, int], other: tuple[RunData, int]) -> None:
-    """The reference arm drives the same in both: what differs there is no doing of the AV."""
+def _refuse_other_humans(first: tuple[RunData, int], other: tuple[RunData, int]) -> None:
+    """Refuse cells with different reference arms, since the AV cannot cause such a difference."""
     episodes = []
-    for run, cell in (one, other):
+    for run, cell in (first, other):
         rows = run.episodes[(run.episodes["cell"] == cell) & (run.episodes["arm"] == "human")]
         episodes.append(rows.sort_values("pair").set_index("pair"))
     a, b = episodes
@@ -111,13 +111,13 @@ def _refuse_other_humans(one: tuple[RunData, int], other: tuple[RunData, int]) -
         if name == "ending":
             same = (before == after).to_numpy()
         else:
-            a_values, b_values = (of.to_numpy(dtype=float) for of in (before, after))
+            a_values, b_values = (values.to_numpy(dtype=float) for values in (before, after))
             same = np.isclose(a_values, b_values, rtol=TOLERANCE, atol=TOLERANCE, equal_nan=True)
         if not same.all():
             pair = common[int(np.argmin(same))]
             raise InputError(
                 str(other[0].path),
-                f"its reference arm is not that of {one[0].path}: pair {pair} has {name} "
+                f"its reference arm differs from that of {first[0].path}: pair {pair} has {name} "
                 f"{after.loc[pair]} instead of {before.loc[pair]}",
                 "runs whose reference drove the same, or one sweep over both strategies",
             )

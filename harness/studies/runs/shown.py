@@ -1,7 +1,8 @@
-"""The pairs that a page shows, and their traces, which it reads and never simulates.
+"""Chooses the pairs that a page shows and reads their traces.
 
-A run with ``--traces`` holds them all.  Of any other run ``harness.studies.batch.showing`` runs the
-chosen pairs again and keeps them as shards in the run's folder ``shown``, or beside the page.
+A run with ``--traces`` contains all traces.  For any other run ``harness.studies.batch.showing``
+repeats the chosen pairs and stores them as shards in the folder ``shown`` of the run, or next to
+the page.
 """
 
 from contextlib import suppress
@@ -19,24 +20,24 @@ from harness.studies.replay.stored import differences_of
 from harness.studies.runs.run_data import RunData
 
 SHOWN = "shown"
-"""The folder inside a run folder with the pairs that were run again to be shown."""
+"""The folder inside a run folder with the pairs that were repeated for the page."""
 
 ALL_BELOW = 50
-"""A run of at most so many pairs is shown whole."""
+"""A run with at most this many pairs is shown completely."""
 
 STRETCH_S = 180.0
-"""How much of an hour is shown: all of it would be too large for a page."""
+"""Time of an hour that is shown; a whole hour would be too large for a page."""
 
 MARGIN_S = 1.0
-"""How much more is read on either side of it."""
+"""Additional time that is read on either side."""
 
 TIME_ADVANTAGE = "smallest time advantage (passes 0 in calm yields too)"
 
 _EACH = 5
-"""Episodes of each kind."""
+"""Number of episodes for each reason."""
 
 _MOST_MEDIANS = 12
-"""Cells whose median is shown."""
+"""Number of cells with a median pair."""
 
 _DANGEROUS = {
     "smallest PET": "pet_s",
@@ -53,8 +54,8 @@ Key = tuple[int, int]
 class ShownPair:
     """A pair with the traces of both arms, from ``begin_s`` to ``end_s``.
 
-    ``reasons`` say why it is shown.  ``people`` has the rows of ``pedestrians``, of an hour those
-    of ``walks``.  Of a ``repeated`` pair ``differences`` say how its record is not as stored.
+    ``reasons`` say why the pair is shown.  ``people`` has the rows of ``pedestrians``, or of
+    ``walks`` for an hour.  ``differences`` lists how a ``repeated`` pair differs from its record.
     """
 
     cell: int
@@ -69,20 +70,20 @@ class ShownPair:
 
     @property
     def note(self) -> str:
-        """Where the traces come from; empty where the run kept them."""
+        """The origin of the traces; empty if the run kept them."""
         if not self.repeated:
             return ""
         verdict = "differs from" if self.differences else "is identical to"
-        return f"Simulated again for the page; the record {verdict} the stored one."
+        return f"Simulated again for the page; the record {verdict} the stored record."
 
 
 def choose_pairs(run: RunData) -> dict[str, list[Key]]:
-    """The pairs worth watching, by reason: (cell, pair), the most dangerous first.
+    """Choose the pairs worth watching, by reason: (cell, pair), the most dangerous first.
 
     Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share their
-    pedestrians: by a measure each pair counts once, in the cell where it is most striking.  A
-    reason without a pair is left out; the last one, ``other pairs``, completes a run of few.
-    Of hours it is the one with the AV's longest queue.
+    pedestrians, so for a measure each pair counts once, in the cell with the most extreme value.
+    Reasons without a pair are omitted.  The last reason, ``other pairs``, completes a small run.
+    For hours the only choice is the hour with the AV's longest queue.
     """
     if run.kind.long_pairs:
         ran = run.hours[run.hours["reason"].isna()]
@@ -113,7 +114,7 @@ def choose_pairs(run: RunData) -> dict[str, list[Key]]:
 
 
 def _by_danger(rows: pd.DataFrame, column: str) -> pd.DataFrame:
-    """Rows by a column, smallest first; with a minus before its name the largest first."""
+    """Sort rows by a column, smallest first; with a minus before its name largest first."""
     name = column.removeprefix("-")
     return rows.dropna(subset=name).sort_values(name, ascending=name == column, kind="stable")
 
@@ -128,17 +129,17 @@ def _keys(rows: pd.DataFrame, most: int | None = _EACH) -> list[Key]:
 
 
 def _medians(tau: pd.DataFrame) -> list[Key]:
-    """The pair in the middle of each cell, sorted by τ (the lower one of two)."""
+    """Return the pair with the median τ of each cell (the lower one of two)."""
     middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
     return [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)]
 
 
 def shown_pairs(run: RunData, page: Path | None = None) -> list[ShownPair]:
-    """The chosen pairs that have traces, each once, in the order of ``choose_pairs``.
+    """Return the chosen pairs that have traces, each once, in the order of ``choose_pairs``.
 
     Args:
-        run: with at least one finished pair.
-        page: the file that shows them; traces beside it are read as well.
+        run: a run with at least one finished pair.
+        page: the file that shows the pairs; traces next to it are read as well.
     """
     reasons: dict[Key, list[str]] = {}
     for reason, keys in choose_pairs(run).items():
@@ -149,7 +150,7 @@ def shown_pairs(run: RunData, page: Path | None = None) -> list[ShownPair]:
 
 
 def missing_pairs(run: RunData, page: Path | None = None) -> list[Key]:
-    """The chosen pairs without traces, or with those of a record that is not the stored one."""
+    """Return the chosen pairs without traces, or with traces that contradict the record."""
     if run.kept_traces:
         return []
     shown = {(pair.cell, pair.pair) for pair in shown_pairs(run, page) if not pair.differences}
@@ -157,12 +158,12 @@ def missing_pairs(run: RunData, page: Path | None = None) -> list[Key]:
 
 
 def shown_folders(run: Path, page: Path | None) -> list[Path]:
-    """Where pairs lie that were run again to be shown: in the run folder, or beside a page."""
+    """Return the folders for repeated pairs: in the run folder, and next to a page."""
     return [run / SHOWN, *([] if page is None else [page.parent / f"{page.stem}-{SHOWN}"])]
 
 
 def stretch_of(run: RunData, cell: int, pair: int) -> tuple[float, float]:
-    """The three minutes of an hour around the longest queue of the AV's arm, in s."""
+    """Return begin and end, in s, of the three minutes around the AV's longest queue."""
     duration_s = run.scenario_of(cell).known_traffic.duration_s
     queues = run.queues
     queues = queues[(queues["cell"] == cell) & (queues["pair"] == pair) & (queues["arm"] == Arm.AV)]
@@ -192,7 +193,7 @@ def _shown(run: RunData, key: Key, reasons: tuple[str, ...], page: Path | None) 
 
 
 def _repeated(run: Path, key: Key, page: Path | None) -> dict[str, pa.Table] | None:
-    """The tables of a pair that was run again; None where it was not, or its file is damaged."""
+    """Return the tables of a repeated pair; None if they are missing or damaged."""
     for folder in shown_folders(run, page):
         with suppress(OSError, DamagedShardError):
             return read_shard(Shard(*key, 1, folder / shard_name(*key, 1)))

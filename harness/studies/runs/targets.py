@@ -1,4 +1,4 @@
-"""Whether a run with ``--until`` came as near as was asked."""
+"""Finds the cells of a run in which ``--until`` missed its target."""
 
 from dataclasses import dataclass
 
@@ -8,9 +8,9 @@ from harness.studies.runs.run_data import RunData
 
 @dataclass(frozen=True)
 class MissedTarget:
-    """A cell whose interval stayed wider than ``--until`` asked, after all its pairs.
+    """A cell whose interval is wider than the target of ``--until`` after all its pairs.
 
-    ``half_width`` is None where there is no interval.
+    ``half_width`` is None if there is no interval.
     """
 
     cell: int
@@ -21,7 +21,7 @@ class MissedTarget:
 
 
 def missed_targets(run: RunData) -> list[MissedTarget]:
-    """The cells of a finished run in which ``--until`` did not reach its target."""
+    """Return the cells of a finished run in which ``--until`` did not reach its target."""
     until = options_of(run.manifest).until
     if until is None or not run.finished:
         return []

@@ -1,4 +1,4 @@
-"""The episodes of a run to look at: the worst by a measure, or those that got worse since a run."""
+"""Finds the worst episodes of a run, or those that became worse since an earlier run."""
 
 import math
 import shlex
@@ -20,24 +20,24 @@ from harness.studies.runs.same_pairs import check_same_pairs, names_of
 from harness.studies.runs.strategy_groups import StrategyCell, groups_over
 
 RANKED = {measure.column: measure for measure in MEASURES if measure.worse is not None}
-"""Measures by which episodes are ranked."""
+"""Measures that can rank episodes."""
 
 CONFLICT_S = 5.0
-"""A PET or TTC above this counts as this: no conflict (SSAM's largest PET, FHWA-HRT-08-051)."""
+"""A larger PET or TTC counts as this value: no conflict (SSAM's maximum, FHWA-HRT-08-051)."""
 
 _CAPPED = ("pet_s", "min_ttc_s")
 
 _BEFORE = "_before"
-"""Ends the columns of the earlier run."""
+"""Suffix of the columns of the earlier run."""
 
 
 @dataclass(frozen=True)
 class WorstEpisode:
-    """An episode, and how bad it was.
+    """An episode with the value that ranks it.
 
-    ``value`` is that of the measure, None where it is undefined: then ``ending`` says more.
-    ``before`` is the same in the other run, ``ending_before`` its ending there; both None where
-    runs are not compared.  ``varied`` names the cell by its keys.
+    ``value`` is the value of the measure; None if it is undefined, and ``ending`` explains why.
+    ``before`` and ``ending_before`` are value and ending in the earlier run; None without one.
+    ``varied`` names the cell by its keys.
     """
 
     run: Path
@@ -52,7 +52,7 @@ class WorstEpisode:
 
     @property
     def command(self) -> str:
-        """The shell command that shows it in sumo-gui."""
+        """The shell command that shows the episode in sumo-gui."""
         cell = f" --cell {self.cell}" if self.cell else ""
         where = shlex.quote(str(self.run))
         return f"harness replay {where}{cell} --pair {self.pair} --arm {self.arm.value} --gui"
@@ -65,21 +65,21 @@ def worst(
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
 ) -> list[WorstEpisode]:
-    """The worst episodes of a run.
+    """Return the worst episodes of a run.
 
-    By a measure of conflicts (PET, DRAC …) crashes come first, the fastest before the others.  By
-    delay and pass time time-outs do, which have none; a crash has none either and is left out.
+    For a conflict measure (PET, DRAC …) crashes come first, sorted by impact speed.  For delay and
+    pass time, time-outs come first; crashes are excluded, because both are undefined for them.
 
     Args:
-        run: a finished run, or its folder.
+        run: a finished run or its folder.
         by: one of ``RANKED``.
-        most: how many, 1 or more.
-        arm: whose episodes, ``av`` or ``human``.
-        cell: number of the cell; None: all.
+        most: maximum number of episodes, 1 or more.
+        arm: driver of the episodes, ``av`` or ``human``.
+        cell: number of the cell; None: all cells.
 
     Raises:
-        InputError: no finished run of encounters, no such measure, arm or cell, ``most`` is less
-            than 1, or every episode failed.
+        InputError: the run is not a finished run of encounters, the measure, arm or cell does not
+            exist, ``most`` is less than 1, or every episode failed.
     """
     arm = _check(by, most, arm)
     data = finished_run(run)
@@ -96,20 +96,20 @@ def got_worse(
     arm: Arm | str = Arm.AV,
     cell: int | None = None,
 ) -> list[WorstEpisode]:
-    """The episodes of a run that are worse than in an earlier one, the greatest change first.
+    """Return the episodes that are worse than in an earlier run, the greatest change first.
 
-    Cells are matched as ``compare`` groups them: the same strategy and parameters in both runs,
-    or the only cell of each in a group.  PET and TTC beyond 5 s, and where there is none, count
-    as 5 s; no contact counts as 0 m/s; by other measures an episode is left out in which one of
-    the two is undefined.  A new crash (by delay, a new time-out) comes before all others.
+    Cells are matched as in ``compare``: the same strategy and parameters in both runs, or the only
+    cell of each run in a group.  A PET or TTC that exceeds 5 s or is undefined counts as 5 s; no
+    contact counts as 0 m/s.  For other measures, episodes with an undefined value are excluded.
+    New crashes (for delay, new time-outs) come first.
 
     Args:
-        run: a finished run, or its folder.
-        since: the earlier one, of the same people.
+        run: a finished run or its folder.
+        since: the earlier run, with the same pedestrians.
         by: one of ``RANKED``.
-        most: how many, 1 or more.
-        arm: whose episodes; the human's are the same in both.
-        cell: number of the cell of ``run``; None: all.
+        most: maximum number of episodes, 1 or more.
+        arm: driver of the episodes; the human's episodes are the same in both runs.
+        cell: number of the cell of ``run``; None: all cells.
 
     Raises:
         InputError: as ``worst``, or the runs cannot be compared pair by pair.
@@ -127,7 +127,7 @@ def got_worse(
     if not parts:
         allowed = "the same strategy and parameters in both, or one cell of each"
         raise InputError(
-            str(now.path), f"no cell of it has one counterpart in {then.path}", allowed
+            str(now.path), f"none of its cells has a unique counterpart in {then.path}", allowed
         )
     rows = pd.concat(parts)
     rows["change"] = rows["badness"] - rows[f"badness{_BEFORE}"]
@@ -142,7 +142,7 @@ def _ranked(run: RunData, rows: pd.DataFrame, key: str, by: str, arm: Arm) -> li
 
 def _check(by: str, most: int, arm: Arm | str) -> Arm:
     if by in COLUMNS and by not in RANKED:
-        raise InputError("--by", f"neither end of {by} is the bad one", ", ".join(RANKED))
+        raise InputError("--by", f"{by} has no bad direction", ", ".join(RANKED))
     if by not in RANKED:
         raise unknown_name("--by", "measure", by, RANKED)
     if most < 1:
@@ -153,7 +153,7 @@ def _check(by: str, most: int, arm: Arm | str) -> Arm:
 
 
 def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, StrategyCell]]:
-    """Cells of the first run with their counterparts in the second."""
+    """Match the cells of the first run with their counterparts in the second."""
     first, second = ([cell for cell in cells if cell.run == run] for run in (0, 1))
     same = [
         (a, b)
@@ -165,7 +165,7 @@ def _matches(cells: tuple[StrategyCell, ...]) -> list[tuple[StrategyCell, Strate
 
 
 def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.DataFrame:
-    """The arm's episodes that ran, with a column ``badness``: the larger, the worse."""
+    """Return the arm's completed episodes with a column ``badness``: larger is worse."""
     episodes, cells = run.episodes, len(run.study.cells)
     if by not in episodes:
         raise InputError(str(run.path), f"has no {by}", "a run that has it: harness score RUN")
@@ -175,9 +175,9 @@ def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.Da
     rows = of_arm[of_arm["ending"] != Ending.ENGINE_FAILED].copy()
     if rows.empty:
         where = str(run.path) if cell is None else f"{run.path}: cell {cell}"
-        why = f"e.g. {of_arm['reason'].iloc[0]}" if len(of_arm) else "there is none"
-        what = f"all {len(of_arm)} episodes of {arm.value} failed, {why}"
-        raise InputError(where, what, "a run with an episode that ended otherwise")
+        example = f"e.g. {of_arm['reason'].iloc[0]}" if len(of_arm) else "there is none"
+        problem = f"all {len(of_arm)} episodes of {arm.value} failed, {example}"
+        raise InputError(where, problem, "a run with an episode that did not fail")
     rows["badness"] = [
         _badness(by, *values)
         for values in zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
@@ -186,7 +186,7 @@ def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.Da
 
 
 _FINAL = 1_000_000.0
-"""Worse than every value: a crash or, by delay, a time-out."""
+"""Badness above every value: a crash or, for delay, a time-out."""
 
 
 def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
@@ -204,7 +204,7 @@ def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> fl
 
 
 def _least(by: str) -> float:
-    """An episode of this badness, or less, is not worth a look."""
+    """Return the badness up to which an episode is not listed."""
     if by in _CAPPED:
         return -CONFLICT_S
     return -math.inf if RANKED[by].worse == "small" or by == "delay_s" else 0.0
