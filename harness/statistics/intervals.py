@@ -173,6 +173,15 @@ def clopper_pearson(
     return float(low), float(high)
 
 
-def zero_bound(trials: int) -> float:
-    """Upper one-sided 95 % bound of a proportion if 0 of ``trials`` were successes."""
-    return float(1 - (1 - CONFIDENCE) ** (1 / trials))
+def zero_bound(high: float, confidence: float = CONFIDENCE) -> float:
+    """Upper one-sided 95 % bound of a proportion of which nothing was seen.
+
+    Args:
+        high: the upper limit of its two-sided interval, of as many independent trials as tell as
+            much.
+        confidence: of that interval.
+
+    >>> round(zero_bound(clopper_pearson(0, 50)[1]), 4)  # 1 − 0.05^(1/50)
+    0.0582
+    """
+    return float(1 - (1 - high) ** (np.log(1 - CONFIDENCE) / np.log((1 - confidence) / 2)))

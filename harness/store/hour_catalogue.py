@@ -27,7 +27,7 @@ def _mean(
         heading,
         meaning,
         unit=unit,
-        digits=digits,
+        digits=1 if unit == "s" else digits,
         of_arm=lambda c, arm: c.mean(key, arm),
         paired=lambda c: c.difference(key),
         interval=Interval,
@@ -36,9 +36,7 @@ def _mean(
     )
 
 
-def _per_1000(
-    events: str, heading: str, meaning: str, *, first_screen: bool = False
-) -> Entry[HourColumns]:
+def _per_1000(events: str, heading: str, meaning: str) -> Entry[HourColumns]:
     """Events per 1,000 vehicles that reached the crosswalk."""
     return Entry(
         f"{events}_per_1000",
@@ -48,8 +46,6 @@ def _per_1000(
         paired=lambda c: scaled(c.share_difference(events, "reached"), 1_000.0),
         interval=Interval,
         undefined=_NOT_REACHED,
-        first_screen=first_screen,
-        crashes=events == "crashes",
     )
 
 
@@ -122,16 +118,19 @@ HOURS: tuple[Entry[HourColumns], ...] = (
         undefined=_NOBODY,
         first_screen=True,
     ),
-    _per_1000("crashes", "crashes", "Crashes", first_screen=True),
+    _per_1000("crashes", "crashes", "Crashes"),
     Entry(
         "kappa",
         "crashes",
         "κ, the number of crashes over the number of vehicles that reached the crosswalk or "
         "crashed before it.",
         form=Form.EVENTS,
+        digits=1,
         of_arm=lambda c, arm: c.share("crashes", "reached", arm),
         interval=Proportion,
         undefined=_NOT_REACHED,
+        first_screen=True,
+        crashes=True,
     ),
     Entry(
         "time_ratio",

@@ -137,8 +137,12 @@ def test_clopper_pearson_by_beta_quantiles(successes: int, trials: int) -> None:
 
 def test_no_crash_in_fifty() -> None:
     # (1 − p)^50 = 0.05 one-sided, 0.025 two-sided.
-    assert zero_bound(50) == pytest.approx(1 - 0.05 ** (1 / 50), abs=1e-12)
-    assert round(100 * zero_bound(50), 1) == 5.8
+    # Of 0 in 50 the two-sided interval ends at 1 − (half the error)^(1/50).
+    for confidence in (0.95, 0.975):
+        high = 1 - ((1 - confidence) / 2) ** (1 / 50)
+        bound = zero_bound(high, confidence)
+        assert bound == pytest.approx(1 - 0.05 ** (1 / 50), abs=1e-12)
+        assert round(100 * bound, 1) == 5.8
     assert proportion(0, 50).high == pytest.approx(1 - 0.025 ** (1 / 50), abs=1e-10)
     assert round(100 * proportion(0, 50).high, 1) == 7.1
     assert proportion(0, 50).low == 0.0

@@ -95,7 +95,7 @@ people's wait, s           0.0      0.0
 PET below 1.5 s            30 %     4.0 %      18 … 45 / 0.50 … 14 %
 ! hard_yield drove 5 of 50 passages, for which soft_yield has no answer.
 ! Against human_recorded soft_yield is slower: the result depends on the reference (docs/study.md).
-! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
     )
@@ -161,7 +161,7 @@ worst case                 ratio of times 1.70, crashes 9 of 50, μ 1.900, delay
 ! In 25 % (AV) and 75 % (own:Driver) of the cases the vehicle was outside the data of the
   interaction model, up to 5.39 m/s too fast; the model used the nearest state in its data.
 ! How human own:Driver drives was not measured (harness validate).
-! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
     )
@@ -191,17 +191,17 @@ def test_a_sweep_has_a_row_for_each_cell() -> None:
     assert (
         "\n".join(screen_lines(run_with(calm, crashed, notes=(note,))))
         == """\
-cctc: 2 cells; two numbers are the AV's / the reference's                      50 pairs each, seed 1
-                                          worst                                   people's
-cell  av              ratio of times      case   crashes  μ      c_v   delay, s   wait, s
-0     soft_yield      0.75 (0.71 … 0.80)         0 / 0    0.755  21 %  1.5 / 4.5  0.0 / 0.0
-1     constant_speed  0.75 (0.71 … 0.80)  3.40   5 / 0    0.755  21 %  1.5 / 4.5  0.0 / 0.0
+cctc: 2 cells; two numbers: AV / human_gmm                                     50 pairs each, seed 1
+                                                   worst                          people's
+cell  av              ratio of times      crashes  case   μ      c_v   delay, s   wait, s
+0     soft_yield      0.75 (0.71 … 0.80)  0 / 0           0.755  21 %  1.5 / 4.5  0.0 / 0.0
+1     constant_speed  0.75 (0.71 … 0.80)  5 / 0    3.40   0.755  21 %  1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
 ! 2 of 9 records differ.
 ! Cell 1: The ratio of times uses 45 of 50 pairs, μ and c_v use 45 (crashes: AV 5, human_gmm 0).
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
   (docs/study.md).
-! Few pairs: intervals are unreliable below 1,000 informative pairs (time to cross and μ), 4,000
+! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
   (c_v).
 All measures: --full. Page: harness report runs/cctc-1"""
     )
@@ -214,6 +214,12 @@ All measures: --full. Page: harness report runs/cctc-1"""
         "1     hard_yield  90     0.75 (0.71 … 0.80)  0 / 0    0.755",
         "Not shown here: c_v; delay, s; people's wait, s; PET below",
     ]
+    # Crashes stay whatever else has to go.
+    narrow = screen_lines(run_with(calm, longer), 40)
+    assert max(map(len, narrow[:-1])) <= 40
+    table = [line.split() for line in narrow]
+    assert ["cell", "av", "pairs", "times", "crashes"] in table
+    assert ["0", "soft_yie", "50", "0.75", "0", "/", "0"] in table
 
 
 def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
@@ -471,19 +477,19 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
     run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
     lines = screen_lines(replace(screen_of(run), most_lines=None))
     row = next(line for line in lines if line.startswith("delay of AVs, s"))
-    assert [text.strip() for text in row.split("  ") if text][1:3] == ["5.20", "4.00"]
+    assert [text.strip() for text in row.split("  ") if text][1:3] == ["5.2", "4.0"]
     texts = [note.text for note in cell.notes]
     assert texts[0] == "1 of 5 pairs failed; no row counts them."
     # A fifth of the arrivals stayed on the road.
     for text in (
-        "AV's arm: 2 of 1,000 vehicles crashed, and traffic continued as if nobody had been hit",
+        "hard_yield's arm: 2 of 1,000 vehicles crashed, and traffic continued as if nobody had",
         "human_yield: 7 vehicles never passed",
         "human_yield: 3 pedestrians never started to cross.",
         "human_yield: the road was saturated. The number of vehicles on it grew by 20 % of the "
         "arrivals (limit 5 %; chance explains up to 8 %)",
-        "AV's arm: the delay grew from the first third of the hour to the last by 40.0 "
+        "hard_yield's arm: the delay grew from the first third of the hour to the last by 40.0 "
         "(20.0 … 60.0) s",
-        "AV's arm: its fallback drove 50 % of the passages that met someone",
+        "hard_yield's arm: its fallback drove 50 % of the passages that met someone",
     ):
         assert [found for found in texts if found.startswith(text)], text
     calm = hour_with({}, kappa=Finding(0.0, 0.0, 0.004, 1_000, 0))
@@ -491,12 +497,14 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
 
 
 def test_no_crash_in_few_hours_shows_how_little_that_says() -> None:
-    nothing = {f"crashes_per_1000{end}": Finding(0.0, 0.0, 52.53) for end in ("", "_human")}
-    cell = hour_with({}, crashes_per_1000_difference=Finding(0.0), **nothing)
+    # Of 55 vehicles that count as 55 independent ones, 1 − 0.05^(1/55).
+    high = 1 - 0.025 ** (1 / 55)
+    nothing = {f"kappa{end}": Finding(0.0, 0.0, high, 55, 0) for end in ("", "_human")}
+    cell = hour_with({}, **nothing)
     run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
     lines = screen_lines(screen_of(run))
-    row = next(line for line in lines if line.startswith("crashes per 1,000"))
-    assert row.endswith("0.00 (arms 0.00 … 52.53 / 0.00 … 52.53)")
+    row = next(line for line in lines if line.startswith("crashes"))
+    assert row.split("  ")[-1].strip() == "each below 5.3 %"
     assert not any(line.startswith("worst case") for line in lines)
 
 

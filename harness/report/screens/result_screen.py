@@ -14,7 +14,7 @@ from harness.report.screens.tables import (
     per_cent,
 )
 from harness.scenario import as_written
-from harness.statistics import zero_bound
+from harness.statistics import CONFIDENCE, zero_bound
 from harness.statistics.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
 from harness.studies.runs.notes import short_name
 
@@ -62,39 +62,33 @@ def _entry_row(entry: Entry[Any], cell: CellFindings, paper: bool) -> tuple[str,
         entry_heading(entry, cell.thresholds),
         entry_value(entry, av),
         entry_value(entry, reference),
-        _both(entry, av, reference) if both is None else _paired(entry, both, av, reference),
+        _both(entry, av, reference, cell) if both is None else with_limits(entry, both),
         entry.paper if paper else "",
     )
-
-
-def _paired(entry: Entry[Any], both: Finding, av: Finding | None, reference: Finding | None) -> str:
-    """A number of both arms; those of each arm have the intervals if it has none.
-
-    Neither arm of traffic crashed: their difference is 0, and what it shows are their bounds.
-    """
-    limits = [entry_limits(entry, arm) for arm in (av, reference) if arm is not None]
-    text = with_limits(entry, both)
-    if both.value is None or both.low is not None or not any(limits):
-        return text
-    return f"{text} (arms {' / '.join(of or DASH for of in limits)})"
 
 
 def with_limits(entry: Entry[Any], both: Finding) -> str:
     """A number of both arms with its interval."""
     value = entry_value(entry, both, entry.paired_digits)
     limits = entry_limits(entry, both, entry.paired_digits)
-    return f"{value} ({limits})" if limits else value
+    # Too few pairs that are all the same do not make a number certain.
+    certain = both.reliable or both.low != both.high
+    return f"{value} ({limits})" if limits and certain else value
 
 
-def _both(entry: Entry[Any], av: Finding | None, reference: Finding | None) -> str:
+def _both(
+    entry: Entry[Any], av: Finding | None, reference: Finding | None, cell: CellFindings
+) -> str:
     """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
         return ""
     limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
     if limits == [DASH, DASH]:
         return ""
-    if av.events == reference.events == 0 and av.n == reference.n and av.n:
-        return f"each below {per_cent(zero_bound(av.n), 1)} %"
+    if av.events == reference.events == 0:
+        high = max(av.high or 0.0, reference.high or 0.0)
+        bound = zero_bound(high, cell.findings["confidence"].number or CONFIDENCE)
+        return f"each below {per_cent(bound, 1)} %"
     return f"{limits[0]} / {limits[1]} %"
 
 
@@ -143,7 +137,8 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         and any(_has_something(entry, cell) for cell in shown)
     ]
     # What does not fit is left out from the right: crashes never are.
-    entries[1:] = sorted(entries[1:], key=lambda entry: not entry.crashes)
+    rest = sorted(entries[1:], key=lambda entry: not entry.crashes)
+    entries = [*entries[:1], *rest]
     worst = any(entry.worst_case for entry in run.catalogue) and any(map(left_out, shown))
     labels, pairs = cell_labels(shown), [f"{cell.pairs:,}" for cell in shown]
     scope = run.scope
@@ -153,20 +148,25 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         labels["pairs"] = pairs
         scope = f"{counted(sum(cell.pairs for cell in shown), 'pair')}{_met_nobody(shown)}, {scope}"
     headings, columns = [*labels], [*labels.values()]
+    always = len(headings) + 1 + sum(entry.crashes for entry in rest)
     for place, entry in enumerate(entries):
         both = entry.names[2] if entry.names[2] and (place == 0 or not entry.names[0]) else None
         name = entry_heading(entry, shown[0].thresholds)
         if both is not None:
-            name = entry.paired_heading or short_name(entry)
+            name = (
+                entry.title_of(both, shown[0].thresholds) if entry.names[0] else short_name(entry)
+            )
         headings.append(name)
         columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
-        if place == 0 and worst:
+        if len(headings) == always and worst:
             headings.append("worst case")
             columns.append([_first_worst(run, cell) for cell in shown])
     total, some = len(run.cells), len(shown)
+    avs, references = ({getattr(cell, arm) for cell in shown} for arm in ("av", "reference"))
     first = f", the first {some:,} here" if some < total else ""
+    arms = f"{_one(avs, 'AV')} / {_one(references, 'reference')}"
     return Screen(
-        title=f"{run.name}: {total:,} cells{first}; two numbers are the AV's / the reference's",
+        title=f"{run.name}: {total:,} cells{first}; two numbers: {arms}",
         scope=scope,
         headings=tuple(headings),
         rows=tuple(zip(*columns, strict=True)),
@@ -177,8 +177,14 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
             )
         ),
         footer=footer,
+        always=always,
         most_lines=None,
     )
+
+
+def _one(names: set[str], several: str) -> str:
+    """The name of the driver of all cells, or a word for several drivers."""
+    return next(iter(names)) if len(names) == 1 else several
 
 
 def cell_labels(cells: Sequence[CellFindings]) -> dict[str, list[str]]:

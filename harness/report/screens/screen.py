@@ -17,6 +17,9 @@ MOST_LINES = 16
 """Lines of the screen of one result; notes that do not fit are named together."""
 
 _GAP = "  "
+_LEAST = 8
+"""Columns are not made narrower than this to keep one of them on a narrow terminal."""
+
 _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.MISSED_TARGETS
 _NAMES = {
@@ -42,8 +45,11 @@ class Screen:
         rows: as many texts as there are columns; the last text of a shorter row may run on.
         notes: in the order of their ranks.
         footer: where everything else is.
+        conclusions: sentences between the rows and the notes.
         aside: whether the last column goes below the rows where the terminal is narrow.
             Otherwise as many of the last columns are left out as do not fit.
+        always: number of the first columns that are never left out; texts in them are broken into
+            lines where even these do not fit.
         most_lines: None for a result whose rows have no limit.
     """
 
@@ -53,7 +59,9 @@ class Screen:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[Note, ...]
     footer: str
+    conclusions: tuple[str, ...] = ()
     aside: bool = False
+    always: int = 1
     most_lines: int | None = MOST_LINES
 
 
@@ -73,6 +81,7 @@ def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
     """
     width = min(width, WIDEST)
     head = _head(screen, width) + _rows(screen, width)
+    head += [line for text in screen.conclusions for line in textwrap.wrap(text, width)]
     room = None if screen.most_lines is None else screen.most_lines - len(head) - 1
     # A folder's path stays whole, to be copied.
     return [*head, *_note_lines(screen.notes, width, room), screen.footer]
@@ -96,15 +105,20 @@ def _rows(screen: Screen, width: int) -> list[str]:
         words = (max(map(len, _BREAKS.split(text))) for text in screen.headings)
         widths = [max(size, word) for size, word in zip(sizes, words, strict=True)]
     shown = len(widths)
-    while shown > 1 and _width(widths[:shown]) > width:
+    while shown > screen.always and _width(widths[:shown]) > width:
         shown -= 1
+    while _width(widths[:shown]) > width and max(widths[:shown]) > _LEAST:
+        widths[widths.index(max(widths[:shown]))] -= 1
     last = [(row[0], row[-1]) for row in whole if row[-1]]
     if screen.aside and not last:
         shown = min(shown, len(widths) - 1)
-    lines = _heading_lines(screen.headings[:shown], widths)
+    lines = _side_by_side(screen.headings[:shown], widths, bottom=True)
     for row in screen.rows:
-        cells = [text.ljust(size) for text, size in zip(row[:shown], widths, strict=False)]
-        indent = " " * (widths[0] + len(_GAP)) if len(row) < len(widths) else _GAP
+        if len(row) == len(widths):
+            lines += _side_by_side(row[:shown], widths)
+            continue
+        indent = " " * (widths[0] + len(_GAP))
+        cells = [text.ljust(size) for text, size in zip(row, widths, strict=False)]
         lines += textwrap.wrap(_GAP.join(cells), width, subsequent_indent=indent)
     if shown < len(widths) and screen.aside:
         values = ", ".join(f"{name.split(',')[0]} {value}" for name, value in last)
@@ -119,17 +133,24 @@ def _width(widths: Sequence[int]) -> int:
     return sum(widths) + len(_GAP) * (len(widths) - 1)
 
 
-def _heading_lines(headings: Sequence[str], widths: Sequence[int]) -> list[str]:
-    """The headings, each in as many lines as its column needs, the last ones on one line."""
+def _side_by_side(
+    texts: Sequence[str], widths: Sequence[int], *, bottom: bool = False
+) -> list[str]:
+    """Texts in columns, each in as many lines as it needs; ``bottom`` aligns the last lines."""
     columns = [
         [text]
         if len(text) <= size
         # A key may be broken behind its underscores.
-        else [line.replace("_ ", "_") for line in textwrap.wrap(text.replace("_", "_ "), size)]
-        for text, size in zip(headings, widths, strict=False)
+        else [
+            line.replace("_ ", "_")
+            for line in textwrap.wrap(text.replace("_", "_ "), size, break_on_hyphens=False)
+        ]
+        for text, size in zip(texts, widths, strict=False)
     ]
-    height = max(map(len, columns))
-    columns = [[""] * (height - len(column)) + column for column in columns]
+    height = max(1, *map(len, columns))
+    for place, column in enumerate(columns):
+        rest = [""] * (height - len(column))
+        columns[place] = [*rest, *column] if bottom else [*column, *rest]
     return [
         _GAP.join(text.ljust(size) for text, size in zip(line, widths, strict=False))
         for line in zip(*columns, strict=True)

@@ -152,7 +152,8 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
         for name in (both,) if both else (av, reference):
             least = None if name is None else entry.least(name)
             if name is not None and least is not None and not findings[name].reliable:
-                names.setdefault(least, []).append(short_name(entry))
+                heading = entry.paired_heading if name == both else ""
+                names.setdefault(least, []).append(heading or short_name(entry))
     notes = []
     if names:
         first, *others = sorted(names)
@@ -250,7 +251,10 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
         text = "The queue was permanent: the throughput is the capacity, and delays are undefined."
         notes.append(Note(Rank.SATURATION, text))
     notes += undefined_notes(findings, catalogue)
-    for who, end in zip(("AV's arm", scenario.arms.human), _ENDS, strict=True):
+    if findings["pairs"].count - failed == 1:
+        text = "One pair of hours has no intervals: nothing says how far another hour would differ."
+        notes.append(Note(Rank.FEW_PAIRS, text))
+    for who, end in zip((f"{scenario.arms.av}'s arm", scenario.arms.human), _ENDS, strict=True):
         strategy = scenario.arms.human if end else scenario.arms.av
         notes += _hour_notes_of_arm(scenario, findings, who, end, strategy)
     return tuple(sorted(notes, key=lambda note: note.rank))
