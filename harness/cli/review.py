@@ -9,6 +9,7 @@ import typer
 from harness.cli.interruption import unwinding
 from harness.cli.options import (
     ArmOption,
+    FullOption,
     JsonOption,
     QuietOption,
     RunArgument,
@@ -179,6 +180,7 @@ def compare(
         Path | None,
         typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
     ] = None,
+    full: FullOption = False,
     quiet: QuietOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -204,7 +206,7 @@ def compare(
     emit(
         lambda: comparison_document(result),
         [] if out is None else [out],
-        lambda: print_comparison(result),
+        lambda: print_comparison(result, full),
         quiet=quiet,
         as_json=as_json,
     )

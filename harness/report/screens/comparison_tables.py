@@ -20,6 +20,7 @@ from harness.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
     Findings,
+    Note,
     Place,
     Standing,
     SweepVerdict,
@@ -48,14 +49,14 @@ def comparison_tables(result: RunComparison) -> list[Table]:
     return tables
 
 
-def comparison_caveats(result: RunComparison) -> list[str]:
+def comparison_notes(result: RunComparison) -> tuple[Note, ...]:
     """What a reader has to know before any number of the comparison."""
     cells = [
         (cell.number, encounter_notes(cell.cell.scenario, summary.findings, ENCOUNTERS))
         for group in result.groups
         for cell, summary in zip(group.group.cells, group.summaries, strict=True)
     ]
-    return [note.text for note in sorted(joined_notes(cells), key=lambda note: note.rank)]
+    return tuple(sorted(joined_notes(cells), key=lambda note: note.rank))
 
 
 _SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all")

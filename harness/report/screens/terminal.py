@@ -4,11 +4,8 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from harness.report.screens.comparison_tables import (
-    comparison_caveats,
-    comparison_lines,
-    comparison_tables,
-)
+from harness.report.screens.comparison_screen import comparison_screen
+from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import full_tables
@@ -38,11 +35,13 @@ def print_screen(console: Console, screen: Screen) -> None:
         console.print(line, soft_wrap=True)
 
 
-def print_comparison(result: RunComparison) -> None:
-    """Print the tables of a comparison and what they say in words."""
+def print_comparison(result: RunComparison, full: bool = False) -> None:
+    """Print the first screen of a comparison; with ``full`` its tables and how to read them."""
     console = make_console()
-    for line in comparison_caveats(result):
-        console.print(line)
+    screen = comparison_screen(result)
+    print_screen(console, replace(screen, most_lines=None) if full else screen)
+    if not full:
+        return
     for table in comparison_tables(result):
         print_table(console, table)
     for line in comparison_lines(result):

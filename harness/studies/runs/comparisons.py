@@ -131,14 +131,26 @@ class GroupResult:
 
     def standings(self) -> list[Standing]:
         """The place of every cell on the front of (ratio of times, κ with time-outs)."""
-        relations = {
+        return pareto_front(len(self.summaries), self._relations())
+
+    def beaten_by(self, cell: int, by: int) -> list[int]:
+        """Positions of the cells that one is better than: ``by`` 0 in times, 1 in κ."""
+        beaten = [
+            b if cell == a else a
+            for (a, b), relations in self._relations().items()
+            if (cell, relations[by]) in ((a, Relation.BETTER), (b, Relation.WORSE))
+        ]
+        return sorted(beaten)
+
+    def _relations(self) -> dict[tuple[int, int], tuple[Relation, Relation]]:
+        """How the cells a and b relate in the ratio of times and in κ with time-outs."""
+        return {
             (item.a, item.b): (
                 self._times(item),
                 relation_of_crashes(item.misses, item.misses_p_holm, self.level),
             )
             for item in self.comparisons
         }
-        return pareto_front(len(self.summaries), relations)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,95 @@
+"""The first screen of a comparison: who is better in what, the front, and what is allowed."""
+
+import shlex
+
+from harness.report.screens.comparison_tables import allowed_lines, best_lines, comparison_notes
+from harness.report.screens.result_screen import with_limits
+from harness.report.screens.screen import Screen
+from harness.report.screens.tables import counted, entry_value
+from harness.scenario import as_written
+from harness.statistics import ENCOUNTERS, Place
+from harness.studies.runs.comparisons import GroupResult, RunComparison
+from harness.studies.runs.notes import av_label
+
+_MOST_CELLS = 6
+"""Rows of the screen; the tables of ``--full`` have every cell."""
+
+_MOST_SENTENCES = 3
+_NAMED = 3
+_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
+_PLACES = {Place.FRONT: "yes", Place.UNDECIDED: "undecided", Place.DOMINATED: "no"}
+
+
+def comparison_screen(result: RunComparison) -> Screen:
+    """The first cells of each group: those on the front first, then by the ratio of times."""
+    each = max(1, _MOST_CELLS // len(result.groups))
+    groups = result.groups[:_MOST_CELLS]
+    rows = [row for group in groups for row in _group_rows(group, each)]
+    several = len(result.groups) > 1
+    shared = ", ".join(key.split(".")[-1] for key in result.groups[0].group.shared)
+    cells = sum(len(group.summaries) for group in result.groups)
+    hidden = cells - len(rows)
+    footer = "All cells, differences and tests: --full. Page: harness report "
+    footer += shlex.quote(str(result.folders[0]))
+    better = ["less time than", "fewer crashes or time-outs than"]
+    headings = ["cell", "AV", "ratio of times", "crashes", "front", *better]
+    return Screen(
+        title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
+        scope=f"told apart if p (Holm) < {1 - result.confidence:.2g}",
+        headings=(*([shared] if several else []), *headings),
+        rows=tuple(row if several else row[1:] for row in rows),
+        conclusions=tuple(_sentences(result, hidden)),
+        notes=comparison_notes(result),
+        footer=footer,
+        always=5 + several,
+    )
+
+
+def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
+    standings, cells = group.standings(), group.group.cells
+    times = [summary.findings["time_ratio"].number for summary in group.summaries]
+
+    def rank(at: int) -> tuple[int, bool, float]:
+        return [*_PLACES].index(standings[at].place), times[at] is None, times[at] or 0.0
+
+    rows = []
+    for at in sorted(range(len(cells)), key=rank)[:most]:
+        findings = group.summaries[at].findings
+        rows.append(
+            (
+                ", ".join(map(as_written, group.group.shared.values())),
+                str(cells[at].number),
+                av_label(cells[at].label, findings),
+                with_limits(_ENTRIES["time_ratio"], findings["time_ratio"]),
+                entry_value(_ENTRIES["kappa"], findings["kappa"]),
+                _PLACES[standings[at].place],
+                *(_numbers(group, group.beaten_by(at, by)) for by in (0, 1)),
+            )
+        )
+    return rows
+
+
+def _numbers(group: GroupResult, positions: list[int]) -> str:
+    """The numbers of the first of these cells."""
+    if not positions:
+        return "–"
+    if len(positions) == len(group.summaries) - 1 > 1:
+        return "all"
+    more = f" and {len(positions) - _NAMED} more" if len(positions) > _NAMED else ""
+    return ", ".join(str(group.group.cells[at].number) for at in positions[:_NAMED]) + more
+
+
+def _sentences(result: RunComparison, hidden: int) -> list[str]:
+    """What the limits allow, as far as the screen has room, and how many cells it leaves out."""
+    best = [line for group in result.groups for line in best_lines(group)]
+    allowed = [
+        line
+        for group in result.groups
+        for sweep in group.sweeps
+        for line in allowed_lines(sweep, group.level)
+    ]
+    lines = [*allowed, *best]
+    if len(lines) > _MOST_SENTENCES:
+        lines = best if best and len(best) <= _MOST_SENTENCES else lines[: _MOST_SENTENCES - 1]
+        lines = [*lines, "More on what the limits allow: --full."]
+    return [*([f"Not shown here: {counted(hidden, 'cell')}."] if hidden else []), *lines]
