@@ -1,4 +1,4 @@
-"""The strategies of both arms: made anew for each episode, refused before anything runs."""
+"""The strategies of both arms: they are checked before a run and made anew for each episode."""
 
 from collections.abc import Callable
 from types import MappingProxyType
@@ -16,17 +16,17 @@ from harness.strategies.registry import find_strategy, prepare, table_key
 
 
 def draws_from(scenario: Scenario, driver: Arm) -> Purpose:
-    """The stream of what a driver draws itself.
+    """The purpose of the stream from which a driver draws.
 
-    ``arms.av`` has one of its own: it never gets the numbers that decide how the people's driver
-    drives in the same pair.  Where both arms name the same strategy, they draw alike.
+    ``arms.av`` has its own stream, so it never gets the numbers that decide how the human driver
+    drives in the same pair.  If both arms name the same strategy, both draw the same numbers.
     """
     alike = scenario.arms.av == scenario.arms.human
     return "strategy" if alike or driver is Arm.HUMAN else "av_strategy"
 
 
 def draws(scenario: Scenario, driver: Arm) -> bool:
-    """Whether a driver's strategy takes random numbers."""
+    """Whether a driver's strategy uses random numbers."""
     return "rng" in needs(find_strategy(scenario.arms.driver(driver), "arms"))
 
 
@@ -37,7 +37,7 @@ def draws_of(
     *vehicle: int,
     given: Given = MappingProxyType({}),
 ) -> np.random.Generator:
-    """The generator of what a driver draws itself, its first draws as ``given``."""
+    """The generator from which a driver draws; its first draws may be ``given``."""
     purpose = draws_from(scenario, driver)
     rng = stream(scenario.experiment.seed, purpose, pair, *vehicle)
     return beginning_with(given.get(purpose, ()), rng)
@@ -46,15 +46,15 @@ def draws_of(
 def make_strategy(
     scenario: Scenario, driver: Arm, pair: int, model: InteractionModel, *vehicle: int
 ) -> Strategy:
-    """A fresh strategy object for one episode, or for one ``vehicle`` of a pair with several.
+    """A new strategy object for one episode, or for one ``vehicle`` of a pair with several.
 
-    Whatever its class has to prepare is prepared.
+    ``prepare`` of its class has been called.
 
     Args:
-        scenario: names both arms' strategies, gives parameters, seed and step.
-        driver: whose strategy: that of ``arms.av`` or of ``arms.human``, whichever arm runs.
-        pair: keys the stream of its draws, with ``vehicle``.
-        model: for a strategy that asks for it.
+        scenario: has the strategies of both arms, their parameters, the seed and the step.
+        driver: selects ``arms.av`` or ``arms.human``, independently of the simulated arm.
+        pair: keys the stream of its draws, together with ``vehicle``.
+        model: the interaction model, for strategies that need it.
     """
     name = scenario.arms.driver(driver)
     return named_strategy(scenario, name, model, lambda: draws_of(scenario, driver, pair, *vehicle))
@@ -66,12 +66,12 @@ def named_strategy(
     model: InteractionModel,
     rng: Callable[[], np.random.Generator],
 ) -> Strategy:
-    """A fresh object of any strategy, prepared, with the scenario's parameters.
+    """A new object of any strategy, prepared, with the scenario's parameters.
 
     Args:
-        scenario: gives parameters and step.
-        name: of the strategy.
-        model, rng: for a strategy that asks for them.
+        scenario: has the parameters and the step.
+        name: name of the strategy.
+        model, rng: arguments for strategies that need them.
     """
     factory = find_strategy(name, "arms")
     parameters = scenario.strategies.get(name, {})
@@ -81,7 +81,7 @@ def named_strategy(
 
 
 def asks_model(scenario: Scenario) -> bool:
-    """Whether anybody's speed comes from the model, given the ego's: a walker's or a driver's."""
+    """Whether the model is used with the ego's state, for walking speeds or for a driver."""
     arms = scenario.arms.model_dump().items()
     if HumanDriver in [find_strategy(name, f"arms.{key}") for key, name in arms]:
         return True
@@ -91,10 +91,10 @@ def asks_model(scenario: Scenario) -> bool:
 def check_arms(scenario: Scenario, model: InteractionModel) -> None:
     """Refuse unknown strategies and parameters before anything runs.
 
-    So is a state at the trigger that a model knows nothing about which the scenario asks.
+    A state at the trigger that lies outside the data of a model in use is refused too.
 
     Raises:
-        InputError: naming the key of the scenario.
+        InputError: something is refused; names the key of the scenario.
     """
     if asks_model(scenario) and not scenario.model.extrapolate:
         check_support(model, scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps)

@@ -10,8 +10,8 @@ from harness.scenario import Scenario
 class CellConstants:
     """The cell's constants.
 
-    ``kerb_wait_s``: how far off a vehicle has to be for somebody to step off before it (the rule:
-    ``deciding.keeps_waiting``).  Somebody with a critical gap goes by that instead.
+    ``kerb_wait_s`` is the least time to a vehicle's arrival at which pedestrians step off
+    (``deciding.keeps_waiting``); those with a critical gap use that instead.
     """
 
     vehicle: Vehicle
@@ -23,7 +23,7 @@ class CellConstants:
 
 
 def constants_of(scenario: Scenario) -> CellConstants:
-    """The rules of a scenario."""
+    """The constants of a scenario."""
     pedestrians, experiment = scenario.pedestrians, scenario.experiment
     return CellConstants(
         vehicle=scenario.vehicle(),

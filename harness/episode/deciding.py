@@ -1,4 +1,4 @@
-"""The decisions of a step: a strategy's command within limits, and the kerb rule."""
+"""The decisions of a step: the limits of a strategy's command, and the kerb rule."""
 
 import math
 from numbers import Real
@@ -7,14 +7,14 @@ from harness.core.encounter import Vehicle
 from harness.core.errors import StrategyError, place_of
 
 ROUNDING_M = 1e-9
-"""A vehicle this near a threshold is on it: engines differ in the last bits of their sums."""
+"""Tolerance of thresholds: engines differ in the last bits of their sums."""
 
 
 def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
     """A strategy's command in m/s², within the vehicle's limits.
 
     Raises:
-        StrategyError: it is no number.
+        StrategyError: the command is not a number.
     """
     wanted = answer if type(answer) is float else _as_float(answer)
     if wanted > vehicle.max_acceleration_mps2:
@@ -27,7 +27,7 @@ def limited(answer: object, vehicle: Vehicle, time_s: float) -> float:
 
 
 def strategy_raised(error: BaseException, time_s: float) -> StrategyError:
-    """The error that tells of a strategy that raised in ``decide``."""
+    """The error for a strategy that raised an exception in ``decide``."""
     what = f"raised {type(error).__name__}: {error}"
     when = f"at t = {time_s:.3f} s ({place_of(error)})"
     return StrategyError(f"the strategy {what} {when}", error)
@@ -36,11 +36,11 @@ def strategy_raised(error: BaseException, time_s: float) -> StrategyError:
 def keeps_waiting(
     to_edge_m: float, speed_mps: float, acceleration_mps2: float, wait_s: float
 ) -> bool:
-    """The kerb rule: whether a pedestrian does not step off before this vehicle.
+    """The kerb rule: whether a pedestrian waits for this vehicle.
 
-    Nobody does while a body is on the crosswalk, or while at its present speed its front would
-    reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``; but a vehicle
-    that stands, or stops before the edge at its present deceleration, keeps nobody waiting.
+    They wait while the vehicle is on the crosswalk.  They also wait while its front, at its present
+    speed, would reach the near edge, ``to_edge_m`` ahead (negative beyond it), within ``wait_s``,
+    unless it stands or stops before the edge at its present deceleration.
     """
     if to_edge_m <= ROUNDING_M:
         return True
@@ -50,5 +50,5 @@ def keeps_waiting(
 
 
 def _as_float(answer: object) -> float:
-    """A command that is another kind of number, as numpy's; NaN for what is none."""
+    """A command of another numeric type, such as NumPy's; NaN if it is not a number."""
     return float(answer) if isinstance(answer, Real) else math.nan

@@ -1,4 +1,4 @@
-"""Runs pairs of one cell: lets both arms meet the same pedestrians."""
+"""The simulation of pairs of one cell, in which both arms meet the same pedestrians."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -26,13 +26,14 @@ from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import sensor_of
 
 CHUNK_PAIRS = 50
-"""Pairs measured together; results do not depend on it."""
+"""Number of pairs that are measured together; results do not depend on it."""
 
 EpisodeKey = tuple[Arm, str, Purpose, int]
-"""Arm, its strategy's name and stream, pair: one episode among cells with other arms."""
+"""Arm, name and stream of its strategy, and pair: identifies an episode among cells whose arms
+differ."""
 
 Begins = Callable[[int, Arm, Episode], None]
-"""Takes pair, arm and the episode that begins."""
+"""A callback with the pair, the arm and the episode that begins."""
 
 
 class PairRunner:
@@ -40,12 +41,12 @@ class PairRunner:
 
     Args:
         scenario: the cell.
-        model: the interaction model, for walking speeds and for strategies that ask for it.
-        get_engine: gives an open engine for this scenario; asked at the beginning of a run and
-            again after an engine failed (that one has been closed).  The caller closes the last.
+        model: the interaction model, for walking speeds and for strategies that need it.
+        get_engine: returns an open engine for this scenario.  It is called at the beginning of a
+            run and again after an engine failed and was closed.  The caller closes the last one.
 
     Raises:
-        InputError: an arm names no strategy, or its parameters are refused.
+        InputError: a strategy is unknown, or its parameters are refused.
     """
 
     def __init__(
@@ -65,14 +66,14 @@ class PairRunner:
         on_pair: Callable[[], None] = lambda: None,
         known: Mapping[EpisodeKey, Outcome] = MappingProxyType({}),
     ) -> Iterator[Outcome]:
-        """Both arms of every pair, AV first, in the order asked for.
+        """Simulate both arms of every pair in the given order, the AV's first.
 
         Args:
-            pairs: their indices.
-            begins: told of every episode before its strategy is asked.
-            on_pair: called whenever a pair has been simulated: outcomes come a chunk at a time.
-            known: episodes of a cell that differs from this one in its arms alone; those that both
-                have are not simulated again.
+            pairs: indices of the pairs.
+            begins: called with every episode before its strategy drives.
+            on_pair: called after every simulated pair, since outcomes come in chunks.
+            known: episodes of a cell that differs from this one only in its arms; shared episodes
+                are not simulated again.
         """
         remaining = iter(pairs)
         self._engine = None
@@ -92,12 +93,12 @@ class PairRunner:
                     yield known.get(key) or Outcome(pair, arm, name, records[key], traces[key])
 
     def hung(self, arm: Arm, pair: int, reason: str) -> Outcome:
-        """The outcome of an episode whose strategy gave no answer."""
+        """The outcome of an episode whose strategy did not answer in time."""
         trace = failed_episode(StrategyError(reason), self._rules)
         return Outcome(pair, arm, self._scenario.arms.driver(arm), measure([trace])[0], trace)
 
     def key(self, arm: Arm, pair: int) -> EpisodeKey:
-        """A key that tells episodes apart among cells that differ in their arms alone."""
+        """The key that identifies an episode among cells that differ only in their arms."""
         scenario = self._scenario
         return arm, scenario.arms.driver(arm), draws_from(scenario, arm), pair
 
@@ -107,13 +108,13 @@ class PairRunner:
         pairs: Sequence[tuple[int, Given]],
         on_episode: Callable[[np.random.Generator | None], None],
     ) -> Iterator[Outcome]:
-        """One arm of every pair, of whose uniforms some are given.
+        """Simulate one arm of every pair with some given uniforms.
 
         Args:
-            arm: which arm.
-            pairs: the pair's index, which keys the streams of everything not given, and the rest.
-            on_episode: called whenever an episode has been simulated, with the generator that the
-                strategy drew from, None where it takes none.
+            arm: the arm.
+            pairs: index of each pair, which keys the streams, and its given uniforms.
+            on_episode: called after every simulated episode with the generator that the strategy
+                drew from, or None if it uses no random numbers.
         """
         self._engine = None
         drawing = draws(self._scenario, arm)
@@ -127,7 +128,7 @@ class PairRunner:
             yield Outcome(pair, arm, self._scenario.arms.driver(arm), record, trace)
 
     def begin(self, pair: int) -> Episode:
-        """The AV's episode of a pair, for somebody else to drive; the caller ends the engine's."""
+        """The AV's episode of a pair, which the caller drives; the caller also ends it."""
         self._engine = self._get_engine()
         people = self._people(pair)
         perception = self._perception(Arm.AV, people)
@@ -142,14 +143,14 @@ class PairRunner:
         given: Given | None = None,
         asked: list[Asked] | None = None,
     ) -> Outcome:
-        """One arm of a pair alone, exactly as in ``run``.
+        """Simulate one arm of a pair, exactly as in ``run``.
 
         Args:
-            pair: its index.
-            arm: which arm.
-            begins: told of the episode before its strategy is asked.
-            given: as in ``run_arm_given``.
-            asked: everything that the strategy is asked is added to it.
+            pair: index of the pair.
+            arm: the arm.
+            begins: called with the episode before its strategy drives.
+            given: given uniforms, as in ``run_arm_given``.
+            asked: list to which every observation and command of the strategy is added.
         """
         self._engine = None
         trace = self._run_arm(arm, pair, self._people(pair, given), begins, asked)
@@ -157,7 +158,7 @@ class PairRunner:
         return Outcome(pair, arm, name, measure([trace])[0], trace)
 
     def _people(self, pair: int, given: Given | None = None) -> "_People":
-        """Everyone of a pair: those who are on the crosswalk at the trigger, and who comes then."""
+        """All pedestrians of a pair: those at the crosswalk at the trigger and those who follow."""
         drawn = self._scenario.pedestrians.drawn
         number = drawn[pair].episode if drawn else pair
         given = drawn[pair].uniforms if drawn and given is None else given or {}
@@ -212,7 +213,7 @@ class PairRunner:
 
 
 class _People(NamedTuple):
-    """Who comes in a pair; the ``number`` of the episode keys the streams of what is not given."""
+    """The pedestrians of a pair; the episode's ``number`` keys the streams of what is not given."""
 
     number: int
     given: Given

@@ -1,7 +1,7 @@
-"""Ties of a strategy: it was shown the same by two engines, and asked for something else.
+"""Ties of a strategy: on two engines it sees equal observations and returns different commands.
 
-Positions of two engines differ by some 1e-14 m.  A strategy that takes the least of several costs,
-or compares with a threshold, may then choose otherwise: no engine is wrong.
+Positions on two engines differ by about 1e-14 m.  A strategy that minimises over several costs or
+compares with a threshold may then decide differently, although neither engine is wrong.
 """
 
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from harness.core.errors import StrategyError
 from harness.episode.deciding import limited
 
 SAME = 1e-9
-"""Values that differ by no more were shown, or asked for, alike."""
+"""Values that differ by at most this are equal."""
 
 
 class Asked(NamedTuple):
-    """What a strategy was shown at a step, and its command in m/s² (None: the engine's driver)."""
+    """The observation of a step and the command in m/s² (None: the engine's own driver)."""
 
     shown: Observation
     command: float | None
 
 
 class Witness:
-    """Drives as a strategy does, and notes every answer in ``asked``."""
+    """Drives as a strategy does, and records each observation and command in ``asked``."""
 
     def __init__(self, strategy: Strategy, asked: list[Asked]) -> None:
         self._strategy, self._decide, self._asked = strategy, strategy.decide, asked
@@ -40,30 +40,30 @@ class Witness:
         return command
 
 
-def tie_s(one: Sequence[Asked], other: Sequence[Asked]) -> float | None:
-    """The time of the first step at which the car is asked for something else, in s.
+def tie_s(steps: Sequence[Asked], other_steps: Sequence[Asked]) -> float | None:
+    """The time in s of the first step at which the commands on two engines differ.
 
-    None where anything shown until then differs by more than ``SAME``, or no command ever does:
-    then the strategy is not why two records differ.  None, too, where all that was shown until then
-    is equal to the last bit: such a strategy is not reproducible, and that is no tie.
+    It is None if an earlier observation differs by more than ``SAME``, or if no command differs:
+    then the strategy is not the reason why two records differ.  It is also None if all observations
+    until then are equal to the last bit: such a strategy is not reproducible, which is not a tie.
 
     Args:
-        one: everything that was asked in an episode on one engine, in order.
-        other: in the same episode on another engine.
+        steps: the steps of an episode on one engine, in order.
+        other_steps: the steps of the same episode on another engine.
     """
     identical = True
-    for mine, theirs in zip(one, other, strict=False):
-        if not _same(mine.shown, theirs.shown):
+    for step, other in zip(steps, other_steps, strict=False):
+        if not _same(step.shown, other.shown):
             return None
-        identical = identical and mine.shown == theirs.shown
-        if not _same(_speed_mps(mine), _speed_mps(theirs)):
-            return None if identical else mine.shown.time_s
+        identical = identical and step.shown == other.shown
+        if not _same(_speed_mps(step), _speed_mps(other)):
+            return None if identical else step.shown.time_s
     return None
 
 
-def _speed_mps(asked: Asked) -> float | None:
-    """The speed at the end of the step, which is all that an engine is told; None where none is."""
-    shown, command = asked
+def _speed_mps(step: Asked) -> float | None:
+    """The commanded speed at the end of a step; None if there is no valid command."""
+    shown, command = step
     if command is None:
         return None
     try:
@@ -73,9 +73,9 @@ def _speed_mps(asked: Asked) -> float | None:
     return max(0.0, shown.ego.speed_mps + wanted * shown.step_s)
 
 
-def _same(one: Any, other: Any) -> bool:
-    if isinstance(one, tuple) and isinstance(other, tuple):
-        return len(one) == len(other) and all(map(_same, one, other))
-    if isinstance(one, float) and isinstance(other, float):
-        return abs(one - other) <= SAME
-    return bool(one == other)
+def _same(value: Any, other: Any) -> bool:
+    if isinstance(value, tuple) and isinstance(other, tuple):
+        return len(value) == len(other) and all(map(_same, value, other))
+    if isinstance(value, float) and isinstance(other, float):
+        return abs(value - other) <= SAME
+    return bool(value == other)

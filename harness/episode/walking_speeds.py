@@ -1,4 +1,4 @@
-"""How fast a pedestrian walks who steps off, at their quantile."""
+"""The walking speed of a pedestrian who steps off, at their quantile."""
 
 from functools import lru_cache
 
@@ -9,14 +9,15 @@ from harness.model.interaction import Asked, InteractionModel
 from harness.scenario import Scenario
 
 _REMEMBERED = 64
-"""Answers kept: both arms of a pair ask the same of those who step off at the trigger."""
+"""Size of the cache: both arms of a pair use the same speeds for who steps off at the trigger."""
 
 
 class WalkingSpeeds:
-    """Walking speed of each pedestrian who looks, by the scenario's reading of the model.
+    """Walking speed of each pedestrian who chooses one, by the scenario's reading of the model.
 
-    f(v_p | 1/R, v), or f(v_p | R, v, L), or f(v_p), or the scenario's own normal distribution;
-    each at the pedestrian's quantile.  ``asked`` counts the states the model was asked about.
+    The distribution is f(v_p | 1/R, v), f(v_p | R, v, L), f(v_p) or the scenario's own normal
+    distribution, each at the pedestrian's quantile.  ``asked`` counts the states for which the
+    model was used.
     """
 
     def __init__(self, scenario: Scenario, model: InteractionModel) -> None:
@@ -29,9 +30,9 @@ class WalkingSpeeds:
     def __call__(
         self, arrival: Arrival, range_m: float, speed_mps: float, lateral_m: float | None = None
     ) -> float:
-        """Walking speed in m/s of someone who sees the ego at (range_m, speed_mps).
+        """Walking speed in m/s of a pedestrian who sees the ego at (range_m, speed_mps).
 
-        ``lateral_m`` is their L; None stands for that at their kerb.
+        ``lateral_m`` is their L; None means L at their kerb.
         """
         quantile = arrival.quantile
         assert quantile is not None  # timed pedestrians never choose a speed
@@ -45,17 +46,17 @@ class WalkingSpeeds:
     def _from_model(
         self, quantile: float, range_m: float, speed_mps: float, lateral_m: float
     ) -> float:
-        # Past the ego's lane there is no L: the curve says nothing there.
+        # The curve is not defined past the ego's lane, where L ≤ 0.
         if self._reading == "curve" and lateral_m > 0:
             state = ([quantile], [range_m], [lateral_m], [speed_mps])
             walking = self._model.walking_speed_on_curve(*map(np.array, state))
-            # Where no walking speed fits the box, L says nothing and is left out.
+            # If no walking speed lies in the model's box, L is left out.
             if not np.isnan(walking[0]):
                 return float(walking[0])
         return self._model.walking_speed_at(quantile, range_m, speed_mps)
 
     def unconditional(self, quantile: float) -> float:
-        """Walking speed in m/s at a quantile of someone who sees no ego."""
+        """Walking speed in m/s at a quantile, without regard to the ego."""
         if self._normal is None:
             return self._model.walking_speed_unconditional(quantile)
         return self._normal.at(quantile)

@@ -1,4 +1,4 @@
-"""The environment itself: one pair after another, from the driver's seat."""
+"""The Gymnasium environment, in which a policy drives the AV of one pair after another."""
 
 import math
 import sys
@@ -38,25 +38,28 @@ _LARGEST = sys.float_info.max
 class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     """Drive the AV of one pair after another.
 
-    *Observation*: ``observation_vector`` of the state, with the ``nearest`` pedestrians; after the
-    last step that of the ego alone.  *Action*: shape (1,), from -1, the hardest braking, over 0,
-    the same speed, to 1, full acceleration (``acceleration_of``).  *Reward*: ``reward`` of the
-    ``Transition``.  ``terminated`` on crossing
-    or contact (found inside the step, as in the harness), ``truncated`` on time-out.  The last
-    step's info holds the ``ending``; ``record`` has the measures of that episode.
+    - *Observation*: ``observation_vector`` of the state with the ``nearest`` pedestrians; after the
+      last step it has the ego alone.
+    - *Action*: shape (1,).  -1 is the hardest braking, 0 keeps the speed, and 1 is full
+      acceleration (``acceleration_of``).
+    - *Reward*: ``reward`` of the ``Transition``.
+    - *End*: ``terminated`` when the ego has crossed or after a contact (detected within the step,
+      as in the harness); ``truncated`` on a time-out.  The info of the last step holds the
+      ``ending``; ``record`` has the measures of that episode.
 
-    ``reset(seed=s)`` begins at pair 0 of seed s; each further ``reset`` takes the next pair, or
-    the one named in ``options={"pair": 17}``.  Without a seed it is the scenario's.  Between two
-    episodes it can be pickled, and goes on with the next pair.
+    ``reset(seed=s)`` begins with pair 0 of seed s.  Each further ``reset`` takes the next pair, or
+    the one in ``options={"pair": 17}``.  Without ``seed`` the scenario's seed is used.  The
+    environment can be pickled between two episodes and then continues with the next pair.
 
     Args:
         scenario: a scenario, a file, or the name of a shipped one.
         settings: changes to it by dotted key, e.g. ``{"pedestrians.flow_per_hour": 500}``.
-        nearest: k ≥ 1, pedestrians in the observation.
-        reward: of each step, a finite number.
-        engine: ``sumo`` (one open episode per process), or ``plain``: the same kinematics without
-            SUMO, many times faster, any number side by side.
-        render_mode: ``rgb_array``: ``render`` draws the crosswalk from above; None: nothing.
+        nearest: k ≥ 1, the number of pedestrians in the observation.
+        reward: function that returns the reward of each step, a finite number.
+        engine: ``sumo`` (one open episode per process) or ``plain`` (the same kinematics without
+            SUMO, many times faster, with any number of open episodes).
+        render_mode: with ``rgb_array``, ``render`` draws the crosswalk from above; with None, it
+            draws nothing.
 
     Raises:
         InputError: the scenario, a setting or an argument is refused.
@@ -93,7 +96,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._steps: Steps | None = None
         self._vehicle, self._crossing = vehicle, crossing = scenario.vehicle(), scenario.crosswalk()
         self.metadata = {**self.metadata, "render_fps": round(1 / scenario.experiment.step_s)}
-        # Where a contact is possible at all: pedestrians stay within the crosswalk's width.
+        # The area in which a contact is possible: pedestrians stay within the crosswalk's width.
         touch = PEDESTRIAN_RADIUS_M
         ahead = crossing.width_m / 2 + touch
         self._reach_m = (-ahead, vehicle.length_m + ahead)
@@ -110,7 +113,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         """Begin the next episode; see the class.
 
         Raises:
-            InputError: an option is unknown, or seed or pair are no whole numbers.
+            InputError: an option is unknown, or the seed or the pair is not a whole number.
         """
         requested = dict(options or {})
         for name in requested.keys() - {"pair"}:
@@ -136,7 +139,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
     def step(self, action: Vector) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
         """Drive one simulation step; see the class."""
         if self._steps is None or self._episode is None:
-            raise EngineError("no episode is under way: call reset first")
+            raise EngineError("no episode is running: call reset first")
         before, wanted = self._seen, acceleration_of(float(action[0]), self._vehicle)
         after, ending = None, None
         try:
@@ -159,10 +162,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         return vector, reward, crossed or crashed, final and not (crossed or crashed), info
 
     def render(self) -> Picture | None:
-        """The crosswalk from above, as it is, with ``render_mode="rgb_array"``; else None.
+        """The crosswalk from above with ``render_mode="rgb_array"``; otherwise None.
 
         Raises:
-            EngineError: nothing has been driven yet.
+            EngineError: no episode has begun.
         """
         if self.render_mode is None:
             return None
@@ -174,20 +177,20 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         return top_view(self._vehicle, crossing, self._shown.x_m[-1], people)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but the simulation, which the next ``reset`` begins anew.
+        """The state without the simulation, which the next ``reset`` begins anew.
 
         Raises:
-            EngineError: an episode is under way, of which SUMO's part cannot be kept.
+            EngineError: an episode is running, whose state in SUMO cannot be saved.
         """
         if self._episode is not None:
             raise EngineError(
-                "an episode is under way: pickle or copy the environment before reset, after an "
+                "an episode is running: pickle or copy the environment before reset, after an "
                 "episode's last step, or after close"
             )
         return {**self.__dict__, "_runner": None, "_steps": None, "_shown": None}
 
     def close(self) -> None:
-        """End the episode under way and, if it was started, this process's SUMO."""
+        """End the running episode and, if it was started, SUMO in this process."""
         self._break_off()
         if self._kind == "sumo" and self._runner is not None:
             close_engine()
@@ -204,13 +207,13 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         other = None if _driving is None else _driving()
         if other is not None and other is not self and other._steps is not None:
             raise EngineError(
-                "another environment of this process is in the middle of an episode in SUMO: "
+                "another environment of this process has a running episode in SUMO: "
                 "close it, use engine='plain', or a process for each (AsyncVectorEnv)"
             )
         _driving = weakref.ref(self)
 
     def _contact(self) -> bool:
-        """Whether the last step had a contact; measured only where one is possible."""
+        """Whether the last step had a contact; it is measured only if one is possible."""
         episode = self._episode
         assert episode is not None
         before, self._places = self._places, episode.places
@@ -226,10 +229,10 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
 
     @property
     def record(self) -> EpisodeRecord:
-        """The measures of the episode that ended last, worked out when asked for.
+        """The measures of the last finished episode.
 
         Raises:
-            EngineError: none has ended yet.
+            EngineError: no episode has ended yet.
         """
         if self._finished is None:
             raise EngineError("no episode has ended yet")

@@ -1,4 +1,4 @@
-"""What a policy is trained for: the reward of a step."""
+"""The reward of a step, for which a policy is trained."""
 
 import inspect
 from collections.abc import Callable
@@ -11,9 +11,9 @@ CRASH_PENALTY = 100.0
 
 
 class Transition(NamedTuple):
-    """One step of an episode, what a reward is made from.
+    """One step of an episode, from which a reward is computed.
 
-    ``after`` is None once the ego has crossed or the episode has timed out.
+    ``after`` is None if the ego has crossed or the episode has timed out.
     """
 
     before: Observation
@@ -27,14 +27,14 @@ Reward = Callable[[Transition], float]
 
 
 def time_speeding_and_crash(step: Transition, crash_penalty: float = CRASH_PENALTY) -> float:
-    """The default reward: − step in s, − metres driven beyond what v0 allows, − 100 for a crash.
+    """The default reward: minus the step in s, the metres driven in excess of v0, and 100 a crash.
 
-    Summed over an episode that crosses and never exceeds v0 it is minus the pass time, rounded up
-    to a step.  Without the second part the best policy against few pedestrians is to rush.
+    Its sum over an episode that crosses and never exceeds v0 is minus the pass time, rounded up to
+    a step.  Without the second part the best policy with few pedestrians would be to speed.
 
     Args:
-        step: what happened.
-        crash_penalty: the seconds that one crash is worth; ``functools.partial`` sets another.
+        step: the step.
+        crash_penalty: penalty of a crash in s; ``functools.partial`` sets another.
     """
     ego, vehicle = step.before.ego, step.before.vehicle
     excess_m = max(0.0, ego.speed_mps - vehicle.initial_speed_mps) * step.before.step_s
@@ -42,17 +42,18 @@ def time_speeding_and_crash(step: Transition, crash_penalty: float = CRASH_PENAL
 
 
 def check_reward(reward: object) -> None:
-    """Refuse what cannot be called with a ``Transition`` alone.
+    """Refuse a reward that cannot be called with a ``Transition`` alone.
 
     Raises:
-        InputError: it is no such function.
+        InputError: the reward is not such a function.
     """
     allowed = "a function of one harness.Transition"
     if not callable(reward):
-        raise InputError("reward", f"{reward!r} is no function", allowed)
+        raise InputError("reward", f"{reward!r} is not a function", allowed)
     try:
         inspect.signature(reward).bind(None)
     except TypeError as error:
-        raise InputError("reward", f"{reward!r} cannot be called so ({error})", allowed) from None
-    except ValueError:  # a built-in function that does not say what it takes
+        problem = f"{reward!r} cannot be called with one argument ({error})"
+        raise InputError("reward", problem, allowed) from None
+    except ValueError:  # a built-in function without a signature
         return
