@@ -134,7 +134,7 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
     few = stats.binom.cdf(1, findings.episodes, estimate.ci_high)
     assert few == pytest.approx(0.05)
     words = " ".join(note.text for note in findings.notes)
-    assert f"1 of the {findings.first_look.draws:,} episodes of the first look did" in words
+    assert f"1 of the {findings.first_look.draws:,} episodes of the first look and" in words
 
 
 def test_the_bound_on_other_ways_rests_on_every_nominal_draw() -> None:

@@ -194,7 +194,7 @@ def test_one_vehicle_has_no_intervals_and_tells_nobody_apart(tmp_path) -> None:
         assert set(driver.not_told_apart) == set(DRIVERS) - {driver.driver}
         assert driver.score_difference_interval_s is None
         assert {finding.low for finding in driver.findings.values()} == {None}
-    doubt = "One vehicle: no intervals, and no two drivers can be told apart."
+    doubt = "One vehicle gives no intervals, so no two drivers can be told apart."
     assert doubt in found.findings.remarks
     score = found.findings.drivers[0].findings["pass_time_score_s"]
     assert (score.reliable, score.reason) == (False, doubt)
@@ -219,7 +219,7 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
     means = values[:, rng.integers(0, 5, (400, 5))].mean(axis=-1)
     low, high = np.quantile(means, [0.025, 0.975], axis=1)
     held_0 = float(np.mean((low <= 0) & (high >= 0)))
-    words = "Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %."
+    words = "Intervals from 5 vehicles are too narrow: they cover a mean in at most 85 %, not 95 %."
     assert few_vehicles(5) == words
     assert held_0 == pytest.approx(0.83, abs=0.03)
 
@@ -358,4 +358,4 @@ def test_a_card_without_tracks_leaves_it_open_and_says_so(tmp_path) -> None:
     path.write_text(json.dumps(document))
     found = held(recordings, ("human_gmm",), settings=own)
     assert in_sample(found) == set()
-    assert "whether it was fitted on these data is not known" in " ".join(found.findings.remarks)
+    assert "unknown whether the model was fitted to these data" in " ".join(found.findings.remarks)

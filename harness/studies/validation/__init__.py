@@ -1,4 +1,4 @@
-"""Driver models held against recorded passages of vehicles through groups of pedestrians."""
+"""Compares driver models with recorded passages of vehicles through groups of pedestrians."""
 
 from harness.studies.validation.figures import ENTRIES
 from harness.studies.validation.finding import find_passages

@@ -1,4 +1,4 @@
-"""Resamples of recorded vehicles, and how far intervals from them can be trusted."""
+"""Resamples recorded vehicles, and says when intervals from few vehicles are unreliable."""
 
 from collections.abc import Sequence
 
@@ -9,16 +9,16 @@ from harness.core.seeding import resampling
 from harness.studies.validation.passages import Passage
 
 RESAMPLES = 1_000
-"""Bootstrap resamples of vehicles."""
+"""Number of bootstrap resamples of vehicles."""
 
 _TRUSTED = 0.935
-"""Intervals that hold less often are called too narrow, as those of a run are."""
+"""Intervals with a lower coverage are called too narrow, as in a run."""
 
 
 def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
-    """Passages of vehicles drawn with replacement, ``RESAMPLES`` times; none of a single vehicle.
+    """Draw vehicles with replacement, ``RESAMPLES`` times, and return their passages.
 
-    One vehicle says nothing of how others differ from it.
+    The result is empty for a single vehicle, which does not show how vehicles differ.
     """
     vehicles = list(dict.fromkeys(passage.vehicle_id for passage in passages))
     if len(vehicles) < 2:
@@ -31,32 +31,32 @@ def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
 
 
 def few_vehicles(vehicles: int) -> str | None:
-    """Why intervals over so few vehicles are unreliable; None where they hold 93.5 % or more.
+    """Say why intervals over few vehicles are unreliable; None if they cover 93.5 % or more.
 
-    The percentiles of the bootstrap of a mean lie √((n − 1)/n) · 1.96 standard errors about it,
-    where Student's t asks for more: of normal values they hold P(|t| < that), with n − 1 degrees
-    of freedom, and less of skewed ones.
+    The percentiles of the bootstrap of a mean lie √((n − 1)/n) · 1.96 standard errors from it, less
+    than Student's t requires.  Their coverage for normal values is P(|t| < that limit) with n − 1
+    degrees of freedom, and lower for skewed values.
 
     >>> few_vehicles(5)
-    'Intervals rest on 5 vehicles: too narrow, of a mean they hold 85 % at most, not 95 %.'
+    'Intervals from 5 vehicles are too narrow: they cover a mean in at most 85 %, not 95 %.'
     >>> few_vehicles(30)
     """
     if vehicles < 2:
-        return "One vehicle: no intervals, and no two drivers can be told apart."
+        return "One vehicle gives no intervals, so no two drivers can be told apart."
     reach = special.ndtri(0.975) * np.sqrt((vehicles - 1) / vehicles)
-    holds = float(2 * special.stdtr(vehicles - 1, reach) - 1)
-    if holds >= _TRUSTED:
+    coverage = float(2 * special.stdtr(vehicles - 1, reach) - 1)
+    if coverage >= _TRUSTED:
         return None
     return (
-        f"Intervals rest on {vehicles} vehicles: too narrow, of a mean they hold "
-        f"{100 * holds:.0f} % at most, not 95 %."
+        f"Intervals from {vehicles} vehicles are too narrow: they cover a mean in at most "
+        f"{100 * coverage:.0f} %, not 95 %."
     )
 
 
 def middle(values: Sequence[float | None]) -> tuple[float, float] | None:
-    """The middle 95 % of resampled values; None where one is undefined, or there is none."""
-    known = [value for value in values if value is not None]
-    if not known or len(known) < len(values):
+    """Return the middle 95 % of resampled values; None if a value is undefined or there is none."""
+    defined = [value for value in values if value is not None]
+    if not defined or len(defined) < len(values):
         return None
-    low, high = np.quantile(known, [0.025, 0.975])
+    low, high = np.quantile(defined, [0.025, 0.975])
     return float(low), float(high)

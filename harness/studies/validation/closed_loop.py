@@ -1,4 +1,4 @@
-"""A driver model put in the recorded driver's place, and the recorded passage as a trace."""
+"""Drives recorded passages with a driver model, and converts recorded passages to traces."""
 
 from dataclasses import replace
 
@@ -15,16 +15,16 @@ from harness.studies.validation.passages import BEYOND_S, Passage
 def drive(passage: Passage, strategy: Strategy) -> Trace:
     """Let a strategy drive a passage from its recorded start until its rear has left.
 
-    The pedestrians walk as recorded, whatever it does.  Its time is up 30 s after the recorded
-    vehicle has passed.
+    The pedestrians walk as recorded, whatever the strategy does.  The time limit is 30 s after the
+    recorded vehicle has passed.
 
     Args:
-        passage: recorded.
+        passage: the recorded passage.
         strategy: a fresh strategy object.
     """
     steps = len(passage.x_m) - 1 + round(BEYOND_S / passage.step_s)
-    # An engine begins at the speed that the strategy is to go back to; here the two differ, but
-    # for the driver at constant speed, whose speed is that of the start.
+    # An engine begins at v0, but here the start speed differs from v0, except for the driver at
+    # constant speed, whose v0 is the start speed.
     begun = replace(passage.vehicle, initial_speed_mps=passage.start_speed_mps)
     rules = CellConstants(
         vehicle=begun if isinstance(strategy, ConstantSpeed) else passage.vehicle,
@@ -40,7 +40,7 @@ def drive(passage: Passage, strategy: Strategy) -> Trace:
 
 
 def recorded_trace(passage: Passage) -> Trace:
-    """The recorded passage in the form of a simulated one; speeds are central differences."""
+    """Return the recorded passage as a simulated trace; speeds are central differences."""
     x_m = passage.x_m
     walks = tuple(
         Walk(arrival, arrival.arrival_s, abs(arrival.path[-1].y_mps), legs=arrival.path)

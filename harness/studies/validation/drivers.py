@@ -1,4 +1,4 @@
-"""The drivers of a validation: made anew for each passage, with a model that has not seen it."""
+"""Makes a new driver for each passage of a validation, with a model fitted without it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from harness.studies.validation.outcomes import DriverOutcome, outcome_of
 from harness.studies.validation.passages import Passage
 
 DRAWS = 20
-"""Drives of every passage by a model that draws random numbers."""
+"""Number of drives of each passage by a model that draws random numbers."""
 
 ModelOf = Callable[[Passage], InteractionModel]
 
@@ -32,11 +32,11 @@ ModelOf = Callable[[Passage], InteractionModel]
 def outcomes_of(
     name: str, passages: Sequence[Passage], scenario: Scenario, model_of: ModelOf
 ) -> list[list[DriverOutcome]]:
-    """Every passage driven by one driver, ``DRAWS`` times if it drew a number in the first drive.
+    """Drive every passage with one driver, ``DRAWS`` times if its first drive drew a number.
 
     Args:
-        name: of the strategy; its parameters are the scenario's.
-        passages: to be driven.
+        name: name of the strategy; its parameters are the scenario's.
+        passages: the passages to drive.
         scenario: gives parameters, seed and step.
         model_of: the interaction model for a passage.
 
@@ -45,8 +45,8 @@ def outcomes_of(
     """
 
     def drive_once(number: int, draw: int) -> tuple[DriverOutcome, bool]:
-        """The outcome, and whether the driver drew a number."""
-        # Streams are keyed by a pair: each drive of a passage has one of its own.
+        """Return the outcome, and whether the driver drew a number."""
+        # Streams are keyed by a pair, so each drive of a passage has a separate stream.
         rng = stream(scenario.experiment.seed, "strategy", number * DRAWS + draw)
         untouched, passage = rng.bit_generator.state, passages[number]
         strategy = named_strategy(scenario, name, model_of(passage), lambda: rng)
@@ -72,9 +72,9 @@ STRATEGIES_FITTED_ON = {"human_recorded": "dut"}
 
 
 def fitted_on(card: Mapping[str, Any], seen: frozenset[str]) -> bool | None:
-    """Whether a model's card has a track among those seen, see ``fingerprints_of``.
+    """Return whether a model's card lists one of the tracks ``seen``, see ``fingerprints_of``.
 
-    None where the card has no tracks: it is of an earlier version, or of rows that had none.
+    The result is None if the card lists no tracks: its version is older, or its rows had none.
     """
     tracks = card.get("tracks")
     if not isinstance(tracks, list) or not tracks:
@@ -84,14 +84,14 @@ def fitted_on(card: Mapping[str, Any], seen: frozenset[str]) -> bool | None:
 
 @dataclass(frozen=True, eq=False)
 class FoldModels:
-    """Models fitted without a fold of vehicles each, and the one fitted on all."""
+    """Models that were each fitted without a fold of vehicles, and the model fitted to all."""
 
     whole: InteractionModel
     of_fold: Sequence[InteractionModel]
     fold_of: Mapping[tuple[str, ...], int]
 
     def __call__(self, passage: Passage) -> InteractionModel:
-        """The model that has not seen the passage's vehicle."""
+        """Return the model that was fitted without the passage's vehicle."""
         fold = self.fold_of.get(passage.vehicle_id)
         return self.whole if fold is None else self.of_fold[fold]
 
@@ -110,11 +110,11 @@ def refit_without_folds(
     Rows, weights, box and folds are as ``harness extract`` and ``harness fit`` make them.
 
     Args:
-        model: fitted on the same data.
+        model: a model fitted to the same data.
         paths, format_, options: the data, as for ``extract``.
-        folds: at most as many as there are vehicles.
-        seed: of folds and starts.
-        progress: told how many fits are done.
+        folds: number of folds, at most the number of vehicles.
+        seed: seed of folds and starts.
+        progress: called with the number of finished fits.
     """
     whole = model.mixture
     rows = extract(list(paths), format_, **options).rows

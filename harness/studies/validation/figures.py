@@ -1,4 +1,4 @@
-"""How near a driver model comes to the recorded drivers: the catalogue of a validation."""
+"""The catalogue of a validation: how close a driver model is to the recorded drivers."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,15 +13,15 @@ from harness.studies.validation.bootstrap import middle
 from harness.studies.validation.outcomes import HORIZONS_S, DriverOutcome
 
 Outcomes = Sequence[Sequence[DriverOutcome]]
-"""Outcomes of one driver: for each passage one, or one for each draw of a random model."""
+"""Outcomes of a driver: one for each passage, or one for each draw of a random model."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drives:
     """A driver's outcomes as arrays, passages first.
 
-    A random model's draws of a passage share its weight.  In the last three arrays the last column
-    is the recorded vehicle's; NaN is undefined.
+    The draws of a random model share the weight of their passage.  In the last three arrays the
+    last column belongs to the recorded vehicle; NaN is undefined.
     """
 
     error_s: FloatArray  # (passages, draws), of the pass time
@@ -38,12 +38,12 @@ class Drives:
     time_advantage_s: FloatArray
 
     def sample(self, passages: "np.ndarray") -> "Drives":
-        """The drives of some passages, shape (n,); one may come several times."""
+        """Return the drives of some passages, shape (n,); a passage may occur several times."""
         return Drives(*(values[passages] for values in vars(self).values()))
 
 
 def drives_of(outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> Drives:
-    """The outcomes of one driver, and those of the recorded vehicles, as arrays."""
+    """Return the outcomes of one driver and of the recorded vehicles as arrays."""
 
     def column(value: Callable[[DriverOutcome], Any], *, real: bool = False) -> FloatArray:
         rows = [
@@ -77,11 +77,12 @@ def drives_of(outcomes: Outcomes, recorded: Sequence[DriverOutcome]) -> Drives:
 
 
 def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
-    """The continuous ranked probability score of one passage's pass times, s ≥ 0.
+    """Return the continuous ranked probability score of one passage's pass times, s ≥ 0.
 
-    E|X − y| − ½ E|X − X'| over draws X, X' of the model and the recorded y: the absolute error for
-    a model without randomness; for a random one it rewards neither a wide nor a narrow spread
-    that is not so.  Unbiased for the number of draws: X and X' are different draws.
+    E|X − y| − ½ E|X − X'| over draws X, X' of the model and the recorded y.  For a model without
+    randomness it is the absolute error; for a random model it rewards neither a spread that is too
+    wide nor one that is too narrow.  It is unbiased for any number of draws, because X and X' are
+    different draws.
 
     Source: Gneiting, Raftery 2007, Journal of the American Statistical Association 102.
 
@@ -103,7 +104,7 @@ def pass_time_score(pass_times_s: FloatArray, recorded_s: float) -> float:
 
 
 def _distance(values: FloatArray) -> float | None:
-    """The Wasserstein distance of the simulated values from the recorded ones."""
+    """Return the Wasserstein distance between the simulated and the recorded values."""
     simulated, recorded = values[:, :-1].ravel(), values[:, -1]
     simulated, recorded = simulated[~np.isnan(simulated)], recorded[~np.isnan(recorded)]
     if not len(simulated) or not len(recorded):
@@ -112,8 +113,8 @@ def _distance(values: FloatArray) -> float | None:
 
 
 def _rmse(squared_m2: FloatArray) -> float | None:
-    known = squared_m2[~np.isnan(squared_m2)]
-    return float(np.sqrt(known.mean())) if len(known) else None
+    defined = squared_m2[~np.isnan(squared_m2)]
+    return float(np.sqrt(defined.mean())) if len(defined) else None
 
 
 def _position(place: int, horizon_s: float) -> Entry[Drives]:
@@ -142,7 +143,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "pass_time_error_mean_s",
         "mean error",
-        "Simulated less recorded pass time, mean.",
+        "Simulated minus recorded pass time, mean.",
         unit="s",
         paired=lambda drives: float(drives.error_s.mean()),
         first_screen=True,
@@ -166,7 +167,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "order_right",
         "order right",
-        "Share of pedestrians whom the vehicle passes before or after as recorded.",
+        "Share of pedestrians whose order of passing with the vehicle is as recorded.",
         Form.SHARE,
         digits=1,
         paired=lambda drives: float(drives.right.sum() / drives.people.sum()),
@@ -175,7 +176,7 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "order_brier",
         "Brier score",
-        "Brier score of that order; without randomness 1 less the share that is right.",
+        "Brier score of that order; without randomness 1 minus the share that is right.",
         digits=3,
         paired=lambda drives: float(drives.brier.sum() / drives.people.sum()),
     ),
@@ -198,14 +199,14 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "timed_out",
         "timed out",
-        "Passages that did not end within 30 s after the recorded one; they count with that time.",
+        "Passages that did not end within 30 s after the recorded ones; they count with that time.",
         Form.COUNT,
         paired=lambda drives: float(drives.timed_out.sum()),
     ),
     Entry(
         "least_speed_distance_mps",
         "least speed",
-        "Wasserstein distance of the least speeds.",
+        "Wasserstein distance of the lowest speeds.",
         unit="m/s",
         paired=lambda drives: _distance(drives.least_speed_mps),
         undefined=_NEVER,
@@ -221,35 +222,35 @@ ENTRIES: tuple[Entry[Drives], ...] = (
     Entry(
         "time_advantage_distance_s",
         "time advantage",
-        "Wasserstein distance of the least time advantages.",
+        "Wasserstein distance of the smallest time advantages.",
         unit="s",
         paired=lambda drives: _distance(drives.time_advantage_s),
         undefined=_NEVER,
     ),
 )
-"""The numbers that a validation reports of each driver.
+"""The numbers that a validation reports for each driver.
 
-All have a 95 % interval of the bootstrap over vehicles but the counts, which are sums over
-passages."""
+All except the counts, which are sums over passages, have a 95 % bootstrap interval over
+vehicles."""
 
 
 def findings_of(
     drives: Drives, samples: Sequence["np.ndarray"], doubt: str | None
 ) -> dict[str, Finding]:
-    """The findings of one driver by key.
+    """Return the findings of one driver by key.
 
     Args:
-        drives: of every passage.
-        samples: passages of resampled vehicles, the same ones for every driver.
-        doubt: why intervals over so few vehicles are unreliable; None where they are not.
+        drives: the drives of every passage.
+        samples: passages of resampled vehicles, the same for every driver.
+        doubt: why intervals over few vehicles are unreliable; None if they are reliable.
     """
-    known = _known(drives)
+    defined = _defined(drives)
     resampled = [drives.sample(sample) for sample in samples]
     findings = {}
     for entry in ENTRIES:
         assert entry.paired is not None
         finding = entry.finding(entry.key, entry.paired(drives), 0)
-        finding = replace(finding, n=known.get(entry.key))
+        finding = replace(finding, n=defined.get(entry.key))
         if entry.form is not Form.COUNT:
             values = [
                 entry.finding(entry.key, entry.paired(sample), 0).number for sample in resampled
@@ -261,8 +262,8 @@ def findings_of(
     return findings
 
 
-def _known(drives: Drives) -> dict[str, int]:
-    """In how many passages a number that may be undefined is defined, by key of its entry."""
+def _defined(drives: Drives) -> dict[str, int]:
+    """Count the passages in which a number is defined, by key, for numbers that may be not."""
     squared = {
         f"position_rmse_{horizon_s:g}s_m": drives.squared_m2[:, place, None]
         for place, horizon_s in enumerate(HORIZONS_S)

@@ -1,4 +1,4 @@
-"""Finds the passages of recorded vehicles: groups along a path, and the road made straight."""
+"""Finds the passages of recorded vehicles: groups along a path, on a straightened road."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -21,46 +21,46 @@ from harness.studies.validation.passages import BEYOND_S, LEFT_OUT, Passage, Pas
 from harness.studies.validation.road import KERB_M, Course, Road, course_of, road_about, rounded
 
 START_RANGE_M = 30.0
-"""A passage begins at the first record at most so far from x = 0."""
+"""A passage begins at the first record within this distance of x = 0."""
 
 LEAST_RANGE_M = 6.0
-"""A passage whose record begins nearer says too little."""
+"""A passage whose record begins closer than this is not used."""
 
 GROUP_GAP_M = 5.0
-"""Neighbouring conflict points farther apart than this, a car's length, are of two groups."""
+"""Neighbouring conflict points farther apart than this, a car's length, split a group."""
 
 LEAST_WIDTH_M = 4.0
-"""The crosswalk is as wide as the group's conflict points are apart, at least so wide."""
+"""Smallest width of the crosswalk, which is as wide as the spread of the conflict points."""
 
 _ROUNDING_M = 0.05
-"""A record this near the start range is on it: positions come rounded."""
+"""Tolerance of the start range, because recorded positions are rounded."""
 
 _START_S, _FREE_S = 0.5, 1.0
 
 
 def crossing_about(width_m: float) -> Crossing:
-    """A crosswalk of that width with the vehicle's path in its middle, 4.5 m from either kerb."""
+    """Return a crosswalk of that width, with the vehicle's path 4.5 m from either kerb."""
     return Crossing(2 * KERB_M, width_m, KERB_M, 2 * KERB_M)
 
 
 def find_passages(
     clips: Iterable[Clip], limits: Vehicle, step_s: float, rules: ExtractionRules | None = None
 ) -> Passages:
-    """Every passage of a vehicle through a group of crossing pedestrians.
+    """Find every passage of a vehicle through a group of crossing pedestrians.
 
     A pedestrian crosses where the two paths first cross at an angle that extraction allows, ahead
     of the vehicle's first record.  Conflict points more than ``GROUP_GAP_M`` apart along the
     vehicle's path are of different groups.  The road is the vehicle's own path, straightened.
 
     Args:
-        clips: with tracks.
-        limits: gives each vehicle's width and accelerations, and the least detection range; all
-            else is the record's.
-        step_s: of the simulations.
-        rules: extraction's.
+        clips: clips with tracks.
+        limits: gives each vehicle's width, accelerations and smallest detection range; all other
+            values come from the record.
+        step_s: time step of the simulations.
+        rules: rules of the extraction.
 
     Returns:
-        Passages in the clips' order; counts of what was left out.
+        Passages in the order of the clips, and counts of excluded passages.
     """
     rules = rules or ExtractionRules()
     used: list[Passage] = []
@@ -78,7 +78,7 @@ def find_passages(
 
 @dataclass(frozen=True, eq=False)
 class _Crosser:
-    """Somebody whose path crosses the vehicle's: where on it, and whether they walk to its left."""
+    """A pedestrian whose path crosses the vehicle's, with the place and the walking direction."""
 
     track: Track
     arc_m: float
@@ -94,7 +94,7 @@ def _of_vehicle(
     step_s: float,
     rules: ExtractionRules,
 ) -> list[Passage | str]:
-    """A vehicle's passages, each or all replaced by the reason why there is none."""
+    """Return a vehicle's passages, or the reasons why there are none."""
     car = car_of(track, rules)
     if car is None:
         return ["parked_vehicle"]
@@ -131,7 +131,7 @@ def _crosser(car: Mover, walker: Mover, rules: ExtractionRules) -> _Crosser | No
 
 
 def _groups(crossers: list[_Crosser]) -> list[list[_Crosser]]:
-    """Crossers by place along the path, cut where neighbours are far apart."""
+    """Group crossers by their place along the path, with a cut between distant neighbours."""
     arcs = np.array([crosser.arc_m for crosser in crossers])
     order = np.argsort(arcs, kind="stable")
     number = np.empty(len(arcs), dtype=int)
@@ -144,7 +144,7 @@ def _groups(crossers: list[_Crosser]) -> list[list[_Crosser]]:
 
 @dataclass(frozen=True, eq=False)
 class _Builder:
-    """One vehicle's record on its way to passages."""
+    """Builds passages from one vehicle's record."""
 
     clip: Clip
     key: str
@@ -155,7 +155,7 @@ class _Builder:
     rules: ExtractionRules
 
     def passage(self, number: int, group: list[_Crosser], front_m: FloatArray) -> Passage | str:
-        """The passage through one group, or why there is none."""
+        """Return the passage through one group, or the reason why there is none."""
         arcs = np.array([crosser.arc_m for crosser in group])
         origin_m = float(np.median(arcs))
         crossing = crossing_about(max(LEAST_WIDTH_M, round(float(np.ptp(arcs)), 9)))
@@ -194,7 +194,7 @@ class _Builder:
         )
 
     def _states(self, x_m: FloatArray, first: int, crossing: Crossing) -> FloatArray | str:
-        """The recorded front bumper at every step until the rear has left, or a reason."""
+        """Return the recorded front bumper at every step until the rear has left, or a reason."""
         time_s = rounded(self.track.time_s[first:] - self.track.time_s[first])
         passed_at = crossing.width_m / 2 + self.track.length_m
         x_m = np.maximum.accumulate(x_m[first:])
@@ -247,31 +247,31 @@ def _people(
     max_gap_s: float,
     start_s: float,
 ) -> tuple[tuple[Arrival, ...], FloatArray, FloatArray, tuple[bool, ...]] | str:
-    """The people who are there during the passage, or a reason why it does not count."""
-    found = []
+    """Return the pedestrians present during the passage, or the reason why it does not count."""
+    people = []
     for crosser, course in zip(group, courses, strict=True):
         legs = course.legs(until_s)
         if not legs:
             continue
         begin, end = legs[0].time_s, course.reaches_s(2 * KERB_M, since_s=0.0)
-        seen = np.array([begin, min(end, course.recorded_s[1])]) + start_s
-        if spans_gap(crosser.track.time_s, seen[:1], seen[1:], max_gap_s)[0]:
+        recorded_s = np.array([begin, min(end, course.recorded_s[1])]) + start_s
+        if spans_gap(crosser.track.time_s, recorded_s[:1], recorded_s[1:], max_gap_s)[0]:
             return "gap"
         passed_s = course.reaches_s(KERB_M)
         passing = -np.inf if passed_s <= 0 else passed_s
         place = course.x_at(passed_s) if np.isfinite(passed_s) else 0.0
         whole = course.recorded_s[0] <= begin and end <= course.recorded_s[1]
-        found.append((legs, course.side, passing, place, not whole))
-    if not any(passing > 0 for _, _, passing, _, _ in found):
+        people.append((legs, course.side, passing, place, not whole))
+    if not any(passing > 0 for _, _, passing, _, _ in people):
         return "nobody_left"
-    found.sort(key=lambda person: person[0][0].time_s)
+    people.sort(key=lambda person: person[0][0].time_s)
     arrivals = tuple(
         Arrival(index, legs[0].time_s, side, None, path=legs)
-        for index, (legs, side, _, _, _) in enumerate(found)
+        for index, (legs, side, _, _, _) in enumerate(people)
     )
-    passing_s = np.array([passing for _, _, passing, _, _ in found])
-    places = np.array([place for _, _, _, place, _ in found])
-    return arrivals, passing_s, places, tuple(extended for *_, extended in found)
+    passing_s = np.array([passing for _, _, passing, _, _ in people])
+    places = np.array([place for _, _, _, place, _ in people])
+    return arrivals, passing_s, places, tuple(extended for *_, extended in people)
 
 
 def _start_speed(time_s: FloatArray, x_m: FloatArray) -> float:

@@ -1,4 +1,4 @@
-"""The findings of a validation: of which ``--json``, terminal and page are views."""
+"""The findings of a validation; ``--json``, terminal and page are views of them."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -6,24 +6,24 @@ from dataclasses import asdict, dataclass
 from harness.statistics.findings import Findings, Note
 
 SCHEMA = 2
-"""Of ``validation.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
+"""Version of ``validation.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
 
 
 @dataclass(frozen=True, slots=True)
 class DriverFindings:
-    """One driver held against the recorded ones.
+    """A driver compared with the recorded drivers.
 
     Attributes:
-        driver: its name.
-        rank: 1 is nearest to the recorded drivers.
-        not_told_apart: the drivers from which the paired difference of the scores does not tell it
-            apart: the 95 % interval of the bootstrap over vehicles includes 0.
-        score_difference_s: its mean score less that of the first driver.
-        score_difference_interval_s: of that; None for the first driver, and where there is none.
-        draws: drives of each passage: 1 where the driver drew no random number.
-        fitted_on_these_data: whether it was fitted on these passages, and not fitted again.
-        folds: of vehicles, without each of which its model was fitted again.
-        findings: of ``ENTRIES`` by key; ``n`` is the number of passages that have a value.
+        driver: name of the driver.
+        rank: 1 is closest to the recorded drivers.
+        not_told_apart: drivers whose scores do not differ significantly: the 95 % bootstrap
+            interval over vehicles of the paired difference includes 0.
+        score_difference_s: mean score minus the mean score of the first driver.
+        score_difference_interval_s: its interval; None for the first driver or without an interval.
+        draws: drives of each passage; 1 if the driver drew no random number.
+        fitted_on_these_data: whether the driver was fitted to these passages and not fitted again.
+        folds: number of folds of vehicles without which its model was fitted again.
+        findings: findings of ``ENTRIES`` by key; ``n`` is the number of passages with a value.
     """
 
     driver: str
@@ -39,18 +39,18 @@ class DriverFindings:
 
 @dataclass(frozen=True, slots=True)
 class ValidationFindings:
-    """What a validation reports.
+    """The findings of a validation.
 
     Attributes:
         sources: names of the data sets.
-        passages: how many were driven.
-        vehicles: how many vehicles drove them.
+        passages: number of driven passages.
+        vehicles: number of vehicles in these passages.
         encounters: pedestrians who passed a vehicle's path after its passage began.
         contacts_recorded: passages with a contact of the recorded vehicle.
-        left_out: reason of ``LEFT_OUT`` → vehicles, or ways through a group, that are no passage.
-        remarks: what the data made necessary to leave out, or to assume.
-        notes: in the order of their ranks.
-        drivers: the nearest to the recorded drivers first.
+        left_out: reason of ``LEFT_OUT`` → number of excluded vehicles or ways through a group.
+        remarks: exclusions and assumptions that the data made necessary.
+        notes: notes, sorted by rank.
+        drivers: drivers, the closest to the recorded drivers first.
     """
 
     sources: tuple[str, ...]
@@ -64,7 +64,7 @@ class ValidationFindings:
     drivers: tuple[DriverFindings, ...]
 
     def document(self) -> list[dict[str, object]]:
-        """One object for each driver, the nearest first, each with what all have in common."""
+        """Return one object for each driver, the closest first, each with the shared values."""
         shared = {"schema": SCHEMA, **asdict(self)}
         del shared["drivers"]
         documents = []

@@ -1,4 +1,4 @@
-"""Drivers in the order of their nearness to the recorded ones."""
+"""Ranks drivers by their closeness to the recorded drivers."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,21 +8,21 @@ from harness.core.encounter import FloatArray
 from harness.studies.validation.bootstrap import middle
 
 Span = tuple[float, float] | None
-"""An interval; None where there is none."""
+"""An interval; None without an interval."""
 
 
 def ranking(
     scores_s: Mapping[str, FloatArray], samples: Sequence["np.ndarray"]
 ) -> list[tuple[str, float, Span, tuple[str, ...]]]:
-    """Drivers by their mean score, the lowest first.
+    """Rank drivers by their mean score, the lowest first.
 
     Args:
-        scores_s: driver → (passages,).
+        scores_s: driver → scores of shape (passages,).
         samples: passages of resampled vehicles.
 
     Returns:
-        For each driver its name, its mean score less that of the first one, the interval of that
-        difference, and the drivers that it is not told apart from.
+        For each driver its name, its mean score minus that of the first driver, the interval of
+        that difference, and the drivers from which it does not differ significantly.
     """
     means = {driver: float(score_s.mean()) for driver, score_s in scores_s.items()}
     order = sorted(scores_s, key=means.__getitem__)

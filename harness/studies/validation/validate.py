@@ -1,4 +1,4 @@
-"""A whole validation: recorded passages found, driven by every driver, compared."""
+"""Carries out a validation: finds recorded passages, drives them and compares the drivers."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ from harness.studies.validation.passages import Passages
 from harness.studies.validation.ranking import ranking
 
 _NO_TRACKS = (
-    "The card of model {} has no fingerprints of tracks: whether it was fitted on these data is "
-    "not known."
+    "The card of model {} has no fingerprints of tracks, so it is unknown whether the model was "
+    "fitted to these data."
 )
 
 Progress = Callable[[int, int, str], None]
@@ -42,13 +42,13 @@ Progress = Callable[[int, int, str], None]
 
 @dataclass(frozen=True, eq=False)
 class Validation:
-    """Drivers held against recorded passages.
+    """Drivers compared with recorded passages.
 
     Attributes:
-        passages: those that were driven, and what was left out.
-        recorded: of the recorded vehicles, for each passage.
+        passages: the driven passages and the counts of excluded ones.
+        recorded: outcome of the recorded vehicle for each passage.
         outcomes: driver → passages → draws.
-        findings: what it reports.
+        findings: the findings of the validation.
     """
 
     passages: Passages
@@ -67,16 +67,17 @@ def validate(
     options: Mapping[str, Any] | None = None,
     progress: Progress = lambda _done, _planned, _what: None,
 ) -> Validation:
-    """Put drivers into recorded passages and say how near each comes to the recorded ones.
+    """Drive recorded passages with each driver and compare it with the recorded drivers.
 
     Args:
         paths, format_: the data, as for ``harness.extract``.
         drivers: names of strategies.
         scenario: gives their parameters, the interaction model, the vehicles' width and
             accelerations, step and seed.
-        folds: of vehicles; a model fitted on the same data is fitted again without each.
-        options: of the extraction, and of the format's reader.
-        progress: is called with (steps done, steps planned, what they are).
+        folds: number of folds of vehicles; a model fitted to the same data is fitted again without
+            each fold.
+        options: options of the extraction and of the format's reader.
+        progress: called with (steps done, steps planned, unit).
 
     Raises:
         InputError: unknown format, option or driver, data that cannot be read, no passage.
@@ -159,7 +160,7 @@ def _notes(
     unknown: str | None,
     doubt: str | None,
 ) -> Iterator[Note]:
-    """What has to be read with the numbers, in the order of the ranks."""
+    """Yield the notes that qualify the numbers, sorted by rank."""
     for driver in drivers:
         if driver.findings["timed_out"].value:
             yield Note(
@@ -170,12 +171,12 @@ def _notes(
     left_out = {reason: count for reason, count in passages.left_out.items() if count}
     if left_out:
         reasons = ", ".join(f"{reason} {count:,}" for reason, count in left_out.items())
-        yield Note(Rank.LEFT_OUT, f"{sum(left_out.values()):,} ways left out: {reasons}.")
+        yield Note(Rank.LEFT_OUT, f"{sum(left_out.values()):,} ways are excluded: {reasons}.")
     if remarks:
         yield Note(Rank.LEFT_OUT, "; ".join(remarks) + ".")
     for driver in drivers:
         if driver.fitted_on_these_data:
-            words = "was fitted on these passages, which flatters it."
+            words = "was fitted to these passages, so its result is optimistic."
             yield Note(Rank.REFERENCE, f"{driver.driver} {words}")
     if unknown:
         yield Note(Rank.REFERENCE, unknown)
@@ -186,7 +187,9 @@ def _notes(
         if other in {later.driver for later in drivers[place:]}
     ]
     if pairs:
-        yield Note(Rank.FEW_PAIRS, f"The scores do not tell these apart: {', '.join(pairs)}.")
+        yield Note(
+            Rank.FEW_PAIRS, f"These drivers do not differ significantly: {', '.join(pairs)}."
+        )
     if doubt:
         yield Note(Rank.FEW_PAIRS, doubt)
 
@@ -194,13 +197,13 @@ def _notes(
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
     """Refuse unknown drivers and parameters, and SUMO's own driver, before anything is read."""
     if not drivers:
-        raise InputError("--drivers", "names nobody", "e.g. human_gmm,human_yield")
+        raise InputError("--drivers", "names no driver", "e.g. human_gmm,human_yield")
     for name in drivers:
         factory = find_strategy(name, "--drivers")
         if drivers.count(name) > 1:
             raise InputError("--drivers", f"names {name} twice", "every driver once")
         if name == "sumo_driver":
-            raise InputError("--drivers", "sumo_driver drives in SUMO alone", "any other strategy")
+            raise InputError("--drivers", "sumo_driver drives only in SUMO", "any other strategy")
         table = scenario.strategies.get(name, {})
         check_parameters(factory, table, table_key(name))
         check_complete(factory, table, table_key(name))
