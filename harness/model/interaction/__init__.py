@@ -1,4 +1,4 @@
-"""The interaction model: a mixture with a meaning, the file it is kept in, and its readings."""
+"""The interaction model: a mixture of four variables, its file, and its readings."""
 
 from harness.model.interaction.file import load_model, read_model, write_model
 from harness.model.interaction.model import (

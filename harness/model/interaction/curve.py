@@ -1,14 +1,14 @@
 """The reading ``curve``: walking speed given (R, v, L), along the curve T_adv(v_p).
 
-T_adv = |R/v − L/v_p| holds v_p itself, so with L known the four variables lie on a curve: v_p
-runs, and w = 1/T_adv with it.  Changing variables from w to L in the joint density of
+T_adv = |R/v − L/v_p| depends on v_p, so for a known L the four variables lie on a curve:
+w = 1/T_adv is a function of v_p.  Changing variables from w to L in the joint density of
 (1/R, v, v_p, w) gives
 
     f(v_p | R, v, L) ∝ f(1/R, v, v_p, w(v_p)) · w²/v_p · s,
 
-with s the chance of the sign of R/v − L/v_p that L asks for: both signs are open, ½ each, where
-v_p > L v/(2R); below that a positive sign would need L < 0, and s = 1.  The box bounds w, so the
-density has a hole around v_p = L v/R, where the two would meet.
+with s the probability of the sign of R/v − L/v_p.  If v_p > L v/(2R), both signs are possible, and
+s = ½; otherwise a positive sign would need L < 0, and s = 1.  The box bounds w, so the
+density has a hole around v_p = L v/R, where the two would collide.
 """
 
 from collections.abc import Callable
@@ -20,19 +20,19 @@ from harness.core.encounter import FloatArray
 from harness.model.mixture import TruncatedGaussianMixture
 from harness.model.mixture.components import Given, Regression
 
-# Steps of v_p, and of w on either side of the hole, at which cells of the grid end.
+# Numbers of grid points in v_p, and in w on either side of the hole.
 _SPEEDS = 48
 _TIMES = 128
-# Cells added where the mass is.
+# Number of cells added where the mass is.
 _PARTS = 128
-# Gauss's rule of two points in each cell.
+# Gauss's two-point rule in each cell.
 _NODES = np.array([-1.0, 1.0]) / np.sqrt(3.0)
-# Numbers in one array: more would not stay in the cache.
+# Largest number of values in an array that fits the cache.
 _NUMBERS = 200_000
 
 
 class _Grid(NamedTuple):
-    """The densities of n pedestrians, taken for even within each of m cells.
+    """The densities of n pedestrians, constant within each of m cells.
 
     Attributes:
         ends: of the cells in growing v_p, (n, m + 1).
@@ -48,10 +48,10 @@ class _Grid(NamedTuple):
 class CurveReading:
     """f(v_p | R, v, L) of a mixture by one-dimensional quadrature on a grid of v_p.
 
-    The distribution function is right to 1e-3.  Its inverse is that of the same grid.
+    The distribution function is accurate to 1e-3.  Its inverse uses the same grid.
 
-    Undefined (NaN) where no walking speed of the box gives a T_adv of the box: L so long, or the
-    vehicle so near, that the hole covers everything; and where L ≤ 0.
+    Undefined (NaN) if L ≤ 0, or if no walking speed in the box gives a T_adv in the box: then L is
+    so long, or the vehicle so near, that the hole covers everything.
 
     Args:
         mixture: of dimension 4; bounds of v_p and of w = 1/T_adv must be finite.
@@ -111,7 +111,7 @@ class CurveReading:
         return self._answers(densities, speed_mps, range_m, lateral_m, vehicle_speed_mps)
 
     def _answers(self, function: Callable[..., FloatArray], *arguments: FloatArray) -> FloatArray:
-        """The function of x, the grid and the state of n pedestrians, some after the others."""
+        """A function of x, grid and state for n pedestrians, computed in batches."""
         parts = np.broadcast_arrays(*(np.atleast_1d(np.asarray(a, dtype=float)) for a in arguments))
         result = np.full(parts[0].size, np.nan)
         ahead = np.flatnonzero(parts[2] > 0.0)
@@ -131,18 +131,18 @@ class CurveReading:
         ends = np.hstack((even, slower, faster, lateral_ / (2.0 * arrival)))
         ends = np.sort(np.clip(ends, *self._speeds), axis=1)
         first = self._grid_between(ends, range_m, lateral, speed)
-        # Where a first look finds the mass, cells that hold equal parts of it.
+        # The first grid shows where the mass is; the second has cells with equal parts of it.
         parts = np.linspace(0.0, 1.0, _PARTS + 1)[1:-1]
-        found = _between(np.broadcast_to(parts, (len(speed), parts.size)), first.reached, ends)
+        quantiles = _between(np.broadcast_to(parts, (len(speed), parts.size)), first.reached, ends)
         finer = np.sort(
-            np.hstack((ends, np.where(np.isnan(found), self._speeds[0], found))), axis=1
+            np.hstack((ends, np.where(np.isnan(quantiles), self._speeds[0], quantiles))), axis=1
         )
         return self._grid_between(finer, range_m, lateral, speed)
 
     def _grid_between(
         self, ends: FloatArray, range_m: FloatArray, lateral: FloatArray, speed: FloatArray
     ) -> _Grid:
-        """The grid of cells with these ends (n, m + 1)."""
+        """The grid with these ends of cells, (n, m + 1)."""
         half = 0.5 * np.diff(ends)[:, :, None]
         x = ends[:, :-1, None] + half * (1.0 + _NODES)
         logs = self._log_density(x.reshape(len(speed), -1), range_m, lateral, speed)

@@ -23,11 +23,11 @@ SHIPPED = Path(__file__).parents[1] / "shipped"
 """The folder of the shipped models."""
 
 _Number = Annotated[float, Field(ge=-1e9, le=1e9)]
-"""No speed in m/s, and no inverse of a distance or a time, is larger; products would overflow."""
+"""No speed in m/s and no inverse of a distance or a time is larger, so products stay finite."""
 
 
 class _ModelFile(BaseModel):
-    """The form of a model file; whether its arrays make a mixture is the mixture's business."""
+    """The form of a model file; the mixture checks its arrays."""
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -46,7 +46,7 @@ def load_model(name: str, path: str | None = None) -> InteractionModel:
     """A shipped model by name, or a model file by path.
 
     Raises:
-        InputError: no such model, or the file is no valid model.
+        InputError: there is no such model, or the file is not a valid model.
     """
     if path is None:
         shipped = {file.stem: file for file in SHIPPED.glob("*.json")}
@@ -79,16 +79,16 @@ def write_model(
     """Write a model file, complete or not at all.
 
     Args:
-        path: written beside and renamed; an earlier file of that name is replaced.
+        path: the file; an existing one is replaced.
         mixture: of dimension 4, variables in the order of ``VARIABLES``.
-        name: what to call it.
-        provenance: its card, plain data.
+        name: of the model.
+        provenance: its card, as plain data.
 
     Returns:
-        The model, as it is read from the file.
+        The model, as read from the file.
 
     Raises:
-        InputError: the place cannot be written, or a model file must not say this (see
+        InputError: the file cannot be written, or would not be a valid model (see
             ``read_model``).
     """
     document = {
@@ -113,7 +113,7 @@ def write_model(
 
 
 def _model(document: Any, where: str, sha256: str) -> InteractionModel:
-    """The model of a document whose variables and bounds mean what they must."""
+    """The model of a document, after checks of its variables and bounds."""
     file = check_form(_ModelFile, document, where)
     if file.variables != list(VARIABLES):
         raise InputError(where, f"variables {file.variables!r}", ", ".join(VARIABLES))

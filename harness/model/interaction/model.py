@@ -1,10 +1,10 @@
 """The interaction model: a truncated Gaussian mixture and what its four variables mean.
 
-The one place that knows their order: 1/R, v, v_p, 1/T_adv (paper, section II).  It answers two
-questions: how fast does a pedestrian walk who sees this vehicle, and how fast would a driver go
-who sees this pedestrian.
+Only this module knows the order of the variables: 1/R, v, v_p, 1/T_adv (paper, section II).  The
+model answers two questions: how fast a pedestrian walks who sees a given vehicle, and how fast a
+driver drives who sees a given pedestrian.
 
-T_adv = |R/v − L/v_p| holds v_p, so "v_p given (R, v, T_adv)" can be read in three ways: with T_adv
+T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has three readings: with T_adv
 integrated out (``marginal``), given (``given_time_advantage``: the paper's figures), or tied to
 v_p by the pedestrian's L (``curve``).
 """
@@ -35,14 +35,13 @@ _DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 class InteractionModel:
     """A fitted mixture with its name, provenance and identity.
 
-    Conditions are clamped to the model's support: it says nothing outside the box it was fitted
-    in.
+    Conditions are clamped to the box in which the model was fitted: it says nothing outside.
 
     Args:
         mixture: of dimension 4, variables in the order of ``VARIABLES``.
-        name: what it is called.
-        provenance: where it comes from, free form.
-        sha256: of the file it was read from.
+        name: of the model.
+        provenance: its origin, in free form.
+        sha256: of the file from which it was read.
     """
 
     def __init__(
@@ -71,21 +70,21 @@ class InteractionModel:
 
         Returns:
             Walking speeds in m/s, shape (n,), within the model's box.  Each is the same to the
-            last bit whatever else is asked in the same call.
+            last bit, whatever the other entries of the call are.
         """
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
         return conditional.ppf(np.asarray(quantile, dtype=float), given)
 
     def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
-        """``walking_speed`` of one pedestrian, to the last bit: plain numbers are quicker."""
+        """``walking_speed`` of one pedestrian, equal to the last bit; plain numbers are faster."""
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         return conditional.ppf_at(
             quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))
         )
 
     def walking_speed_unconditional(self, quantile: float) -> float:
-        """v_p at a quantile of its marginal, for someone who meets no vehicle."""
+        """v_p at a quantile of its marginal, for a pedestrian who meets no vehicle."""
         return self._conditional(PEDESTRIAN_SPEED).ppf_at(quantile, np.empty(0))
 
     def walking_speed_density_unconditional(self, speed_mps: FloatArray) -> FloatArray:
@@ -125,7 +124,7 @@ class InteractionModel:
         """Density of v_p in s/m, (n,): 0 outside the box.
 
         Args:
-            speed_mps: where, (n,).
+            speed_mps: v_p, (n,).
             range_m, vehicle_speed_mps: (n,) or one value, clamped.
             inverse_time_advantage_per_s: given, for the reading ``given_time_advantage``.
             lateral_m: given, for the reading ``curve``; with neither it is ``marginal``.
@@ -153,7 +152,7 @@ class InteractionModel:
         pedestrian_speed_mps: FloatArray,
         inverse_time_advantage_per_s: FloatArray | None = None,
     ) -> FloatArray:
-        """Density of v in s/m, (n,), given (1/R, v_p) and 1/T_adv unless that is None."""
+        """Density of v in s/m, (n,), given 1/R, v_p and, unless it is None, 1/T_adv."""
         columns = [_inverse(range_m), pedestrian_speed_mps]
         if inverse_time_advantage_per_s is not None:
             columns.append(inverse_time_advantage_per_s)
@@ -170,7 +169,7 @@ class InteractionModel:
         *,
         quantile: float | None = None,
     ) -> float:
-        """The speed v a driver goes at who sees this pedestrian, in m/s.
+        """The speed v of a driver who sees a given pedestrian, in m/s.
 
         Args:
             range_m: R > 0.
@@ -195,7 +194,7 @@ class InteractionModel:
         inverse_time: FloatArray | None,
         lateral_m: FloatArray | None,
     ) -> FloatArray:
-        """A function of v_p under the reading that the given variables call for."""
+        """A function of v_p under the reading that belongs to the given variables."""
         speeds = np.asarray(speed_mps, dtype=float)
         result: FloatArray
         if lateral_m is not None:
@@ -212,7 +211,7 @@ class InteractionModel:
     def _curve_state(
         self, range_m: FloatArray, lateral_m: FloatArray, vehicle_speed_mps: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """R, L and v with the clamped R and v, one of each per pedestrian."""
+        """R, L and v of each pedestrian, R and v clamped."""
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         given = self._clamped(conditional, _inverse(range_m), vehicle_speed_mps)
         return 1 / given[:, 0], np.asarray(lateral_m), given[:, 1]
@@ -224,14 +223,14 @@ class InteractionModel:
         return self._conditionals[key]
 
     def _clamped(self, conditional: Conditional, *columns: FloatArray) -> FloatArray:
-        """The given variables, one row per pedestrian, within the box."""
+        """The given variables clamped to the box, one row per pedestrian."""
         rows = np.column_stack(np.broadcast_arrays(*map(np.atleast_1d, columns)))
         chosen = list(conditional.given)
         within: FloatArray = np.clip(rows, self.mixture.lower[chosen], self.mixture.upper[chosen])
         return within
 
     def _clamped_row(self, conditional: Conditional, values: Sequence[float]) -> FloatArray:
-        """``_clamped`` of one pedestrian: plain numbers are quicker, and every episode asks."""
+        """``_clamped`` of one pedestrian; plain numbers are faster, and every episode needs it."""
         limits = [self._limits[variable] for variable in conditional.given]
         return np.array(
             [min(max(x, low), high) for x, (low, high) in zip(values, limits, strict=True)]

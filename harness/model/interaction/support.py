@@ -1,4 +1,4 @@
-"""Where the interaction model has no data: its box, and how often it is asked outside of it."""
+"""The box of the interaction model's data, and how often the model is used outside of it."""
 
 from harness.core.encounter import NOTHING_ASKED, Conditionings
 from harness.core.errors import InputError
@@ -9,11 +9,12 @@ _ROUNDING = 1e-9
 
 
 class Asked:
-    """Counts for what states of the ego the model is asked in one episode.
+    """Counts the uses of the model in an episode by the state of the ego.
 
-    The model's conditions are clamped to its box: of an ego that is farther away or faster, it
-    answers for another one.  One that stands, or is nearer than any in the data, is clamped too;
-    that is counted apart, as an answer for the slowest or nearest ego is what is wanted there.
+    The model's conditions are clamped to its box: for an ego that is farther away or faster, its
+    answer is that for another ego.  An ego that stands, or is nearer than any in the data, is
+    clamped, too.  This is counted separately, because there the answer for the slowest or nearest
+    ego is the wanted one.
     """
 
     def __init__(self, model: InteractionModel) -> None:
@@ -23,13 +24,13 @@ class Asked:
         self.begin()
 
     def begin(self) -> None:
-        """A new episode."""
+        """Begin a new episode."""
         self.counts = NOTHING_ASKED
 
     def note(self, range_m: float, speed_mps: float) -> None:
-        """The model is asked with the ego in this state."""
+        """Count a use of the model with the ego in this state."""
         (nearest, farthest), (slowest, fastest) = self.ranges_m, self.speeds_mps
-        asked, clamped, near, speed_excess, range_excess = self.counts
+        uses, clamped, near, speed_excess, range_excess = self.counts
         beyond_m, beyond_mps = range_m - farthest, speed_mps - fastest
         if beyond_m > _ROUNDING * farthest or beyond_mps > _ROUNDING * fastest:
             clamped += 1
@@ -37,19 +38,19 @@ class Asked:
             range_excess = max(range_excess, beyond_m)
         elif nearest - range_m > _ROUNDING * nearest or slowest - speed_mps > _ROUNDING * fastest:
             near += 1
-        self.counts = Conditionings(asked + 1, clamped, near, speed_excess, range_excess)
+        self.counts = Conditionings(uses + 1, clamped, near, speed_excess, range_excess)
 
 
 def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> None:
-    """Refuse a state of the ego at the trigger that the model says nothing about.
+    """Refuse a state of the ego at the trigger for which the model has no data.
 
     Raises:
         InputError: v0 or R0 lies outside the model's box.
     """
-    asked = Asked(model)
+    support = Asked(model)
     for key, value, unit, (low, high) in (
-        ("ego.initial_speed_mps", speed_mps, "m/s", asked.speeds_mps),
-        ("ego.trigger_range_m", range_m, "m", asked.ranges_m),
+        ("ego.initial_speed_mps", speed_mps, "m/s", support.speeds_mps),
+        ("ego.trigger_range_m", range_m, "m", support.ranges_m),
     ):
         if not low * (1 - _ROUNDING) <= value <= high * (1 + _ROUNDING):
             raise InputError(

@@ -24,7 +24,7 @@ _FIRST_EIGENVALUE = 1e-3
 
 @dataclass(frozen=True)
 class Climb:
-    """Where one start ended: the evaluation, the objective after every step, and how.
+    """The end of a climb: the evaluation, the objective after every step, and how it ended.
 
     `gradient_norm` is that of `Coordinates`, per unit of weight.
     """
@@ -57,7 +57,7 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 
 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:
-    """A few EM steps from `first`, then quasi-Newton steps until the gradient is next to nothing.
+    """A few EM steps from `first`, then quasi-Newton steps until the gradient is nearly 0.
 
     Every accepted step raises the penalised likelihood. It has converged where the largest
     component of the gradient per unit of weight is below tol, and nowhere else: where neither
@@ -79,7 +79,7 @@ def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Cli
 
 
 class _Path:
-    """Where a climb is and what each of its steps gained."""
+    """The state of a climb and the gain of each of its steps."""
 
     def __init__(self, problem: Problem, at: Evaluation, max_iter: int) -> None:
         self.problem, self.at = problem, at
@@ -88,7 +88,7 @@ class _Path:
 
     @property
     def full(self) -> bool:
-        """No steps are left."""
+        """Whether no steps are left."""
         return len(self.trace) >= self._most
 
     @property
@@ -103,10 +103,10 @@ class _Path:
         """Take a step of EM if it raises the objective."""
         if self.full:
             return False
-        found = self.problem.evaluate(self.problem.step(self.at))
-        if found is None or found.objective <= self.at.objective:
+        evaluation = self.problem.evaluate(self.problem.step(self.at))
+        if evaluation is None or evaluation.objective <= self.at.objective:
             return False
-        self.go(found)
+        self.go(evaluation)
         return True
 
 
@@ -119,11 +119,11 @@ def _quasi_newton(path: _Path, tol: float) -> None:
     evaluated: dict[bytes, Evaluation] = {}
 
     def below(z: Array) -> tuple[float, Array]:
-        found = path.problem.evaluate(coordinates.parameters(z))
-        if found is None:
+        evaluation = path.problem.evaluate(coordinates.parameters(z))
+        if evaluation is None:
             return np.inf, np.zeros_like(z)
-        evaluated[z.tobytes()] = found
-        return -found.objective, -coordinates.gradient(z, found)
+        evaluated[z.tobytes()] = evaluation
+        return -evaluation.objective, -coordinates.gradient(z, evaluation)
 
     def accepted(intermediate_result: optimize.OptimizeResult) -> None:
         path.go(evaluated[intermediate_result.x.tobytes()])

@@ -38,7 +38,7 @@ def k_means(
 
 
 def _first_centres(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Rows drawn one by one with chances by squared distance to those drawn before."""
+    """Rows drawn in turn, with probability by squared distance to the rows drawn before."""
     chance = weights
     centres = []
     nearest = np.full(rows.shape[0], np.inf)

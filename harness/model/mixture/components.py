@@ -1,4 +1,4 @@
-"""The numbers of a truncated mixture, and what each component says given some variables."""
+"""The parameters of a truncated mixture, and its components given some variables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -125,7 +125,9 @@ class Conditional:
         """`mode` given one y (g,) of finite numbers."""
         if not self._rest_lower.size:
             normals = self._normals(y)
-            return highest_point(normals, *self._bounds((of[1], of[3]) for of in normals))
+            return highest_point(
+                normals, *self._bounds((normal[1], normal[3]) for normal in normals)
+            )
         given = self._regression.at(y[None])
         x = self._table(y).highest
         for reach in _NARROWING * self._narrowest:
@@ -166,7 +168,7 @@ class Conditional:
         return self._tables[key]
 
     def _bounds(self, normals: Iterable[tuple[float, float]]) -> tuple[float, float]:
-        """Finite bounds for components of these means and spreads."""
+        """Finite bounds for components with these means and spreads."""
         lower, upper = self.lower, self.upper
         if lower == -inf:
             lower = min(mean - _BEYOND * spread for mean, spread in normals)
@@ -175,7 +177,7 @@ class Conditional:
         return lower, upper
 
     def _log_unnormalised(self, x: Array, given: Given) -> Array:
-        """Log density, but for the total, at x (n,) for n given points, or for one."""
+        """Log density up to a constant at x (n,), for n given points or for one."""
         regression = self._regression
         away = x - given.means[:, 0]
         z = away / regression.spread[:, None]
@@ -188,7 +190,7 @@ class Conditional:
         return result
 
     def _log_inside(self, centre: Array) -> Array:
-        """Log probability that the rest, centred at (K, n, r), lies inside its bounds, (K, n)."""
+        """Log probability (K, n) that the other variables, centred at (K, n, r), are in bounds."""
         covariances = self._regression.rest_covariances
         lower, upper = self._rest_lower - centre, self._rest_upper - centre
         if centre.shape[2] == 1:
@@ -199,7 +201,7 @@ class Conditional:
         return log_inside
 
     def _total(self, given: Given) -> tuple[Array, NDArray[np.intp]]:
-        """Integral over the target's bounds, (n,), and the points that are for a table instead.
+        """Integral over the target's bounds, (n,), and the points that need a table instead.
 
         Those are where the integral has lost its digits, and all where nothing is given.
         """
@@ -227,7 +229,7 @@ class Conditional:
         return points
 
     def _aligned(self, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-        """x (n,) and y (n, g), a single row or value of either repeated to fit the other."""
+        """x (n,) and y (n, g); a single row or value is repeated to fit the other."""
         values, points = np.atleast_1d(np.asarray(x, dtype=np.float64)), self._points(y)
         size = max(values.size, len(points)) if values.size and len(points) else 0
         return np.broadcast_to(values, size), np.broadcast_to(points, (size, points.shape[1]))
@@ -242,7 +244,7 @@ def _boxes(covariances: Array, lower: Array, upper: Array) -> Array:
 
 
 def _log_interval(a: Array, b: Array) -> Array:
-    """log(Φ(b) − Φ(a)), a < b, finite however far out the interval lies."""
+    """log(Φ(b) − Φ(a)), a < b, finite however far from 0 the interval lies."""
     inside = interval(a, b)
     if inside.min() > _LOWEST:
         log_inside: Array = np.log(inside)

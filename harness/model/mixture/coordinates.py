@@ -94,7 +94,7 @@ class Coordinates:
         return logits, shifts.reshape(self._shape), turns.reshape(count, -1)
 
     def _factors_at(self, z: Array) -> Array:
-        """Factors (K, d, d) of the scale matrices less the floor."""
+        """Factors (K, d, d) of the scale matrices minus the floor."""
         turned = np.zeros(self._factors.shape)
         turned[:, *self._low] = self._parts(z)[2] * self._half
         result: Array = self._factors + self._factors @ (self._unit[:, None, None] * turned)

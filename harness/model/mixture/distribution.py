@@ -207,7 +207,7 @@ def _check_values(parts: dict[str, Array]) -> None:
 
 
 def _factors(scale_matrices: Array) -> Array:
-    """Lower Cholesky factors (K, d, d), or a refusal."""
+    """Lower Cholesky factors (K, d, d), or an error."""
     factors = np.empty_like(scale_matrices)
     for k, matrix in enumerate(scale_matrices):
         try:

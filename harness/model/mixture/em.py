@@ -33,7 +33,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The likelihood at some parameters and what the next step needs.
+    """The likelihood at some parameters, and sums that the next step needs.
 
     Attributes:
         objective, log_likelihood: totals over the rows, with and without the prior.
@@ -81,7 +81,7 @@ class Problem:
         self._doubled = np.where(self._pairs[0] == self._pairs[1], 1.0, 2.0)
 
     def evaluate(self, parameters: Parameters) -> Evaluation | None:
-        """The likelihood at parameters, or None where it cannot be trusted or computed."""
+        """The likelihood at parameters; None if it cannot be computed accurately."""
         if not _feasible(parameters):
             return None
         masses, inner_means, inner_covariances = moments(
@@ -199,7 +199,7 @@ def _outer(vectors: Array) -> Array:
 
 
 def _feasible(parameters: Parameters) -> bool:
-    """Finite, with positive definite scales of a size that can be worked with."""
+    """Whether parameters are finite and scales positive definite, within numerical limits."""
     parts = (parameters.weights, parameters.locations, parameters.scales)
     if not all(np.isfinite(part).all() for part in parts):
         return False

@@ -121,7 +121,7 @@ def _highest(
     tol: float,
     max_iter: int,
 ) -> Climb:
-    """The start that ends highest."""
+    """The climb with the highest end."""
     best: Climb | None = None
     # Children made by hand, so that a SeedSequence can be used again with the same result.
     for i in range(n_init):
@@ -165,7 +165,7 @@ def _result(
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:
-    """Mean and spread of each column, refusing columns without information of their own."""
+    """Mean and spread of each column; columns without information are refused."""
     share = weights / weights.sum()
     centre = share @ rows
     spread = np.sqrt(share @ (rows - centre) ** 2)

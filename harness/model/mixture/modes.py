@@ -57,7 +57,7 @@ def highest_point(normals: Sequence[Normal], lower: float, upper: float) -> floa
 
 
 class _Climb(NamedTuple):
-    """Where an ascent is, its longest step, the density there and the step that comes next."""
+    """The place of an ascent, its longest step, the density there, and the next step."""
 
     x: float
     reach: float
@@ -66,7 +66,7 @@ class _Climb(NamedTuple):
 
 
 def _top(normals: list[Normal], climb: _Climb, lower: float, upper: float) -> tuple[float, float]:
-    """Height and position of the peak above; a step that would lose height is quartered."""
+    """Height and position of the next peak; a step that would lose height is quartered."""
     x, reach, best, step = climb
     step = min(max(x + step, lower), upper) - x
     for _ in range(_MOST_STEPS):

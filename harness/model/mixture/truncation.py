@@ -70,7 +70,7 @@ def _standardised(
 
 
 def _masses(correlations: Array, a: Array, b: Array) -> Array:
-    """Closed forms, and sums of positive terms where those are too small to trust."""
+    """Closed forms; if they are too small to be accurate, sums of positive terms."""
     mass = standard_box(correlations, a, b)
     if a.shape[1] > 1:
         for k in np.flatnonzero(mass < _SMALL):

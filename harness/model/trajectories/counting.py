@@ -7,8 +7,8 @@ from typing import Literal
 
 Level = Literal["records", "tracks", "pairs", "candidates"]
 
-# Every reason for leaving something out, in the order in which it is tried. A dropped item is
-# charged to the first reason that applies, so the counts of one level add up.
+# Every reason for leaving something out, in the order in which it is checked. A dropped item
+# counts under the first reason that applies, so the counts of one level add up.
 REASONS: Mapping[Level, Mapping[str, str]] = {
     "records": {
         "missing_value": "a needed cell is empty, NaN or infinite",
@@ -18,9 +18,9 @@ REASONS: Mapping[Level, Mapping[str, str]] = {
         "bus_heading_other_way": "bus heading not above the limit of the sensor format",
     },
     "tracks": {
-        "one_record": "an object seen once only",
-        "parked_vehicle": "vehicle that never gets away from where it was first seen",
-        "standing_pedestrian": "pedestrian who never gets away from where they were first seen",
+        "one_record": "an object seen only once",
+        "parked_vehicle": "vehicle that stays near its first position",
+        "standing_pedestrian": "pedestrian who stays near their first position",
         "sequence_too_short": "sensor sequence shorter than the minimum duration",
     },
     "pairs": {
@@ -68,7 +68,7 @@ class Tally:
             self.dropped[level][reason] += int(number)
 
     def remarks(self) -> list[str]:
-        """Sentences on the records left out, and on assumptions about the others."""
+        """Sentences on the records left out, and on assumptions about the other records."""
         dropped = (
             f"{number} records left out: {REASONS['records'][reason]}"
             for reason, number in self.dropped["records"].items()
@@ -77,7 +77,7 @@ class Tally:
         return [*dropped, *skipped, *self.notes]
 
     def note(self, text: str) -> None:
-        """Keep a remark once."""
+        """Add a remark unless it is already there."""
         if text not in self.notes:
             self.notes.append(text)
 
@@ -95,11 +95,11 @@ class Counts:
         rows: rows kept.
         candidates: sampled instants of crossing pairs before the row rules;
             ``rows + sum(dropped["candidates"].values()) == candidates``.
-        out_of_order: records that stood before an earlier instant in their file (they are used).
+        out_of_order: records that precede an earlier instant in their file (they are used).
         default_lengths: vehicles whose length was not in the data and was taken from the options.
         skipped: clip → reason, for clips that could not be used at all.
         dropped: level → reason → number left out; the reasons are in ``REASONS``.
-        notes: remarks a reader of the result should know.
+        notes: remarks on the result.
     """
 
     clips: int | None

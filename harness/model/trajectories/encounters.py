@@ -61,11 +61,11 @@ def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator
 
 
 def conflict_point(vehicle: Track, pedestrian: Track, rules: ExtractionRules) -> FloatArray | None:
-    """(2,) where the two paths first cross, along the vehicle's; None when they do not.
+    """(2,) the first point along the vehicle's path at which the paths cross; None if they do not.
 
     Args:
         vehicle, pedestrian: tracks of one clip.
-        rules: how far paths go on straight; the angle of the crossing is not looked at.
+        rules: how far paths are extended; the angle of the crossing is ignored.
     """
     car, walker = car_of(vehicle, rules), walker_of(pedestrian, rules)
     if car is None or walker is None:
@@ -107,7 +107,7 @@ def car_of(track: Track, rules: ExtractionRules) -> Mover | None:
 
 
 def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> Mover | None:
-    """The track with its path; None for an object that stays where it is."""
+    """The track with its path; None if the object stays near its first position."""
     if travel_m(track.position_m) < least_m:
         return None
     path = build_path(track.position_m, *shape)
@@ -166,7 +166,7 @@ def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
 
 
 def _from_sightings(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Columns]:
-    """Candidate rows of the pairs that a sensor measured itself."""
+    """Candidate rows of the pairs that a sensor measured."""
     for sighting in clip.sightings or ():
         times = sampling_instants(sighting.time_s, sighting.time_s, rules.sample_s)
         if len(times) == 0:
@@ -209,27 +209,27 @@ def _common_rows(
     }
 
 
-def sampling_instants(one: FloatArray, other: FloatArray, sample_s: float) -> FloatArray:
+def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) -> FloatArray:
     """Multiples of the sampling interval within the time that two tracks have in common.
 
     Args:
-        one, other: increasing times of the two tracks, s.
+        first, second: increasing times of the two tracks, s.
         sample_s: interval, s.
 
     Returns:
         Increasing times; empty when there is none. An end that is a multiple up to rounding counts.
-        None lie within a pause of the first track longer than ``LONG_PAUSE_S``, so that one wrong
-        clock reading cannot call for millions of instants.
+        None lie within a pause of the first track longer than ``LONG_PAUSE_S``, so that a wrong
+        clock reading cannot cause millions of instants.
     """
-    pauses = np.flatnonzero(np.diff(one) > LONG_PAUSE_S)
-    starts = np.maximum(one[np.concatenate([[0], pauses + 1])], other[0])
-    ends = np.minimum(one[np.concatenate([pauses, [len(one) - 1]])], other[-1])
+    pauses = np.flatnonzero(np.diff(first) > LONG_PAUSE_S)
+    starts = np.maximum(first[np.concatenate([[0], pauses + 1])], second[0])
+    ends = np.minimum(first[np.concatenate([pauses, [len(first) - 1]])], second[-1])
     stretches = []
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        first = math.ceil(start / sample_s - 1e-9)
+        begin = math.ceil(start / sample_s - 1e-9)
         last = math.floor(end / sample_s + 1e-9)
         if end >= start:
-            stretches.append(np.clip(np.arange(first, last + 1) * sample_s, start, end))
+            stretches.append(np.clip(np.arange(begin, last + 1) * sample_s, start, end))
     return np.concatenate([np.empty(0), *stretches])
 
 

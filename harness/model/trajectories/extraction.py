@@ -59,7 +59,7 @@ class Extraction:
 
 
 def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
-    """Read raw data and give the rows of the model's variables.
+    """Read raw data and return the rows of the model's variables.
 
     For each vehicle–pedestrian pair whose paths cross at an allowed angle, the conflict point is
     the first crossing along the vehicle's path. R is the path length from the front bumper to it;
@@ -69,7 +69,7 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     format takes R, L, v and v_p from the sensor, ``table`` from the file.
 
     Args:
-        paths: files or folders; what is looked for depends on the format.
+        paths: files or folders; the format determines which files are read.
         format: a key of ``FORMATS``.
         **options: fields of ``ExtractionRules``, or of the format's own options.
 
@@ -77,7 +77,7 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
         Rows and counts; ``rows`` may be empty when nothing passes the rules.
 
     Raises:
-        InputError: unknown format or option, no data there, or data of another format.
+        InputError: unknown format or option, no data, or data of another format.
     """
     known = _known_format(format)
     rules, reader = split_options(options, known.options, f"format {format}")
@@ -97,12 +97,12 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
 
 
 def write_rows(path: Path, extraction: Extraction, command: str) -> None:
-    """Write the rows as Parquet, with where they come from in its metadata.
+    """Write the rows as Parquet, with their origin in its metadata.
 
     Args:
         path: the file; it appears whole.
         extraction: rows and counts.
-        command: what a card will say the rows were made with.
+        command: the command that made the rows, for a model's card.
 
     Raises:
         HarnessError: the file cannot be written.
@@ -125,13 +125,13 @@ def read_clips(
 
     Args:
         paths, format, **options: as for ``extract``.
-        tally: is told what is left out and what is assumed.
+        tally: counts what is left out and notes assumptions.
 
     Returns:
         The usable clips in their fixed order.
 
     Raises:
-        InputError: as ``extract``, and for ``table``, which has no tracks.
+        InputError: as ``extract``; also for ``table``, which has no tracks.
     """
     known = _known_format(format)
     if known.clips is None:
@@ -147,8 +147,8 @@ def summary(extraction: Extraction) -> dict[str, Any]:
         ``rows``, ``vehicles``, ``encounters``; ``quartiles``: column → n, min, q25, median, q75,
         max over its rows (null where a column is empty); ``rows_per_vehicle``: min, median, max;
         ``five_busiest_vehicles``: their share of the rows and of the encounters, 0–1;
-        ``passed_first``: encounters by who passed first; ``counts``: all that was left out. What
-        needs identifiers is null where the rows have none.
+        ``passed_first``: encounters by who passed first; ``counts``: all that was left out. Figures
+        that need identifiers are null if the rows have none.
     """
     rows, counts = extraction.rows, extraction.counts
     encounters = rows.drop_duplicates(list(ENCOUNTER_KEY))

@@ -35,7 +35,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 
 
 class Options(BaseModel):
-    """Numbers and names that an extraction can be given by keyword."""
+    """Options of an extraction, given by keyword."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
@@ -47,15 +47,15 @@ class ExtractionRules(Options):
     """Which pairs and instants become rows; SI units, defaults from the project's data page.
 
     Attributes:
-        sample_s: rows stand at multiples of this on the clip's clock (5 Hz).
+        sample_s: rows are at multiples of this on the clip's clock (5 Hz).
         speed_window_s: speeds are differences over this window, centred, cut at a track's ends.
         max_gap_s: no speed across a longer gap between two records.
-        vehicle_extension_m, pedestrian_extension_m: a path goes on straight for at most this
+        vehicle_extension_m, pedestrian_extension_m: a path is extended straight ahead by this
             beyond the last record.
         min_angle_deg, max_angle_deg: allowed angle between the two paths where they cross.
         min_range_m … min_time_advantage_s: bounds of a row, both ends included.
-        min_vehicle_travel_m: a vehicle that never gets this far from where it was first seen is
-            parked (its recorded jitter would make a path of its own).
+        min_vehicle_travel_m: a vehicle that never gets this far from its first position is parked
+            (otherwise recording jitter would count as a path).
         min_pedestrian_travel_m: the same for a standing pedestrian.
     """
 
@@ -141,7 +141,7 @@ def with_times(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def kept_rows(candidates: pd.DataFrame, rules: ExtractionRules, tally: Tally) -> pd.DataFrame:
-    """The candidates that break no rule; each one dropped is charged to its first broken rule."""
+    """The candidates that break no rule; each other one counts under its first broken rule."""
     tally.candidates += len(candidates)
     alive = np.ones(len(candidates), dtype=bool)
     for reason, breaks in ROW_RULES.items():

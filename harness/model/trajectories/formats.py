@@ -17,10 +17,10 @@ class Format:
     """How one kind of file is read.
 
     Attributes:
-        words: what it is, one line.
+        words: a description of one line.
         options: the record of the reader's own options.
         clips: yields the clips (tracks); None for ready-made rows.
-        rows: gives ready-made rows; None where rows come from tracks.
+        rows: returns ready-made rows; None if rows come from tracks.
     """
 
     words: str

@@ -191,7 +191,7 @@ def _sequences(
 
 
 def _sighting(vehicle: str, pedestrian: str, records: pd.DataFrame) -> Sighting | None:
-    """The variables of one sequence; None for a pedestrian who gets nowhere across the road."""
+    """The variables of one sequence; None for a pedestrian who does not move across the road."""
     time_s = records["time_s"].to_numpy()
     walker = records[["walker_x", "walker_y"]].to_numpy()
     walked = walker[-1] - walker[0]

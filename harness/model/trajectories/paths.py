@@ -32,7 +32,8 @@ class TravelPath:
     def direction(self, arc_m: float, half_chord_m: float) -> FloatArray:
         """(2,) unit direction of motion about a path length, over a chord of the path.
 
-        Where the path turns back on itself and the chord has no length, the piece there counts.
+        If the path turns back on itself, so that the chord has no length, the piece of the path
+        there gives the direction.
         """
         chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
         if np.hypot(*chord) <= 1e-9 * half_chord_m:
@@ -43,7 +44,7 @@ class TravelPath:
 
 
 def travel_m(position_m: FloatArray) -> float:
-    """The farthest an object gets from where it was first seen."""
+    """The largest distance of an object from its first position."""
     return float(np.hypot(*(position_m - position_m[0]).T).max())
 
 
@@ -96,8 +97,8 @@ def build_path(
 def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
     """(n,) path length of every record of the track the path was built from.
 
-    A record is put onto the nearest of the pieces around its own place in time, so that a path
-    that comes back near itself is never left for its other branch.
+    A record is projected onto the nearest of the pieces next to it in time, so that on a path that
+    returns near itself it stays on its own branch.
     """
     pieces = np.diff(path.points, axis=0)
     lengths = np.diff(path.arc_m)
@@ -116,24 +117,24 @@ def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
     return arc
 
 
-def first_crossing(one: TravelPath, other: TravelPath) -> tuple[float, float] | None:
-    """Where ``one`` first meets ``other``, counted along ``one``.
+def first_crossing(path: TravelPath, other: TravelPath) -> tuple[float, float] | None:
+    """The first point along ``path`` at which it crosses ``other``.
 
     Returns:
-        Path lengths on ``one`` and on ``other``; None when they have no common point. Pieces that
-        run on top of each other are parallel and do not count.
+        Path lengths on ``path`` and on ``other``; None if they have no common point. Pieces that
+        overlap are parallel and do not count.
     """
-    a, b = np.diff(one.points, axis=0), np.diff(other.points, axis=0)
-    gap = other.points[None, :-1] - one.points[:-1, None]
+    a, b = np.diff(path.points, axis=0), np.diff(other.points, axis=0)
+    gap = other.points[None, :-1] - path.points[:-1, None]
     cross = a[:, None, 0] * b[None, :, 1] - a[:, None, 1] * b[None, :, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
-        on_one = (gap[..., 0] * b[None, :, 1] - gap[..., 1] * b[None, :, 0]) / cross
+        on_path = (gap[..., 0] * b[None, :, 1] - gap[..., 1] * b[None, :, 0]) / cross
         on_other = (gap[..., 0] * a[:, None, 1] - gap[..., 1] * a[:, None, 0]) / cross
-        meets = (on_one >= 0) & (on_one <= 1) & (on_other >= 0) & (on_other <= 1)
+        meets = (on_path >= 0) & (on_path <= 1) & (on_other >= 0) & (on_other <= 1)
     i, j = np.nonzero(meets)
     if len(i) == 0:
         return None
-    arc_one = one.arc_m[i] + on_one[i, j] * np.diff(one.arc_m)[i]
+    arc_path = path.arc_m[i] + on_path[i, j] * np.diff(path.arc_m)[i]
     arc_other = other.arc_m[j] + on_other[i, j] * np.diff(other.arc_m)[j]
-    first = int(np.lexsort((arc_other, arc_one))[0])
-    return float(arc_one[first]), float(arc_other[first])
+    first = int(np.lexsort((arc_other, arc_path))[0])
+    return float(arc_path[first]), float(arc_other[first])

@@ -1,8 +1,8 @@
-"""The form in memory that every reader of trajectories yields.
+"""The records that every reader of trajectories returns.
 
-A clip holds the tracks of the vehicles and pedestrians seen together. Where a sensor on the
-vehicle measured the pair itself, the clip also holds the sightings: the model's variables are then
-taken from them instead of from the crossing of two paths.
+A clip holds the tracks of the vehicles and pedestrians seen together. If a sensor on the
+vehicle measured the pair, the clip also holds its sightings: the model's variables are then taken
+from them instead of from the crossing of two paths.
 """
 
 from collections.abc import Mapping
@@ -53,7 +53,7 @@ class VehicleTrack(Track):
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """One pedestrian as a sensor on the vehicle saw them: the pair's variables themselves.
+    """One pedestrian as measured by a sensor on the vehicle: the variables of the pair.
 
     Attributes:
         vehicle, pedestrian: keys of the clip's tracks.
@@ -87,9 +87,9 @@ class Clip:
         source: the data set's name.
         name: the clip's name, unique within the source.
         vehicles, pedestrians: tracks by identifier, in a fixed order.
-        sightings: None where the pairs are found from the paths; else the sensor's own pairs.
+        sightings: the pairs that a sensor measured; None if pairs are found from the paths.
         y_down: whether y points down when x points right, as in images; a map must turn the axis.
-        site: the place, where a source has several; clips of one site share its axes, and a map.
+        site: the place, if a source has several; clips of one site share axes and a map.
     """
 
     source: str

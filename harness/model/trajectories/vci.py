@@ -44,7 +44,7 @@ CORNERS = ("x_fl", "y_fl", "x_fr", "y_fr", "x_rr", "y_rr", "x_rl", "y_rl")
 
 
 class VciOptions(Options):
-    """Facts that the files do not say.
+    """Facts that are not in the files.
 
     Attributes:
         frame_rate_hz: video frames per second; DUT's 23.98 is 24000/1001.
@@ -90,7 +90,7 @@ def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iter
 
 
 def _clip_files(path: Path) -> list[tuple[str, Path]]:
-    """Clip names and vehicle files; equal names in several subfolders get their folder's."""
+    """Clip names and vehicle files; if names are not unique, they include the subfolder."""
     if path.is_file() and not path.name.endswith(VEHICLE_END):
         raise InputError(str(path), "not a vehicle file of this format", f"*{VEHICLE_END}")
     files = files_in(path, f"**/*{VEHICLE_END}")
@@ -148,7 +148,7 @@ def _beside(vehicle_file: Path, folder: str, name: str) -> Path | None:
 
 
 def _pixels_per_metre(vehicle_file: Path, stem: str) -> float | None:
-    """The clip's scale; None where no ratio file was published."""
+    """The clip's scale; None if there is no ratio file."""
     path = _beside(vehicle_file, "ratios", f"{stem}_ratio_pixel2meter.txt")
     if path is None:
         return None
@@ -170,7 +170,7 @@ def _lengths_m(vehicle_file: Path, stem: str, ratio: float | None) -> dict[str, 
         return {}
     table = read_table(path)
     require_columns(path, table, ("id", *CORNERS))
-    # Records dropped here are no positions, so they stay out of the extraction's counts.
+    # Records dropped here are not positions, so the extraction does not count them.
     table = numbers(path, table, CORNERS, Tally())
     x = (table["x_fl"] + table["x_fr"] - table["x_rr"] - table["x_rl"]) / 2
     y = (table["y_fl"] + table["y_fr"] - table["y_rr"] - table["y_rl"]) / 2

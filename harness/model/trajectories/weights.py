@@ -1,4 +1,4 @@
-"""Weights of rows that belong together."""
+"""Weights of rows that belong to the same encounter or vehicle."""
 
 import numpy as np
 import pandas as pd
@@ -13,8 +13,8 @@ WEIGHINGS = ("row", "encounter", "vehicle")
 def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
     """Weights that sum to the number of encounters, BIC's n.
 
-    Rows of one encounter follow each other within a second and say nearly the same; a few
-    vehicles hold most rows. With E encounters:
+    Rows of one encounter follow each other within a second and are nearly equal; a few vehicles
+    have most of the rows. With E encounters:
 
     - ``row``: every row counts the same, E / n.
     - ``encounter``: every encounter counts 1, shared equally by its rows.
@@ -23,7 +23,7 @@ def row_weights(rows: pd.DataFrame, weigh: str) -> FloatArray:
       once is not raised to a busy one's weight, so no row is blown up.
 
     Args:
-        rows: as ``extract`` gives them.
+        rows: as returned by ``extract``.
         weigh: one of ``WEIGHINGS``.
 
     Returns:
