@@ -1,4 +1,4 @@
-"""The interface that an episode asks of an engine."""
+"""The interface of an engine that an episode needs."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -7,7 +7,7 @@ from harness.core.encounter import Arrival, Side
 
 
 class Engine(Protocol):
-    """Moves one ego and holds pedestrians where they are told to be.
+    """An engine moves one ego and sets pedestrians to given positions.
 
     One engine serves any number of episodes, one after another: ``begin``, ``step`` until the
     episode is over, ``end``.  It is bound to one crosswalk, one vehicle and one step length.
@@ -17,8 +17,8 @@ class Engine(Protocol):
         """Insert the ego at the trigger.
 
         Args:
-            arrivals: everyone who may come during the episode and is to be held, by arrival
-                time.
+            arrivals: all pedestrians who may arrive during the episode and whose positions are
+                set, by arrival time.
 
         Returns:
             The ego's state (x of the front bumper in m, speed in m/s) at t = 0.
@@ -33,8 +33,8 @@ class Engine(Protocol):
         Args:
             speed_mps: the ego's speed at the end of the step; None lets the engine's own driver
                 decide.
-            pedestrians: (index, y in m at the end of the step) of everyone who has arrived and
-                not left, waiting ones included.
+            pedestrians: (index, y in m at the end of the step) of all pedestrians who have arrived
+                and not left, also of those who wait.
 
         Returns:
             The ego's state (x, speed) at the end of the step.
@@ -42,9 +42,10 @@ class Engine(Protocol):
         ...
 
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
-        """Let a pedestrian come from that side and walk by the engine's own model.
+        """Let a pedestrian come from a side and walk by the engine's own model.
 
-        From the next step on, wanting that speed; they are not among those whom ``begin`` named.
+        They walk from the next step on with that desired speed, and are not in ``arrivals`` of
+        ``begin``.
 
         Raises:
             EngineError: the engine has no pedestrians of its own.
@@ -52,18 +53,19 @@ class Engine(Protocol):
         ...
 
     def place_of(self, index: int) -> tuple[float, float]:
-        """(x, y) in m of someone who walks by the engine's own model."""
+        """(x, y) in m of a pedestrian who walks by the engine's own model."""
         ...
 
     def remove(self, index: int) -> None:
-        """Take away a pedestrian who has reached the other kerb."""
+        """Remove a pedestrian who has reached the other kerb."""
         ...
 
     def end(self) -> bool | None:
         """Clear the road.
 
         Returns:
-            Whether the engine itself saw the ego hit a pedestrian; None where it cannot tell.
+            Whether the engine itself detected that the ego hit a pedestrian; None if it has no
+            detection.
         """
         ...
 

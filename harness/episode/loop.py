@@ -1,7 +1,7 @@
-"""Runs one episode: a strategy, an engine, and the pedestrians who come.
+"""The simulation of one episode: a strategy and an engine in, a trace out.
 
-This is the loop everything else waits for.  Contacts and measures are found afterwards, from
-the trace; the loop only keeps what cannot be worked out later.
+This loop takes most of a run's time.  Contacts and measures are computed afterwards from the
+trace; the loop records only what cannot be computed later.
 """
 
 import math
@@ -30,7 +30,7 @@ from harness.episode.walkers import ChooseSpeed, NativeWalker
 from harness.strategies.perception.perception import Perception
 
 Steps = Generator[Observation, float | None, Ending]
-"""An episode from the driver's side: observations out, wanted accelerations in."""
+"""An episode as a generator: it yields observations and receives commanded accelerations."""
 
 
 def run_episode(
@@ -45,15 +45,16 @@ def run_episode(
 
     Args:
         engine: an engine bound to the same vehicle, crossing and step as ``rules``.
-        strategy: a fresh strategy object.
-        arrivals: everyone who may come, by arrival time (s from the trigger, ≥ 0).
-        choose_speed: the walking speed of someone who steps off, given what they see.
+        strategy: a new strategy object.
+        arrivals: all pedestrians who may arrive, by arrival time (s from the trigger, ≥ 0).
+        choose_speed: returns the walking speed of a pedestrian who steps off, given what they see.
         rules: the cell's constants.
-        perception: the driver's, a fresh object; None: perfect within the detection range.
+        perception: a new object with the driver's perception; None: the driver sees the ground
+            truth within the detection range.
 
     Returns:
-        The trace.  It goes on past a contact, until the body has passed; ``measures`` ends the
-        record there.  An error of engine or strategy ends it as ``engine_failed``.
+        The trace.  It continues after a contact, until the ego has passed; ``measures`` ends the
+        record at the contact.  An error of engine or strategy ends it as ``engine_failed``.
     """
     return drive(Episode(engine, arrivals, choose_speed, rules, perception), strategy)
 
@@ -114,7 +115,7 @@ def _drive(steps: Steps, strategy: Strategy) -> Ending:
 
 
 class _EgoLane:
-    """The ego's lane, with the ego alone on it, in the state that was written down last."""
+    """The ego's lane, with only the ego on it, in its last recorded state."""
 
     __slots__ = ("acceleration_mps2", "centre_m", "passed", "speed_mps", "x_m")
 
@@ -123,7 +124,7 @@ class _EgoLane:
         self.at(0.0, 0.0, 0.0)
 
     def at(self, x_m: float, speed_mps: float, acceleration_mps2: float) -> None:
-        """Write down the ego's state at the beginning of a step."""
+        """Record the ego's state at the beginning of a step."""
         self.x_m, self.speed_mps, self.acceleration_mps2 = x_m, speed_mps, acceleration_mps2
 
     def first(self, elapsed_s: float) -> "tuple[float, float, _EgoLane]":
@@ -134,11 +135,11 @@ class _EgoLane:
 
 
 class Episode:
-    """One running episode: who drives it answers the observations of ``steps``.
+    """One running episode, whose driver answers the observations of ``steps``.
 
-    Arguments as of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so far,
-    ``crowd`` the pedestrians, ``places`` (index, y in m) of everyone who was at the crosswalk at
-    the end of the last step.
+    The arguments are those of ``run_episode``.  ``x_m`` and ``speed_mps`` hold the ego's states so
+    far, ``crowd`` the pedestrians, and ``places`` (index, y in m) of all pedestrians who were at
+    the crosswalk at the end of the last step.
     """
 
     def __init__(
@@ -244,7 +245,7 @@ class Episode:
                 if target < 0:
                     target = 0.0
                 acceleration = (target - speed) / step
-            # People who arrive within this step see the ego where it is at that very moment.
+            # Pedestrians who arrive within this step see the ego's state at their arrival.
             if crowd.next_s <= then:
                 ego.at(x, speed, acceleration)
                 crowd.advance(now, then)
@@ -265,7 +266,7 @@ class Episode:
         return Ending.TIMED_OUT
 
     def _held(self) -> Sequence[Arrival]:
-        """Those whom the engine holds where it is told to."""
+        """The arrivals whose positions the harness sets."""
         if self.rules.behaviour == "sumo":
             return [arrival for arrival in self._arrivals if arrival.path is not None]
         return self._arrivals
@@ -273,7 +274,7 @@ class Episode:
     def _step_with_natives(
         self, target: float | None, now: float, then: float
     ) -> tuple[float, float]:
-        """A step in which some walk by the engine's own model."""
+        """A step in which some pedestrians walk by the engine's own model."""
         natives = [walker for walker in self.crowd.walkers if isinstance(walker, NativeWalker)]
         held = [walker for walker in self.crowd.walkers if not isinstance(walker, NativeWalker)]
         self.places = [(walker.index, walker.walk_until(then)) for walker in held]

@@ -1,4 +1,4 @@
-"""A crosswalk's place in a network, in plain numbers, as an engine needs them.
+"""The geometry of a crosswalk in a network, in plain numbers, as an engine needs it.
 
 Road frame: x along the ego's direction, 0 where the crosswalk's centre line meets the centre of
 the ego's lane; y along the crosswalk, from the kerb on the side that traffic keeps to (0; on the
@@ -13,7 +13,7 @@ from harness.core.encounter import Side
 from harness.core.errors import InputError
 
 TOLERANCE_M = 2e-6
-"""A built network may differ so much from its geometry: netconvert keeps nodes to a micrometre."""
+"""Tolerance of a built network's geometry: netconvert keeps nodes to a micrometre."""
 
 Point = tuple[float, float]
 
@@ -62,7 +62,8 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """Where SUMO inserts a vehicle: its route, its lane and its position on the first edge (m)."""
+    """The insertion of a vehicle in SUMO: its route, its lane and its position on the first edge
+    (m)."""
 
     edges: tuple[str, ...]
     lane: int
@@ -158,9 +159,9 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """A traffic light or another crosswalk on the ego's way; no strategy is shown it.
+    """A traffic light or another crosswalk on the ego's path; strategies do not see it.
 
-    ``x_m`` is its place on the way, negative before the crosswalk's centre line.
+    ``x_m`` is its position on the path, negative before the crosswalk's centre line.
     """
 
     kind: Literal["traffic light", "crosswalk"]
@@ -190,8 +191,8 @@ class Site:
         crossing_from: the side where that edge begins.
         footpaths: each side's.
         pedestrian_priority: whether SUMO's own drivers yield there.
-        signal: the traffic light that rules it, None without one.
-        passed: what else the ego's way leads past.
+        signal: the traffic light that controls it, or None.
+        passed: traffic lights and other crosswalks that the ego drives past.
     """
 
     frame: RoadFrame
