@@ -1,4 +1,4 @@
-"""Holds a strategy against every check, in a limited time."""
+"""Runs every check on a strategy in a limited time."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -42,7 +42,7 @@ def check_strategy(
     settings: Mapping[str, Any] | Sequence[Setting] = (),
     limit_s: float = LIMIT_S,
 ) -> list[RuleResult]:
-    """Hold a strategy against every check.
+    """Run every check on a strategy.
 
     Args:
         strategy: as in ``arms.av``: a built-in name, an entry point, ``package.module:Class``, or

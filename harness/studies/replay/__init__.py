@@ -1,1 +1,1 @@
-"""Episodes of a stored run, run again: with SUMO's own outputs, or before one's eyes."""
+"""Repeats episodes of a stored run: with SUMO's own outputs, or visibly in sumo-gui."""

@@ -128,7 +128,7 @@ def replay(
             for arm, folder in zip(arms, folders, strict=True)
         ]
         futures = [pool.submit(run_again, job) for job in jobs]
-        return [_replayed(stored, job, of) for job, of in zip(jobs, futures, strict=True)]
+        return [_replayed(stored, job, future) for job, future in zip(jobs, futures, strict=True)]
     except KeyboardInterrupt:
         pool.stop()
         for folder in folders:
@@ -240,10 +240,10 @@ def _files(names: Mapping[str, str], folder: Path) -> dict[str, str]:
 
 
 def _with_speed_limit(scenario: Scenario) -> Crossing:
-    """The crosswalk, on a road with a limit: SUMO's time loss is held against it.
+    """Return the crosswalk on a road with a speed limit, which SUMO's time loss refers to.
 
-    Without one in the scenario it is v0, from which our delay counts.  SUMO's own driver would
-    drive by it, and keeps what the run had.
+    Without a limit in the scenario the limit is v0, as for the delay of the harness.  SUMO's own
+    driver would obey this limit, so with that driver the road keeps the limit of the run.
     """
     crossing = scenario.crosswalk()
     arms = (scenario.arms.av, scenario.arms.human)

@@ -1,4 +1,4 @@
-"""One cell of a stored run: what its episodes were, to hold a repetition against."""
+"""The stored rows of one cell of a run, with which a repetition is compared."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import repeat
@@ -54,7 +54,9 @@ class StoredCell:
         self._rows = {name: _by_episode(read_table(run, name, number)) for name in names}
         ran = self._rows[names[0]]
         if pair is not None and (pair, Arm.AV.value) not in ran:
-            raise InputError("--pair", f"{pair}", f"0 to {max((one for one, _ in ran), default=0)}")
+            raise InputError(
+                "--pair", f"{pair}", f"0 to {max((number for number, _ in ran), default=0)}"
+            )
 
     @property
     def in_traffic(self) -> bool:

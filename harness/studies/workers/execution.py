@@ -174,7 +174,7 @@ def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None
 
 
 def _stack(task: Task) -> str | None:
-    """The Python stack a hung worker left, for the log; its file is gone then."""
+    """Return the Python stack of a hung worker for the log, and remove its file."""
     hang = hang_of(task.stack_file)
     if task.stack_file is not None:
         task.stack_file.unlink(missing_ok=True)
@@ -198,6 +198,6 @@ def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskRe
             "pedestrians": 0,
         }
         arms = task.scenario.arms.model_dump().items()
-        known = {"episodes": [failed | {"arm": arm, "strategy": of} for arm, of in arms]}
+        known = {"episodes": [failed | {"arm": arm, "strategy": name} for arm, name in arms]}
     tables = {name: table_of(name, known.get(name, ())) for name in names}
     return TaskResult(tables, took_s=task.hang_after_s)

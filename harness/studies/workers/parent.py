@@ -1,6 +1,6 @@
-"""What a worker process begins with: its parent's end is its own.
+"""Ends a worker process when its parent ends.
 
-Imports next to nothing, to be in force while the worker still imports the rest.
+This module imports almost nothing, so that it works while the worker imports other modules.
 """
 
 import os
@@ -8,7 +8,7 @@ from threading import Thread
 
 
 def end_with_parent() -> None:
-    """Nobody would read what a worker without a parent finds out: standard input ends then."""
+    """Exit when standard input ends, which happens when the parent process ends."""
     Thread(target=_wait_and_exit, daemon=True).start()
 
 

@@ -1,7 +1,6 @@
-"""What is carried out: tasks, what comes of them, and whatever runs them.
+"""Tasks, their results, and the protocol of executors that run them.
 
-Kept free of everything heavy: worker processes import what they need while their parent still
-imports what it needs.
+This module imports nothing heavy, so that worker processes and their parent import in parallel.
 """
 
 from collections.abc import Callable

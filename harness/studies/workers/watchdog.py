@@ -1,4 +1,4 @@
-"""Ends a worker in which nothing goes on any more, and says afterwards what it waited for."""
+"""Ends a worker that makes no progress, and reports afterwards what it was doing."""
 
 import faulthandler
 import math

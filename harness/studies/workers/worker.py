@@ -79,9 +79,11 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
                 known[key] = runner.hung(arm, each.first_pair, reason)
                 hung.add(key)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
-            known |= {runner.key(of.arm, of.pair): of for of in outcomes}
-            # What hung would hang in SUMO, too, and take the other arm with it.
-            ended = [of for of in outcomes if runner.key(of.arm, of.pair) not in hung]
+            known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
+            # An episode that hung would hang in SUMO, too, and stop the other arm.
+            ended = [
+                outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
+            ]
             yield _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
 
 
