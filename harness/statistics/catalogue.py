@@ -144,7 +144,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         paired=lambda c: c.mu_and_cv[1],
         interval=Resampled,
         reliable_from=4_000,
-        undefined=_NO_TAU,
+        undefined="there are fewer than two pairs in which both vehicles crossed",
         first_screen=True,
         paper="4.54 %",
     ),

@@ -66,7 +66,9 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         raise InputError(str(path), f"is damaged ({error})") from None
     version = document.get("schema") if isinstance(document, dict) else None
     if version != SCHEMA:
-        raise InputError(str(path), f"format version {version!r}", str(SCHEMA))
+        advice = ": run its scenario again, or use the version of the harness that wrote it"
+        allowed = f"{SCHEMA}{advice if type(version) is int else ''}"
+        raise InputError(str(path), f"format version {version!r}", allowed)
     check_form(_Manifest, document, str(path))
     checked: dict[str, Any] = document
     return checked

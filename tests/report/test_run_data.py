@@ -18,8 +18,10 @@ from harness.core.errors import InputError
 from harness.scenario import Options
 from harness.store.summaries import summarise_cell
 from harness.store.tables import SCHEMA
+from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
 from tests.batches import here, one_cell
+from tests.made_up import made_up
 from tests.report.conftest import simulate
 
 
@@ -151,7 +153,10 @@ SPOILT = {
         lambda f: (f / "manifest.json").write_text("[]"),
         "manifest.json: format version None",
     ),
-    "old": (lambda f: manifest(f, schema=0), f"manifest.json: format version 0; allowed: {SCHEMA}"),
+    "old": (
+        lambda f: manifest(f, schema=0),
+        f"manifest.json: format version 0; allowed: {SCHEMA}: run its scenario again",
+    ),
     "counts": (lambda f: manifest(f, counts=[1]), "manifest.json: counts: [1] is not accepted"),
     "scenario": (lambda f: manifest(f, scenario={"ego": {"wheels": 4}}), "ego.wheels"),
     "table missing": (lambda f: (f / "pairs.parquet").unlink(), "pairs.parquet: is missing"),
@@ -316,3 +321,10 @@ def test_results_are_what_the_run_reported(swept: Path, unfinished: Path) -> Non
         assert result.findings == summarise_cell(own, result.cell, 0.95).findings
     assert any(result.findings["kappa"].events for result in run.results)
     assert harness.load_run(unfinished).results[0].findings["pairs"].value == 8
+
+
+def test_one_pair_has_a_mean_and_no_spread(tmp_path: Path) -> None:
+    run = made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 1}), lambda *_: 9.0)
+    findings = reported(harness.load_run(run)).cells[0].findings
+    assert findings["mu"].value == pytest.approx(9 / 10)  # the reference takes 10 s
+    assert "fewer than two pairs" in str(findings["cv"].reason)

@@ -415,6 +415,8 @@ def test_what_hours_have_not(runs: list[Path]) -> None:
     study = harness.load_run(runs[0]).study
     with pytest.raises(InputError, match="--until: is not supported with"):
         plan_of(study, Options(until=Precision("mu", 0.1)))
+    with pytest.raises(InputError, match="is a run of hours of traffic"):
+        harness.compare(runs[0])
 
 
 @pytest.mark.parametrize(

@@ -539,3 +539,19 @@ def test_the_json_of_hours_has_the_notes_of_the_first_screen(
     cells: Any = run_document.run_document(run)["cells"]
     assert cells[0]["caveats"] == [note.text for note in cell.notes] != []
     assert cells[0]["summary"]["never_went"] == 3
+
+
+def test_a_sweep_of_hours_shows_no_column_without_a_number() -> None:
+    others = {"other_delay_s": Finding(None, reason="no such vehicle")}
+    some = hour_with({}, other_delay_s=Finding(3.0, 2.0, 4.0))
+    cells = tuple(
+        replace(hour_with({}, **others), cell=number, varied={"arms.av": "hard_yield"})
+        for number in (0, 1)
+    )
+    run = RunFindings(HOURS, "hours", "runs/a b", "seed 1", 0.95, False, cells)
+    screen = screen_of(run)
+    assert screen.headings[2] == "delay of AVs, AV − reference, s"
+    assert "delay of other vehicles, s" not in screen.headings
+    assert screen.footer.endswith("harness report 'runs/a b'")
+    measured = replace(run, cells=(*cells, replace(some, cell=2, varied={"arms.av": "hard_yield"})))
+    assert "delay of other vehicles, s" in screen_of(measured).headings

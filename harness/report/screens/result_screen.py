@@ -1,5 +1,6 @@
 """The first screen of a run, a view of its findings."""
 
+import shlex
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -30,7 +31,7 @@ _NO_FINDING = Finding(None)
 
 def screen_of(run: RunFindings) -> Screen:
     """The first screen: one cell row by row, or a sweep with a row for each cell."""
-    footer = f"All measures: --full. Page: harness report {run.folder}"
+    footer = f"All measures: --full. Page: harness report {shlex.quote(str(run.folder))}"
     if len(run.cells) == 1 and not run.cells[0].varied:
         return _one_cell(run, run.cells[0], footer)
     return _sweep(run, footer)
@@ -94,8 +95,12 @@ def _both(
 
 def _has_something(entry: Entry[Any], cell: CellFindings) -> bool:
     """Whether a number of the entry is defined, or a note says why it is not."""
-    findings = [cell.findings[name] for name in entry.names if name is not None]
-    return any(finding.value is not None or finding.reason for finding in findings)
+    names = [name for name in entry.names if name is not None]
+    return _has_number(entry, cell) or any(cell.findings[name].reason for name in names)
+
+
+def _has_number(entry: Entry[Any], cell: CellFindings) -> bool:
+    return any(cell.findings[name].value is not None for name in entry.names if name is not None)
 
 
 def _met_nobody(cells: Sequence[CellFindings]) -> str:
@@ -135,6 +140,12 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
         if entry.first_screen
         and len({entry.title(cell.thresholds) for cell in shown}) == 1
         and any(_has_something(entry, cell) for cell in shown)
+    ]
+    # A column without any number would take the place of one with numbers; a note names it.
+    entries = [
+        entry
+        for place, entry in enumerate(entries)
+        if place == 0 or any(_has_number(entry, cell) for cell in shown)
     ]
     # What does not fit is left out from the right: crashes never are.
     rest = sorted(entries[1:], key=lambda entry: not entry.crashes)

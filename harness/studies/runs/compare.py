@@ -64,6 +64,13 @@ def compare(
     if not runs:
         raise InputError("compare", "no run given", "one run or several")
     opened = [finished_run(run) for run in runs]
+    for run in opened:
+        if run.study.cells[0].scenario.traffic is not None:
+            raise InputError(
+                str(run.path),
+                "is a run of hours of traffic, which has no pairs of episodes to compare",
+                "a run without [traffic]",
+            )
     several = len(opened) > 1
     names = names_of(opened) if several else [""]
     groups = groups_over([run.study for run in opened], names)
