@@ -456,6 +456,6 @@ def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> 
     (cell,) = reported(run).cells
     (note,) = [note.text for note in cell.notes if "crashed" in note.text]
     assert note.startswith(f"constant_speed's arm: {hit} of ")
-    assert "no delay has what a crash costs" in note
+    assert "the delays do not include the cost of a crash" in note
     (calm,) = reported(harness.load_run(runs[0])).cells
     assert not any("crashed" in note.text for note in calm.notes)
