@@ -218,7 +218,7 @@ def test_the_model_was_asked_outside_its_data(told: Any) -> None:
 def test_a_model_that_was_asked_within_its_data_needs_no_word(told: Any) -> None:
     inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0, "near_clamped": 2}
     found = told(lambda _task, _pair: (inside, inside))
-    assert "outside its data" not in found.text
+    assert "outside the data" not in found.text
     assert found.number("clamped_share") == 0
 
 
