@@ -295,6 +295,8 @@ def test_crashes_that_a_ratio_of_times_leaves_out_show_its_worst_case(tmp_path: 
     rows = [line[column:].split() for line in lines if line[:2] in ("0 ", "1 ")]
     # The first cell has no worst case: its next number stands there.
     assert (rows[0][0], rows[1][0]) == (f"{run.results[0].summary.mu.value:.3f}", "3.40")
+    compared = [line.split() for line in printed("compare", tmp_path / "run").splitlines()]
+    assert ["constant_speed", "0.80", "3.40"] in [line[1:4] for line in compared]
     assert "3.400 *" in " ".join(printed("compare", tmp_path / "run", "--full").split())
     document = run_document(run)["cells"][1]["summary"]
     assert document["time_ratio"] == pytest.approx(0.8)

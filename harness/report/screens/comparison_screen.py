@@ -1,6 +1,7 @@
 """The first screen of a comparison: who is better in what, the front, and what is allowed."""
 
 import shlex
+from collections.abc import Mapping
 
 from harness.report.screens.comparison_tables import allowed_lines, best_lines, comparison_notes
 from harness.report.screens.result_screen import with_limits
@@ -8,6 +9,7 @@ from harness.report.screens.screen import Screen
 from harness.report.screens.tables import counted, entry_value
 from harness.scenario import as_written
 from harness.statistics import ENCOUNTERS, Place
+from harness.statistics.findings import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
 
@@ -32,7 +34,7 @@ def comparison_screen(result: RunComparison) -> Screen:
     footer = "All cells, differences and tests: --full. Page: harness report "
     footer += shlex.quote(str(result.folders[0]))
     better = ["less time than", "fewer crashes or time-outs than"]
-    headings = ["cell", "AV", "ratio of times", "crashes", "front", *better]
+    headings = ["cell", "AV", "ratio of times", "worst case", "crashes", "front", *better]
     return Screen(
         title=f"{result.name}: {counted(cells, 'cell')} compared pair by pair",
         scope=f"told apart if p (Holm) < {1 - result.confidence:.2g}",
@@ -41,7 +43,7 @@ def comparison_screen(result: RunComparison) -> Screen:
         conclusions=tuple(_sentences(result, hidden)),
         notes=comparison_notes(result),
         footer=footer,
-        always=5 + several,
+        always=6 + several,
     )
 
 
@@ -61,12 +63,22 @@ def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
                 str(cells[at].number),
                 av_label(cells[at].label, findings),
                 with_limits(_ENTRIES["time_ratio"], findings["time_ratio"]),
+                _worst_case(findings),
                 entry_value(_ENTRIES["kappa"], findings["kappa"]),
                 _PLACES[standings[at].place],
                 *(_numbers(group, group.beaten_by(at, by)) for by in (0, 1)),
             )
         )
     return rows
+
+
+def _worst_case(findings: Mapping[str, Finding]) -> str:
+    """The worst ratio of times of a cell that leaves pairs out or counts them with the time-out."""
+    counts = [findings[name].number or 0 for name in ("pairs", "time_ratio_pairs", "timed_out")]
+    if counts[0] == counts[1] and not counts[2]:
+        return ""
+    entry = _ENTRIES["time_ratio_worst"]
+    return entry_value(entry, findings["time_ratio_worst"], entry.paired_digits)
 
 
 def _numbers(group: GroupResult, positions: list[int]) -> str:
