@@ -364,7 +364,7 @@ def test_resume_under_other_conditions_is_refused(
 
 def test_resume_of_no_run_is_refused(tmp_path: Path) -> None:
     for folder in (tmp_path / "none", tmp_path):
-        with pytest.raises(InputError, match=r"is no folder|no run folder"):
+        with pytest.raises(InputError, match=r"is no folder|not a run folder"):
             resume(folder, make_executor=Inline)
     assert list(tmp_path.iterdir()) == []
 

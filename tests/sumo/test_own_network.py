@@ -341,8 +341,8 @@ def test_what_the_ego_passes_is_said(tmp_path: Path) -> None:
     )
     assert remarks(near) == []
     light, walk = sorted(remarks(far), reverse=True)
-    assert re.match(r"the ego passes the traffic light light \d+ m before the crosswalk: no", light)
-    assert re.match(r"the ego passes the crosswalk :light_c0 10\d m before the crosswalk: n", walk)
+    assert re.match(r"the ego passes the traffic light light \d+ m before the crosswalk: st", light)
+    assert re.match(r"the ego passes the crosswalk :light_c0 10\d m before the crosswalk: s", walk)
     assert 85 <= float(light.split()[7]) <= 115  # where the lane ends before its junction
     # Its own light is no surprise: it is refused unless it is ignored, and the list says how.
     row = listed[":light_c0"]

@@ -174,7 +174,7 @@ def test_refused(run: Path, tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=word):
             replay(run, pair, [Arm.AV], cell, out)
-    with pytest.raises(InputError, match="no run folder"):
+    with pytest.raises(InputError, match="not a run folder"):
         replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
     wrong = here("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
     assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)

@@ -141,7 +141,7 @@ def test_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="kept no traces"):
         score(tmp_path / "run", tmp_path / "scored")
     assert not (tmp_path / "scored").exists()
-    with pytest.raises(InputError, match="no run folder"):
+    with pytest.raises(InputError, match="not a run folder"):
         score(tmp_path / "none", tmp_path / "scored")
     done = here("score", tmp_path / "run", "--out", tmp_path / "scored")
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)

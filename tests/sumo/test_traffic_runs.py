@@ -169,7 +169,7 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     written = write_report(run, page, missing=write_shown(run, page))
     text = written.page.read_text(encoding="utf-8")
-    assert "Hours of traffic" in text
+    assert "Each hour of traffic is simulated twice" in text
     assert "Simulated again for the page; the record is identical to the stored record." in text
     assert 'id="figure-time-space"' in text
     assert written.differing == ()

@@ -95,7 +95,7 @@ def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no run folder"):
+    with pytest.raises(InputError, match="not a run folder"):
         watch(tmp_path, 0, [Arm.AV])
 
 
