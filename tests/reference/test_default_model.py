@@ -45,7 +45,7 @@ def test_card_names_commands_and_what_it_rests_on(name):
         "harness extract ../shared/data/dut --format vci --out runs/dut-rows.parquet"
     )
     assert fit.startswith("harness fit runs/dut-rows.parquet ")
-    assert Path(option(fit, "--out")).name == f"{name}.json"
+    assert option(fit, "--out") == f"harness/models/{name}.json"
     assert option(fit, "--weigh") == card["weigh"] == "encounter"
     assert card["components"] == model.mixture.weights.size
     # The data page: 532 pairs from 35 vehicles, about 16 % of the rows outside the box, 7 or 8
