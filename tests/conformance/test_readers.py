@@ -193,9 +193,7 @@ def spoilt(table: pd.DataFrame, column: str, cell: str) -> pd.DataFrame:
 @every_format
 @settings(max_examples=60, deadline=None, derandomize=True, database=None)
 @given(data=st.data())
-def test_whatever_bytes_are_in_a_file(
-    form: str, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
-) -> None:
+def test_whatever_bytes_are_in_a_file(form, tmp_path_factory, data) -> None:
     file = data.draw(st.sampled_from(files_of(ENCOUNTER / form)))
     content = data.draw(cut_and_flipped(file.read_bytes()))
     folder = Path(shutil.copytree(ENCOUNTER / form, tmp_path_factory.mktemp("spoilt") / form))

@@ -28,9 +28,7 @@ def test_every_folder_is_one_site() -> None:
 
 
 @every_site
-def test_its_scenario_takes_place_there_and_nothing_is_built(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_its_scenario_takes_place_there_and_nothing_is_built(name, tmp_path, monkeypatch) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
     crosswalk = CROSSWALKS.get(name)
     assert crosswalk is not None, "no shipped scenario's [crossing] gives these sources"

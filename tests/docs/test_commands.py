@@ -111,9 +111,7 @@ def test_pages_have_commands() -> None:
         if commands(page)
     ],
 )
-def test_the_commands_of_a_page_run(
-    page: Path, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_commands_of_a_page_run(page, made, tmp_path, monkeypatch) -> None:
     shutil.copytree(made, tmp_path / "checkout")
     monkeypatch.chdir(tmp_path / "checkout")
     # The page of a command uses what it made.
@@ -124,9 +122,7 @@ def test_the_commands_of_a_page_run(
 @pytest.mark.parametrize(
     "page", ["README.md", "docs/model.md", "docs/report.md", "docs/risk.md", "docs/validation.md"]
 )
-def test_the_commands_of_a_page_run_on_real_trajectories(
-    page: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_commands_of_a_page_run_on_real_trajectories(page, made, tmp_path, monkeypatch) -> None:
     if not DUT.is_dir():
         pytest.skip("needs the DUT set in ../shared/data/dut")
     shutil.copytree(made, tmp_path / "checkout")

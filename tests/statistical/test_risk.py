@@ -95,9 +95,7 @@ def tables() -> Tables:
 @pytest.mark.parametrize(
     ("fault", "least_found"), [("dead 1e-3", 15), ("dead 1e-4", 0), ("blind", 0)]
 )
-def test_what_is_said_of_faulty_strategies_holds(
-    tables: Tables, fault: str, least_found: int
-) -> None:
+def test_what_is_said_of_faulty_strategies_holds(tables, fault, least_found) -> None:
     """Issue: a strategy that is dead in 1e-4 of its own draws, and one blind to some walkers."""
     share = fault.removeprefix("dead ")
     evaluate, truth = tables.blind() if fault == "blind" else tables.dying(float(share))

@@ -121,9 +121,7 @@ def test_mean_of_made_up_ratios(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("share", "at"), [(1.0, 1_000), (0.1, 2_000), (0.0, 2_000)])
-def test_pairs_that_met_nobody_do_not_stop_it(
-    monkeypatch: pytest.MonkeyPatch, share: float, at: int
-) -> None:
+def test_pairs_that_met_nobody_do_not_stop_it(monkeypatch, share, at) -> None:
     """Their interval of μ is narrow at 1,000 pairs in every case; so is that of nobody met."""
     monkeypatch.setattr(bootstrap, "RESAMPLES", 199)
     rng = np.random.default_rng(5)

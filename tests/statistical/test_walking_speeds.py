@@ -117,9 +117,7 @@ def test_walking_speeds_at_the_trigger(model: InteractionModel, joint: Joint) ->
 
 
 @pytest.mark.parametrize(("range_m", "speed"), [(30.0, 5.0), (8.0, 1.2), (15.0, 7.5), (55.0, 3.0)])
-def test_quantiles_against_integration(
-    model: InteractionModel, joint: Joint, range_m: float, speed: float
-) -> None:
+def test_quantiles_against_integration(model, joint, range_m, speed) -> None:
     u = np.linspace(0.001, 0.999, 400)
     drawn = model.walking_speed(u, np.full(400, range_m), np.full(400, speed))
     paces, cdf = joint.walking_speed_cdf(range_m, speed)

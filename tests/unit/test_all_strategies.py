@@ -51,9 +51,7 @@ def test_constant_speed_drives_off_where_the_vehicle_before_has_slowed_it(speed_
           for value in (0.0, -1.0, 0.01, 0.25)),
     ],
 )  # fmt: skip
-def test_values_outside_their_range_are_refused(
-    name: str, key: str, value: float, allowed: str, model
-) -> None:
+def test_values_outside_their_range_are_refused(name, key, value, allowed, model) -> None:
     scene = scenario(arms={"human": name}, strategies={name: {key: value}})
     with pytest.raises(InputError, match=rf"^{name}\.{key}: .*{allowed}"):
         make_strategy(scene, Arm.HUMAN, 0, model)

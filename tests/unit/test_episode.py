@@ -29,9 +29,6 @@ class Recorder:
         return self._command(observation)
 
 
-# --- arrivals ------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("arrival", [0.0, 0.037, 0.1, 0.3, 1.2345678901234, 4.999999])
 def test_a_start_is_never_rounded_to_a_step(arrival: float) -> None:
     recorder = Recorder()
@@ -84,9 +81,6 @@ def test_who_has_reached_the_other_kerb_is_gone() -> None:
 BY_DEFAULT = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
 
 
-# --- kerb rule -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("arrival", "goes"),
     # At 5 m/s the edge (R = 2 m) is 2 s away at R = 12 m: 3.6 s after the trigger.
@@ -133,9 +127,7 @@ def test_who_waits_looks_again_at_every_step() -> None:
     [(2.5, True), (25 / 14 + 0.01, True), (25 / 14 - 0.01, False), (0.0, False)],
 )
 @pytest.mark.parametrize("gap_s", [None, 30.0])
-def test_a_car_that_stops_before_the_edge_keeps_nobody_waiting(
-    deceleration: float, goes: bool, gap_s: float | None
-) -> None:
+def test_a_car_that_stops_before_the_edge_keeps_nobody_waiting(deceleration, goes, gap_s) -> None:
     # It brakes from 4.2 s on, 7 m before the edge: from 5 m/s to a stand takes 25/14 m/s².
     scene = scenario(pedestrians=BY_DEFAULT)
     recorder = Recorder(lambda seen: -deceleration if seen.time_s > 4.15 else 0.0)
@@ -154,9 +146,6 @@ def test_before_a_car_that_stands_they_go_however_near() -> None:
     scene = scenario(pedestrians=BY_DEFAULT)
     trace = play(Recorder(lambda _: -0.45), [(12.0, Side.NEAR, 1.2)], scene)
     assert trace.walks[0].start_s == 12.0
-
-
-# --- what a strategy sees ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("detection_m", [12.3, 25.04, 30.0, 100.0])
@@ -199,9 +188,6 @@ def test_it_sees_its_own_state_and_the_constants() -> None:
     assert (seen.vehicle, seen.crossing) == (trace.vehicle, trace.crossing)
     assert (seen.crossing.length_m, seen.crossing.width_m) == (9.0, 4.0)
     assert len(recorder.seen) == len(trace.x_m) - 1
-
-
-# --- limits and endings --------------------------------------------------------------------------
 
 
 def test_commands_are_held_to_the_vehicles_limits() -> None:

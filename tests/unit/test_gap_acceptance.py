@@ -68,9 +68,7 @@ def test_a_slow_ego_leaves_a_long_gap() -> None:
 
 
 @pytest.mark.parametrize(("deceleration", "goes_s"), [(0.5, 0.1), (0.45, 0.1), (0.44, None)])
-def test_goes_before_one_that_would_stop_before_the_edge(
-    deceleration: float, goes_s: float | None
-) -> None:
+def test_goes_before_one_that_would_stop_before_the_edge(deceleration, goes_s) -> None:
     # At the trigger, 28 m before the edge, it does not brake yet.  25/28/2 = 0.446 m/s².
     walk = cross(1000.0, 0.0, lambda _: -deceleration)
     assert walk.start_s == goes_s
@@ -87,9 +85,6 @@ def test_never_under_the_body() -> None:
     # A critical gap of nothing at all; the bumper is over the near edge at 5.6 s.
     assert cross(0.0, 5.59).start_s == 5.59
     assert cross(0.0, 5.7).start_s is None
-
-
-# --- who they are --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("mean", "std"), [(4.0, 2.5), (6.2, 0.7)])

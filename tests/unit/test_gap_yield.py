@@ -29,9 +29,6 @@ def edge_speed(step: float = STEP, limit: float = LIMIT) -> float:
     return (-b + math.sqrt(b * b - 4 * a * c)) / (2 * a)
 
 
-# --- the approach --------------------------------------------------------------------------------
-
-
 def test_slows_down_for_an_empty_crosswalk() -> None:
     assert edge_speed() == pytest.approx(3.4232, abs=5e-5)
     step = int(np.argmax(EMPTY.x_m > -EDGE_M))
@@ -89,9 +86,6 @@ def test_nobody_who_steps_off_whenever_he_likes_is_hit(walking_speed: float, sid
     assert {record.ending for record in records} == {"crossed"}
 
 
-# --- going first ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("critical_gap", [0.0, 1.5, 3.0])
 def test_goes_first_where_the_time_advantage_exceeds_the_gap(critical_gap: float) -> None:
     # On an empty road its rear leaves their line at a time that the trace shows.
@@ -110,9 +104,6 @@ def test_a_pedestrian_who_is_gone_in_time_does_not_slow_it() -> None:
     assert crossing_time(EMPTY, -EDGE_M) == pytest.approx(5.68, abs=0.01)
     trace = play(GapYield(), [(0.0, Side.NEAR, 0.9)])
     np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
-
-
-# --- yielding ------------------------------------------------------------------------------------
 
 
 def test_is_at_the_edge_when_its_lane_is_free() -> None:

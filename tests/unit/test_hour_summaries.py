@@ -192,9 +192,7 @@ def test_fieller_by_hand() -> None:
         (0.9, {"av": "human_yield", "human": "gap_yield"}, None, "gap_yield declares no yield"),
     ],
 )
-def test_yield_rates_are_declared_not_observed(
-    share: float, arms: dict[str, str], rate: float | None, reason: str | None
-) -> None:
+def test_yield_rates_are_declared_not_observed(share, arms, rate, reason) -> None:
     """M_y = share × the AV's + (1 − share) × the reference's, whatever was seen: nobody let go."""
     own = {"let_go": 0, "had_to_wait": 30, "pedestrian_delay_s": 2.0}
     row = row_of(CATALOGUE, summary_of(own, own, scenario(share, **arms)))

@@ -80,10 +80,7 @@ def crashes(flow, pairs, model) -> list[int]:
     """Pairs in which it had an avoidable crash with pedestrians of constant speed."""
     cell = load_scenario(
         "cctc_flow",
-        [
-            Setting("pedestrians.flow_per_hour", flow),
-            Setting("arms.human", "human_recorded"),
-        ],
+        [Setting("pedestrians.flow_per_hour", flow), Setting("arms.human", "human_recorded")],
     )
     runner = on_plain(cell, model)
     return [pair for pair in pairs if runner.run_arm(pair, Arm.HUMAN).record.avoidable]

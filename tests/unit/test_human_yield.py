@@ -97,9 +97,7 @@ def test_does_not_wait_for_somebody_who_will_have_left_its_lane() -> None:
         (5.3, 53, 25 / 6.3),
     ],
 )
-def test_whoever_is_in_its_path_is_braked_for(
-    yields: bool, arrival: float, first: int, deceleration: float
-) -> None:
+def test_whoever_is_in_its_path_is_braked_for(yields, arrival, first, deceleration) -> None:
     trace = play(driver(yields=yields), [(arrival, Side.NEAR, 0.8)])
     assert braking_steps(trace)[0] == first
     # Held but for what the time grid takes, 1/(4 n (n − 1)).
@@ -144,9 +142,7 @@ def test_never_waits_for_each_other(make, limit: float) -> None:
 
 
 @pytest.mark.parametrize(("range_m", "goes"), [(2.01, False), (1.99, True), (0.5, True)])
-def test_at_rest_it_waits_for_those_who_wait_only_before_the_edge(
-    range_m: float, goes: bool
-) -> None:
+def test_at_rest_it_waits_for_those_who_wait_only_before_the_edge(range_m, goes) -> None:
     # Nobody steps off before a car whose bumper is over the near edge, R = 2 m.
     scene = scenario()
     people = (PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False),)

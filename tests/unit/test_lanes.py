@@ -144,9 +144,6 @@ def test_shipped_scenarios_run_on_other_roads(name: str, layout: dict[str, float
             assert hit[0].contact_time_s == pytest.approx(reached)
 
 
-# --- units ---------------------------------------------------------------------------------------
-
-
 def test_a_speed_takes_a_unit_wherever_it_is_said(tmp_path) -> None:
     file = tmp_path / "fast.toml"
     file.write_text('[ego]\ninitial_speed_mps = "36 km/h"\n[crossing]\nroad_speed_limit_mps = 8\n')

@@ -167,23 +167,12 @@ def test_libsumo_and_traci_have_one_importer_each() -> None:
     rooms = {name.split(".")[1] for name in importers_of("sumo")}
     assert rooms <= {"engine"}
     assert "harness.site.road_network" in importers_of("sumolib")
-    assert {name.split(".")[1] for name in importers_of("sumolib")} <= {
-        "site",
-        "engine",
-        "report",
-    }
+    assert {name.split(".")[1] for name in importers_of("sumolib")} <= {"site", "engine", "report"}
 
 
 def test_strategies_measures_and_statistics_know_no_engine() -> None:
     engine = importers_of("harness.engine")
-    for package in (
-        "strategies",
-        "measures",
-        "statistics",
-        "model",
-        "core",
-        "site",
-    ):
+    for package in ("strategies", "measures", "statistics", "model", "core", "site"):
         assert not any(name.startswith(f"harness.{package}") for name in engine)
 
 

@@ -30,9 +30,6 @@ def cruise(*walkers: Walker, step: float = 0.1) -> EpisodeRecord:
     return record([0.0] * math.ceil(7.6 / step), walkers, step=step)
 
 
-# --- time ----------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("step", [0.1, 0.3, 0.17])
 def test_pass_time_at_constant_speed(step: float) -> None:
     result = cruise(step=step)
@@ -98,9 +95,6 @@ def test_nothing_to_measure_without_pedestrians() -> None:
     assert result.stopped_s == 0.0
 
 
-# --- walkers who change their speed --------------------------------------------------------------
-
-
 def test_contact_with_someone_who_slows_down() -> None:
     # From t = 4 s on y = 2 t' − t'²/2: at t' = 1.95 s, when the front is 0.25 m away, y = 1.999 m,
     # in front of the body (1.35 to 3.15 m).
@@ -112,9 +106,6 @@ def test_contact_with_someone_who_slows_down() -> None:
     assert hit.contact_time_s == pytest.approx(5.95, abs=1e-9)
     # With y = 2 t' they are past the body by then: 3.9 m.
     assert measure([trace])[0].contact is None
-
-
-# --- contact -------------------------------------------------------------------------------------
 
 
 def test_front_contact_ends_the_record() -> None:
@@ -181,9 +172,6 @@ def test_at_every_contact_gap_and_time_to_collision_are_nothing() -> None:
     ]
     assert [result.contact for result in touched] == ["front", "side", "front", "front"]
     assert [(result.min_ttc_s, result.min_gap_m) for result in touched] == [(0.0, 0.0)] * 4
-
-
-# --- proximity -----------------------------------------------------------------------------------
 
 
 def test_post_encroachment_time_pedestrian_first() -> None:

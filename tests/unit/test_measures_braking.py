@@ -27,9 +27,6 @@ def braking(plan: list[float], *walkers: Walker) -> EpisodeRecord:
     return record(plan, walkers, ending=Ending.TIMED_OUT)
 
 
-# --- DRAC ----------------------------------------------------------------------------------------
-
-
 def test_drac_that_lets_him_leave() -> None:
     # d = 29.75 m; their disc is past the right side after 9 − 1.10 = 7.9 m, T = 7.9 s.  A constant
     # a with 5 T − a T²/2 = d; still moving then, as 5 · 7.9 < 2 · 29.75.  Braking at 1 m/s² from
@@ -101,9 +98,6 @@ def test_drac_against_stepping_through_an_episode() -> None:
     assert result.max_drac_mps2 == pytest.approx(max(states), abs=2e-3)
 
 
-# --- required deceleration at first sight --------------------------------------------------------
-
-
 def test_required_deceleration_from_the_trigger() -> None:
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
@@ -137,9 +131,6 @@ def test_required_deceleration_is_for_those_on_a_collision_course() -> None:
     assert two.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
 
 
-# --- jerk ----------------------------------------------------------------------------------------
-
-
 def test_jerk_by_hand() -> None:
     # 0 → −2 → 0 → 1.25 m/s², each from one step of 0.1 s to the next.
     assert record([-2.0] * 25 + [0.0] * 30 + [1.25] * 80).max_jerk_mps3 == pytest.approx(20)
@@ -149,9 +140,6 @@ def test_jerk_by_hand() -> None:
     assert record(
         [0.0] * 60 + [-4.5] * 5, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT
     ).max_jerk_mps3 == pytest.approx(0.0, abs=1e-9)
-
-
-# --- avoidable -----------------------------------------------------------------------------------
 
 
 def test_avoidable_by_stopping_short() -> None:

@@ -64,9 +64,6 @@ def play(
     return driver.seen, trace
 
 
-# --- latency and update --------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("latency", [0.1, 0.3, 1.0])
 def test_what_is_shown_is_exactly_that_old(latency: float) -> None:
     walkers = [(0.33, Side.NEAR, 1.3), (1.0, Side.FAR, 2.0)]
@@ -125,9 +122,6 @@ def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
     assert sensor_of(walled, Arm.AV) is None
     assert human is not None
     assert len(human.obstacles) == 1
-
-
-# --- detection, dropout --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("probability", [0.9, 0.5, 0.1])
@@ -195,9 +189,6 @@ def test_share_of_updates_shown_with_dropouts() -> None:
     assert abs(lengths.mean() - 1 / q) < 4 * math.sqrt((1 - q) / len(lengths)) / q
 
 
-# --- errors --------------------------------------------------------------------------------------
-
-
 def test_errors_have_their_variance_and_correlation() -> None:
     # Updates of 0.1 s, correlation time 0.5 s: φ = exp(−0.2), after k updates exp(−0.2 k).
     sensor = sensor_with(position_sd_m=0.3, speed_sd_mps=0.2, correlation_s=0.5)
@@ -236,9 +227,6 @@ def test_errors_shift_place_and_speed_together() -> None:
     assert 0.02 < np.std(shifts, axis=0)[1] < 0.25
 
 
-# --- occlusion -----------------------------------------------------------------------------------
-
-
 WALL = Rectangle(4.0, 5.0, -1.0, 1.0)
 
 
@@ -256,9 +244,7 @@ WALL = Rectangle(4.0, 5.0, -1.0, 1.0)
         ((0.1, 0.1), False),  # over the eye
     ],
 )
-def test_a_disc_is_hidden_when_the_whole_of_it_is(
-    centre: tuple[float, float], hidden: bool
-) -> None:
+def test_a_disc_is_hidden_when_the_whole_of_it_is(centre, hidden) -> None:
     assert is_hidden((0.0, 0.0), centre, [WALL]) is hidden
     # Turned by a right angle about the eye, nothing changes.
     turned = Rectangle(-1.0, 1.0, 4.0, 5.0)
@@ -370,9 +356,6 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
     assert 1.2 < contact_s - first.time_s < 1.9
 
 
-# --- all together --------------------------------------------------------------------------------
-
-
 def outcomes(scene: Scenario, pairs: int = 6) -> list[object]:
     model = load_model(scene.model.name)
     runner = on_plain(scene, model)
@@ -446,9 +429,6 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
         assert rows["y_m"][i] == pytest.approx(time_s - 0.5, abs=1e-9)
         assert (rows["x_m"][i], rows["speed_mps"][i]) == (0.0, 1.0)
     assert all(b > a for a, b in pairwise(times))
-
-
-# --- what is refused -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

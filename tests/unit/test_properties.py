@@ -78,9 +78,7 @@ def test_strategies_in_the_mirror_image(walkers: list[Walker], strategy: type[St
 
 @some
 @given(st.floats(0.5, 8), st.floats(2, 20), st.floats(0.2, 6), st.floats(0.2, 6))
-def test_who_brakes_harder_hits_softer(
-    speed: float, ahead_m: float, first: float, second: float
-) -> None:
+def test_who_brakes_harder_hits_softer(speed, ahead_m, first, second) -> None:
     """Somebody slow stands in the lane from the beginning: v² = v0² − 2 b d, or no contact."""
     scene = scenario(ego={"trigger_range_m": ahead_m + 2})
     # 2.25 m, the middle of the lane, at the trigger; 0.05 m/s keeps them there.

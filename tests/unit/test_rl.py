@@ -16,15 +16,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from examples import vector_environments  # noqa: E402
 from examples.policies import NEAREST, YieldToTheNearest, yield_to_the_nearest  # noqa: E402
 from harness import rl  # noqa: E402
-from harness.core.encounter import (  # noqa: E402
-    Arm,
-    Crossing,
-    EgoView,
-    Ending,
-    Observation,
-    PedestrianView,
-    Side,
-)
+from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
 from harness.core.errors import EngineError, InputError  # noqa: E402
 from harness.core.resources import shipped_directory  # noqa: E402
 from harness.engine.plain import PlainEngine  # noqa: E402
@@ -43,12 +35,7 @@ BUSY = {"pedestrians.flow_per_hour": 800.0, "pedestrians.kerb_wait_s": 0.0}
 
 def environment(settings=None, scenario="cctc_flow", engine="plain", **more):
     return gymnasium.make(
-        NAME,
-        scenario=scenario,
-        settings=settings,
-        engine=engine,
-        disable_env_checker=True,
-        **more,
+        NAME, scenario=scenario, settings=settings, engine=engine, disable_env_checker=True, **more
     )
 
 

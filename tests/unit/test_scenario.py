@@ -13,11 +13,7 @@ from harness.scenario import Scenario, load_scenario, parse_setting, read_scenar
 
 # Table II of the paper and the choices beside it: what an empty scenario runs.
 DEFAULTS: dict[str, dict[str, Any]] = {
-    "crossing": {
-        "bearing_deg": 316.5,
-        "length_m": 9.0,
-        "width_m": 4.0,
-    },
+    "crossing": {"bearing_deg": 316.5, "length_m": 9.0, "width_m": 4.0},
     "ego": {
         "initial_speed_mps": 5.0,
         "trigger_range_m": 30.0,

@@ -422,9 +422,7 @@ def test_where_another_reference_says_the_opposite_is_known_of_the_study_alone()
         ("pedestrians.max_count=2", False),
     ],
 )
-def test_the_papers_numbers_stand_beside_its_own_experiment_alone(
-    setting: str, papers: bool
-) -> None:
+def test_the_papers_numbers_stand_beside_its_own_experiment_alone(setting, papers) -> None:
     assert is_the_papers(load_scenario("cctc", [parse_setting(setting)])) is papers
 
 
@@ -526,9 +524,7 @@ def test_a_permanent_queue_shows_its_capacity_first_and_no_worst_case() -> None:
     assert row.split()[2:] == ["1,400", "2,010", "−610", "(−850", "…", "−370)"]
 
 
-def test_the_json_of_hours_has_the_notes_of_the_first_screen(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_the_json_of_hours_has_the_notes_of_the_first_screen(monkeypatch) -> None:
     cell = hour_with({}, never_went=Finding(3))
     findings = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
     monkeypatch.setattr(run_document, "reported", lambda _: findings)

@@ -51,8 +51,7 @@ def test_the_papers_pairs_by_one_coarse_step_at_most(model) -> None:
     # Both arms of the paper's experiment: same pedestrians, half the step.
     def pass_times(step_s: float) -> list[float | None]:
         scene = scenario(
-            pedestrians={"max_count": 1, "first_at_trigger": True},
-            experiment={"step_s": step_s},
+            pedestrians={"max_count": 1, "first_at_trigger": True}, experiment={"step_s": step_s}
         )
         runner = on_plain(scene, model)
         return [outcome.record.pass_time_s for outcome in runner.run(range(40))]

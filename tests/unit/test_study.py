@@ -112,16 +112,8 @@ def test_cells_that_are_no_grid(tmp_path: Path) -> None:
         """,
     )
     assert [cell.varied for cell in found.cells] == [
-        {
-            "arms.av": "hard_yield",
-            "pedestrians.flow_per_hour": 77.0,
-            "ego.initial_speed_mps": 5.0,
-        },
-        {
-            "arms.av": "soft_yield",
-            "pedestrians.flow_per_hour": 500.0,
-            "ego.initial_speed_mps": 8.0,
-        },
+        {"arms.av": "hard_yield", "pedestrians.flow_per_hour": 77.0, "ego.initial_speed_mps": 5.0},
+        {"arms.av": "soft_yield", "pedestrians.flow_per_hour": 500.0, "ego.initial_speed_mps": 8.0},
     ]
     assert found.cells[0].scenario.pedestrians.flow_per_hour == 77.0
     assert found.cells[1].scenario.arms.av == "soft_yield"
@@ -196,9 +188,6 @@ def test_a_cell_reaches_a_worker_as_it_is(tmp_path: Path) -> None:
         assert pickle.loads(pickle.dumps(cell)) == cell
 
 
-# --- keys that are set ---------------------------------------------------------------------------
-
-
 def with_settings(name: str | Path, *settings: str, vary: tuple[str, ...] = ()) -> Study:
     file = read_scenario_file(name, [parse_setting(text) for text in settings])
     return study_of(file, [parse_variation(text) for text in vary])
@@ -238,9 +227,7 @@ def with_settings(name: str | Path, *settings: str, vary: tuple[str, ...] = ()) 
         ("penetration", ["arms.av=soft_yield"], 11, ""),
     ],
 )
-def test_a_key_that_is_set_leaves_the_sweep(
-    name: str, settings: list[str], cells: int, remark: str | None
-) -> None:
+def test_a_key_that_is_set_leaves_the_sweep(name, settings, cells, remark) -> None:
     found = with_settings(name, *settings)
     assert len(found.cells) == cells
     assert remark is None or (found.remark or "") == remark
@@ -319,9 +306,6 @@ def test_a_range_without_its_step_is_refused_as_one(text: str) -> None:
         parse_variation(f"strategies.soft_yield.p1={text}")
     assert caught.value.problem == f"range {text!r} has no step"
     assert caught.value.allowed == "begin:end:step"
-
-
-# --- parameters by hand --------------------------------------------------------------------------
 
 
 def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path) -> None:

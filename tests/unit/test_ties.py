@@ -46,7 +46,5 @@ LAST_BIT = 20.0 + 4e-15
         ([asked(0.0, None)], [asked(0.0, 1.0, LAST_BIT)], 0.0),
     ],
 )
-def test_first_step_at_which_the_commands_differ(
-    one: list[Asked], other: list[Asked], when: float | None
-) -> None:
+def test_first_step_at_which_the_commands_differ(one, other, when) -> None:
     assert tie_s(one, other) == when

@@ -45,9 +45,6 @@ def assert_same_rows(found, folder=MADE_UP):
     pd.testing.assert_frame_equal(found.rows, rows_of(folder).rows)
 
 
-# ---- vci ---------------------------------------------------------------------------------------
-
-
 def test_vci_lengths_come_from_corner_points_and_ratio():
     # Corners 2 m before and behind the centre, 20 pixels per metre: 4 m; the centre is recorded.
     track = read_clips(MADE_UP, "vci", frame_rate_hz=RATE)[0].vehicles["0"]
@@ -185,9 +182,6 @@ def test_vci_one_file_and_equal_names_in_subfolders(clip):
     ]  # fmt: skip
 
 
-# ---- options -----------------------------------------------------------------------------------
-
-
 def test_misspelt_format_and_option_name_the_nearest():
     with pytest.raises(InputError, match="did you mean 'mobileye'"):
         extract(MADE_UP, "mobilye")
@@ -221,9 +215,6 @@ def test_every_format_has_exactly_one_kind_of_reader():
 def test_a_reason_that_is_not_in_the_table_is_a_bug():
     with pytest.raises(KeyError):
         Tally().drop("records", "because")
-
-
-# ---- mobileye ----------------------------------------------------------------------------------
 
 
 def test_mobileye_sequence_comes_out_as_constructed():
@@ -345,9 +336,6 @@ def test_mobileye_refusals(tmp_path):
         extract(tmp_path, "mobileye")
     with pytest.raises(InputError, match="latitude_deg"):
         extract(SENSOR, "mobileye", latitude_deg=95)
-
-
-# ---- table -------------------------------------------------------------------------------------
 
 
 def test_table_rows_are_taken_bounded_and_counted():

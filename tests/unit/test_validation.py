@@ -30,14 +30,7 @@ from harness.studies.validation.bootstrap import few_vehicles
 from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
 from harness.studies.validation.figures import pass_time_score
 from tests.batches import printed
-from tests.recordings import (
-    DRIVERS,
-    LENGTH_M,
-    RATE_HZ,
-    SCENES,
-    held,
-    write_set,
-)
+from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
 
 SCREEN = Path(__file__).parents[1] / "data" / "validation" / "full.txt"
 
