@@ -84,9 +84,9 @@ def risk(
 
 def is_risk(folder: Path) -> bool:
     """Return whether a folder contains a risk estimate instead of a run."""
-    from harness.studies.risk.folder import ASKED
+    from harness.studies.risk.folder import SETTINGS_FILE
 
-    return (folder / ASKED).is_file()
+    return (folder / SETTINGS_FILE).is_file()
 
 
 def resume_risk(

@@ -238,7 +238,7 @@ class Walk:
     legs: tuple[Leg, ...] | None = None
 
 
-class Conditionings(NamedTuple):
+class ModelUse(NamedTuple):
     """How often the interaction model was used in an episode, for pedestrians or drivers.
 
     ``clamped`` counts the uses with an ego faster or farther away than in all of the model's data,
@@ -246,16 +246,16 @@ class Conditionings(NamedTuple):
     ego slower or nearer than in all of the data.
     """
 
-    asked: int = 0
+    uses: int = 0
     clamped: int = 0
     near_clamped: int = 0
     speed_excess_mps: float = 0.0
     range_excess_m: float = 0.0
 
-    def joined(self, other: "Conditionings") -> "Conditionings":
+    def joined(self, other: "ModelUse") -> "ModelUse":
         """The sum of these counts and others of the same episode."""
-        return Conditionings(
-            self.asked + other.asked,
+        return ModelUse(
+            self.uses + other.uses,
             self.clamped + other.clamped,
             self.near_clamped + other.near_clamped,
             max(self.speed_excess_mps, other.speed_excess_mps),
@@ -263,7 +263,7 @@ class Conditionings(NamedTuple):
         )
 
 
-NOTHING_ASKED = Conditionings()
+NO_MODEL_USE = ModelUse()
 
 
 @dataclass(frozen=True, slots=True)
@@ -293,7 +293,7 @@ class Trace:
     failed_in: FailedIn | None = None
     trace_offset_s: float = 0.0
     shown: tuple[tuple[PedestrianView, ...], ...] | None = None
-    conditionings: Conditionings = NOTHING_ASKED
+    conditionings: ModelUse = NO_MODEL_USE
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""

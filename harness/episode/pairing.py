@@ -16,7 +16,7 @@ from harness.episode.arms import check_arms, draws, draws_from, draws_of, named_
 from harness.episode.arrivals import already_walking, planned_arrivals
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import Episode, drive, failed_episode
-from harness.episode.ties import Asked, Witness
+from harness.episode.ties import Decision, RecordingStrategy
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
@@ -141,7 +141,7 @@ class PairRunner:
         begins: Begins = lambda _pair, _arm, _episode: None,
         *,
         given: Given | None = None,
-        asked: list[Asked] | None = None,
+        decisions: list[Decision] | None = None,
     ) -> Outcome:
         """Simulate one arm of a pair, exactly as in ``run``.
 
@@ -150,10 +150,10 @@ class PairRunner:
             arm: the arm.
             begins: called with the episode before its strategy drives.
             given: given uniforms, as in ``run_arm_given``.
-            asked: list to which every observation and command of the strategy is added.
+            decisions: list to which every observation and command of the strategy is added.
         """
         self._engine = None
-        trace = self._run_arm(arm, pair, self._people(pair, given), begins, asked)
+        trace = self._run_arm(arm, pair, self._people(pair, given), begins, decisions)
         name = self._scenario.arms.driver(arm)
         return Outcome(pair, arm, name, measure([trace])[0], trace)
 
@@ -173,7 +173,7 @@ class PairRunner:
         pair: int,
         people: "_People",
         begins: Begins = lambda _pair, _arm, _episode: None,
-        asked: list[Asked] | None = None,
+        decisions: list[Decision] | None = None,
         rng: np.random.Generator | None = None,
     ) -> Trace:
         if self._engine is None:
@@ -190,14 +190,14 @@ class PairRunner:
             what = f"the strategy could not be made: {in_one_line(error)}"
             return failed_episode(StrategyError(what, error), self._rules)
         perception = self._perception(arm, people)
-        self._speeds.asked.begin()
+        self._speeds.model_use.begin()
         episode = Episode(self._engine, people.arrivals, self._speeds, self._rules, perception)
         begins(pair, arm, episode)
-        driver = strategy if asked is None else Witness(strategy, asked)
+        driver = strategy if decisions is None else RecordingStrategy(strategy, decisions)
         trace = drive(episode, driver)
-        conditionings = self._speeds.asked.counts
+        conditionings = self._speeds.model_use.counts
         if isinstance(strategy, HumanDriver):
-            conditionings = conditionings.joined(strategy.asked.counts)
+            conditionings = conditionings.joined(strategy.model_use.counts)
         trace = replace(trace, conditionings=conditionings)
         if trace.ending is Ending.ENGINE_FAILED:
             # Nothing of a broken simulation may reach the next episode.

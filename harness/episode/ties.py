@@ -15,18 +15,18 @@ SAME = 1e-9
 """Values that differ by at most this are equal."""
 
 
-class Asked(NamedTuple):
+class Decision(NamedTuple):
     """The observation of a step and the command in m/s² (None: the engine's own driver)."""
 
     shown: Observation
     command: float | None
 
 
-class Witness:
-    """Drives as a strategy does, and records each observation and command in ``asked``."""
+class RecordingStrategy:
+    """Drives as a strategy does, and records each observation and command in ``decisions``."""
 
-    def __init__(self, strategy: Strategy, asked: list[Asked]) -> None:
-        self._strategy, self._decide, self._asked = strategy, strategy.decide, asked
+    def __init__(self, strategy: Strategy, decisions: list[Decision]) -> None:
+        self._strategy, self._decide, self._decisions = strategy, strategy.decide, decisions
 
     @property
     def fallback(self) -> bool:
@@ -36,11 +36,11 @@ class Witness:
     def decide(self, observation: Observation) -> float | None:
         """See ``Strategy.decide``."""
         command = self._decide(observation)
-        self._asked.append(Asked(observation, command))
+        self._decisions.append(Decision(observation, command))
         return command
 
 
-def tie_s(steps: Sequence[Asked], other_steps: Sequence[Asked]) -> float | None:
+def tie_s(steps: Sequence[Decision], other_steps: Sequence[Decision]) -> float | None:
     """The time in s of the first step at which the commands on two engines differ.
 
     It is None if an earlier observation differs by more than ``SAME``, or if no command differs:
@@ -61,7 +61,7 @@ def tie_s(steps: Sequence[Asked], other_steps: Sequence[Asked]) -> float | None:
     return None
 
 
-def _speed_mps(step: Asked) -> float | None:
+def _speed_mps(step: Decision) -> float | None:
     """The commanded speed at the end of a step; None if there is no valid command."""
     shown, command = step
     if command is None:

@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 
 from harness.core.encounter import Arrival, Side
-from harness.model.interaction import Asked, InteractionModel
+from harness.model.interaction import InteractionModel, ModelUseCounter
 from harness.scenario import Scenario
 
 _REMEMBERED = 64
@@ -16,12 +16,12 @@ class WalkingSpeeds:
     """Walking speed of each pedestrian who chooses one, by the scenario's reading of the model.
 
     The distribution is f(v_p | 1/R, v), f(v_p | R, v, L), f(v_p) or the scenario's own normal
-    distribution, each at the pedestrian's quantile.  ``asked`` counts the states for which the
+    distribution, each at the pedestrian's quantile.  ``model_use`` counts the states for which the
     model was used.
     """
 
     def __init__(self, scenario: Scenario, model: InteractionModel) -> None:
-        self.asked = Asked(model)
+        self.model_use = ModelUseCounter(model)
         self._model, self._reading = model, scenario.model.pedestrian_reading
         self._normal = scenario.pedestrians.walking_speed
         self._lateral_m = {side: scenario.crosswalk().to_lane_m(side) for side in Side}
@@ -38,7 +38,7 @@ class WalkingSpeeds:
         assert quantile is not None  # timed pedestrians never choose a speed
         if range_m <= 0 or self._normal is not None or self._reading == "unconditional":
             return self.unconditional(quantile)
-        self.asked.note(range_m, speed_mps)
+        self.model_use.note(range_m, speed_mps)
         if lateral_m is None:
             lateral_m = self._lateral_m[arrival.side]
         return self._answer(quantile, range_m, speed_mps, lateral_m)

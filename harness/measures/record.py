@@ -103,7 +103,7 @@ def _record(chunk: Chunk, number: int, measures: dict[str, Any]) -> EpisodeRecor
         fallback=trace.fallback,
         steps=int(chunk.steps[number]),
         pedestrians=sum(walk.start_s is not None and walk.start_s < end_s for walk in trace.walks),
-        conditionings=model_use.asked,
+        conditionings=model_use.uses,
         clamped=model_use.clamped,
         near_clamped=model_use.near_clamped,
         clamped_speed_excess_mps=model_use.speed_excess_mps if model_use.clamped else None,

@@ -6,7 +6,7 @@ import numpy as np
 
 from harness.core.encounter import Observation, PedestrianView
 from harness.core.errors import InputError
-from harness.model.interaction import Asked, InteractionModel
+from harness.model.interaction import InteractionModel, ModelUseCounter
 
 
 class HumanDriver:
@@ -17,7 +17,7 @@ class HumanDriver:
     and the signed L.  If nobody is on the crossing, or if R ≤ 0, it returns to v0 with at most a0;
     it holds this acceleration for Δt too.
 
-    ``asked`` counts the states of the ego for which the model was used.
+    ``model_use`` counts the states of the ego for which the model was used.
 
     Args:
         model: the interaction model (given by the harness).
@@ -46,7 +46,7 @@ class HumanDriver:
                 f"whole steps of experiment.step_s = {step_s:g} s",
             )
         self._model, self._rng = model, rng
-        self.asked = Asked(model)
+        self.model_use = ModelUseCounter(model)
         self._interval_s = decision_interval_s
         self._reading, self._speed = reading, speed
         self._decisions = 0
@@ -74,7 +74,7 @@ class HumanDriver:
 
     def _desired_speed(self, observation: Observation, pedestrian: PedestrianView) -> float:
         range_m, speed = observation.ego.range_m, observation.ego.speed_mps
-        self.asked.note(range_m, speed)
+        self.model_use.note(range_m, speed)
         quantile = None if self._speed == "mode" else self._rng.random()
         if self._reading == "marginal":
             return self._model.driver_speed(range_m, pedestrian.speed_mps, quantile=quantile)

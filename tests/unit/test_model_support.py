@@ -9,7 +9,7 @@ from harness.core.errors import InputError
 from harness.episode.arms import check_arms
 from harness.episode.walking_speeds import WalkingSpeeds
 from harness.measures import Outcome
-from harness.model.interaction import Asked, check_support
+from harness.model.interaction import ModelUseCounter, check_support
 from harness.scenario import Cell, Scenario, load_scenario
 from harness.statistics import ENCOUNTERS
 from harness.store.episode_tables import episode_rows
@@ -98,11 +98,11 @@ def test_the_issues_case_says_how_often_the_model_was_asked_outside(model) -> No
 
 
 def test_near_and_standing_cars_are_counted_apart(model) -> None:
-    asked = Asked(model)
+    counter = ModelUseCounter(model)
     states = [(30.0, 5.0), (1.0, 3.0), (20.0, 0.0), (60.0, 8.0), (61.0, 5.0), (30.0, 9.0)]
     for state in states:
-        asked.note(*state)
-    assert asked.counts == (6, 2, 2, pytest.approx(1.0), pytest.approx(1.0))
+        counter.note(*state)
+    assert counter.counts == (6, 2, 2, pytest.approx(1.0), pytest.approx(1.0))
     outcomes = run(scenario(pedestrians={"flow_per_hour": 600.0}), model)
     assert sum(outcome.record.near_clamped for outcome in outcomes) > 0
     assert sum(outcome.record.clamped for outcome in outcomes) == 0
@@ -145,11 +145,11 @@ def test_the_box_ends_where_the_model_says(range_m: float, speed_mps: float, mod
 
 
 def test_at_the_bound_the_last_bit_decides_nothing(model) -> None:
-    asked = Asked(model)
+    counter = ModelUseCounter(model)
     for excess in (-1e-12, 0.0, 1e-12):
-        asked.note(30.0, 0.3 + excess)
-        asked.note(2.0 + excess, 5.0)
-        asked.note(60.0, 8.0 + excess)
-    assert (asked.counts.asked, asked.counts.clamped, asked.counts.near_clamped) == (9, 0, 0)
-    asked.note(30.0, 0.2999)
-    assert asked.counts.near_clamped == 1
+        counter.note(30.0, 0.3 + excess)
+        counter.note(2.0 + excess, 5.0)
+        counter.note(60.0, 8.0 + excess)
+    assert (counter.counts.uses, counter.counts.clamped, counter.counts.near_clamped) == (9, 0, 0)
+    counter.note(30.0, 0.2999)
+    assert counter.counts.near_clamped == 1

@@ -3,22 +3,24 @@
 import pytest
 
 from harness.core.encounter import EgoView, Observation, PedestrianView, Side
-from harness.episode.ties import Asked, tie_s
+from harness.episode.ties import Decision, tie_s
 from tests.scenes import scenario
 
 SCENE = scenario()
 
 
-def asked(
+def step(
     time_s: float,
     command: float | None,
     range_m: float = 20.0,
     lateral_m: float = 2.0,
     v: float = 5.0,
-) -> Asked:
+) -> Decision:
     ego = EgoView(range_m, v, 0.0)
     people = (PedestrianView(0, Side.NEAR, lateral_m, 8.0, 1.0, True),)
-    return Asked(Observation(time_s, 0.1, ego, SCENE.vehicle(), SCENE.crosswalk(), people), command)
+    return Decision(
+        Observation(time_s, 0.1, ego, SCENE.vehicle(), SCENE.crosswalk(), people), command
+    )
 
 
 LAST_BIT = 20.0 + 4e-15
@@ -27,23 +29,23 @@ LAST_BIT = 20.0 + 4e-15
 @pytest.mark.parametrize(
     ("one", "other", "when"),
     [
-        ([asked(0.0, 0.0)], [asked(0.0, 0.0)], None),
-        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0), asked(0.1, 0.5, LAST_BIT)], 0.1),
+        ([step(0.0, 0.0)], [step(0.0, 0.0)], None),
+        ([step(0.0, 0.0), step(0.1, -1.0)], [step(0.0, 0.0), step(0.1, 0.5, LAST_BIT)], 0.1),
         # Another place of the ego, or of somebody, before: an engine's doing.
-        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0, 20.1), asked(0.1, 0.5)], None),
-        ([asked(0.0, 0.0)], [asked(0.0, 1.0, lateral_m=2.0 + 1e-8)], None),
+        ([step(0.0, 0.0), step(0.1, -1.0)], [step(0.0, 0.0, 20.1), step(0.1, 0.5)], None),
+        ([step(0.0, 0.0)], [step(0.0, 1.0, lateral_m=2.0 + 1e-8)], None),
         # Beyond what the car can do, or while it stands, both ask for the same.
-        ([asked(0.0, -20.0), asked(0.1, 0.0)], [asked(0.0, -30.0, LAST_BIT), asked(0.1, 1.0)], 0.1),
+        ([step(0.0, -20.0), step(0.1, 0.0)], [step(0.0, -30.0, LAST_BIT), step(0.1, 1.0)], 0.1),
         # Shown the same to the last bit: the strategy is not reproducible.
-        ([asked(0.0, 0.0), asked(0.1, -1.0)], [asked(0.0, 0.0), asked(0.1, 0.5)], None),
+        ([step(0.0, 0.0), step(0.1, -1.0)], [step(0.0, 0.0), step(0.1, 0.5)], None),
         (
-            [asked(0.0, -1.0, v=0.0), asked(0.1, 0.0, 19.0)],
-            [asked(0.0, -2.0, v=0.0), asked(0.1, 1.0)],
+            [step(0.0, -1.0, v=0.0), step(0.1, 0.0, 19.0)],
+            [step(0.0, -2.0, v=0.0), step(0.1, 1.0)],
             None,
         ),
         # A command that is no number ends the episode on both.
-        ([asked(0.0, float("nan"))], [asked(0.0, float("nan"))], None),
-        ([asked(0.0, None)], [asked(0.0, 1.0, LAST_BIT)], 0.0),
+        ([step(0.0, float("nan"))], [step(0.0, float("nan"))], None),
+        ([step(0.0, None)], [step(0.0, 1.0, LAST_BIT)], 0.0),
     ],
 )
 def test_first_step_at_which_the_commands_differ(one, other, when) -> None:

@@ -9,7 +9,7 @@ from harness.model.interaction.model import (
     VEHICLE_SPEED,
     InteractionModel,
 )
-from harness.model.interaction.support import Asked, check_support
+from harness.model.interaction.support import ModelUseCounter, check_support
 
 __all__ = [
     "INVERSE_RANGE",
@@ -17,8 +17,8 @@ __all__ = [
     "PEDESTRIAN_SPEED",
     "VARIABLES",
     "VEHICLE_SPEED",
-    "Asked",
     "InteractionModel",
+    "ModelUseCounter",
     "check_support",
     "load_model",
     "read_model",

@@ -1,6 +1,6 @@
 """The box of the interaction model's data, and how often the model is used outside of it."""
 
-from harness.core.encounter import NOTHING_ASKED, Conditionings
+from harness.core.encounter import NO_MODEL_USE, ModelUse
 from harness.core.errors import InputError
 from harness.model.interaction.model import INVERSE_RANGE, VEHICLE_SPEED, InteractionModel
 
@@ -8,7 +8,7 @@ from harness.model.interaction.model import INVERSE_RANGE, VEHICLE_SPEED, Intera
 _ROUNDING = 1e-9
 
 
-class Asked:
+class ModelUseCounter:
     """Counts the uses of the model in an episode by the state of the ego.
 
     The model's conditions are clamped to its box: for an ego that is farther away or faster, its
@@ -25,7 +25,7 @@ class Asked:
 
     def begin(self) -> None:
         """Begin a new episode."""
-        self.counts = NOTHING_ASKED
+        self.counts = NO_MODEL_USE
 
     def note(self, range_m: float, speed_mps: float) -> None:
         """Count a use of the model with the ego in this state."""
@@ -38,7 +38,7 @@ class Asked:
             range_excess = max(range_excess, beyond_m)
         elif nearest - range_m > _ROUNDING * nearest or slowest - speed_mps > _ROUNDING * fastest:
             near += 1
-        self.counts = Conditionings(uses + 1, clamped, near, speed_excess, range_excess)
+        self.counts = ModelUse(uses + 1, clamped, near, speed_excess, range_excess)
 
 
 def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> None:
@@ -47,7 +47,7 @@ def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> 
     Raises:
         InputError: v0 or R0 lies outside the model's box.
     """
-    support = Asked(model)
+    support = ModelUseCounter(model)
     for key, value, unit, (low, high) in (
         ("ego.initial_speed_mps", speed_mps, "m/s", support.speeds_mps),
         ("ego.trigger_range_m", range_m, "m", support.ranges_m),

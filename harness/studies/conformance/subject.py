@@ -90,16 +90,16 @@ class Observed:
         self.answers: list[Any] = []
         self.observations: list[Observation] = []
         self.changed: Observation | None = None
-        self.asked_at_s: float | None = None
-        """When it was asked last, until it answers: it is thinking since then, or has raised."""
+        self.call_began_s: float | None = None
+        """Start of the call that has not returned; None between calls."""
 
     def decide(self, observation: Observation, /) -> float:
         """The strategy's answer; its observation is compared with itself before."""
         before = repr(observation)
         self.observations.append(observation)
-        self.asked_at_s = monotonic()
+        self.call_began_s = monotonic()
         answer = self.strategy.decide(observation)
-        self.asked_at_s = None
+        self.call_began_s = None
         if self.changed is None and repr(observation) != before:
             self.changed = observation
         self.answers.append(answer)
@@ -150,7 +150,7 @@ class Subject:
         trace = _run(scenario, watched, chosen.walkers)
         self.watched = None
         if trace.ending is Ending.ENGINE_FAILED:
-            rule = IS_FINITE if watched.asked_at_s is None else SURVIVES
+            rule = IS_FINITE if watched.call_began_s is None else SURVIVES
             last = watched.observations[-1] if watched.observations else None
             raise StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule, last)
         return trace, watched
@@ -162,8 +162,8 @@ class Subject:
 
     def hangs(self) -> bool:
         """Whether it has been thinking for too long; another thread asks."""
-        asked_at_s = None if self.watched is None else self.watched.asked_at_s
-        return asked_at_s is not None and monotonic() - asked_at_s > self.decide_limit_s
+        call_began_s = None if self.watched is None else self.watched.call_began_s
+        return call_began_s is not None and monotonic() - call_began_s > self.decide_limit_s
 
 
 def _run(scenario: Scenario, strategy: Strategy, walkers: tuple[Walker, ...]) -> Trace:

@@ -11,7 +11,7 @@ from harness.core.seeding import Given, has_drawn_more
 from harness.engine.shared import open_engine
 from harness.episode.arms import draws_of
 from harness.episode.pairing import PairRunner
-from harness.episode.ties import Asked, tie_s
+from harness.episode.ties import Decision, tie_s
 from harness.measures.agreement import difference
 from harness.scenario import EngineName
 from harness.studies.risk.asking import Question
@@ -110,10 +110,10 @@ def run_episodes(task: Episodes) -> list[Score]:
 
 def _tie_s(question: Question, number: int, given: Given) -> float | None:
     """Return the time of the tie that made the two engines' records differ; None without a tie."""
-    decisions: tuple[list[Asked], list[Asked]] = ([], [])
+    decisions: tuple[list[Decision], list[Decision]] = ([], [])
     for engine_decisions, in_sumo in zip(decisions, (False, True), strict=True):
         _runner_of(question, in_sumo).run_arm(
-            number, question.arm, given=given, asked=engine_decisions
+            number, question.arm, given=given, decisions=engine_decisions
         )
     return tie_s(*decisions)
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from harness.core.encounter import Ending
 from harness.core.seeding import resampling
 from harness.episode.pairing import EpisodeKey, PairRunner
-from harness.episode.ties import Asked, tie_s
+from harness.episode.ties import Decision, tie_s
 from harness.measures import Outcome
 from harness.measures.agreement import difference
 from harness.scenario import Scenario
@@ -77,13 +77,13 @@ def repeated_in_sumo(
 def _finding(outcome: Outcome, runner: PairRunner, plain: PairRunner, watch: Watch) -> Finding:
     """Repeat an episode in SUMO and, where the records differ, on the plain engine once more."""
     pair, arm = outcome.pair, outcome.arm
-    in_sumo: list[Asked] = []
-    again = runner.run_arm(pair, arm, watch.begins, asked=in_sumo)
+    sumo_decisions: list[Decision] = []
+    again = runner.run_arm(pair, arm, watch.begins, decisions=sumo_decisions)
     watch.alive()
     differs = difference(outcome.record, again.record)
     if differs is None:
         return Finding(None, None)
-    here: list[Asked] = []
-    plain.run_arm(pair, arm, watch.begins, asked=here)
+    plain_decisions: list[Decision] = []
+    plain.run_arm(pair, arm, watch.begins, decisions=plain_decisions)
     watch.alive()
-    return Finding(differs, tie_s(here, in_sumo))
+    return Finding(differs, tie_s(plain_decisions, sumo_decisions))
