@@ -16,25 +16,23 @@ from harness.statistics.bootstrap import (
     bootstrap_mean_and_cv,
     bootstrap_ratio,
 )
-from harness.statistics.catalogue import CONFLICTS, ENCOUNTERS, Conflict, anything_left_out
+from harness.statistics.catalogue import ENCOUNTERS, anything_left_out
+from harness.statistics.conflicts import CONFLICTS, Conflict
 from harness.statistics.differences import DIFFERENCES, MU_BOUND_FROM, ComparedColumns
 from harness.statistics.encounter_columns import EncounterColumns, count
-from harness.statistics.findings import (
+from harness.statistics.entries import (
     Catalogue,
-    CellFindings,
     Entry,
     Finding,
     Findings,
     Form,
-    Note,
     Plain,
-    Rank,
-    RunFindings,
     columns_of,
     findings_from,
     findings_of,
     row_of,
 )
+from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
 from harness.statistics.intervals import (
     CONFIDENCE,
     Interval,

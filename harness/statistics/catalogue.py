@@ -4,92 +4,19 @@ To report another number, add an entry: the run's tables, JSON, terminal, page a
 in the documentation are made from it.
 """
 
-from dataclasses import dataclass
-
 from harness.statistics.bootstrap import Resampled
-from harness.statistics.encounter_columns import (
-    EncounterColumns,
-    count,
-    count_defined,
-    largest,
-    mean_of,
-)
-from harness.statistics.findings import Entry, Findings, Form
+from harness.statistics.conflicts import ALL_FAILED, CONFLICTS, MET, NOBODY, conflict_entries
+from harness.statistics.counts import COUNTS
+from harness.statistics.encounter_columns import EncounterColumns, largest, mean_of
+from harness.statistics.entries import Entry, Findings, Form
 from harness.statistics.intervals import Proportion
 
 _REFERENCE_CRASHED = "A reference driver who crashed counts as if they had driven on."
 _WORST = "An AV that crashed, failed or timed out counts with `timeout_s`."
-_MET = "Only pairs in which someone stepped off count."
 _NO_TAU = "there is no pair in which both vehicles crossed"
 _NOT_CROSSED = "no episode crossed"
-_ALL_FAILED = "every episode failed"
 _NOT_COUNTED = "in every pair an episode failed or the AV crashed"
 _NO_PASSAGE = "there is no pair in which the AV crossed and the reference passed"
-_NOBODY = "nobody was met"
-
-
-@dataclass(frozen=True, slots=True)
-class Conflict:
-    """A kind of conflict: a measure beyond a threshold.
-
-    ``threshold`` is a key of ``[conflicts]``.  A value is a conflict above the threshold if
-    ``above`` is set, otherwise below it.  ``heading`` holds the threshold's key in braces, see
-    ``Entry.title``.
-    """
-
-    name: str
-    column: str
-    threshold: str
-    above: bool
-    heading: str
-
-
-CONFLICTS = (
-    Conflict("ttc", "min_ttc_s", "ttc_s", above=False, heading="TTC below {ttc_s:g} s"),
-    Conflict(
-        "time_advantage",
-        "min_time_advantage_s",
-        "time_advantage_s",
-        above=False,
-        heading="time advantage below {time_advantage_s:g} s",
-    ),
-    Conflict("pet", "pet_s", "pet_s", above=False, heading="PET below {pet_s:g} s"),
-    Conflict(
-        "drac",
-        "max_drac_mps2",
-        "drac_mps2",
-        above=True,
-        heading="DRAC above {drac_mps2:g} m/s²",
-    ),
-)
-
-
-def _conflicts(conflict: Conflict) -> tuple[Entry[EncounterColumns], Entry[EncounterColumns]]:
-    """The rate of a kind of conflict over all pairs, and over those that met someone."""
-    name = conflict.name
-    return (
-        Entry(
-            f"conflict_{name}",
-            conflict.heading,
-            f"Share of episodes with a conflict, by the threshold "
-            f"`conflicts.{conflict.threshold}`; a crash counts as a conflict of every kind.",
-            form=Form.SHARE,
-            digits=0,
-            interval=Proportion,
-            of_arm=lambda c, arm: c.conflict_rate(name, arm),
-            undefined=_ALL_FAILED,
-            first_screen=name == "pet",
-        ),
-        Entry(
-            f"conflict_{name}_met_someone",
-            f"{conflict.heading}, pairs that met someone",
-            f"Share of episodes with such a conflict. {_MET}",
-            form=Form.SHARE,
-            interval=Proportion,
-            of_arm=lambda c, arm: c.met.conflict_rate(name, arm),
-            undefined=_NOBODY,
-        ),
-    )
 
 
 ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
@@ -156,7 +83,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         digits=1,
         of_arm=lambda c, arm: c.rate(c.pairs.crashed, arm),
         interval=Proportion,
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
         first_screen=True,
         crashes=True,
         paper="0",
@@ -204,7 +131,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     *(
         entry
         for conflict in (CONFLICTS[2], *CONFLICTS[:2], CONFLICTS[3])
-        for entry in _conflicts(conflict)
+        for entry in conflict_entries(conflict)
     ),
     Entry(
         "mu_all",
@@ -219,7 +146,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
     Entry(
         "mu_met_someone",
         "μ, pairs that met someone",
-        f"μ. {_MET}",
+        f"μ. {MET}",
         digits=3,
         paired=lambda c: c.mean(c.met.pairs.tau),
         interval=Resampled,
@@ -254,7 +181,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         of_arm=lambda c, _: c.share(c.pairs.av_missed, c.pairs.av_tried),
         interval=Proportion,
         keys=("kappa_all", "", ""),
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
     Entry(
         "kappa_front",
@@ -264,7 +191,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         of_arm=lambda c, arm: c.rate(c.pairs.front, arm),
         interval=Proportion,
         keys=("kappa_front", "", ""),
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
     Entry(
         "kappa_avoidable",
@@ -274,22 +201,22 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         form=Form.SHARE,
         of_arm=lambda c, arm: c.rate(c.pairs.avoidable, arm),
         interval=Proportion,
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
     Entry(
         "kappa_met_someone",
         "crashes, pairs that met someone",
-        f"κ. {_MET}",
+        f"κ. {MET}",
         form=Form.SHARE,
         of_arm=lambda c, arm: c.met.rate(c.met.pairs.crashed, arm),
         interval=Proportion,
         keys=("kappa_met_someone", "kappa_human_met_someone", ""),
-        undefined=_NOBODY,
+        undefined=NOBODY,
     ),
     Entry(
         "delay_met_someone_s",
         "delay, pairs that met someone",
-        f"Mean delay of the episodes that crossed. {_MET}",
+        f"Mean delay of the episodes that crossed. {MET}",
         unit="s",
         of_arm=lambda c, arm: c.mean(c.met.pairs.delay_s[arm]),
         interval=Resampled,
@@ -314,7 +241,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         "stops per episode",
         "Stops per episode that did not fail.",
         of_arm=lambda c, arm: mean_of(c.pairs.stops[arm][c.ran(arm)]),
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
     Entry(
         "stopped_s",
@@ -323,7 +250,7 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         unit="s",
         of_arm=lambda c, arm: mean_of(c.pairs.stopped_s[arm][c.ran(arm)]),
         keys=("stopped_s", "stopped_human_s", ""),
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
     Entry(
         "max_speed_mps",
@@ -332,142 +259,9 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
         unit="m/s",
         of_arm=lambda c, arm: largest(c.pairs.max_speed_mps[arm]),
         keys=("max_speed_mps", "max_speed_human_mps", ""),
-        undefined=_ALL_FAILED,
+        undefined=ALL_FAILED,
     ),
-    Entry(
-        "pairs",
-        "pairs",
-        "Number of pairs.",
-        form=Form.COUNT,
-        paired=lambda c: len(c.pairs.tau),
-    ),
-    Entry(
-        "met_someone",
-        "pairs that met someone",
-        "Pairs in which someone stepped off, in either episode.",
-        form=Form.COUNT,
-        paired=lambda c: count(c.pairs.met_someone),
-    ),
-    Entry(
-        "met_nobody",
-        "pairs that met nobody",
-        "Pairs in which nobody stepped off and neither episode failed.",
-        form=Form.COUNT,
-        paired=lambda c: count(~c.pairs.met_someone & ~c.pairs.any_failed),
-    ),
-    Entry(
-        "time_ratio_pairs",
-        "pairs in the ratio of times",
-        "Pairs that the ratio of times counts: neither episode failed, and the AV did not crash.",
-        form=Form.COUNT,
-        paired=lambda c: len(c.times[0]),
-    ),
-    Entry(
-        "defined_pairs",
-        "pairs in μ",
-        "Pairs that have a τ: both vehicles crossed.",
-        form=Form.COUNT,
-        paired=lambda c: count_defined(c.pairs.tau),
-    ),
-    Entry(
-        "defined_pairs_met_someone",
-        "pairs in μ that met someone",
-        "Pairs that met someone and have a τ.",
-        form=Form.COUNT,
-        paired=lambda c: count_defined(c.met.pairs.tau),
-    ),
-    Entry(
-        "pairs_all",
-        "pairs in μ over all pairs in which the AV crossed",
-        "Pairs that `mu_all` counts.",
-        form=Form.COUNT,
-        paired=lambda c: count_defined(c.pairs.tau_all),
-    ),
-    Entry(
-        "timed_out",
-        "time-outs",
-        "Episodes that timed out.",
-        form=Form.COUNT,
-        of_arm=lambda c, arm: count(c.pairs.timed_out[arm]),
-        paired=lambda c: count(c.pairs.any_timed_out),
-        keys=("timed_out_av", "timed_out_human", "timed_out"),
-        paired_meaning="Pairs in which either episode timed out.",
-    ),
-    Entry(
-        "failed",
-        "failures",
-        "Episodes that failed.",
-        form=Form.COUNT,
-        of_arm=lambda c, arm: count(c.pairs.failed[arm]),
-        paired=lambda c: count(c.pairs.any_failed),
-        keys=("failed_av", "failed_human", "failed"),
-        paired_meaning="Pairs in which either episode failed.",
-    ),
-    Entry(
-        "failed_strategy",
-        "failures of a strategy",
-        "Pairs in which a strategy failed.",
-        form=Form.COUNT,
-        paired=lambda c: count(c.pairs.failed_strategy[0] | c.pairs.failed_strategy[1]),
-    ),
-    Entry(
-        "failed_engine",
-        "failures of the engine",
-        "Pairs in which the engine failed.",
-        form=Form.COUNT,
-        paired=lambda c: c.failures_of_engine(),
-    ),
-    Entry(
-        "fallbacks",
-        "episodes with a fallback",
-        "Episodes of the AV in which its strategy fell back on another one.",
-        form=Form.COUNT,
-        of_arm=lambda c, _: count(c.pairs.av_fallback),
-        keys=("fallbacks", "", ""),
-    ),
-    Entry(
-        "fallback_share",
-        "fallbacks among episodes that met someone",
-        "Share of those episodes of the AV that met someone in which its strategy fell back on "
-        "another one.",
-        form=Form.SHARE,
-        of_arm=lambda c, _: mean_of(c.pairs.av_fallback[c.pairs.met[0] > 0].astype(float)),
-        keys=("fallback_share", "", ""),
-        undefined=_NOBODY,
-    ),
-    Entry(
-        "clamped_share",
-        "uses of the model outside its box",
-        "How often the interaction model was used for a vehicle that was faster or farther away "
-        "than its box, as a share of all its uses in the arm.",
-        form=Form.SHARE,
-        of_arm=lambda c, arm: c.clamped_share(arm),
-        undefined="the model was not used",
-    ),
-    Entry(
-        "clamped_speed_excess_mps",
-        "largest speed beyond the model's box",
-        "Largest amount by which the vehicle was faster than the model's box, over both arms.",
-        unit="m/s",
-        paired=lambda c: largest(*c.pairs.speed_excess_mps),
-        undefined="no vehicle was faster than the model's box",
-    ),
-    Entry(
-        "clamped_range_excess_m",
-        "largest distance beyond the model's box",
-        "Largest amount by which the vehicle was farther away than the model's box, over both "
-        "arms.",
-        unit="m",
-        paired=lambda c: largest(*c.pairs.range_excess_m),
-        undefined="no vehicle was farther away than the model's box",
-    ),
-    Entry(
-        "confidence",
-        "confidence of each interval",
-        "Confidence of every interval: 0.95, or 1 − 0.05 / looks with `--until`.",
-        form=Form.SHARE,
-        paired=lambda c: c.confidence,
-    ),
+    *COUNTS,
 )
 """The catalogue of encounters, in the order in which it is shown."""
 

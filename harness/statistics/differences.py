@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.statistics.bootstrap import Resampled
-from harness.statistics.findings import Entry
+from harness.statistics.entries import Entry
 from harness.statistics.intervals import CONFIDENCE
 from harness.statistics.pair_columns import PairColumns
 from harness.statistics.paired import Difference, paired_difference, ratio_difference

@@ -5,8 +5,8 @@ from typing import Any
 
 from harness.statistics.bootstrap import Resampled
 from harness.statistics.catalogue import ENCOUNTERS
-from harness.statistics.encounter_columns import EncounterColumns, count
-from harness.statistics.findings import Findings, findings_of
+from harness.statistics.encounter_columns import EncounterColumns
+from harness.statistics.entries import Findings, findings_of
 from harness.statistics.intervals import Interval, Proportion
 
 _ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
@@ -33,4 +33,4 @@ class Summary:
 
 def summarise(columns: EncounterColumns) -> Summary:
     """The summary of a cell of encounters, from its columns."""
-    return Summary(findings_of(ENCOUNTERS, columns, count(columns.pairs.met_someone)))
+    return Summary(findings_of(ENCOUNTERS, columns))

@@ -19,7 +19,6 @@ from harness.statistics import (
     Finding,
     Findings,
     Plain,
-    count,
     findings_of,
 )
 from harness.store.episode_tables import pair_rows
@@ -108,8 +107,7 @@ class EncounterKind:
 
     def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
         """See ``Kind``."""
-        columns = columns_of_cell(rows, cell, confidence)
-        return findings_of(self.catalogue, columns, count(columns.pairs.met_someone))
+        return findings_of(self.catalogue, columns_of_cell(rows, cell, confidence))
 
     def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
         """See ``Kind``."""
@@ -144,7 +142,7 @@ class HourKind:
 
     def findings(self, rows: pa.Table, cell: Cell, confidence: float) -> dict[str, Finding]:
         """See ``Kind``."""
-        return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence), 0)
+        return findings_of(self.catalogue, hour_columns(rows, cell.scenario, confidence))
 
     def statistics(
         self,

@@ -70,10 +70,7 @@ def read_summary(
             raise InputError(f"{path}: {field.name}", "is damaged", "a finite number in each row")
     if table["cell"].to_pylist() != [cell.number for cell in cells]:
         raise InputError(str(path), "is damaged", f"a row for each of {len(cells)} cells")
-    return {
-        row["cell"]: findings_from(catalogue, row, row.get("met_someone", 0))
-        for row in table.to_pylist()
-    }
+    return {row["cell"]: findings_from(catalogue, row) for row in table.to_pylist()}
 
 
 def _holds_no_number(column: pa.ChunkedArray) -> bool:

@@ -21,7 +21,7 @@ from harness.statistics import (
     proportion,
     sign_flip_p,
 )
-from harness.statistics.findings import ALIKE_FROM
+from harness.statistics.entries import ALIKE_FROM
 from harness.store.summaries import pair_columns
 
 
@@ -139,7 +139,8 @@ def test_intervals_hold_where_they_are_not_called_unreliable(scenario: str) -> N
         hits, trials = dict.fromkeys(truth, 0), dict.fromkeys(truth, 0)
         for _ in range(100):
             chosen = rng.integers(0, 6_000, n)
-            met = int(columns[0].where(chosen).met_someone.sum())
+            both = columns[0].where(chosen)
+            met = int((both.met_someone & ~np.isnan(both.tau)).sum())
             for name, interval in intervals(*(part.where(chosen) for part in columns)):
                 if not unreliable(name, interval, met):
                     trials[name] += 1

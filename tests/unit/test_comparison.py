@@ -435,7 +435,7 @@ def test_few_pairs_are_said_to_be_few(name: str) -> None:
 def test_exact_intervals_are_never_unreliable() -> None:
     """docs/audits.md: a bootstrap of few pairs covers too little, Clopper-Pearson never."""
     nine = summarise(EncounterColumns(columns(), 60.0, 7.4, rng())).findings
-    unreliable = {name for name, finding in nine.items() if not finding.reliable}
+    unreliable = {name for name, finding in nine.items() if finding.reliable is False}
     assert unreliable == {name for name in RESAMPLED if nine[name].low is not None}
 
 
@@ -447,7 +447,7 @@ def test_a_summary_is_read_back_as_it_was_written() -> None:
     assert (row["kappa"], row["kappa_events"], row["kappa_n"]) == (0.25, 2, 8)
     assert row["mu_ci_informative"] == 3
     assert findings["pedestrian_delay_human_s"].reason == "nobody arrived"
-    assert findings_from(ENCOUNTERS, row, 7) == findings
+    assert findings_from(ENCOUNTERS, row) == findings
 
 
 def test_every_undefined_number_has_a_reason() -> None:
@@ -457,6 +457,8 @@ def test_every_undefined_number_has_a_reason() -> None:
     undefined = {name for name, finding in findings.items() if finding.value is None}
     assert {"mu", "cv", "time_ratio", "kappa_human", "stops"} <= undefined
     assert [name for name in undefined if not findings[name].reason] == []
+    # What is undefined is neither reliable nor unreliable.
+    assert {findings[name].reliable for name in undefined} == {None}
 
 
 def test_pairs_that_met_nobody_tell_nothing() -> None:
@@ -479,3 +481,26 @@ def test_what_is_always_the_same_is_not_unreliable() -> None:
     assert entry.finding("pedestrian_delay_s", zero, 50).reliable
     # Two of 50 that met someone are too few to say that nobody ever does.
     assert not entry.finding("pedestrian_delay_s", zero, 2).reliable
+
+
+def test_pairs_that_met_someone_and_timed_out_make_nothing_reliable() -> None:
+    """30 pairs met nobody, so τ = 1; in 30 the AV met someone and never crossed."""
+    first = columns().where(np.zeros(60, dtype=int))
+    out, nan = np.arange(60) < 30, np.full(60, np.nan)
+    time_s, delay_s = np.full(60, 7.4), np.zeros(60)
+    out_of_time = replace(
+        first,
+        time_s=(np.where(out, nan, time_s), time_s),
+        untouched_time_s=(np.where(out, nan, time_s), time_s),
+        delay_s=(np.where(out, nan, delay_s), delay_s),
+        timed_out=(out, np.zeros(60, dtype=bool)),
+        met=(out.astype(float), out.astype(float)),
+    )
+    findings = summarise(EncounterColumns(out_of_time, 60.0, 7.4, rng())).findings
+    assert (findings["mu"].low, findings["mu"].high, findings["met_someone"].value) == (1, 1, 30)
+    assert findings["mu"].reason == (
+        "unreliable: all values are equal, and only 0 are of pairs that met someone and crossed "
+        "(below 20)"
+    )
+    assert [findings[name].reliable for name in ("mu", "cv", "delay_s")] == [False] * 3
+    assert findings_from(ENCOUNTERS, row_of(ENCOUNTERS, findings)) == findings

@@ -84,7 +84,7 @@ def test_findings_are_read_back_as_they_were_written() -> None:
     assert "first_driver_yield_share_difference_n" not in row
     assert findings["first_driver_yield_share_human"].reason == "nobody had to wait"
     assert all(finding.reason for finding in findings.values() if finding.value is None)
-    assert findings_from(CATALOGUE, row, 0) == findings
+    assert findings_from(CATALOGUE, row) == findings
 
 
 def test_a_queue_in_metres_is_that_of_vehicles_with_their_gaps() -> None:

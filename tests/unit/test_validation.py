@@ -13,7 +13,8 @@ from harness.model.interaction import load_model
 from harness.model.trajectories import Clip, Track, VehicleTrack
 from harness.report.screens.validation_tables import print_validation
 from harness.scenario import load_scenario
-from harness.statistics.findings import Finding, Note, Rank
+from harness.statistics.entries import Finding
+from harness.statistics.findings import Note, Rank
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.studies.validation import (

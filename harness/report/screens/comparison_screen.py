@@ -9,7 +9,7 @@ from harness.report.screens.screen import Screen
 from harness.report.screens.tables import counted, entry_value
 from harness.scenario import as_written
 from harness.statistics import ENCOUNTERS, Place
-from harness.statistics.findings import Finding
+from harness.statistics.entries import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
 

@@ -259,7 +259,7 @@ def comparison_lines(result: RunComparison) -> list[str]:
         "contradict; alike where no pair differs.",
     ]
     few = any(
-        not finding.reliable
+        finding.reliable is False
         for group in result.groups
         for summary in group.summaries
         for finding in summary.findings.values()

@@ -16,7 +16,8 @@ from harness.report.screens.tables import (
 )
 from harness.scenario import as_written
 from harness.statistics import CONFIDENCE, zero_bound
-from harness.statistics.findings import CellFindings, Entry, Finding, Form, Note, Rank, RunFindings
+from harness.statistics.entries import Entry, Finding, Form
+from harness.statistics.findings import CellFindings, Note, Rank, RunFindings
 from harness.studies.runs.notes import short_name
 
 MOST_CELLS = 2_000

@@ -44,7 +44,7 @@ def _cell(catalogue: Catalogue, cell: CellFindings) -> Document:
         "caveats": [note.text for note in cell.notes],
         "summary": row_of(catalogue, cell.findings),
         "findings": {name: asdict(finding) for name, finding in cell.findings.items()},
-        "indicative": [name for name, of in cell.findings.items() if not of.reliable],
+        "indicative": [name for name, of in cell.findings.items() if of.reliable is False],
     }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from harness.core.encounter import Arm
 from harness.scenario import as_written
 from harness.statistics import Interval
-from harness.statistics.findings import Entry, Finding, Findings, Form, Plain
+from harness.statistics.entries import Entry, Finding, Findings, Form, Plain
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def entry_cell(entry: Entry[Any], findings: Findings, name: str | None) -> Table
     digits += 1  # a table has room for more than the first screen
     limits = entry_limits(entry, finding, digits)
     percent = " %" if limits and entry.form in (Form.EVENTS, Form.SHARE) else ""
-    text = entry_value(entry, finding, digits) + ("" if finding.reliable else " *")
+    text = entry_value(entry, finding, digits) + (" *" if finding.reliable is False else "")
     sort = None if entry.form is Form.WORD else sort_key(finding.number)
     return TableCell(text, f"{limits}{percent}", sort)
 

@@ -15,7 +15,7 @@ from harness.report.screens.tables import (
     entry_value,
     sort_key,
 )
-from harness.statistics.findings import Entry
+from harness.statistics.entries import Entry
 from harness.studies.validation import ENTRIES, LEFT_OUT, DriverFindings, ValidationFindings
 
 READING = (

@@ -8,7 +8,8 @@ from pydantic import Field, computed_field, model_validator
 from pydantic_core import PydanticCustomError
 
 from harness.core.encounter import Arm, Side
-from harness.statistics.findings import Entry, Finding, Form, Note, Rank
+from harness.statistics.entries import Entry, Finding, Form
+from harness.statistics.findings import Note, Rank
 from harness.statistics.intervals import Proportion
 from harness.studies.risk.asking import Document
 

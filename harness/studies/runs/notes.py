@@ -9,7 +9,8 @@ from typing import Any
 from harness.core.encounter import SPEED_ROUNDING
 from harness.episode.traffic.saturation import GROWTH
 from harness.scenario import Scenario
-from harness.statistics.findings import Entry, Finding, Note, Rank
+from harness.statistics.entries import Entry, Finding
+from harness.statistics.findings import Note, Rank
 from harness.strategies.registry import fallback_of
 from harness.studies.runs.references import disagreement, is_measured
 
@@ -151,7 +152,7 @@ def few_pairs_notes(findings: Findings, catalogue: Catalogue) -> list[Note]:
         av, reference, both = entry.names
         for name in (both,) if both else (av, reference):
             least = None if name is None else entry.least(name)
-            if name is not None and least is not None and not findings[name].reliable:
+            if name is not None and least is not None and findings[name].reliable is False:
                 heading = entry.paired_heading if name == both else ""
                 names.setdefault(least, []).append(heading or short_name(entry))
     notes = []

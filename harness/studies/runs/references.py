@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from harness.scenario import Scenario, load_scenario
-from harness.statistics.findings import Finding
+from harness.statistics.entries import Finding
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import stats
 
 from harness.core.encounter import FloatArray
-from harness.statistics.findings import Entry, Finding, Form
+from harness.statistics.entries import Entry, Finding, Form
 from harness.studies.validation.bootstrap import middle
 from harness.studies.validation.outcomes import HORIZONS_S, DriverOutcome
 
@@ -256,7 +256,8 @@ def findings_of(
                 entry.finding(entry.key, entry.paired(sample), 0).number for sample in resampled
             ]
             low, high = middle(values) or (None, None)
-            reliable, reason = doubt is None, finding.reason or doubt
+            reliable = None if finding.value is None else doubt is None
+            reason = finding.reason or doubt
             finding = replace(finding, low=low, high=high, reliable=reliable, reason=reason)
         findings[entry.key] = finding
     return findings

@@ -3,7 +3,8 @@
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
-from harness.statistics.findings import Findings, Note
+from harness.statistics.entries import Findings
+from harness.statistics.findings import Note
 
 SCHEMA = 2
 """Version of ``validation.json`` and ``--json``; 1 had neither ``findings`` nor ``notes``."""
