@@ -132,18 +132,18 @@ class Hangs(Steady):
 
 BROKEN = {
     Demanding: "every parameter has a default",
-    NeedsSomebody: "survives nobody, many, people past its lane and behind it",
-    NeedsOne: "survives nobody, many, people past its lane and behind it",
-    NeedsThemAhead: "survives nobody, many, people past its lane and behind it",
-    DividesByTheirSpeed: "survives nobody, many, people past its lane and behind it",
-    NeedsTenths: "survives nobody, many, people past its lane and behind it",
+    NeedsSomebody: "plays every scene to its end",
+    NeedsOne: "plays every scene to its end",
+    NeedsThemAhead: "plays every scene to its end",
+    DividesByTheirSpeed: "plays every scene to its end",
+    NeedsTenths: "plays every scene to its end",
     Infinite: "answers with a finite number or None",
     Text: "answers with a finite number or None",
     Stops: "crosses an empty road",
-    Speeds: "keeps to the road's limit, or v0 where there is none",
+    Speeds: "keeps to the road's speed limit, or to v0 without a limit",
     Whims: "the same episode twice gives the same answers",
     Learns: "remembers nothing of other episodes",
-    Interferes: "leaves what it is given as it is",
+    Interferes: "does not change its observation",
 }
 
 
@@ -209,8 +209,8 @@ def test_one_that_hangs_ends_with_a_line(made_up: str, monkeypatch: pytest.Monke
 
 def test_state_in_the_class_is_found_out(made_up: str, model) -> None:
     for strategy in (Whims, Learns):
-        with pytest.raises(Exception, match=r"changed (count|met) of the class"):
-            CHECKS["keeps nothing in its class"](
+        with pytest.raises(Exception, match=r"changed the class attribute (count|met)"):
+            CHECKS["stores nothing in its class"](
                 Subject(f"{made_up}:{strategy.__name__}", Scenario(), model)
             )
 
@@ -238,7 +238,7 @@ def test_all_checks_have_one_limit_of_time(made_up: str, model) -> None:
     name = f"{made_up}:TooSlow"
     verdicts = check_strategy(name, model, limit_s=0.3)
     (late,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
-    assert late.problem == "not finished after 0.3 s in all"
+    assert late.problem == "the checks did not finish within 0.3 s"
     assert late.observation is not None
 
 

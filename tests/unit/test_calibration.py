@@ -314,7 +314,7 @@ def test_copies_are_counted_warned_of_and_kept_in_one_fold():
     assert of["copied_rows"] == 1140
     assert "1140 of 1200 rows are copies of another row" in of["warnings"][0]
     assert "BIC's n is 15" in of["warnings"][0]
-    assert "60 vehicles share rows or tracks: they are 3" in of["warnings"][1]
+    assert "60 vehicle names count as 3 vehicles" in of["warnings"][1]
 
 
 def test_vehicles_of_one_track_are_one():

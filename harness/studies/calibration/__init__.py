@@ -1,4 +1,4 @@
-"""From extracted rows to a fitted interaction model with its card."""
+"""Takes extracted rows and returns a fitted interaction model and its card."""
 
 from harness.studies.calibration.calibrate import Calibration, Candidate, calibrate
 from harness.studies.calibration.card import card

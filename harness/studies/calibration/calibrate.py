@@ -1,4 +1,4 @@
-"""Fits every K, scores it on vehicles it has not seen, chooses one."""
+"""Takes a weighted sample and returns the fit of every K, its held-out score, and the chosen K."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,16 +29,17 @@ Progress = Callable[[int], None]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """One K.
+    """The fit with one number of components.
 
     Attributes:
         components: K.
         mixture: the fit to all rows.
-        log_likelihood, bic: of that fit, weighted; BIC's n is the sum of the weights.
-        converged, gradient_norm, steps: of the start that was kept.
-        held_out: scores of f(v_p | 1/R, v) by vehicle, what ``held-out`` chooses by; None when a
-            fold could not be fitted or none was asked for.
-        held_out_driver: the same of f(v | 1/R, v_p, 1/T_adv), for information.
+        log_likelihood: the weighted log-likelihood of this fit, in nats.
+        bic: its BIC, where n is the sum of the weights.
+        converged, gradient_norm, steps: properties of the best start.
+        held_out: log scores of f(v_p | 1/R, v) by vehicle; ``held-out`` chooses K by their mean.
+            None if there are no folds or a fold could not be fitted.
+        held_out_driver: log scores of f(v | 1/R, v_p, 1/T_adv) by vehicle, for information.
     """
 
     components: int
@@ -53,25 +54,25 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """Free parameters: K − 1 weights, 4 K locations, 10 K scales."""
+        """Number of free parameters: K − 1 weights, 4 K locations, 10 K scales."""
         return 15 * self.components - 1
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """The fits, and the K that was chosen.
+    """All fits and the chosen one.
 
     Attributes:
-        candidates: by K, ascending.
-        chosen: the candidate of the model.
-        by: ``bic``, ``rule``, ``held-out`` or ``given``.
-        folds: used; 0 for none.
-        warnings: what a reader should know.
+        candidates: the fits by ascending K.
+        chosen: the candidate that becomes the model.
+        criterion: what chose it: ``bic``, ``rule``, ``held-out`` or ``given``.
+        folds: number of folds; 0 without held-out scores.
+        warnings: sentences for the model's card.
     """
 
     candidates: tuple[Candidate, ...]
     chosen: Candidate
-    by: str
+    criterion: str
     folds: int
     warnings: tuple[str, ...]
 
@@ -82,14 +83,15 @@ def calibrate(
     """Fit every K to the sample and choose one.
 
     Args:
-        sample: rows in their box, weighted.
+        sample: the weighted rows inside the box.
         settings: what to fit and how to choose.
-        workers: processes; the result does not depend on it.
-        progress: told how many of ``job_count`` fits are done.
+        workers: number of processes; the result does not depend on it.
+        progress: called with the number of finished fits, of ``job_count`` in all.
 
     Raises:
-        InputError: fewer rows than components, constant or collinear columns, nothing to choose by.
-        HarnessError: a worker died of a fit.
+        InputError: there are fewer rows than components, a column is constant, columns are
+            collinear, or the criterion cannot be applied.
+        HarnessError: a worker process died during a fit.
     """
     _check(sample, settings)
     folds = fold_count(sample, settings)
@@ -109,19 +111,19 @@ def calibrate(
 
 
 def job_count(sample: Sample, settings: Settings) -> int:
-    """How many fits ``calibrate`` makes."""
+    """Number of fits that ``calibrate`` makes."""
     return len(settings.components) * (1 + fold_count(sample, settings))
 
 
 def fold_count(sample: Sample, settings: Settings) -> int:
-    """Folds that the sample allows; 0 without identifiers or with fewer than two vehicles."""
+    """Number of folds; 0 if vehicles are not identified or if there are fewer than two."""
     if settings.folds < 2 or not sample.vehicles or sample.vehicles < 2:
         return 0
     return min(settings.folds, sample.vehicles)
 
 
 def _check(sample: Sample, settings: Settings) -> None:
-    """Refuse in this process, before any other is started, what every fit would refuse."""
+    """Raise, before any process starts, the error that every fit would raise."""
     if not settings.components or min(settings.components) < 1:
         raise InputError("--components", f"{settings.components}", "1 or more")
     most, rows = max(settings.components), int((sample.weights > 0).sum())
@@ -158,28 +160,28 @@ def _conclude(settings: Settings, folds: int, results: dict[Job, Answer]) -> Cal
         answer = results[Job(k, None)]
         if answer.fit is None:
             raise InputError(*(answer.refusal or ("fit", f"K = {k} failed", None)))
-        of_folds = [results[Job(k, fold)] for fold in range(folds)]
-        held_out = _joined([answer.walking for answer in of_folds])
+        fold_answers = [results[Job(k, fold)] for fold in range(folds)]
+        held_out = _joined([answer.walking for answer in fold_answers])
         if folds and held_out is None:
-            warnings.append(f"K = {k}: a fold could not be fitted, so there is no held-out score.")
+            warnings.append(f"K = {k} has no held-out score: one of its folds could not be fitted.")
         if not answer.fit.converged:
             warnings.append(
-                f"K = {k}: the fit did not converge in {answer.fit.n_iter} steps, the gradient's "
+                f"The fit with K = {k} did not converge in {answer.fit.n_iter} steps; its gradient "
                 f"norm is {answer.fit.gradient_norm:.1g} per unit of weight."
             )
-        driving = _joined([answer.driving for answer in of_folds])
+        driving = _joined([answer.driving for answer in fold_answers])
         candidates.append(_candidate(k, answer.fit, held_out, driving))
-    chosen, by = _choose(candidates, settings, warnings)
-    return Calibration(tuple(candidates), chosen, by, folds, tuple(warnings))
+    chosen, criterion = _choose(candidates, settings, warnings)
+    return Calibration(tuple(candidates), chosen, criterion, folds, tuple(warnings))
 
 
 def _candidate(
     k: int, fit: FitResult, held_out: HeldOut | None, driving: HeldOut | None
 ) -> Candidate:
-    # Arrays that came from another process are writable again; the mixture's own are not.
-    found = fit.mixture
+    # Arrays that came from another process are writable; a new mixture makes them read-only.
+    sent = fit.mixture
     mixture = TruncatedGaussianMixture(
-        found.weights, found.locations, found.scale_matrices, found.lower, found.upper
+        sent.weights, sent.locations, sent.scale_matrices, sent.lower, sent.upper
     )
     return Candidate(
         components=k,
@@ -195,7 +197,7 @@ def _candidate(
 
 
 def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
-    """The scores of all folds; every vehicle is in one of them."""
+    """The scores of all folds together; every vehicle is in exactly one fold."""
     parts = [part for part in scores if part is not None]
     if not parts or len(parts) < len(scores):
         return None
@@ -203,7 +205,7 @@ def _joined(scores: Sequence[HeldOut | None]) -> HeldOut | None:
         np.sum([part.totals for part in parts], axis=0),
         np.sum([part.weights for part in parts], axis=0),
     )
-    # A row that a model calls impossible leaves no finite mean to compare.
+    # A row with density 0 makes the mean infinite, so it cannot be compared.
     return joined if np.isfinite(joined.mean) else None
 
 
@@ -217,12 +219,12 @@ def _choose(
     if settings.choose == "bic":
         k = by_bic(bic)
     elif settings.choose == "rule":
-        found = by_rule(bic)
-        if found is None:
-            warnings.append("BIC's gain has not fallen under the rule's 10 % within the range.")
-        k = max(by_k) if found is None else found
+        rule_k = by_rule(bic)
+        if rule_k is None:
+            warnings.append("No fitted K meets the paper's rule: every gain in BIC is above 10 %.")
+        k = max(by_k) if rule_k is None else rule_k
     else:
         k = by_held_out({k: c.held_out for k, c in by_k.items() if c.held_out is not None})
     if k == max(by_k):
-        warnings.append(f"K = {k} is the largest that was fitted: a larger one may be better.")
+        warnings.append(f"K = {k} is the largest fitted K; a larger K may be better.")
     return by_k[k], settings.choose

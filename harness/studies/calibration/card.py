@@ -1,4 +1,4 @@
-"""A model's card: what it was fitted on, how, and what to beware of."""
+"""Takes a calibration and returns the model's card: its data, its method and its warnings."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,10 +17,10 @@ from harness.studies.calibration.scores import HeldOut
 
 NEAR_RANGE_M = 5.0
 NEAR_SPEED_MPS = 1.0
-"""A row is near a state (R, v) when it is no further from it than this in both."""
+"""A row is near a state (R, v) if R and v both differ by at most this."""
 
 FEW = 10
-"""Fewer vehicles, or effective rows, near the scenario's state earn a warning."""
+"""The card warns if fewer vehicles, or fewer effective rows, are near the scenario's state."""
 
 
 def card(
@@ -34,10 +34,12 @@ def card(
     """The card as plain data, for the model file's ``provenance``.
 
     Args:
-        sample, settings, calibration: what was fitted, how, and the outcome.
-        file: where the rows came from.
-        command: the exact command of the fit; that of the extraction is taken from the file.
-        state: (R in m, v in m/s) of the scenario the model is meant for.
+        sample: the fitted rows.
+        settings: how they were fitted.
+        calibration: the result of the fits.
+        file: the file of the rows; it also has the command of the extraction.
+        command: the exact command of the fit.
+        state: (R in m, v in m/s) at the trigger of the scenario that will use the model.
     """
     near = near_state(sample, state)
     chosen = calibration.chosen
@@ -62,7 +64,7 @@ def card(
             for i, name in enumerate(VARIABLES)
         },
         "components": chosen.components,
-        "chosen_by": calibration.by,
+        "chosen_by": calibration.criterion,
         "log_likelihood": chosen.log_likelihood,
         "bic": chosen.bic,
         "held_out": _scored(chosen),
@@ -80,11 +82,11 @@ def card(
 
 
 def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
-    """Rows, encounters and vehicles with |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.
+    """Number of rows, encounters and vehicles with |R − R0| ≤ 5 m and |v − v0| ≤ 1 m/s.
 
-    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw² over the distinct rows' and over
-    the vehicles' sums of weights: 7 vehicles of which one holds nearly all weight are hardly more
-    than one.
+    ``effective_rows`` and ``effective_vehicles`` are (Σw)²/Σw², where w is the sum of the weights
+    of a distinct row or of a vehicle.  If one of 7 vehicles has nearly all the weight, the
+    effective number is close to 1.
     """
     range_m = 1.0 / sample.data[:, INVERSE_RANGE]
     near = np.abs(range_m - state[0]) <= NEAR_RANGE_M
@@ -104,22 +106,22 @@ def near_state(sample: Sample, state: tuple[float, float]) -> dict[str, Any]:
 
 
 def _effective(item: np.ndarray | None, weights: FloatArray) -> float | None:
-    """The effective number of the items that rows are of; None where rows do not say."""
+    """Effective number of items, by each row's item; None if rows do not identify it."""
     return None if item is None else effective_number(np.bincount(item, weights).astype(float))
 
 
 def _copy_warnings(sample: Sample) -> list[str]:
-    """What stands more than once in the rows, and what became of it."""
+    """Warnings about rows and vehicles that occur more than once in the data."""
     warnings = []
     if sample.copies:
         warnings.append(
-            f"{sample.copies} of {len(sample.data)} rows are copies of another row: what stands in "
-            f"m encounters counts 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
+            f"{sample.copies} of {len(sample.data)} rows are copies of another row. A row in m "
+            f"encounters has weight 1/m in each, and BIC's n is {sample.weights.sum():.4g}."
         )
     if sample.vehicles and sample.named_vehicles and sample.vehicles < sample.named_vehicles:
         warnings.append(
-            f"{sample.named_vehicles} vehicles share rows or tracks: they are "
-            f"{sample.vehicles}, each kept in one fold, under several names."
+            f"The {sample.named_vehicles} vehicle names count as {sample.vehicles} vehicles, "
+            "because some share rows or tracks; each vehicle is in one fold."
         )
     return warnings
 
@@ -127,14 +129,14 @@ def _copy_warnings(sample: Sample) -> list[str]:
 def _near_warnings(near: dict[str, Any]) -> list[str]:
     place = f"({near['range_m']:g} m, {near['vehicle_speed_mps']:g} m/s)"
     return [
-        f"Near {place} the model rests on {near[key]:.3g} {words}: fewer than {FEW}."
+        f"Near {place} the model has only {near[key]:.3g} {words}, fewer than {FEW}."
         for key, words in (("vehicles", "vehicles"), ("effective_rows", "effective rows"))
         if near[key] is not None and near[key] < FEW
     ]
 
 
 def _scored(candidate: Candidate) -> dict[str, Any]:
-    """Held-out scores, nats per encounter weight on vehicles not fitted on."""
+    """Mean held-out log scores, in nats per encounter."""
     return {
         "log f(v_p | 1/R, v)": _mean_and_error(candidate.held_out),
         "log f(v | 1/R, v_p, 1/T_adv)": _mean_and_error(candidate.held_out_driver),
@@ -174,14 +176,14 @@ def _table(calibration: Calibration) -> list[dict[str, Any]]:
 
 
 def _rule(calibration: Calibration) -> dict[str, Any]:
-    """The K that the paper's rule would have chosen; null where it cannot be applied."""
+    """The K by the paper's rule; null if the rule cannot be applied."""
     try:
-        found = by_rule({c.components: c.bic for c in calibration.candidates})
+        components = by_rule({c.components: c.bic for c in calibration.candidates})
     except InputError:
-        found = None
+        components = None
     return {
         "words": f"smallest K with BIC_K - BIC_K+1 < {RULE_SHARE:g} (BIC_1 - BIC_2)",
-        "components": found,
+        "components": components,
     }
 
 

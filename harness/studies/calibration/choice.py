@@ -1,4 +1,4 @@
-"""Ways to choose the number of components K from what was fitted."""
+"""Takes the BIC or held-out score of every fitted K and returns the chosen K."""
 
 from collections.abc import Mapping
 from typing import Literal
@@ -9,19 +9,19 @@ from harness.studies.calibration.scores import HeldOut
 Choice = Literal["bic", "rule", "held-out"]
 
 RULE_SHARE = 0.10
-"""The paper stops where a further component changes BIC by less than this."""
+"""The paper adds no component that changes BIC by less than this share."""
 
 
 def by_bic(bic: Mapping[int, float]) -> int:
-    """The K of the lowest BIC; the smaller one of equals."""
+    """The K with the lowest BIC; the smallest K if several are equal."""
     return min(bic, key=lambda k: (bic[k], k))
 
 
 def by_held_out(scores: Mapping[int, HeldOut]) -> int:
-    """The K of the highest held-out score; the smaller one of equals.
+    """The K with the highest mean held-out score; the smallest K if several are equal.
 
     Raises:
-        InputError: there is no score.
+        InputError: ``scores`` is empty.
     """
     if not scores:
         raise InputError(
@@ -33,23 +33,22 @@ def by_held_out(scores: Mapping[int, HeldOut]) -> int:
 
 
 def by_rule(bic: Mapping[int, float]) -> int | None:
-    """The paper's rule in a form without units.
+    """The smallest K with BIC_K − BIC_{K+1} < 0.1 (BIC_1 − BIC_2): the paper's rule without units.
 
-    The paper takes the K beyond which BIC changes by less than 10 %.  Relative to BIC itself that
-    depends on the units of the data (a change of units adds a constant to every BIC), so the gain
-    of the last component is compared with that of the second: the smallest K with
-    BIC_K − BIC_{K+1} < 0.1 (BIC_1 − BIC_2).
+    The paper takes the K beyond which BIC changes by less than 10 %.  A share of BIC itself depends
+    on the units of the data, because a change of units adds a constant to every BIC.  The gain of
+    the next component is therefore compared with the gain of the second component.
 
     Returns:
-        K, or None when the gains have not fallen so far within the range fitted.
+        K, or None if no fitted K meets the rule.
 
     Raises:
-        InputError: K = 1, 2, … without gaps up to at least 3 were not fitted.
+        InputError: the fitted K are not 1, 2, … without gaps up to at least 3.
     """
     last = max(bic)
     if last < 3 or sorted(bic) != list(range(1, last + 1)):
         raise InputError(
-            "--choose rule", "needs every K from 1 to 3 or more", "e.g. --components 1..20"
+            "--choose rule", "needs every K from 1 to at least 3", "e.g. --components 1..20"
         )
     for k in range(1, last):
         if bic[k] - bic[k + 1] < RULE_SHARE * (bic[1] - bic[2]):
@@ -58,7 +57,7 @@ def by_rule(bic: Mapping[int, float]) -> int | None:
 
 
 def relative_gain(bic: Mapping[int, float]) -> dict[int, float]:
-    """(BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K, where the neighbours were fitted; no units."""
+    """(BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2), dimensionless, for every K with a fitted K − 1."""
     if not {1, 2} <= set(bic) or bic[1] == bic[2]:
         return {}
     return {k: (bic[k - 1] - bic[k]) / (bic[1] - bic[2]) for k in sorted(bic) if k - 1 in bic}

@@ -1,6 +1,6 @@
-"""The fits of a calibration, each a job of its own with its own seed, in processes of one thread.
+"""Takes a sample and returns one fit: each job has its own seed and runs in one thread.
 
-So the numbers are the same however many processes there are.
+The numbers therefore do not depend on the number of processes.
 """
 
 from dataclasses import dataclass
@@ -28,11 +28,11 @@ class Settings:
 
     Attributes:
         components: every K to fit, ascending.
-        choose: how one of them is chosen; a single K is taken as given.
-        starts: k-means++ starts of every fit, the best kept.
-        folds: of vehicles, for the held-out scores; 0 or 1 leaves them out.
-        seed: of starts and folds.
-        tol: a fit stops where the gradient per unit of weight is below this (see `fit_mixture`).
+        choose: the criterion that chooses among several K.
+        starts: number of k-means++ starts of a fit; the best is used.
+        folds: number of folds of vehicles for the held-out scores; 0 or 1 means no scores.
+        seed: the seed of the starts and the folds.
+        tol: a fit stops when its gradient per unit of weight is below this (see `fit_mixture`).
     """
 
     components: tuple[int, ...]
@@ -45,7 +45,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Job:
-    """One fit: to all rows (fold None), or to those outside a fold."""
+    """One fit, to all rows (``fold`` is None) or to the rows outside a fold."""
 
     components: int
     fold: int | None
@@ -53,7 +53,7 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """A fit to all rows, the scores of a fold, or why there is none."""
+    """The result of a job: the fit to all rows, the scores of a fold, or an error's parts."""
 
     fit: FitResult | None = None
     walking: HeldOut | None = None
@@ -63,26 +63,26 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Shared:
-    """The data that all jobs have in common."""
+    """What all jobs have in common; ``row_folds`` is the fold of every row."""
 
     sample: Sample
     settings: Settings
-    fold_of: np.ndarray | None
+    row_folds: np.ndarray | None
 
 
 def fitting_pool(workers: int) -> LocalPool:
-    """Fresh processes with one BLAS thread: another number changes the last digits of a fit."""
+    """New processes with one BLAS thread, because their number changes a fit's last digits."""
     return LocalPool(workers, imports=__name__, environment=_ONE_THREAD)
 
 
 def jobs_of(settings: Settings, folds: int) -> list[Job]:
-    """The slowest first, so that no worker is left with one at the end."""
-    falling = sorted(settings.components, reverse=True)
-    return [Job(k, fold) for k in falling for fold in (None, *range(folds))]
+    """All jobs, the slowest first, so that no worker ends with a long one."""
+    descending = sorted(settings.components, reverse=True)
+    return [Job(k, fold) for k in descending for fold in (None, *range(folds))]
 
 
 def run_job(task: tuple[Job, Shared]) -> Answer:
-    """One fit in a worker; a refusal comes back as words, an exception would lose its parts."""
+    """One fit in a worker; an ``InputError`` is returned, since pickling would lose its parts."""
     try:
         return _fit(*task)
     except InputError as error:
@@ -92,8 +92,8 @@ def run_job(task: tuple[Job, Shared]) -> Answer:
 def _fit(job: Job, shared: Shared) -> Answer:
     sample, settings = shared.sample, shared.settings
     held = np.zeros(sample.weights.size, dtype=bool)
-    if job.fold is not None and shared.fold_of is not None:
-        held = shared.fold_of == job.fold
+    if job.fold is not None and shared.row_folds is not None:
+        held = shared.row_folds == job.fold
     fit = fit_mixture(
         sample.data[~held],
         job.components,

@@ -1,4 +1,4 @@
-"""The rows a model is fitted on: read, checked, cut to the box, weighted."""
+"""Takes a file of extracted rows and returns the weighted rows inside the model's box."""
 
 import hashlib
 from collections.abc import Mapping
@@ -26,13 +26,13 @@ from harness.model.trajectories.csv_input import (
 from harness.model.trajectories.extraction import ENCOUNTER_KEY, EXTRACTION_KEY, VEHICLE_KEY
 from harness.model.trajectories.extraction_rules import TEXT_COLUMNS
 
-# R up to 60 m and 1/T_adv up to 2 per s: what a sensor resolves; the floors of the speeds are the
-# extraction's, and keep E[1/T_adv] and passing times finite.
+# A sensor resolves R up to 60 m and 1/T_adv up to 2 per s. The lowest speeds are those of the
+# extraction; they keep E[1/T_adv] and passing times finite.
 BOX_LOWER = (1 / 60, 0.3, 0.3, 0.0)
 BOX_UPPER = (0.5, 8.0, 3.0, 2.0)
 
 COLUMNS = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s")
-# How messages call the model's variables: by the column a user knows.
+# The names of the model's variables in messages are the columns of the user's file.
 LABELS = ("range_m (as 1/R)", COLUMNS[1], COLUMNS[2], "time_advantage_s (as 1/T_adv)")
 FACTOR_COLUMN = "weight"
 
@@ -43,9 +43,9 @@ class RowFile:
 
     Attributes:
         name: the file's name without its folder.
-        rows: as read.
-        sha256: of the file.
-        extraction: what ``harness extract`` left in it; empty for other files.
+        rows: all rows of the file.
+        sha256: the file's hash.
+        extraction: the metadata that ``harness extract`` wrote; empty for other files.
     """
 
     name: str
@@ -59,20 +59,21 @@ class Sample:
     """Weighted rows inside a box.
 
     Attributes:
-        data: (n, 4), variables in the model's order.
-        weights: (n,) ≥ 0, summing to ``encounters`` (to n for rows without identifiers), less
-            what copies would add: a row that stands in m encounters counts 1/m in each.
-        row: (n,) index of each row's values: rows with the same ones are copies.
-        vehicle, encounter: (n,) index of each row's; None when a row does not say which. Vehicles
-            with a row or the recorded track in common are one, whatever they are called.
-        vehicles, encounters: how many are in the box; None when not known.
-        named_vehicles: how many names the vehicles have; None when not known.
-        tracks: fingerprints of the vehicles' recorded tracks; empty when not known.
+        data: (n, 4), the model's variables in its order.
+        weights: (n,) ≥ 0.  A row that occurs in m encounters has weight 1/m in each.  Without
+            such copies the sum is ``encounters``, or n if rows have no identifiers.
+        row: (n,) index of the distinct row; copies have the same index.
+        vehicle, encounter: (n,) index of the row's vehicle and encounter; None if a row does not
+            identify them.  Vehicles with a common row or recorded track count as one vehicle,
+            whatever their names are.
+        vehicles, encounters: their numbers inside the box; None if not known.
+        named_vehicles: number of the vehicles' names; None if not known.
+        tracks: fingerprints of the vehicles' recorded tracks; empty if not known.
         lower, upper: (4,) the box.
-        rows_read: before the box was applied.
-        outside: column → rows outside the box there; a row may count in several.
+        rows_read: number of rows before the box was applied.
+        outside: column → number of rows outside the box in it; a row may count in several.
         weigh: how the rows were weighted.
-        factor: whether the rows' own ``weight`` column entered.
+        factor: whether a ``weight`` column multiplied the weights.
         sources: names of the data sets.
     """
 
@@ -95,18 +96,18 @@ class Sample:
 
     @property
     def copies(self) -> int:
-        """Rows that are the copy of another one, the first of each not counted."""
+        """Number of rows that repeat an earlier row."""
         return len(self.row) - len(np.unique(self.row))
 
 
 def read_rows(path: Path) -> RowFile:
-    """Read rows as ``harness extract`` writes them (Parquet), or the same columns as CSV.
+    """Read the Parquet file of ``harness extract``, or a CSV file with the same columns.
 
     Raises:
-        InputError: missing, unreadable, empty, or a needed column is missing.
+        InputError: the file is missing, unreadable or empty, or lacks a needed column.
     """
     if not as_paths(path)[0].is_file():
-        raise InputError(str(path), "is no regular file", "a file `harness extract` wrote")
+        raise InputError(str(path), "is not a regular file", "a file from `harness extract`")
     try:
         rows = read_table(path)
     except EmptyTableError as error:
@@ -115,7 +116,7 @@ def read_rows(path: Path) -> RowFile:
     for name in COLUMNS:
         if not pd.api.types.is_numeric_dtype(rows[name]):
             raise InputError(f"{path}: {name}", "holds text", "numbers")
-    # Any type may stand in another program's file; grouped, sorted and written down is text.
+    # Another program's file may have identifiers of any type; here they are text.
     rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
     for source in rows["source"].dropna().unique() if "source" in rows else ():
         if not source.isprintable():
@@ -126,13 +127,13 @@ def read_rows(path: Path) -> RowFile:
 
 
 def _extraction(path: Path) -> Mapping[str, Any]:
-    """The extraction's notes about itself, {} where it left none."""
+    """The metadata of the extraction; {} if the file has none."""
     try:
         metadata = pq.read_schema(path).metadata or {}
-        found = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
+        extraction = parse_json(metadata.get(EXTRACTION_KEY, b"{}"))
     except (OSError, ValueError, pa.ArrowException):
         return {}
-    return found if isinstance(found, dict) else {}
+    return extraction if isinstance(extraction, dict) else {}
 
 
 def make_sample(
@@ -143,20 +144,22 @@ def make_sample(
     upper: FloatArray | None = None,
     strict: bool = False,
 ) -> Sample:
-    """Check the rows, leave out those outside the box and weigh the rest.
+    """Check the rows, leave out rows outside the box, and weigh the others.
 
     Args:
-        rows: with ``COLUMNS``; the identifiers ``source, clip, vehicle, pedestrian`` are needed to
-            weigh by encounter or vehicle.  A column ``weight`` (≥ 0) multiplies the weights.
+        rows: a table with ``COLUMNS``.  Weighing by encounter or vehicle also needs the identifiers
+            ``source, clip, vehicle, pedestrian``.  A column ``weight`` (≥ 0) multiplies the
+            weights.
         weigh: ``row``, ``encounter`` or ``vehicle``, see
             ``harness.model.trajectories.row_weights``.
         lower, upper: (4,) the box in the model's variables; by default ``BOX_LOWER`` and
             ``BOX_UPPER``.
-        strict: refuse rows outside the box instead of leaving them out.
+        strict: raise an error for rows outside the box instead of leaving them out.
 
     Raises:
-        InputError: a value that is not finite, R or T_adv not above 0, a negative weight, rows
-            outside the box under ``strict``, no row left; says which column and how many rows.
+        InputError: a value is not finite, R or T_adv is not above 0, a weight is negative, no row
+            is left, or, with ``strict``, a row is outside the box.  The message has the column and
+            the number of rows.
     """
     lower = np.array(BOX_LOWER if lower is None else lower, dtype=float)
     upper = np.array(BOX_UPPER if upper is None else upper, dtype=float)
@@ -165,17 +168,17 @@ def make_sample(
     outside = (data < lower) | (data > upper)
     counts = {name: int(outside[:, i].sum()) for i, name in enumerate(COLUMNS)}
     if strict and outside.any():
-        told = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+        columns = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
         raise InputError(
             "rows",
-            f"{int(outside.any(axis=1).sum())} of {len(rows)} rows lie outside the box ({told})",
-            "rows inside it, or no --strict to leave them out",
+            f"{int(outside.any(axis=1).sum())} of {len(rows)} rows lie outside the box ({columns})",
+            "rows inside the box; without --strict the others are left out",
         )
     inside = np.flatnonzero(~outside.any(axis=1))
     kept = rows.iloc[inside].reset_index(drop=True)
     if kept.empty:
         raise InputError(
-            "rows", f"none of {len(rows)} rows lies inside the box", _box(lower, upper)
+            "rows", f"none of the {len(rows)} rows lies inside the box", _box(lower, upper)
         )
     factor = _factor(kept)
     weights = row_weights(kept, weigh)
@@ -206,25 +209,25 @@ def make_sample(
 
 
 def distinct_rows(rows: pd.DataFrame) -> np.ndarray:
-    """(n,) index of each row's values of ``COLUMNS``: copies have the same one."""
+    """(n,) index of each distinct row of ``COLUMNS``; copies have the same index."""
     return np.asarray(rows.groupby(list(COLUMNS), sort=False, dropna=False).ngroup().to_numpy())
 
 
 def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
-    """(n,) index of each row's vehicle; None where a row does not say which.
+    """(n,) index of each row's vehicle; None if a row does not identify its vehicle.
 
-    Vehicles that have a row in common, or the fingerprint of their track, count as one: under
-    another name they would stand in the folds fitted on and in the fold held out.
+    Vehicles with a common row, or with the same fingerprint of their track, count as one vehicle.
+    Otherwise the same vehicle could be both in the fitted folds and in the held-out fold.
     """
     named = _codes(rows, VEHICLE_KEY)
     if named is None:
         return None
-    # Imported here: a reader of models fits nothing.
+    # Imported here, because loading a model does not need it.
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    known = _codes(rows, ("track",))
-    links = [distinct_rows(rows), *([] if known is None else [known])]
+    track = _codes(rows, ("track",))
+    links = [distinct_rows(rows), *([] if track is None else [track])]
     count, edges = int(named.max()) + 1, []
     for link in links:
         edges.append(np.stack((named, count + link)))
@@ -236,24 +239,28 @@ def independent_vehicles(rows: pd.DataFrame) -> np.ndarray | None:
 
 
 def effective_number(weights: FloatArray) -> float:
-    """(Σw)² / Σw², Kish's effective number of the weighted items; 0 for none."""
+    """(Σw)² / Σw², Kish's effective number of weighted items; 0 if there is no weight."""
     squares = float(weights @ weights)
     return float(weights.sum() ** 2 / squares) if squares > 0 else 0.0
 
 
 def _variables(rows: pd.DataFrame) -> FloatArray:
-    """(n, 4) in the model's order, or a refusal that names the column."""
+    """(n, 4) the model's variables in its order; an error names the column."""
     values = np.array(rows[list(COLUMNS)].to_numpy(dtype=float, na_value=np.nan))
     for i, name in enumerate(COLUMNS):
-        lost = int((~np.isfinite(values[:, i])).sum())
-        if lost:
+        invalid = int((~np.isfinite(values[:, i])).sum())
+        if invalid:
             raise InputError(
-                f"rows: {name}", f"{lost} rows are missing, NaN or infinite", "numbers"
+                f"rows: {name}",
+                f"{invalid} rows have a value that is missing, NaN or infinite",
+                "finite numbers",
             )
         if i in (0, 3):
             wrong = int((values[:, i] <= 0).sum())
             if wrong:
-                raise InputError(f"rows: {name}", f"{wrong} rows are not above 0", "above 0")
+                raise InputError(
+                    f"rows: {name}", f"{wrong} rows have a value not above 0", "above 0"
+                )
     values[:, [0, 3]] = 1.0 / values[:, [0, 3]]
     return values
 
@@ -269,12 +276,12 @@ def _factor(rows: pd.DataFrame) -> FloatArray | None:
     if wrong:
         raise InputError(where, f"{wrong} rows are negative, NaN or infinite", "0 or more")
     if not factor.any():
-        raise InputError(where, f"all {len(rows)} rows are 0", "some above 0")
+        raise InputError(where, f"all {len(rows)} rows are 0", "at least one above 0")
     return factor
 
 
 def _codes(rows: pd.DataFrame, key: tuple[str, ...]) -> np.ndarray | None:
-    """Index of each row's group in order of first appearance; None without identifiers."""
+    """Index of each row's group in order of first appearance; None if an identifier is missing."""
     if not all(name in rows for name in key) or rows[list(key)].isna().any(axis=None):
         return None
     return np.asarray(rows.groupby(list(key), sort=False).ngroup().to_numpy())

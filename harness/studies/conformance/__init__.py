@@ -1,7 +1,7 @@
-"""The rules that every strategy must keep to, checked in small scenes on the plain engine.
+"""Takes a strategy and returns the result of every rule, checked in small scenes.
 
-The same checks hold the built-in strategies (tests/conformance) and a user's own
-(``harness strategies --check``).
+The scenes run on the plain engine.  Built-in strategies (tests/conformance) and a user's own
+strategy (``harness strategies --check``) are checked alike.
 """
 
 from harness.studies.conformance.checking import RuleResult, check_strategy

@@ -1,4 +1,4 @@
-"""Runs every check on a strategy in a limited time."""
+"""Takes a strategy and returns the result of every check within a limited time."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, wait
@@ -17,16 +17,16 @@ from harness.studies.conformance.checks import CHECKS, HAS_DEFAULTS
 from harness.studies.conformance.subject import SURVIVES, BrokenRuleError, StoppedError, Subject
 
 LIMIT_S = 60.0
-"""How long all checks together may take."""
+"""Limit of the wall time of all checks together."""
 
 
 @dataclass(frozen=True)
 class RuleResult:
-    """The result of one check; ``problem`` is None where the strategy passed.
+    """The result of one check; ``problem`` is None if the strategy passed.
 
-    ``observation`` is what the strategy was shown when it broke the rule, None where no single
-    one is to blame.  ``checked`` is False where the check could not be made, for a reason that
-    another one has found; ``problem`` says which.
+    ``observation`` is the observation at which the strategy broke the rule; None if no single
+    observation caused it.  ``checked`` is False if the problem of another check prevented this
+    one; ``problem`` then repeats that problem.
     """
 
     check: str
@@ -45,16 +45,17 @@ def check_strategy(
     """Run every check on a strategy.
 
     Args:
-        strategy: as in ``arms.av``: a built-in name, an entry point, ``package.module:Class``, or
-            a class.
-        model: the interaction model, for strategies that ask for it; None: the scenario's.
-        scenario: says the crosswalk, the ego where a scene says nothing, and the strategy's
-            parameters; who comes is the scenes' business.
-        settings: changes to it, where it is no ``Scenario``.
-        limit_s: of wall time, for all checks together.
+        strategy: a built-in name, an entry point, ``package.module:Class``, or a class, as in
+            ``arms.av``.
+        model: the interaction model for strategies that use it; None means the scenario's.
+        scenario: gives the crosswalk, the ego and the strategy's parameters.  The scenes give the
+            pedestrians and may change the ego.
+        settings: changes to a scenario that is given by name or path.
+        limit_s: limit of the wall time of all checks together.
 
     Raises:
-        InputError: there is no such strategy, or the scenario, a setting or a parameter is refused.
+        InputError: the strategy does not exist, or the scenario, a setting or a parameter is
+            invalid.
     """
     name = validate({"arms": {"av": strategy}}, "strategy").arms.av
     if not isinstance(scenario, Scenario):
@@ -62,17 +63,17 @@ def check_strategy(
     section = scenario.model
     subject = Subject(name, scenario, model or load_model(section.name, section.path))
     check_parameters(subject.factory, subject.parameters, table_key(name))
-    found: dict[str, BrokenRuleError | None] = {}
+    errors: dict[str, BrokenRuleError | None] = {}
     done: Future[None] = Future()
 
     def check_all() -> None:
         try:
-            _check_all(subject, found)
+            _check_all(subject, errors)
             done.set_result(None)
         except BaseException as error:
             done.set_exception(error)
 
-    # A thread that hangs can be left behind, whatever it hangs in.
+    # A daemon thread that hangs does not keep the process alive.
     Thread(target=check_all, daemon=True).start()
     begun_s = monotonic()
     while not wait([done], timeout=min(0.1, subject.decide_limit_s)).done:
@@ -82,37 +83,37 @@ def check_strategy(
                 f"decide took more than {subject.decide_limit_s:g} s", SURVIVES
             )
         elif monotonic() - begun_s > limit_s:
-            stopped = subject.stopped(f"not finished after {limit_s:g} s in all", "")
+            stopped = subject.stopped(f"the checks did not finish within {limit_s:g} s", "")
         if stopped is not None:
-            return _verdicts(dict.fromkeys(CHECKS, stopped) | found)
+            return _verdicts(dict.fromkeys(CHECKS, stopped) | errors)
     done.result()
-    return _verdicts(found)
+    return _verdicts(errors)
 
 
-def _check_all(subject: Subject, found: dict[str, BrokenRuleError | None]) -> None:
+def _check_all(subject: Subject, errors: dict[str, BrokenRuleError | None]) -> None:
     for check in CHECKS:
         try:
             CHECKS[check](subject)
         except BrokenRuleError as error:
-            found[check] = error
+            errors[check] = error
         else:
-            found[check] = None
+            errors[check] = None
 
 
-def _verdicts(found: Mapping[str, BrokenRuleError | None]) -> list[RuleResult]:
-    """One result for each check; where one fault stopped several checks, only one is to blame."""
-    stopped = {check: error for check, error in found.items() if isinstance(error, StoppedError)}
+def _verdicts(errors: Mapping[str, BrokenRuleError | None]) -> list[RuleResult]:
+    """One result for each check; a fault that stopped several checks is reported once."""
+    stopped = {check: error for check, error in errors.items() if isinstance(error, StoppedError)}
     verdicts = []
     for check in CHECKS:
-        error = found[check]
+        error = errors[check]
         problem = None if error is None else " ".join(str(error).split())
         checked = True
         if isinstance(error, StoppedError):
-            same = [other for other in stopped if stopped[other].rule == error.rule]
-            owner = error.rule if error.rule in same else same[0]
-            if found[HAS_DEFAULTS] not in (None, error):
-                owner = HAS_DEFAULTS
-            checked = check == owner
+            stopped_alike = [other for other in stopped if stopped[other].rule == error.rule]
+            reported = error.rule if error.rule in stopped_alike else stopped_alike[0]
+            if errors[HAS_DEFAULTS] not in (None, error):
+                reported = HAS_DEFAULTS
+            checked = check == reported
         verdicts.append(
             RuleResult(
                 check,

@@ -1,4 +1,4 @@
-"""The rules for all strategies, a function each."""
+"""The rules for all strategies: a function each, which takes a subject and raises if it fails."""
 
 import copy
 import inspect
@@ -23,8 +23,8 @@ HAS_DEFAULTS = "every parameter has a default"
 
 
 def _has_defaults(subject: Subject) -> None:
-    known = subject.parameters
-    missing = [p.name for p in parameters_of(subject.factory) if p.required and p.name not in known]
+    given = subject.parameters
+    missing = [p.name for p in parameters_of(subject.factory) if p.required and p.name not in given]
     if missing:
         raise BrokenRuleError(f"no default for {', '.join(missing)}")
 
@@ -50,7 +50,7 @@ def _crosses_an_empty_road(subject: Subject) -> None:
     for step_s in STEPS_S:
         trace, watched = subject.play("nobody", step_s)
         if trace.ending is not Ending.CROSSED:
-            what = f"step {step_s:g} s: {trace.ending} with nobody there"
+            what = f"step {step_s:g} s: {trace.ending} although the road was empty"
             raise BrokenRuleError(what, watched.observations[-1])
 
 
@@ -75,7 +75,7 @@ def _leaves_alone(subject: Subject) -> None:
 
 
 def _keeps_nothing_in_its_class(subject: Subject) -> None:
-    """State in the class would reach the next episode, and differ with the number of workers."""
+    """State in the class would reach the next episode, so results would depend on the workers."""
     subject.play("nobody", 0.1)
     before = _class_state(subject.factory)
     for scene in SCENES:
@@ -83,7 +83,7 @@ def _keeps_nothing_in_its_class(subject: Subject) -> None:
         after = _class_state(subject.factory)
         for name in before.keys() | after.keys():
             if repr(before.get(name)) != repr(after.get(name)):
-                raise BrokenRuleError(f"{scene}: changed {name} of the class")
+                raise BrokenRuleError(f"{scene}: changed the class attribute {name}")
 
 
 def _class_state(strategy: Any) -> dict[str, Any]:
@@ -94,18 +94,18 @@ def _class_state(strategy: Any) -> dict[str, Any]:
     }
 
 
-def _refuse_difference(where: str, one: Observed, other: Observed) -> None:
-    """Refuse answers that are not the same, with the first of them and what was shown there."""
-    answers = zip(one.answers, other.answers, other.observations, strict=False)
+def _refuse_difference(where: str, first: Observed, second: Observed) -> None:
+    """Raise if the answers differ, with the observation at the first difference."""
+    answers = zip(first.answers, second.answers, second.observations, strict=False)
     for step, (a, b, observation) in enumerate(answers):
         if repr(a) != repr(b):
             raise BrokenRuleError(f"{where}: {a!r} and {b!r} at step {step}", observation)
-    if len(one.answers) != len(other.answers):
-        raise BrokenRuleError(f"{where}: {len(one.answers)} and {len(other.answers)} steps")
+    if len(first.answers) != len(second.answers):
+        raise BrokenRuleError(f"{where}: {len(first.answers)} and {len(second.answers)} steps")
 
 
 def _keeps_to_the_limit(subject: Subject) -> None:
-    """Above the road's limit, or v0 where there is none, time is saved by speeding."""
+    """Raise if the ego exceeds the road's limit, or v0 without a limit: speeding saves time."""
     for scene in SCENES:
         trace, watched = subject.play(scene, 0.1)
         v0_mps = trace.vehicle.initial_speed_mps
@@ -113,19 +113,19 @@ def _keeps_to_the_limit(subject: Subject) -> None:
         speeding = trace.speed_mps > limit_mps * (1 + SPEED_ROUNDING)
         if speeding.any():
             step, fastest = int(speeding.argmax()), float(trace.speed_mps.max())
-            what = f"{scene}: drove at {fastest:.3g} m/s where {limit_mps:g} are allowed"
+            what = f"{scene}: drove at {fastest:.3g} m/s, above the limit of {limit_mps:g} m/s"
             raise BrokenRuleError(what, watched.observations[max(step - 1, 0)])
 
 
 CHECKS: dict[str, Callable[[Subject], None]] = {
     "remembers nothing of other episodes": _forgets,
-    "keeps nothing in its class": _keeps_nothing_in_its_class,
+    "stores nothing in its class": _keeps_nothing_in_its_class,
     "the same episode twice gives the same answers": _is_deterministic,
     HAS_DEFAULTS: _has_defaults,
     SURVIVES: _survives,
     IS_FINITE: _is_finite,
     "crosses an empty road": _crosses_an_empty_road,
-    "keeps to the road's limit, or v0 where there is none": _keeps_to_the_limit,
-    "leaves what it is given as it is": _leaves_alone,
+    "keeps to the road's speed limit, or to v0 without a limit": _keeps_to_the_limit,
+    "does not change its observation": _leaves_alone,
 }
-"""Every check by what it demands; those of memory first, as it has to be empty for them."""
+"""Every check by its rule; the checks of memory are first, because they need a new class."""

@@ -1,4 +1,4 @@
-"""A strategy under check, played in small scenes on the plain engine."""
+"""Takes a strategy and a small scene and returns the trace and all answers, on the plain engine."""
 
 from collections.abc import Mapping
 from time import monotonic
@@ -18,14 +18,14 @@ from harness.strategies.registry import find_strategy
 STEPS_S = (0.1, 0.05)
 
 DECIDE_LIMIT_S = ExperimentSection().decide_limit_s
-"""How long one answer may take, as in a run."""
+"""Limit of the wall time of one answer, as in a run."""
 
 Walker = tuple[float, Side, float]
 """Arrival time (s), side, walking speed (m/s)."""
 
 
 class Scene(NamedTuple):
-    """People who come, whatever the ego does, and what differs from the paper's ego."""
+    """Pedestrians who do not react to the ego, and the ego's changed parameters."""
 
     walkers: tuple[Walker, ...]
     ego: Mapping[str, float] = MappingProxyType({})
@@ -44,7 +44,7 @@ SCENES: dict[str, Scene] = {
     "one runs": Scene(((4.0, Side.NEAR, 3.0),)),
     "many from both sides": Scene(_crowd(25)),
     "a crowd at once": Scene(tuple((1.0, side, 1.3) for side in (*Side,) * 10)),
-    # From the near kerb the lane's far edge is passed after 4.5 m, 3 s; first seen at R = 10 m.
+    # The first pedestrian leaves the lane after 4.5 m, in 3 s; the ego sees them from R = 10 m.
     "already past the lane when first seen": Scene(
         ((0.0, Side.NEAR, 1.5), (0.5, Side.NEAR, 1.4)), {"detection_range_m": 10.0}
     ),
@@ -58,13 +58,13 @@ SCENES: dict[str, Scene] = {
 }
 
 
-SURVIVES = "survives nobody, many, people past its lane and behind it"
+SURVIVES = "plays every scene to its end"
 IS_FINITE = "answers with a finite number or None"
-"""The rules that are broken by a scene that cannot be played to its end."""
+"""A scene that cannot be played to its end breaks one of these two rules."""
 
 
 class BrokenRuleError(Exception):
-    """A check's finding, in one line; ``observation`` is what the strategy was shown there."""
+    """The problem that a check found, in one line, with the observation that led to it."""
 
     def __init__(self, problem: str, observation: Observation | None = None) -> None:
         super().__init__(problem)
@@ -72,7 +72,7 @@ class BrokenRuleError(Exception):
 
 
 class StoppedError(BrokenRuleError):
-    """A scene could not be played to its end; ``rule`` is the check that is broken by this."""
+    """A scene could not be played to its end; ``rule`` is the broken rule."""
 
     def __init__(self, problem: str, rule: str, observation: Observation | None = None) -> None:
         super().__init__(problem, observation)
@@ -80,9 +80,9 @@ class StoppedError(BrokenRuleError):
 
 
 class Observed:
-    """Hands observations on to a strategy and keeps its answers.
+    """Passes observations to a strategy and records its answers.
 
-    Where it answers None, which only SUMO could carry out, the speed is kept.
+    The answer None, SUMO's own driver, means constant speed here.
     """
 
     def __init__(self, strategy: Strategy) -> None:
@@ -94,7 +94,7 @@ class Observed:
         """Start of the call that has not returned; None between calls."""
 
     def decide(self, observation: Observation, /) -> float:
-        """The strategy's answer; its observation is compared with itself before."""
+        """The strategy's answer; ``changed`` records an observation that the call changed."""
         before = repr(observation)
         self.observations.append(observation)
         self.call_began_s = monotonic()
@@ -110,9 +110,9 @@ class Subject:
     """A strategy under check.
 
     Args:
-        name: as in ``arms.av``.
-        scenario: says the crosswalk, the ego where a scene says nothing, and the parameters.
-        model: the interaction model, for strategies that ask for it.
+        name: the strategy's name, as in ``arms.av``.
+        scenario: gives the crosswalk, the ego and the strategy's parameters.
+        model: the interaction model for strategies that use it.
     """
 
     def __init__(self, name: str, scenario: Scenario, model: InteractionModel) -> None:
@@ -122,14 +122,15 @@ class Subject:
         self.road_limit_mps = scenario.crossing.road_speed_limit_mps
         self.factory = find_strategy(name, "--check")
         self.decide_limit_s = DECIDE_LIMIT_S
-        self.watched: Observed | None = None
-        """The object of the scene that is being played."""
+        self.current: Observed | None = None
+        """The strategy object of the present scene; None between scenes."""
 
     def play(self, scene: str, step_s: float) -> tuple[Trace, Observed]:
-        """One episode with a fresh object.
+        """Play an episode with a new strategy object.
 
         Raises:
-            BrokenRuleError: the strategy could not be made, raised, or gave no number.
+            StoppedError: the strategy could not be made, raised an exception, or did not answer
+                with a number.
         """
         chosen = SCENES[scene]
         scenario = validate(
@@ -143,26 +144,26 @@ class Subject:
             "conformance",
         )
         try:
-            watched = Observed(make_strategy(scenario, Arm.HUMAN, 0, self._model))
+            observed = Observed(make_strategy(scenario, Arm.HUMAN, 0, self._model))
         except (Exception, SystemExit) as error:
             raise StoppedError(f"cannot be made: {in_one_line(error)}", SURVIVES) from None
-        self.watched = watched
-        trace = _run(scenario, watched, chosen.walkers)
-        self.watched = None
+        self.current = observed
+        trace = _run(scenario, observed, chosen.walkers)
+        self.current = None
         if trace.ending is Ending.ENGINE_FAILED:
-            rule = IS_FINITE if watched.call_began_s is None else SURVIVES
-            last = watched.observations[-1] if watched.observations else None
+            rule = IS_FINITE if observed.call_began_s is None else SURVIVES
+            last = observed.observations[-1] if observed.observations else None
             raise StoppedError(f"{scene}, step {step_s:g} s: {trace.reason}", rule, last)
-        return trace, watched
+        return trace, observed
 
     def stopped(self, problem: str, rule: str) -> StoppedError:
-        """The finding where the strategy takes too long, with what it was shown last."""
-        seen = [] if self.watched is None else self.watched.observations
-        return StoppedError(problem, rule, seen[-1] if seen else None)
+        """The error for a strategy that takes too long, with its last observation."""
+        observations = [] if self.current is None else self.current.observations
+        return StoppedError(problem, rule, observations[-1] if observations else None)
 
     def hangs(self) -> bool:
-        """Whether it has been thinking for too long; another thread asks."""
-        call_began_s = None if self.watched is None else self.watched.call_began_s
+        """Whether the present call takes too long; called from another thread."""
+        call_began_s = None if self.current is None else self.current.call_began_s
         return call_began_s is not None and monotonic() - call_began_s > self.decide_limit_s
 
 
