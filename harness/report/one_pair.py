@@ -64,8 +64,7 @@ class EpisodeOutcome:
 
     def _repr_html_(self) -> str:
         """What a notebook shows."""
-        title = f"pair {self.outcome.pair}, {self.arm.value}"
-        return _html(title, [self])
+        return _html(f"pair {self.outcome.pair}, {self.arm.value}", [self])
 
 
 @dataclass(frozen=True)
@@ -89,11 +88,7 @@ class PairOutcome:
         return pd.concat([self.av.rows, self.human.rows], ignore_index=True)
 
     def plot(self, axes: "Axes | None" = None) -> "Axes":
-        """Draw both egos' speed over the distance to the crosswalk.
-
-        Args:
-            axes: drawn into; None: those of a new figure.
-        """
+        """Draw both egos' speed over the distance to the crosswalk; None: into a new figure."""
         from matplotlib import pyplot as plt
 
         from harness.report.drawing.episode_figures import draw_speed_over_distance
@@ -142,10 +137,9 @@ def run_pair(
     >>> run_pair("cctc", 17, settings={"arms.av": "hard_yield"}, engine="plain").av.record.stops
     0
     """
-    chosen = scenario_of_encounters(scenario, settings)
+    chosen, engine = scenario_of_encounters(scenario, settings), engine_named(engine)
     if pair < 0:
         raise InputError("pair", f"{pair}", "0 or more")
-    engine = engine_named(engine)
     check_packages()
     model = load_model(chosen.model.name, chosen.model.path)
     try:

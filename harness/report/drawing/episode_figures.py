@@ -12,16 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
 from harness.core.encounter import Arrival, Crossing, FloatArray, Side
-from harness.report.drawing.style import (
-    ARM_LOOKS,
-    BLUE,
-    GRID,
-    MUTED,
-    SERIES,
-    VERMILLION,
-    finish,
-    legend_below,
-)
+from harness.report.drawing.style import ARM_LOOKS, BLUE, GRID, MUTED, SERIES, VERMILLION, finish
 from harness.report.screens.tables import ARM_NAMES, counted
 
 
@@ -35,7 +26,6 @@ def draw_arrivals(
     """How many pedestrians have arrived by each time, marked by the side they come from.
 
     Args:
-        axes: drawn into.
         arrivals: of one pair, sorted by time.
         flow_per_hour: λ; the expected number λt is drawn, too.
         most: the number that is simulated, None for all; the others are drawn hollow.
@@ -51,18 +41,16 @@ def draw_arrivals(
         (Side.NEAR, "^", BLUE, "from the ego's side"),
         (Side.FAR, "v", VERMILLION, "from the other side"),
     ):
-        for simulated, fill in ((True, colour), (False, "none")):
-            numbers = [
-                number
-                for number, arrival in enumerate(shown)
-                if arrival.side is side and (most is None or number < most) is simulated
+        for fill, label in ((colour, words), ("none", f"{words}, not simulated")):
+            marks = [
+                (arrival.arrival_s, number)
+                for number, arrival in enumerate(shown, start=1)
+                if arrival.side is side and (most is None or number <= most) is (label == words)
             ]
-            if numbers:
-                label = words if simulated else f"{words}, not simulated"
+            if marks:
                 axes.plot(
-                    [times[number] for number in numbers],
-                    [number + 1 for number in numbers], marker,
-                    mfc=fill, mec=colour, ms=7, label=label, clip_on=False,
+                    *zip(*marks, strict=True), marker, mfc=fill, mec=colour, ms=7, label=label,
+                    clip_on=False,
                 )  # fmt: skip
     axes.plot(
         [0, horizon_s], [0, flow_per_hour * horizon_s / 3600], color=MUTED, ls=":", lw=1.2,
@@ -72,7 +60,6 @@ def draw_arrivals(
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "time since the trigger (s)", "pedestrians arrived", f"n = {len(shown)}")
-    legend_below(axes)
 
 
 def draw_speed_over_distance(
@@ -81,53 +68,39 @@ def draw_speed_over_distance(
     """Speed of the ego over the distance of its front bumper to the centre line, both arms.
 
     Args:
-        axes: drawn into; the ego drives from left to right.
         traces: by label, the ``traces`` rows of both arms of one pair.
         crossing_width_m: the crosswalk's band is shaded.
     """
     half = crossing_width_m / 2
     axes.axvspan(-half, half, color=GRID, lw=0, label="crosswalk", zorder=0)
-    for rows, look, label in _profiles(traces):
-        axes.plot(-rows["x_m"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
     axes.invert_xaxis()
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    finish(axes, "R, front bumper to centre line (m)", "speed v (m/s)", _counted(traces))
-    legend_below(axes)
+    _speeds(axes, traces, "x_m", -1, "R, front bumper to centre line (m)")
 
 
 def draw_speed_over_time(axes: Axes, traces: Mapping[str, pd.DataFrame]) -> None:
-    """Speed of the ego over the time since the trigger, both arms.
-
-    Args:
-        axes: drawn into.
-        traces: as for ``draw_speed_over_distance``.
-    """
-    for rows, look, label in _profiles(traces):
-        axes.plot(rows["time_s"], rows["speed_mps"], color=look[0], ls=look[1], lw=1.6, label=label)
-    axes.set_ylim(bottom=0)
-    axes.margins(x=0)
-    finish(axes, "time since the trigger (s)", "speed v (m/s)", _counted(traces))
-    legend_below(axes)
+    """Speed of the ego over the time since the trigger; traces as above."""
+    _speeds(axes, traces, "time_s", 1, "time since the trigger (s)")
 
 
-def _profiles(
-    traces: Mapping[str, pd.DataFrame],
-) -> "list[tuple[pd.DataFrame, tuple[str, str], str]]":
-    """The ego's rows of every pair and arm with colour (pair), dash (arm) and label."""
-    profiles = []
+def _speeds(
+    axes: Axes, traces: Mapping[str, pd.DataFrame], column: str, sign: int, across: str
+) -> None:
+    """The ego's speed of every pair (colour) and arm (dash)."""
+    drawn = 0
     for (label, rows), series in zip(traces.items(), SERIES, strict=False):
         ego = rows[rows["object"] == "ego"]
         for arm, look in ARM_LOOKS.items():
             states = ego[ego["arm"] == arm.value]
             if len(states):
-                profiles.append((states, (series.colour, look.dash), f"{label}, {ARM_NAMES[arm]}"))
-    return profiles
-
-
-def _counted(traces: Mapping[str, pd.DataFrame]) -> str:
-    episodes = len(_profiles(traces))
-    return f"n = {episodes} episodes of {counted(len(traces), 'pair')}"
+                axes.plot(
+                    sign * states[column], states["speed_mps"], color=series.colour, ls=look.dash,
+                    lw=1.6, label=f"{label}, {ARM_NAMES[arm]}",
+                )  # fmt: skip
+                drawn += 1
+    axes.set_ylim(bottom=0)
+    axes.margins(x=0)
+    count = f"n = {drawn} episodes of {counted(len(traces), 'pair')}"
+    finish(axes, across, "speed v (m/s)", count)
 
 
 def time_advantage(rows: pd.DataFrame, crossing: Crossing) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from itertools import islice
 
-import pandas as pd
+import numpy as np
 from matplotlib.axes import Axes
 
 from harness.core.encounter import Arm
@@ -18,7 +18,6 @@ from harness.studies.runs.shown import ShownPair
 
 _BACK_M = 150.0
 _BEYOND_M = 40.0
-_BAR_M = 4.0
 
 
 def time_space(run: RunData, hour: ShownPair) -> Picture:
@@ -30,7 +29,6 @@ def time_space(run: RunData, hour: ShownPair) -> Picture:
         _panel(axes, hour, arm, scenario)
         style.finish(axes, "time since the warm-up (s)", "distance to the crosswalk (m)")
         axes.set_title(style.figure_text(f"{ARM_NAMES[arm]}: {names[arm]}"), loc="left")
-        style.legend_below(axes)
     where = pair_title(run, hour.cell, hour.pair)
     note = f" {hour.note}" if hour.note else ""
     return Picture(
@@ -46,17 +44,17 @@ def time_space(run: RunData, hour: ShownPair) -> Picture:
 
 def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
     """A line for each vehicle: its dash shows the lane, its colour whether it is an AV."""
-    ways = hour.traces[hour.traces["arm"] == arm.value]
-    states = ways[ways["time_s"].between(hour.begin_s, hour.end_s)]
-    states = states[states["object"].str.startswith("vehicle-")]
+    states = hour.traces[hour.traces["arm"] == arm.value]
+    states = states[states["time_s"].between(hour.begin_s, hour.end_s)]
+    numbers = states["object"].str.extract(r"^vehicle-(\d+)$", expand=False).dropna().astype(int)
     road = lanes_of(scenario)
     forward = [lane for lane in road if lane.direction is Direction.FORWARD]
-    vehicles = {_number(name): rows for name, rows in states.groupby("object")}
     # Sorted by lane, so that the legend is, too.
-    for number, rows in sorted(vehicles.items(), key=lambda item: (item[0] % len(road), item[0])):
+    for number in sorted(numbers.unique(), key=lambda number: (number % len(road), number)):
         lane = road[number % len(road)]
         if lane not in forward:
             continue
+        rows = states.loc[numbers.index[numbers == number]]
         shown = rows[rows["x_m"].between(-_BACK_M, _BEYOND_M)]
         automated = arm is Arm.AV and _is_automated(scenario, hour.pair, lane, number // len(road))
         look = style.ARM_LOOKS[Arm.AV if automated else Arm.HUMAN]
@@ -68,27 +66,17 @@ def _panel(axes: Axes, hour: ShownPair, arm: Arm, scenario: Scenario) -> None:
             ls=style.SERIES[lane.index % len(style.SERIES)].dash,
             label=None if label in known else label,
         )  # fmt: skip
-    _bars(axes, hour, arm)
+    people = hour.people[hour.people["arm"] == arm.value]
+    people = people.fillna({"start_s": hour.end_s, "cleared_s": hour.end_s})
+    people = people[(people["arrival_s"] <= hour.end_s) & (people["cleared_s"] >= hour.begin_s)]
+    at_crosswalk = np.zeros(len(people))
+    axes.hlines(at_crosswalk, people["arrival_s"], people["start_s"], color=style.INK, lw=1.0)
+    axes.hlines(at_crosswalk, people["start_s"], people["cleared_s"], color=style.INK, lw=4.0)
     axes.set_xlim(hour.begin_s, hour.end_s)
     axes.set_ylim(_BACK_M, -_BEYOND_M)
-
-
-def _number(name: object) -> int:
-    return int(str(name).removeprefix("vehicle-"))
 
 
 def _is_automated(scenario: Scenario, pair: int, lane: Lane, count: int) -> bool:
     """Whether a lane's vehicle is an AV in the AV's arm; vehicles of the warm-up have no row."""
     planned = next(islice(scheduled_vehicles(scenario, pair, lane), count, None))
     return planned.uniform < scenario.known_traffic.av_share
-
-
-def _bars(axes: Axes, hour: ShownPair, arm: Arm) -> None:
-    walks = hour.people[hour.people["arm"] == arm.value]
-    for row in walks.to_dict("records"):
-        start = hour.end_s if pd.isna(row["start_s"]) else row["start_s"]
-        end = hour.end_s if pd.isna(row["cleared_s"]) else row["cleared_s"]
-        if row["arrival_s"] > hour.end_s or end < hour.begin_s:
-            continue
-        axes.plot([row["arrival_s"], start], [0, 0], color=style.INK, lw=1.0, solid_capstyle="butt")
-        axes.plot([start, end], [0, 0], color=style.INK, lw=_BAR_M, solid_capstyle="butt")

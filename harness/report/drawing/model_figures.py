@@ -20,6 +20,7 @@ from harness.report.drawing.style import BLUE, MUTED, SERIES, VERMILLION, finish
 
 AXIS_LABELS = ("1/R (1/m)", "vehicle speed v (m/s)", "walking speed v_p (m/s)", "1/T_adv (1/s)")
 PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+Pair = tuple[int, int]
 Conditions = Sequence[Mapping[str, float]]
 
 _CELLS = 48
@@ -32,31 +33,16 @@ _SYMBOLS = {
 
 
 def draw_bic(axes: Axes, bic: Mapping[int, float], chosen: int) -> None:
-    """BIC over K with the chosen K marked.
-
-    Args:
-        axes: drawn into.
-        bic: by K.
-        chosen: a K of ``bic``.
-    """
+    """BIC by K, with the chosen K marked."""
     _over_components(axes, bic, "BIC", "BIC (lower is better)", chosen)
     axes.annotate(
-        f"K = {chosen}",
-        (chosen, bic[chosen]),
-        xytext=(8, 10),
-        textcoords="offset points",
+        f"K = {chosen}", (chosen, bic[chosen]), (8, 10), textcoords="offset points",
         color=VERMILLION,
-    )
+    )  # fmt: skip
 
 
 def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
-    """The relative gain in BIC: each component's gain over that of the second component.
-
-    Args:
-        axes: drawn into.
-        gain: (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K.
-        limit: the share that the rule compares with.
-    """
+    """Each component's gain, (BIC_{K−1} − BIC_K) / (BIC_1 − BIC_2) by K, and the rule's limit."""
     shares = {k: 100 * share for k, share in gain.items()}
     _over_components(axes, shares, "Gain of the K-th component", "share of the second's gain (%)")
     axes.axhline(0, color=MUTED, lw=0.8)
@@ -68,34 +54,20 @@ def draw_bic_gain(axes: Axes, gain: Mapping[int, float], limit: float) -> None:
 def draw_held_out(
     axes: Axes, scores: Mapping[int, tuple[float, float | None]], chosen: int
 ) -> None:
-    """Held-out log score of walking speeds over K, with standard errors over vehicles.
-
-    Args:
-        axes: drawn into.
-        scores: mean and standard error (None when undefined) by K.
-        chosen: the K to mark.
-    """
+    """Held-out log score of walking speeds by K, with standard errors over vehicles or None."""
     means = {k: mean for k, (mean, _) in scores.items()}
-    errors = [scores[k][1] or 0.0 for k in sorted(scores)]
-    axes.errorbar(
-        sorted(means), [means[k] for k in sorted(means)], errors, fmt="none", ecolor=MUTED
-    )
-    title, label = "Held-out score (higher is better)", "mean log f(v_p | 1/R, v) (nats)"
-    _over_components(axes, means, title, label, chosen)
+    errors = [error or 0.0 for _, error in scores.values()]
+    axes.errorbar([*means], [*means.values()], errors, fmt="none", ecolor=MUTED)
+    label = "mean log f(v_p | 1/R, v) (nats)"
+    _over_components(axes, means, "Held-out score (higher is better)", label, chosen)
 
 
 def draw_rows(
-    axes: Axes,
-    data: FloatArray,
-    weights: FloatArray,
-    pair: tuple[int, int],
-    view: FloatArray,
-    norm: Normalize,
+    axes: Axes, data: FloatArray, weights: FloatArray, pair: Pair, view: FloatArray, norm: Normalize
 ) -> QuadMesh:
     """Density of recorded rows in two variables: a weighted histogram.
 
     Args:
-        axes: drawn into.
         data: (n, 4) in the model's order; weights: (n,).
         pair: the variables across and up.
         view: (4, 2) the shown range of each variable.
@@ -103,29 +75,20 @@ def draw_rows(
     """
     edges = _edges(pair, view)
     x, y = data[:, pair].T
-    counts, _, _ = np.histogram2d(x, y, bins=edges, weights=weights)
-    cell = float(np.prod([edge[1] - edge[0] for edge in edges]))
-    density = counts / (weights.sum() * cell)
+    counts = np.histogram2d(x, y, bins=edges, weights=weights)[0]
+    density = counts / (weights.sum() * np.prod([edge[1] - edge[0] for edge in edges]))
     return _draw_density(axes, density, pair, view, norm, f"rows, n = {len(data):,}")
 
 
 def draw_pair(
-    axes: Axes, density: FloatArray, pair: tuple[int, int], view: FloatArray, norm: Normalize
+    axes: Axes, density: FloatArray, pair: Pair, view: FloatArray, norm: Normalize
 ) -> QuadMesh:
-    """The model's density in two variables, the others integrated out over the box.
-
-    Args:
-        axes: drawn into.
-        density: from ``pair_density``.
-        pair, view, norm: as for ``draw_rows``.
-    """
+    """The density of ``pair_density``, drawn as by ``draw_rows``."""
     return _draw_density(axes, density, pair, view, norm, "model")
 
 
-def pair_density(
-    mixture: TruncatedGaussianMixture, pair: tuple[int, int], view: FloatArray
-) -> FloatArray:
-    """(c, c) density at the cells' centres, across × up: f(x) f(y | x)."""
+def pair_density(mixture: TruncatedGaussianMixture, pair: Pair, view: FloatArray) -> FloatArray:
+    """(c, c) the model's density f(x) f(y | x) at the cells' centres, the others integrated out."""
     across, up = pair
     x, y = (0.5 * (edges[1:] + edges[:-1]) for edges in _edges(pair, view))
     marginal = mixture.conditional(across, ()).pdf(x, np.empty((1, 0)))
@@ -135,10 +98,7 @@ def pair_density(
 
 
 def density_scale(density: FloatArray) -> Normalize:
-    """A colour scale by the square root, so that high and low densities are both visible.
-
-    The top 0.2 % of the cells is saturated.
-    """
+    """A colour scale by the square root; the top 0.2 % of the cells is saturated."""
     return PowerNorm(0.5, vmin=0, vmax=float(np.quantile(density, 0.998)) or 1.0)
 
 
@@ -155,8 +115,6 @@ def draw_walking_speed(
     """Densities of v_p under conditions.
 
     Args:
-        axes: drawn into.
-        model: the interaction model.
         conditions: with ``range_m``, ``vehicle_speed_mps`` and, unless it is integrated out,
             ``inverse_time_advantage_per_s``.
         title: what is shown; the conditions that all lines share are added.
@@ -170,11 +128,7 @@ def draw_driving_speed(
 ) -> None:
     """Densities of v under conditions; the dot is the mode, the speed the human driver aims for.
 
-    Args:
-        axes: drawn into.
-        model: the interaction model.
-        conditions: with ``range_m``, ``pedestrian_speed_mps``, ``inverse_time_advantage_per_s``.
-        title: what is shown; the conditions that all lines share are added.
+    Args as for ``draw_walking_speed``, with ``pedestrian_speed_mps`` for the vehicle's speed.
     """
     _draw_speeds(axes, model, VEHICLE_SPEED, model.driver_speed_density, conditions, title)
     for condition, look in zip(conditions, SERIES, strict=False):
@@ -203,7 +157,6 @@ def _draw_speeds(
     axes.set_title(f"{title} at {common}" if common else title, loc="left")
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
-    axes.legend(frameon=False, loc="upper right")
 
 
 def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
@@ -211,25 +164,19 @@ def _arrays(condition: Mapping[str, float]) -> dict[str, FloatArray]:
 
 
 def _words(condition: Mapping[str, float], keys: set[str]) -> str:
-    values = {key: 1 / condition[key] if key == "range_m" else condition[key] for key in keys}
     return ", ".join(
-        f"{symbol} = {values[key]:.3g} {unit}"
+        f"{symbol} = {1 / condition[key] if key == 'range_m' else condition[key]:.3g} {unit}"
         for key, (symbol, unit) in _SYMBOLS.items()
         if key in keys
     )
 
 
-def _edges(pair: tuple[int, int], view: FloatArray) -> list[FloatArray]:
-    return [np.linspace(float(view[i, 0]), float(view[i, 1]), _CELLS + 1) for i in pair]
+def _edges(pair: Pair, view: FloatArray) -> list[FloatArray]:
+    return [np.linspace(view[i, 0], view[i, 1], _CELLS + 1) for i in pair]
 
 
 def _draw_density(
-    axes: Axes,
-    density: FloatArray,
-    pair: tuple[int, int],
-    view: FloatArray,
-    norm: Normalize,
-    title: str,
+    axes: Axes, density: FloatArray, pair: Pair, view: FloatArray, norm: Normalize, title: str
 ) -> QuadMesh:
     axes.set(xlabel=AXIS_LABELS[pair[0]], ylabel=AXIS_LABELS[pair[1]])
     axes.set_title(title, fontsize=10, loc="left")
@@ -241,8 +188,7 @@ def _over_components(
     axes: Axes, values: Mapping[int, float], title: str, label: str, chosen: int | None = None
 ) -> None:
     """Values over K joined by a line, with a square around the chosen one."""
-    ks = sorted(values)
-    axes.plot(ks, [values[k] for k in ks], "o-", color=BLUE, ms=4, lw=1.4)
+    axes.plot(*zip(*sorted(values.items()), strict=True), "o-", color=BLUE, ms=4, lw=1.4)
     if chosen is not None and chosen in values:
         axes.plot(chosen, values[chosen], "s", ms=10, mfc="none", mec=VERMILLION, mew=1.8)
     finish(axes, "number of components K", label)

@@ -4,6 +4,7 @@ import io
 import re
 from collections.abc import Sequence
 from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 
 import pandas as pd
@@ -18,7 +19,6 @@ from harness.report.drawing.trajectory_figures import draw_map, draw_passing_eve
 from harness.studies.calibration import Sample
 from harness.studies.calibration.choice import RULE_SHARE, relative_gain
 
-_DPI = 150
 # The authors' public scripts draw these conditions.
 _INVERSE_RANGES = (0.07, 0.10, 0.13)
 _INVERSE_TIMES = (0.05, 0.10)
@@ -37,24 +37,18 @@ def save(figure: Figure, folder: Path, name: str) -> list[Path]:
         buffer = io.BytesIO()
         with without_glyph_warnings():
             figure.savefig(
-                buffer, format=suffix[1:], dpi=_DPI, bbox_inches="tight", metadata=metadata
+                buffer, format=suffix[1:], dpi=150, bbox_inches="tight", metadata=metadata
             )
-        path = folder / f"{name}{suffix}"
-        write_file(path, buffer.getvalue())
-        written.append(path)
+        written.append(folder / f"{name}{suffix}")
+        write_file(written[-1], buffer.getvalue())
     return written
 
 
 def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -> list[Path]:
-    """A map of each site and one passing event coloured by time.
-
-    Args:
-        clips: the tracks.
-        rows: the extracted rows of the tracks.
-        folder: made if missing; earlier files of the same names are replaced.
-    """
+    """A map of each site and one passing event coloured by time; earlier files are replaced."""
     written = []
-    for site, clips_there in groupby(sorted(clips, key=_site), key=_site):
+    by_site = attrgetter("site")
+    for site, clips_there in groupby(sorted(clips, key=by_site), key=by_site):
         figure, axes = new_figure(height=6, width=8)
         title = f"{site}: vehicle routes and pedestrian positions" if site else None
         draw_map(axes[0], list(clips_there), title)
@@ -71,18 +65,8 @@ def plot_trajectories(clips: Sequence[Clip], rows: pd.DataFrame, folder: Path) -
     return [*written, *save(figure, folder, "passing-event")]
 
 
-def _site(clip: Clip) -> str:
-    return clip.site
-
-
 def plot_model(model: InteractionModel, sample: Sample | None, folder: Path) -> list[Path]:
-    """The paper's figures of a model.
-
-    Args:
-        model: its card holds the curves over K, if there are any.
-        sample: rows to draw next to the model; None leaves their panels out.
-        folder: made if missing; earlier files of the same names are replaced.
-    """
+    """The paper's figures of a model, beside the rows of a sample; earlier files are replaced."""
     written = []
     if len(model.provenance.get("candidates", ())) > 1:
         written += save(_components_page(model), folder, "components")
@@ -94,11 +78,8 @@ def _components_page(model: InteractionModel) -> Figure:
     """BIC, each component's gain, held-out scores."""
     card = model.provenance
     bic = {fit["components"]: fit["bic"] for fit in card["candidates"]}
-    scores = {
-        fit["components"]: (fit["held_out"]["mean"], fit["held_out"]["standard_error"])
-        for fit in card["candidates"]
-        if fit["held_out"]
-    }
+    held_out = {fit["components"]: fit["held_out"] for fit in card["candidates"]}
+    scores = {k: (score["mean"], score["standard_error"]) for k, score in held_out.items() if score}
     figure, axes = new_figure(1, 3 if scores else 2, height=4, width=15 if scores else 10)
     draw.draw_bic(axes[0], bic, card["components"])
     draw.draw_bic_gain(axes[1], relative_gain(bic), RULE_SHARE)
@@ -115,8 +96,8 @@ def _components_page(model: InteractionModel) -> Figure:
 
 def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
     """All six pairs of variables; rows and model have the same scale."""
-    wide = sample is not None
-    figure, axes = new_figure(3, 4 if wide else 2, height=10.5, width=15 if wide else 8)
+    across, width = (4, 15) if sample is not None else (2, 8)
+    figure, axes = new_figure(3, across, height=10.5, width=width)
     view = draw.usual_view(model.mixture)
     panels = iter(axes)
     for pair in draw.PAIRS:
@@ -127,12 +108,9 @@ def _pairs_page(model: InteractionModel, sample: Sample | None) -> Figure:
         panel = next(panels)
         mesh = draw.draw_pair(panel, density, pair, view, norm)
         figure.colorbar(mesh, ax=panel, label="density")
-    words = (
-        f"{model.name}, K = {model.mixture.weights.size}; one colour scale per pair (square root)"
-    )
-    if sample is not None:
-        words += f"; {len(sample.data):,} rows weighted by {sample.weigh}"
-    caption(figure, words + ".")
+    rows = "" if sample is None else f"; {len(sample.data):,} rows weighted by {sample.weigh}"
+    words = f"K = {model.mixture.weights.size}; one colour scale per pair (square root){rows}"
+    caption(figure, f"{model.name}, {words}.")
     return figure
 
 

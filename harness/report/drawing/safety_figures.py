@@ -9,22 +9,16 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from harness.core.encounter import FloatArray
-from harness.report.drawing.style import AV, HUMAN, INK, VERMILLION, finish, legend_below
+from harness.report.drawing.style import AV, HUMAN, INK, VERMILLION, finish
 
 _MOST_STEPS = 400
 _BINS = 24
 
 
-def draw_shares(
-    axes: Axes,
-    values: Mapping[str, FloatArray],
-    across: str,
-    up_to: float,
-) -> None:
+def draw_shares(axes: Axes, values: Mapping[str, FloatArray], across: str, up_to: float) -> None:
     """Share of episodes whose measure is at most x; it ends below 1 if some are undefined.
 
     Args:
-        axes: drawn into.
         values: by arm, AV first, one value for each episode that did not fail.  NaN where the
             measure is undefined: such an episode counts in the total, never as at most x.
         across: label of the measure with its unit.
@@ -32,26 +26,18 @@ def draw_shares(
     """
     highest = 0.0
     for (name, column), look in zip(values.items(), (AV, HUMAN), strict=False):
-        defined = np.sort(column[~np.isnan(column)])
-        label = f"{name}, defined in {len(defined):,} of {len(column):,}"
-        x, share = _steps(defined, len(column), up_to)
+        inside = np.sort(column[column <= up_to])
+        label = f"{name}, defined in {(~np.isnan(column)).sum():,} of {len(column):,}"
+        # Many steps are thinned; the last one counts at the end of the axis.
+        ranks = np.linspace(1, len(inside), min(len(inside), _MOST_STEPS)).astype(int)
+        x = np.concatenate(([0.0], inside[ranks - 1], [up_to]))
+        share = np.concatenate(([0], ranks, [len(inside)])) / max(len(column), 1)
         highest = max(highest, float(share.max()))
         axes.step(x, share, where="post", color=look.colour, ls=look.dash, lw=1.7, label=label)
     axes.set_xlim(0, up_to)
     axes.set_ylim(0, 1.02 if highest > 0.5 else max(0.05, 1.25 * highest))
     total = max((len(column) for column in values.values()), default=0)
     finish(axes, across, "share of episodes at most x", f"n = {total:,} per arm")
-    legend_below(axes)
-
-
-def _steps(defined: FloatArray, total: int, up_to: float) -> tuple[FloatArray, FloatArray]:
-    """Points of the step function k/total up to the end of the axis; many are thinned."""
-    inside = defined[defined <= up_to]
-    ranks = np.unique(np.linspace(1, len(inside), min(len(inside), _MOST_STEPS)).astype(int))
-    ranks = ranks if len(inside) else np.empty(0, dtype=int)
-    x = np.concatenate(([0.0], inside[ranks - 1], [up_to]))
-    share = np.concatenate(([0.0], ranks, [len(inside)])) / max(total, 1)
-    return x, share
 
 
 def draw_walking_speeds(
@@ -60,7 +46,6 @@ def draw_walking_speeds(
     """Walking speeds of a run and the model's density under the same conditions.
 
     Args:
-        axes: drawn into.
         speeds_mps: (n,) of everyone who stepped off.
         grid_mps, density: (m,) speeds and the mean of the model's conditional densities, s/m.
     """
@@ -74,4 +59,3 @@ def draw_walking_speeds(
     axes.set_ylim(bottom=0)
     axes.margins(x=0)
     finish(axes, "walking speed v_p (m/s)", "probability density (s/m)", f"n = {len(speeds_mps):,}")
-    legend_below(axes)

@@ -6,22 +6,13 @@ North is up.  The function draws into the given axes and neither saves nor shows
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from harness.core.encounter import Crossing, Vehicle
-from harness.report.drawing.style import (
-    BLUE,
-    INK,
-    MUTED,
-    PATH,
-    ROAD,
-    VERMILLION,
-    finish,
-    legend_below,
-)
+from harness.report.drawing.style import BLUE, INK, MUTED, PATH, ROAD, VERMILLION, finish
 from harness.site import RoadNetwork, Site
 from harness.site.road_network import allows
 
@@ -38,12 +29,7 @@ def draw_site(
 ) -> None:
     """Lanes, walking areas and the crosswalk of a network, with the ego at its trigger.
 
-    Args:
-        axes: drawn into; x and y are metres east and north of the crosswalk's centre.
-        network: the SUMO network; lanes outside the picture are left out.
-        site: the crosswalk in it.
-        vehicle: its size and trigger range.
-        crossing: its size.
+    x and y are metres east and north in the network; lanes outside the picture are left out.
     """
     _view(axes, site, vehicle, crossing)
     for edge in network.net.getEdges():
@@ -54,16 +40,19 @@ def draw_site(
     stripes = int(length / (2 * _STRIPE_M))
     for index in range(stripes):
         y = (2 * index + 0.5) * _STRIPE_M + (length - (2 * stripes - 1) * _STRIPE_M) / 2
-        _area(axes, site, (-half, y - _STRIPE_M / 2), (half, y + _STRIPE_M / 2), INK, 3)
-    _draw_ego(axes, site, vehicle, crossing)
-    _arrow(axes, site, vehicle)
-    half_lane = crossing.lane_width_m / 2
-    edges = (crossing.lane_centre_m - half_lane, crossing.lane_centre_m + half_lane)
+        _area(axes, site, (-half, half), (y - _STRIPE_M / 2, y + _STRIPE_M / 2), fc=INK, zorder=3)
+    bumper, middle, side = -vehicle.trigger_range_m, crossing.lane_centre_m, vehicle.width_m / 2
+    ego = (bumper - vehicle.length_m, bumper), (middle - side, middle + side)
+    label = f"ego at the trigger, R = {vehicle.trigger_range_m:g} m"
+    _area(axes, site, *ego, fc=BLUE, zorder=4, label=label)
+    begin, end = (site.frame.to_network(bumper + x, site.ego.centre_m) for x in (1.5, 7.5))
+    style = {"arrowstyle": "-|>", "color": BLUE, "lw": 1.6, "mutation_scale": 12}
+    axes.annotate("", xy=end, xytext=begin, arrowprops=style, zorder=5)
+    edges = (middle - crossing.lane_width_m / 2, middle + crossing.lane_width_m / 2)
     stop = [site.frame.to_network(-crossing.stop_line_m, y) for y in edges]
     axes.plot(*zip(*stop, strict=True), color=VERMILLION, lw=2, label="Hard-Yield's stop line")
     finish(axes, "east (m)", "north (m)")
     axes.set_aspect("equal", adjustable="box")
-    legend_below(axes)
 
 
 def _draw_edge(axes: Axes, edge: "Edge") -> None:
@@ -77,10 +66,8 @@ def _draw_edge(axes: Axes, edge: "Edge") -> None:
             axes.add_patch(Polygon(shape, closed=True, fc=PATH, ec=MUTED, lw=0.6, zorder=1))
         elif edge.getFunction() != "crossing":
             walked = allows(lane, "pedestrian") and not allows(lane, "passenger")
-            outline = _ribbon(shape, lane.getWidth())
-            axes.add_patch(
-                Polygon(outline, closed=True, fc=PATH if walked else ROAD, ec=MUTED, lw=0.4)
-            )
+            outline, colour = _ribbon(shape, lane.getWidth()), PATH if walked else ROAD
+            axes.add_patch(Polygon(outline, closed=True, fc=colour, ec=MUTED, lw=0.4))
 
 
 def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[float, float]]:
@@ -95,34 +82,12 @@ def _ribbon(line: Sequence[tuple[float, float]], width: float) -> list[tuple[flo
 
 
 def _area(
-    axes: Axes,
-    site: Site,
-    low: tuple[float, float],
-    high: tuple[float, float],
-    colour: str,
-    order: int,
-    label: str | None = None,
+    axes: Axes, site: Site, x: tuple[float, float], y: tuple[float, float], **look: Any
 ) -> None:
     """A rectangle of the road frame."""
-    corners = [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+    corners = (x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])
     shape = [site.frame.to_network(*corner) for corner in corners]
-    axes.add_patch(Polygon(shape, closed=True, fc=colour, lw=0, zorder=order, label=label))
-
-
-def _draw_ego(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:
-    bumper, side = -vehicle.trigger_range_m, vehicle.width_m / 2
-    middle = crossing.lane_centre_m
-    label = f"ego at the trigger, R = {vehicle.trigger_range_m:g} m"
-    low, high = (bumper - vehicle.length_m, middle - side), (bumper, middle + side)
-    _area(axes, site, low, high, BLUE, 4, label)
-
-
-def _arrow(axes: Axes, site: Site, vehicle: Vehicle) -> None:
-    """An arrow in front of the ego that shows its direction."""
-    begin = site.frame.to_network(1.5 - vehicle.trigger_range_m, site.ego.centre_m)
-    end = site.frame.to_network(7.5 - vehicle.trigger_range_m, site.ego.centre_m)
-    style = {"arrowstyle": "-|>", "color": BLUE, "lw": 1.6, "mutation_scale": 12}
-    axes.annotate("", xy=end, xytext=begin, arrowprops=style, zorder=5)
+    axes.add_patch(Polygon(shape, closed=True, lw=0, **look))
 
 
 def _view(axes: Axes, site: Site, vehicle: Vehicle, crossing: Crossing) -> None:

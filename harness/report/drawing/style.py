@@ -6,12 +6,12 @@ greyscale.  The page replaces these colours in its dark scheme, so figures use n
 """
 
 import textwrap
-import unicodedata
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
+from unicodedata import category
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -33,8 +33,6 @@ ORANGE = "#b77f00"
 
 WIDTH_INCH = 5.8
 HEIGHT_INCH = 3.7
-_LEGEND_DROP_INCH = -0.46
-_CAPTION_SIGNS_PER_INCH = 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,21 +58,13 @@ SERIES = (
 """Looks of the lines of a figure, in order; more lines could not be told apart."""
 
 _SETTINGS: dict[Any, Any] = {
-    "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial", "sans-serif"],
-    "font.size": 10,
+    "font.family": "sans-serif",
+    **dict.fromkeys(("font.size", "axes.labelsize"), 10),
     "axes.titlesize": 11,
-    "axes.labelsize": 10,
-    "legend.fontsize": 9,
-    "xtick.labelsize": 9,
-    "ytick.labelsize": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": MUTED,
-    "xtick.color": MUTED,
-    "ytick.color": MUTED,
-    "xtick.labelcolor": INK,
-    "ytick.labelcolor": INK,
+    **dict.fromkeys(("legend.fontsize", "xtick.labelsize", "ytick.labelsize"), 9),
+    **dict.fromkeys(("text.color", "axes.labelcolor", "xtick.labelcolor", "ytick.labelcolor"), INK),
+    **dict.fromkeys(("axes.edgecolor", "xtick.color", "ytick.color"), MUTED),
     "hatch.linewidth": 0.6,
     # Text stays text: it is small, selectable, searchable and can be read aloud.
     "svg.fonttype": "none",
@@ -113,45 +103,31 @@ def new_figure(
 ) -> tuple[Figure, list[Axes]]:
     """A figure without a window, its axes in reading order; the page's are made in ``styled``."""
     figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False)
-    return figure, list(axes.ravel())
+    return figure, list(figure.subplots(down, across, squeeze=False).ravel())
 
 
 def finish(axes: Axes, across: str, up: str, count: str | None = None) -> None:
-    """Add labels with units, a light grid, and the sample size above the right corner."""
-    axes.set_xlabel(across)
-    axes.set_ylabel(up)
+    """Add labels with units, a grid, the sample size, and a legend below the axes."""
+    axes.set(xlabel=across, ylabel=up, axisbelow=True)
     axes.grid(color=GRID, lw=0.6)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
     if count is not None:
         axes.set_title(figure_text(count), loc="right", fontsize=9, color=MUTED)
-
-
-def legend_below(axes: Axes) -> None:
-    """Add a legend below the axes, where it covers nothing."""
     if axes.get_legend_handles_labels()[1]:
-        drop = ScaledTranslation(0, _LEGEND_DROP_INCH, axes.figure.dpi_scale_trans)
+        below = axes.transAxes + ScaledTranslation(0, -0.46, axes.figure.dpi_scale_trans)
         axes.legend(
-            frameon=False,
-            loc="upper center",
-            bbox_to_anchor=(0.5, 0.0),
-            bbox_transform=axes.transAxes + drop,
-            ncols=2,
-            columnspacing=1.6,
-        )
+            frameon=False, loc="upper center", bbox_to_anchor=(0.5, 0.0), bbox_transform=below,
+            ncols=2, columnspacing=1.6,
+        )  # fmt: skip
 
 
 def caption(figure: Figure, words: str) -> None:
     """Add a caption below a figure, wrapped to its width."""
-    width = int(figure.get_figwidth() * _CAPTION_SIGNS_PER_INCH)
-    figure.supxlabel("\n".join(textwrap.wrap(figure_text(words), width)), fontsize=8.5, color=MUTED)
+    signs = int(15 * figure.get_figwidth())
+    figure.supxlabel(textwrap.fill(figure_text(words), signs), fontsize=8.5, color=MUTED)
 
 
 def figure_text(text: object) -> str:
     """Text from a file made safe for a figure: no control characters, no mathematics."""
-    kept = (
-        c if unicodedata.category(c)[0] != "C" else "\N{REPLACEMENT CHARACTER}" for c in str(text)
-    )
+    kept = ("\N{REPLACEMENT CHARACTER}" if category(c)[0] == "C" else c for c in str(text))
     return "".join(kept).replace("$", r"\$")

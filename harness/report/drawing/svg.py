@@ -13,23 +13,14 @@ from matplotlib.figure import Figure
 from harness.report.drawing import style
 
 VARIABLES = {
-    style.INK: "--ink",
-    style.MUTED: "--muted",
-    style.GRID: "--grid",
-    style.ROAD: "--road",
-    style.PATH: "--path",
-    style.BLUE: "--blue",
-    style.VERMILLION: "--vermillion",
-    style.GREEN: "--green",
-    style.PURPLE: "--purple",
-    style.ORANGE: "--orange",
-    "#ffffff": "--card",
-}
+    style.INK: "--ink", style.MUTED: "--muted", style.GRID: "--grid", style.ROAD: "--road",
+    style.PATH: "--path", style.BLUE: "--blue", style.VERMILLION: "--vermillion",
+    style.GREEN: "--green", style.PURPLE: "--purple", style.ORANGE: "--orange", "#ffffff": "--card",
+}  # fmt: skip
 """The page's variable for each colour that a figure may use."""
 
 _SVG = "http://www.w3.org/2000/svg"
 _LINK = "http://www.w3.org/1999/xlink"
-_DROPPED = ("metadata", "style")
 _COLOUR = re.compile(r"#[0-9a-f]{6}\b")
 _NUMBER = re.compile(r"-?\d+\.\d{3,}")
 
@@ -47,11 +38,13 @@ def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str
     with style.styled():
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     root = ET.fromstring(buffer.getvalue())
-    for name in ("width", "height"):
-        root.attrib.pop(name, None)
+    del root.attrib["width"], root.attrib["height"]
     root.attrib |= {"role": "img", "aria-labelledby": f"{prefix}-title {prefix}-desc"}
-    _drop(root)
-    for element in root.iter():
+    for element in list(root.iter()):
+        # A style sheet would apply to the whole page.
+        for name in ("metadata", "style"):
+            for child in element.findall(f"{{{_SVG}}}{name}"):
+                element.remove(child)
         _rewrite(element, prefix)
     for position, (tag, text) in enumerate((("title", title), ("desc", description))):
         words = ET.Element(f"{{{_SVG}}}{tag}", {"id": f"{prefix}-{tag}"})
@@ -60,15 +53,6 @@ def inline_svg(figure: Figure, prefix: str, title: str, description: str) -> str
     ET.register_namespace("", _SVG)
     ET.register_namespace("xlink", _LINK)
     return ET.tostring(root, encoding="unicode")
-
-
-def _drop(element: ET.Element) -> None:
-    """Remove the metadata, and the style sheet, which would apply to the whole page."""
-    for child in list(element):
-        if child.tag.removeprefix(f"{{{_SVG}}}") in _DROPPED:
-            element.remove(child)
-        else:
-            _drop(child)
 
 
 def _rewrite(element: ET.Element, prefix: str) -> None:

@@ -12,21 +12,12 @@ from matplotlib.axes import Axes
 from matplotlib.transforms import ScaledTranslation
 
 from harness.core.encounter import FloatArray
-from harness.report.drawing.style import (
-    AV,
-    GREEN,
-    MUTED,
-    SERIES,
-    VERMILLION,
-    figure_text,
-    finish,
-    legend_below,
-)
+from harness.report.drawing import style
+from harness.report.drawing.style import AV, GREEN, MUTED, VERMILLION, figure_text, finish
 
 _WIDE = 12.0
 """Values that differ by more than this factor get a logarithmic axis."""
 _APART_INCH = 0.05
-_MOST_TICKS = 9
 
 
 @dataclass(frozen=True)
@@ -51,17 +42,15 @@ def draw_over(
     """A measure over a varied key, with intervals as bars; lines are shifted a little.
 
     Args:
-        axes: drawn into.
         lines: at most as many as ``style.SERIES``.
         across, up: labels with units.
         count: the number of pairs per point.
         level: a value to compare with, and its label.
     """
     ticks = np.unique(np.concatenate([line.x for line in lines]))
-    for index, (line, look) in enumerate(zip(lines, SERIES, strict=False)):
-        away = ScaledTranslation(
-            (index - (len(lines) - 1) / 2) * _APART_INCH, 0, axes.figure.dpi_scale_trans
-        )
+    for index, (line, look) in enumerate(zip(lines, style.SERIES, strict=False)):
+        right = (index - (len(lines) - 1) / 2) * _APART_INCH
+        away = ScaledTranslation(right, 0, axes.figure.dpi_scale_trans)
         reach = np.vstack((line.value - line.low, line.high - line.value)).clip(min=0)
         bars = axes.errorbar(
             line.x, line.value, yerr=reach, color=look.colour, ls=look.dash, marker=look.marker,
@@ -76,12 +65,11 @@ def draw_over(
         axes.set_xscale("log")
     _tick(axes, ticks)
     finish(axes, figure_text(across), up, count)
-    legend_below(axes)
 
 
 def _tick(axes: Axes, values: FloatArray) -> None:
     """A tick at each value, if they are few."""
-    if len(values) <= _MOST_TICKS:
+    if len(values) <= 9:
         axes.set_xticks(values, [f"{value:g}" for value in values])
         axes.set_xticks([], minor=True)
 
@@ -101,7 +89,6 @@ def draw_aggressiveness(
     After the paper's figure of the influence of aggressiveness.
 
     Args:
-        axes: drawn into.
         line: values with intervals, drawn as a band.
         across, up: labels with units.
         count: the number of pairs per point.
@@ -111,31 +98,25 @@ def draw_aggressiveness(
     """
     order = np.argsort(line.x)
     x, value = line.x[order], line.value[order]
-    axes.fill_between(
-        x, line.low[order], line.high[order], color=AV.colour, alpha=0.18, lw=0,
-        label=band,
-    )  # fmt: skip
+    low, high = line.low[order], line.high[order]
+    axes.fill_between(x, low, high, color=AV.colour, alpha=0.18, lw=0, label=band)
     axes.plot(x, value, color=AV.colour, marker="o", ms=4.5, lw=1.7, label=figure_text(line.label))
     if limit is not None:
-        axes.axhline(
-            limit[0], color=VERMILLION, ls="--", lw=1.3, label=f"{limit[1]} = {limit[0]:g}"
-        )
-    label: str | None = "allowed"
+        words = f"{limit[1]} = {limit[0]:g}"
+        axes.axhline(limit[0], color=VERMILLION, ls="--", lw=1.3, label=words)
     narrow = 0.01 * float(np.ptp(x)) if len(x) > 1 else 0.5
     inside = np.flatnonzero(np.isin(x, np.asarray(allowed, dtype=float)))
-    for neighbours in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1):
-        if not len(neighbours):
-            continue
-        begin, end = float(x[neighbours[0]]), float(x[neighbours[-1]])
+    areas = np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if len(inside) else []
+    for number, neighbours in enumerate(areas):
+        begin, end = x[neighbours[0]], x[neighbours[-1]]
         if begin == end:  # a single value is widened to be visible
             begin, end = begin - narrow, end + narrow
+        label = None if number else "allowed"
         axes.axvspan(begin, end, fc=GREEN, alpha=0.14, lw=0, label=label)
         # Drawn separately: in SVG a pattern takes the opacity of its ground.
         axes.axvspan(begin, end, fc="none", ec=GREEN, hatch="//", lw=0)
-        label = None
     _tick(axes, x)
     finish(axes, figure_text(across), up, count)
-    legend_below(axes)
 
 
 def lines_of(rows: pd.DataFrame, x: Sequence[float], by: Sequence[str], measure: str) -> list[Line]:

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy import special
 
 from harness.core.encounter import FloatArray
-from harness.report.drawing.style import AV, GREEN, INK, MUTED, VERMILLION, finish, legend_below
+from harness.report.drawing.style import AV, GREEN, INK, MUTED, VERMILLION, finish
 from harness.report.screens.tables import level
 from harness.statistics import CONFIDENCE
 
@@ -20,12 +20,6 @@ _MOST_POINTS = 400
 _MOST_DOTS = 1_000
 _FIRST_BAND = 5
 _SETTLED = 30
-_BINS = (20, 40)
-"""Smallest and largest number of bars."""
-
-_SHOWN_SHARE = 0.995
-_FAR = 1.5
-_SPIKE = 4
 
 
 def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
@@ -34,7 +28,6 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     The band is Student's t interval of the first n values: mean ± t · s/√n, drawn from n = 5 on.
 
     Args:
-        axes: drawn into.
         tau: (n,), in order of the pairs; NaN where undefined, which are left out.
         reference: the paper's μ, drawn as a line; None leaves it out.
     """
@@ -60,22 +53,16 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     axes.set_xlim(0, max(total, 1) * 1.01)
     if total > _MOST_DOTS:
         # Otherwise the first means, of few pairs, would set the scale.
-        ends = [low[_SETTLED:].min(), high[_SETTLED:].max()]
-        ends += [] if reference is None else [reference]
+        ends = [low[_SETTLED:].min(), high[_SETTLED:].max(), reference or high[-1]]
         room = 0.08 * (max(ends) - min(ends))
         axes.set_ylim(min(ends) - room, max(ends) + room)
     finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
-    legend_below(axes)
 
 
 def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Mean of the first n values and the half-width of its Student's t interval, for every n.
+    """Mean of the first n finite values and half-width of its Student's t interval, for every n.
 
-    Args:
-        tau: (n,), finite.
-
-    Returns:
-        Two arrays (n,); the half-width is NaN for n = 1.
+    The half-width is NaN for n = 1.
     """
     n = np.arange(1, len(tau) + 1)
     mean = np.cumsum(tau) / n
@@ -100,7 +87,6 @@ def draw_tau_distribution(
     """A histogram of τ; pairs in which the AV fell back are hatched.
 
     Args:
-        axes: drawn into.
         tau: (n,); NaN where undefined, which are left out.
         fallback: (n,) whether the AV fell back; None draws all bars alike.
         mu: mean with its interval, drawn as a line and a band; None leaves them out.
@@ -135,7 +121,6 @@ def draw_tau_distribution(
     axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
-    legend_below(axes)
 
 
 def _edges(values: FloatArray) -> tuple[FloatArray, int]:
@@ -144,10 +129,9 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
     The axis ends at the 99.5 % quantile if the largest τ is much larger; otherwise a few large τ
     would squeeze all others into one bar.
     """
-    few, many = _BINS
-    bins = min(max(math.ceil(math.sqrt(len(values))), few), many)
-    low, high = float(values.min()), float(np.quantile(values, _SHOWN_SHARE))
-    if values.max() - low <= _FAR * (high - low) or high == low:
+    bins = min(max(math.ceil(math.sqrt(len(values))), 20), 40)
+    low, high = float(values.min()), float(np.quantile(values, 0.995))
+    if values.max() - low <= 1.5 * (high - low) or high == low:
         high = float(values.max())
     edges = np.histogram_bin_edges(values, bins, (low, high) if high > low else None)
     return edges, int(np.count_nonzero(values > edges[-1]))
@@ -156,16 +140,11 @@ def _edges(values: FloatArray) -> tuple[FloatArray, int]:
 def _cut_spike(axes: Axes, edges: FloatArray, counts: np.ndarray) -> None:
     """Cut a bar that is many times the next one (τ = 1 if nobody was met), and label it."""
     highest, second = np.sort(counts)[::-1][:2]
-    if second == 0 or highest <= _SPIKE * second:
+    if second == 0 or highest <= 4 * second:
         return
-    top = 1.6 * float(second)
+    top, place = 1.6 * float(second), int(np.argmax(counts))
     axes.set_ylim(0, top)
-    place = int(np.argmax(counts))
     axes.annotate(
-        f"↑ {int(highest):,} pairs",
-        ((edges[place] + edges[place + 1]) / 2, top),
-        xytext=(6, -4),
-        textcoords="offset points",
-        va="top",
-        fontsize=9,
-    )
+        f"↑ {int(highest):,} pairs", (edges[place : place + 2].mean(), top), (6, -4),
+        textcoords="offset points", va="top", fontsize=9,
+    )  # fmt: skip

@@ -4,7 +4,7 @@ After the paper's figures of the data collection.  Each function draws into the 
 neither saves nor shows the figure.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,7 +13,7 @@ from matplotlib.collections import PathCollection
 from harness.core.encounter import FloatArray
 from harness.core.errors import unknown_name
 from harness.model.trajectories import Clip, ExtractionRules, Track, conflict_point
-from harness.report.drawing.style import BLUE, MUTED, VERMILLION, figure_text, finish, legend_below
+from harness.report.drawing.style import BLUE, MUTED, VERMILLION, figure_text, finish
 
 # Positions are drawn at this interval, which is that of the model's rows.
 DRAWN_EVERY_S = 0.2
@@ -23,7 +23,6 @@ def draw_map(axes: Axes, clips: Sequence[Clip], title: str | None = None) -> Non
     """Routes of the vehicles over the positions of the pedestrians.
 
     Args:
-        axes: drawn into; x and y in metres, equal scales.
         clips: of one site and one frame of reference.
         title: of the figure; the numbers of vehicles, pedestrians and clips are below it.
     """
@@ -49,7 +48,7 @@ def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) ->
     a cross marks the conflict point if there is one.
 
     Args:
-        axes: drawn into; x and y in metres, equal scales. Its figure gets the colour bar.
+        axes: its figure gets the colour bar.
         clip: holds both tracks.
         vehicle, pedestrian: identifiers in the clip.
 
@@ -59,17 +58,20 @@ def draw_passing_event(axes: Axes, clip: Clip, vehicle: str, pedestrian: str) ->
     Raises:
         InputError: the clip has no such vehicle or pedestrian.
     """
-    car = _named(clip, "vehicle", vehicle, clip.vehicles)
-    walker = _named(clip, "pedestrian", pedestrian, clip.pedestrians)
+    if vehicle not in clip.vehicles:
+        raise unknown_name(f"clip {clip.name}", "vehicle", vehicle, clip.vehicles)
+    if pedestrian not in clip.pedestrians:
+        raise unknown_name(f"clip {clip.name}", "pedestrian", pedestrian, clip.pedestrians)
+    car, walker = clip.vehicles[vehicle], clip.pedestrians[pedestrian]
     start = max(car.time_s[0], walker.time_s[0])
     end = max(min(car.time_s[-1], walker.time_s[-1]), start)
-    place = "centre" if clip.vehicles[vehicle].front_offset_m > 0 else "front"
+    place = "centre" if car.front_offset_m > 0 else "front"
     marks = _draw_timed(axes, car, "s", (start, end), f"vehicle ({place})")
     _draw_timed(axes, walker, "o", (start, end), "pedestrian")
     point = conflict_point(car, walker, ExtractionRules())
     if point is not None:
         label = "conflict point"
-        axes.plot(*point, "x", color=VERMILLION, ms=10, mew=2.2, zorder=4, ls="", label=label)
+        axes.plot(*point, "x", color=VERMILLION, ms=10, mew=2.2, zorder=4, label=label)
     axes.figure.colorbar(marks, ax=axes, label="time since both were in view (s)")
     numbers = f"{end - start:.1f} s in common, one mark every {DRAWN_EVERY_S:g} s"
     _finish(axes, [clip], f"{clip.name}: vehicle {vehicle}, pedestrian {pedestrian}", numbers)
@@ -83,25 +85,10 @@ def _draw_timed(
     axes.plot(*track.position_m.T, color=MUTED, lw=1.2, zorder=1)
     times, xy = _drawn(track, *span_s)
     return axes.scatter(
-        xy[:, 0],
-        xy[:, 1],
-        s=26,
-        c=times - span_s[0],
-        marker=marker,
-        linewidths=0,
-        zorder=3,
-        cmap="viridis",
-        vmin=0,
-        vmax=max(span_s[1] - span_s[0], DRAWN_EVERY_S),
+        xy[:, 0], xy[:, 1], 26, times - span_s[0], marker=marker, cmap="viridis", vmin=0,
+        vmax=max(span_s[1] - span_s[0], DRAWN_EVERY_S), linewidths=0, zorder=3,
         label=f"{name}, n = {len(times)}",
-    )
-
-
-def _named(clip: Clip, kind: str, name: str, tracks: Mapping[str, Track]) -> Track:
-    """The track of that name, or an error that suggests the nearest name."""
-    if name not in tracks:
-        raise unknown_name(f"clip {clip.name}", kind, name, tracks)
-    return tracks[name]
+    )  # fmt: skip
 
 
 def _drawn(
@@ -133,4 +120,3 @@ def _finish(axes: Axes, clips: Sequence[Clip], title: str, numbers: str) -> None
     axes.set_title(f"{figure_text(title)}\n{numbers}", loc="left")
     if any(clip.y_down for clip in clips):
         axes.invert_yaxis()
-    legend_below(axes)

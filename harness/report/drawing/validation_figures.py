@@ -26,7 +26,6 @@ def draw_errors(axes: Axes, validation: Validation) -> None:
     axes.set_ylim(0, 1.02)
     count = f"n = {len(recorded):,} passages"
     style.finish(axes, "absolute error of the pass time (s)", "share of drives at most x", count)
-    style.legend_below(axes)
 
 
 def draw_speeds(
@@ -44,15 +43,8 @@ def draw_speeds(
 
 def pictures_of(validation: Validation) -> list[style.Picture]:
     """The page's figures; call it inside ``style.styled``."""
-    figure, (axes,) = style.new_figure()
+    errors, (axes,) = style.new_figure()
     draw_errors(axes, validation)
-    errors = style.Picture(
-        "errors",
-        "Errors of the pass times",
-        "The recorded drivers would be a step at 0. If a driver is random, each of its drives of a "
-        "passage counts.",
-        figure,
-    )
     shown = [driver.driver for driver in validation.findings.drivers[:3]]
     figure, panels = style.new_figure(2, 2, height=5.6)
     series = [("recorded drivers", validation.recorded)] + [
@@ -63,11 +55,19 @@ def pictures_of(validation: Validation) -> list[style.Picture]:
         draw_speeds(panel, drives, look, name, highest)
     for panel in panels[len(series) :]:
         panel.set_visible(False)
-    speeds = style.Picture(
-        "speeds",
-        "Speeds along the road, recorded and simulated",
-        "Every passage, recorded and as driven by the nearest drivers; x = 0 is the group's median "
-        "conflict point. Of a random driver the first drive is shown.",
-        figure,
-    )
-    return [errors, speeds]
+    return [
+        style.Picture(
+            "errors",
+            "Errors of the pass times",
+            "The recorded drivers would be a step at 0. If a driver is random, each of its drives "
+            "of a passage counts.",
+            errors,
+        ),
+        style.Picture(
+            "speeds",
+            "Speeds along the road, recorded and simulated",
+            "Every passage, recorded and as driven by the nearest drivers; x = 0 is the group's "
+            "median conflict point. Of a random driver the first drive is shown.",
+            figure,
+        ),
+    ]

@@ -22,18 +22,14 @@ _OVER = (
     ("throughput_per_hour", "throughput (vehicles per hour)", "Throughput"),
 )
 
-_WARM_UP = "traffic.warm_up_s"
-"""``--settle`` sets it per cell, so cells that differ in it alone share a line."""
-
 
 def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
     """The figures of a run in traffic and of the hour shown; call it inside ``style.styled``."""
-    key = across_key(run) if run.varied_keys else None
-    if key is not None:
+    if not run.varied_keys:
+        yield _queues(run)
+    elif (key := across_key(run)) is not None:
         for name, up, title in _OVER:
             yield from _over(run, key, name, up, title)
-    elif not run.varied_keys:
-        yield _queues(run)
     if hour is not None:
         yield time_space(run, hour)
 
@@ -41,12 +37,10 @@ def hour_pictures(run: RunData, hour: ShownPair | None) -> Iterator[Picture]:
 def _over(run: RunData, key: str, name: str, up: str, title: str) -> Iterator[Picture]:
     """A measure over the main varied key: a line for each strategy, and one for the reference."""
     groups: dict[str, list[tuple[Cell, HoursSummary]]] = {}
+    # ``--settle`` sets the warm-up of each cell, so cells that differ in it alone share a line.
+    same_line = (key, "traffic.warm_up_s")
     for cell, summary in run.hour_results:
-        others = [
-            as_written(value)
-            for other, value in cell.varied.items()
-            if other not in (key, _WARM_UP)
-        ]
+        others = [as_written(cell.varied[name]) for name in cell.varied if name not in same_line]
         groups.setdefault(", ".join(others) or cell.scenario.arms.av, []).append((cell, summary))
     lines = [_line(f"AV's arm: {label}", cells, key, name, 0) for label, cells in groups.items()]
     references = {cell.scenario.arms.human for cell, _ in run.hour_results}
@@ -89,15 +83,9 @@ def _queues(run: RunData) -> Picture:
     for arm, look in style.ARM_LOOKS.items():
         queues = run.queues[run.queues["arm"] == arm.value]
         mean: pd.Series[float] = queues.groupby("minute")["mean"].mean()
-        axes.plot(
-            mean.index,
-            mean.to_numpy(),
-            color=look.colour,
-            linestyle=look.dash,
-            label=ARM_NAMES[arm],
-        )
+        line = mean.index, mean.to_numpy()
+        axes.plot(*line, color=look.colour, ls=look.dash, label=ARM_NAMES[arm])
     style.finish(axes, "minute", "queued vehicles per lane")
-    style.legend_below(axes)
     return Picture(
         "queues",
         "Queue over time",

@@ -22,12 +22,9 @@ from harness.studies.runs.strategy_groups import (
 )
 
 _FLOW = "pedestrians.flow_per_hour"
+_RATIO = "ratio of times, Σ AV / Σ human (below 1: the AV is faster)"
 _MEASURES = (
-    (
-        "time_ratio",
-        "AV times / human times",
-        "ratio of times, Σ AV / Σ human (below 1: the AV is faster)",
-    ),
+    ("time_ratio", "AV times / human times", _RATIO),
     ("mu", "μ: AV time / human time", "μ, mean of AV time / human time"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
     ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
@@ -55,17 +52,11 @@ def sweep_pictures(run: RunData) -> Iterator[Picture]:
 
 def across_key(run: RunData) -> str | None:
     """The varied key on the x axis: the flow, else the numeric key with the most values."""
-    numeric = {
-        key: run.summary[key].nunique()
-        for key in run.varied_keys
-        if pd.api.types.is_numeric_dtype(run.summary[key])
-        and not pd.api.types.is_bool_dtype(run.summary[key])
-        and run.summary[key].notna().all()
-        and run.summary[key].nunique() > 1
-    }
-    if _FLOW in numeric:
-        return _FLOW
-    return max(numeric, key=lambda key: numeric[key]) if numeric else None
+    varied = run.summary[run.varied_keys].select_dtypes("number").dropna(axis="columns").nunique()
+    numeric = varied[varied > 1]
+    if _FLOW in numeric or numeric.empty:
+        return _FLOW if _FLOW in numeric else None
+    return str(numeric.idxmax())
 
 
 def axis_label(key: str) -> str:
@@ -101,10 +92,8 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
             one_av = np.array(labels) == labels[0]
             label = f"{run.scenario.arms.human} (human's arm)"
-            places = summary[key][one_av].tolist()
-            lines += draw.lines_of(
-                summary[one_av], places, [label] * len(places), "pedestrian_delay_human_s"
-            )
+            rows, places = summary[one_av], summary[key][one_av].tolist()
+            lines += draw.lines_of(rows, places, [label] * len(rows), "pedestrian_delay_human_s")
         draw.draw_over(axes, lines, axis_label(key), up, counted, level)
         yield Picture(
             f"sweep-{measure.removesuffix('_s').replace('_', '-')}",
@@ -139,14 +128,12 @@ def _aggressiveness(
     cells = [group.cells[position].cell.number for position in parameter.cells]
     rows = run.summary.set_index("cell").reindex(cells)
     counted = f"n = {_range_of(rows['pairs'].dropna())} pairs per point"
-    allowed: list[float] = []
-    if judged is not None:
-        verdicts = (judgement.verdict for judgement in judged.found.judgements)
-        allowed = [
-            float(place)
-            for place, verdict in zip(x, verdicts, strict=True)
-            if verdict is Verdict.ALLOWED
-        ]
+    judgements = [] if judged is None else judged.found.judgements
+    allowed = [
+        float(place)
+        for place, judgement in zip(x, judgements, strict=False)
+        if judgement.verdict is Verdict.ALLOWED
+    ]
     figure, panels = style.new_figure(2, 1, height=6.4)
     for panel, (measure, up, _) in zip(panels, _MEASURES[1:3], strict=True):
         if judged is None:
@@ -154,13 +141,9 @@ def _aggressiveness(
             (line,) = draw.lines_of(rows, x.tolist(), drivers, f"{measure}_all")
             limit, band = None, f"{words_of_level(run.confidence)} interval"
         else:
-            swept = [getattr(judgement.swept, measure) for judgement in judged.found.judgements]
-            parts = ("value", "low", "high")
-            values = [
-                np.array([getattr(interval, part) for interval in swept], dtype=float)
-                for part in parts
-            ]
-            line = draw.Line(parameter.strategy, x, *values)
+            swept = [getattr(judgement.swept, measure) for judgement in judgements]
+            values = np.array([[each.value, each.low, each.high] for each in swept], dtype=float)
+            line = draw.Line(parameter.strategy, x, *values.T)
             limits, band = judged.limits, "bounds for all values together"
             limit = (limits.mu0, "μ0") if measure == "mu" else (limits.kappa0, "κ0")
         draw.draw_aggressiveness(panel, line, label, up, counted, limit, allowed, band)
