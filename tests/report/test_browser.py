@@ -188,10 +188,7 @@ def of_validation(_request: Any, folder: Path) -> Path:
 
 @pytest.mark.parametrize("make", [of_single, of_unfinished, of_hours, of_risk, of_validation])
 def test_every_button_of_every_page_works_without_a_word(
-    make: Callable[[Any, Path], Path],
-    browser: Any,
-    request: pytest.FixtureRequest,
-    tmp_path: Path,
+    make: Callable[[Any, Path], Path], browser: Any, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     page = Opened(browser, make(request, tmp_path)).page
     for button in page.locator("button:visible").all():

@@ -185,12 +185,7 @@ def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> N
     [
         ("episodes", "pair", None, "episodes.parquet: pair: is empty in a row"),
         ("episodes", "pair", 5, "pair: rows are not in order"),
-        (
-            "episodes",
-            "arm",
-            "human",
-            "arm: does not have both arms of each pair; allowed: av",
-        ),
+        ("episodes", "arm", "human", "arm: does not have both arms of each pair; allowed: av"),
         ("episodes", "ending", "vanished", "ending: 'vanished'; allowed: crossed, crashed"),
         ("episodes", "steps", -1, "steps: -1; allowed: 0 to"),
         ("episodes", "pass_time_s", 0.0, "pass_time_s: 0.0; allowed: 1e-18 to"),
@@ -224,10 +219,7 @@ def test_our_own_mistake_is_not_blamed_on_the_run(
     done = here("report", single)
     assert done.returncode == 1
     first, *_, error, last = done.stderr.splitlines()
-    assert (first, error) == (
-        "Traceback (most recent call last):",
-        "AttributeError: no such thing",
-    )
+    assert (first, error) == ("Traceback (most recent call last):", "AttributeError: no such thing")
     assert "bug in the harness, not an error in your files; please report" in last
     assert "damaged" not in done.stderr
 

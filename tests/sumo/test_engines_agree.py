@@ -101,9 +101,7 @@ def compare(scenes: int, pairs: int, sumo, model: InteractionModel, seed: int) -
         scene = random_scene(rng, seed=number)
         in_sumo = PairRunner(scene, model, lambda scene=scene: sumo(scene))
         plain = PairRunner(
-            scene,
-            model,
-            lambda scene=scene: PlainEngine(scene.vehicle(), scene.experiment.step_s),
+            scene, model, lambda scene=scene: PlainEngine(scene.vehicle(), scene.experiment.step_s)
         )
         for one, other in zip(in_sumo.run(range(pairs)), plain.run(range(pairs)), strict=True):
             where = (number, one.pair, one.arm, one.strategy)

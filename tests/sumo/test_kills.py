@@ -16,16 +16,7 @@ import pytest
 from harness.scenario import Options
 from harness.store.reading import read_manifest
 from harness.studies.batch.experiment import run_study
-from tests.batches import (
-    QUICK,
-    Inline,
-    content,
-    one_cell,
-    options_of,
-    shell,
-    start,
-    workers_of,
-)
+from tests.batches import QUICK, Inline, content, one_cell, options_of, shell, start, workers_of
 
 CHANGES = {**QUICK, "pedestrians.flow_per_hour": 1000.0, "experiment.pairs": 400}
 """Long enough to be hit: a second or two of simulation, in tasks of 50 pairs."""

@@ -17,13 +17,7 @@ import pytest
 
 from harness.core.encounter import Ending
 from harness.core.errors import EngineError, InputError
-from harness.engine.network import (
-    build,
-    build_network,
-    network_for,
-    plain_sources,
-    sources,
-)
+from harness.engine.network import build, build_network, network_for, plain_sources, sources
 from harness.scenario import load_scenario
 from harness.scenario.sections import CrossingSection
 from harness.site import Place, Site, read_site

@@ -80,10 +80,7 @@ def test_priority_decides_about_those_who_wait(sumo, side: Side) -> None:
     assert stops.walks[0].start_s is not None
     assert stops.speed_mps.min() == 0.0
     passes = play(
-        SumoDriver(),
-        walker,
-        scene(priority=False, kerb_wait_s=30.0),
-        sumo(scene(priority=False)),
+        SumoDriver(), walker, scene(priority=False, kerb_wait_s=30.0), sumo(scene(priority=False))
     )
     assert passes.walks[0].start_s is None
     np.testing.assert_allclose(passes.speed_mps, 5.0, atol=1e-9)
