@@ -6,9 +6,11 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import psutil
 import pytest
@@ -22,6 +24,9 @@ from harness.scenario import (
     study_of,
 )
 from harness.studies.workers.tasks import Argument, Result
+
+if TYPE_CHECKING:
+    from harness.studies.runs.run_data import RunData
 
 CHECKOUT = Path(__file__).parents[1]
 
@@ -58,6 +63,54 @@ class Inline:
 
     def stop(self) -> None:
         """Nothing runs any more."""
+
+
+class Stopping(Inline):
+    """Stops, as Ctrl-C does, when it is given its n-th task."""
+
+    def __init__(self, tasks: int) -> None:
+        super().__init__(1)
+        self.left = tasks
+
+    def submit(
+        self, function: Callable[[Argument], Result], argument: Argument
+    ) -> "Future[Result]":
+        self.left -= 1
+        if self.left < 0:
+            raise KeyboardInterrupt
+        return super().submit(function, argument)
+
+
+def run_inline(
+    study: Study, folder: Path, make: Callable[[int], Any] = Inline, **options: Any
+) -> "RunData":
+    """A run in this process, which has one simulation: none is open before or afterwards."""
+    from harness.engine.shared import close_engine
+    from harness.scenario import Options
+    from harness.studies.batch.experiment import run_study
+    from tests.conftest import close_all
+
+    close_all()
+    try:
+        return run_study(study, Options(**options), out=folder, make_executor=make)
+    finally:
+        close_engine()
+
+
+def run_stopped(study: Study, folder: Path, tasks: int, **options: Any) -> None:
+    """A run that is interrupted when it is given its n-th task."""
+    from harness.core.errors import InterruptedRunError
+
+    with pytest.raises(InterruptedRunError, match="harness resume"):
+        run_inline(study, folder, lambda _: Stopping(tasks), **options)
+
+
+def wait_for(condition: Callable[[], object], what: str, seconds: float = 300.0) -> None:
+    """Wait until a condition holds."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        time.sleep(0.002)
 
 
 def scenario_file(name: str, changes: dict[str, object]) -> ScenarioFile:

@@ -2,8 +2,6 @@
 
 import json
 import shutil
-from collections.abc import Callable
-from concurrent.futures import Future
 from pathlib import Path
 
 import pyarrow as pa
@@ -11,50 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-from harness.core.errors import InterruptedRunError
-from harness.engine.shared import close_engine
 from harness.report.pages.page import Written, write_report
-from harness.scenario import Options, Study
 from harness.studies.batch import experiment
-from harness.studies.batch.experiment import run_study
 from harness.studies.batch.showing import write_shown
-from harness.studies.workers.tasks import Argument, Result
-from tests.batches import Inline, one_cell, sweep
-from tests.conftest import close_all
-
-
-class Stopping(Inline):
-    """Stops, as Ctrl-C does, when it is asked for more than so many tasks."""
-
-    tasks = 2
-
-    def __init__(self, workers: int) -> None:
-        super().__init__(workers)
-        self.left = self.tasks
-
-    def submit(
-        self, function: Callable[[Argument], Result], argument: Argument
-    ) -> "Future[Result]":
-        if not self.left:
-            raise KeyboardInterrupt
-        self.left -= 1
-        return super().submit(function, argument)
-
-
-def simulate(
-    study: Study, folder: Path, options: Options | None = None, stop: bool = False
-) -> Path:
-    """Run a study in this process; with ``stop``, only its first two tasks."""
-    close_all()
-    try:
-        if stop:
-            with pytest.raises(InterruptedRunError):
-                run_study(study, options or Options(), out=folder, make_executor=Stopping)
-        else:
-            run_study(study, options or Options(), out=folder, make_executor=Inline)
-    finally:
-        close_engine()
-    return folder
+from tests.batches import one_cell, run_inline, run_stopped, sweep
 
 
 def report(folder: Path, out: Path | None = None) -> Written:
@@ -73,7 +31,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def single(runs: Path) -> Path:
     """The paper's experiment, 12 pairs, with traces."""
     study = one_cell("cctc", {"experiment.pairs": 12})
-    return simulate(study, runs / "single", Options(traces=True))
+    return run_inline(study, runs / "single", traces=True).path
 
 
 @pytest.fixture(scope="session")
@@ -81,7 +39,7 @@ def swept(runs: Path) -> Path:
     """Two flows × two strategies, one of which crashes; no traces."""
     changes = {"experiment.pairs": 8, "experiment.timeout_s": 40.0}
     vary = ("pedestrians.flow_per_hour=300,900", "arms.av=soft_yield,constant_speed")
-    return simulate(sweep("cctc_flow", changes, *vary), runs / "swept")
+    return run_inline(sweep("cctc_flow", changes, *vary), runs / "swept").path
 
 
 @pytest.fixture(scope="session")
@@ -91,8 +49,8 @@ def unfinished(runs: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         # Tasks are cut by the time that pairs take; here each has four.
         patch.setattr(experiment._Work, "_size", lambda *_: 4)
-        options = Options(traces=True, workers=1)
-        return simulate(study, runs / "unfinished", options, stop=True)
+        run_stopped(study, runs / "unfinished", 2, traces=True, workers=1)
+    return runs / "unfinished"
 
 
 HOSTILE = '<script>document.title = "owned"</script><img src=x onerror=alert(1)> & "$\\frac{1}$'

@@ -16,14 +16,14 @@ import harness
 import harness.report.pages.page as page_module
 from harness.report.pages.risk_page import write_risk_page
 from harness.report.pages.validation_page import write_validation
-from harness.scenario import Options, Scenario
+from harness.scenario import Scenario
 from harness.strategies.hard_yield import HardYield
 from harness.studies.risk.asking import Settings
 from harness.studies.risk.folder import estimate_risk
 from harness.studies.runs.run_data import RunData
-from tests.batches import Inline, one_cell
+from tests.batches import Inline, one_cell, run_inline
 from tests.recordings import held, write_set
-from tests.report.conftest import HOSTILE, report, simulate
+from tests.report.conftest import HOSTILE, report
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed")
 
@@ -31,14 +31,8 @@ CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
 
 FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 ]
 NARROW, WIDE = {"width": 400, "height": 800}, {"width": 1280, "height": 900}
 
@@ -135,7 +129,7 @@ def scrub(page: Any, time_s: float) -> None:
     )
 
 
-# --- opening -------------------------------------------------------------------------------------
+# --- opening
 
 
 def test_opens_from_disk_without_a_request(opened: Opened, opened_sweep: Opened) -> None:
@@ -158,19 +152,15 @@ def test_a_hostile_run_stays_text(
     one.page.close()
 
 
-def of_single(request: Any, folder: Path) -> Path:
-    return written(request.getfixturevalue("single"), folder, 1)
-
-
-def of_unfinished(request: Any, folder: Path) -> Path:
-    return written(request.getfixturevalue("unfinished"), folder, 1)
+def of_encounters(name: str) -> Callable[[Any, Path], Path]:
+    return lambda request, folder: written(request.getfixturevalue(name), folder, 1)
 
 
 def of_hours(_request: Any, folder: Path) -> Path:
     traffic = {"traffic.flow_per_hour": 600, "traffic.duration_s": 60.0, "traffic.warm_up_s": 0.0}
     arms = {"arms.av": "hard_yield", "arms.human": "human_yield"}
     study = one_cell("cctc_flow", {"experiment.pairs": 1, **traffic, **arms})
-    return written(simulate(study, folder / "hours", Options(traces=True)), folder, 1)
+    return written(run_inline(study, folder / "hours", traces=True).path, folder, 1)
 
 
 def of_risk(_request: Any, folder: Path) -> Path:
@@ -186,9 +176,12 @@ def of_validation(_request: Any, folder: Path) -> Path:
     return page
 
 
-@pytest.mark.parametrize("make", [of_single, of_unfinished, of_hours, of_risk, of_validation])
+MAKERS = [*map(of_encounters, ("single", "unfinished")), of_hours, of_risk, of_validation]
+
+
+@pytest.mark.parametrize("make", MAKERS)
 def test_every_button_of_every_page_works_without_a_word(
-    make: Callable[[Any, Path], Path], browser: Any, request: pytest.FixtureRequest, tmp_path: Path
+    make: Callable[[Any, Path], Path], browser: Any, request: Any, tmp_path: Path
 ) -> None:
     page = Opened(browser, make(request, tmp_path)).page
     for button in page.locator("button:visible").all():
@@ -197,7 +190,7 @@ def test_every_button_of_every_page_works_without_a_word(
     page.close()
 
 
-# --- the player ----------------------------------------------------------------------------------
+# --- the player
 
 
 def test_plays_pauses_and_stops_at_the_end(page: Any) -> None:
@@ -250,13 +243,10 @@ def test_positions_on_the_screen_are_the_trace(page: Any, run: RunData) -> None:
             for step in (0, 17, 41, len(walker) - 2):
                 at = float(ego.index[step])
                 scrub(page, at)
-                seen = drawn(page, arm)
+                places = {"x": ego.loc[at, "x_m"], "y": walker.loc[at, "y_m"], "across": 0.0}
                 # A pixel is about a tenth of a metre here.
-                assert seen["x"] == pytest.approx(ego.loc[at, "x_m"], abs=0.06)
-                assert seen["y"] == pytest.approx(walker.loc[at, "y_m"], abs=0.06)
-                assert seen["lane"] == pytest.approx(2.25, abs=0.06)
-                assert seen["length"] == pytest.approx(5.0, abs=0.06)
-                assert seen["across"] == pytest.approx(0.0, abs=0.06)
+                expected = {"lane": 2.25, "length": 5.0, **places}
+                assert drawn(page, arm) == pytest.approx(expected, abs=0.06)
                 speed = float(page.locator(f".view[data-arm='{arm}']").get_attribute("data-v"))
                 assert speed == pytest.approx(ego.loc[at, "speed_mps"], abs=6e-4)
 
@@ -288,13 +278,23 @@ def test_keys_step_jump_and_change_the_episode(page: Any) -> None:
     assert page.locator("#player-speed").input_value() != "1"
 
 
-def test_the_list_switches_episodes(page: Any) -> None:
+def test_the_list_switches_episodes_and_the_focus_is_seen(page: Any) -> None:
+    """Motion is reduced on request."""
     entry = page.locator(".list [data-episode]").nth(4)
     entry.click()
     assert entry.get_attribute("aria-current") == "true"
     assert shown_pair(page) == int(entry.inner_text().split()[1])
     assert shown_time(page) == 0
     assert page.locator(".view").count() == 2
+    page.locator("#theme").focus()
+    page.keyboard.press("Tab")
+    outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
+    assert outline == "solid"
+    scrolling = "getComputedStyle(document.documentElement).scrollBehavior"
+    for motion, behaviour in (("reduce", "auto"), ("no-preference", "smooth")):
+        page.emulate_media(reduced_motion=motion)
+        assert page.evaluate(scrolling) == behaviour
+    assert page.locator("#player").get_attribute("data-playing") == "false"
 
 
 def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, run: RunData) -> None:
@@ -311,7 +311,7 @@ def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, run: R
     assert float(cursor) == pytest.approx(box["width"] / 2, abs=2)
 
 
-# --- tables --------------------------------------------------------------------------------------
+# --- tables
 
 
 def column(page: Any, heading: str) -> list[float]:
@@ -342,7 +342,7 @@ def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened, swept: Path) 
     assert names == sorted(names)
 
 
-# --- schemes and sizes ---------------------------------------------------------------------------
+# --- schemes and sizes
 
 CONTRAST = """() => {
   const parse = (text) => {
@@ -377,28 +377,22 @@ CONTRAST = """() => {
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_text_has_contrast(opened: Opened, opened_sweep: Opened, scheme: str) -> None:
+def test_text_has_contrast_and_lines_of_figures_stand_out(
+    opened: Opened, opened_sweep: Opened, scheme: str
+) -> None:
+    """3 : 1 against the ground for every colour a figure's lines may have."""
     for one in (opened, opened_sweep):
         one.page.emulate_media(color_scheme=scheme)
         found = one.page.evaluate(CONTRAST)
         assert len(found) > 150
         assert [entry for entry in found if entry[0] < 4.5] == []
-
-
-def test_lines_of_figures_stand_out_in_both_schemes(opened: Opened) -> None:
-    """3 : 1 against the ground for every colour a figure's lines may have."""
     names = ["--blue", "--vermillion", "--green", "--purple", "--orange", "--ink", "--muted"]
-    for scheme in ("light", "dark"):
-        opened.page.emulate_media(color_scheme=scheme)
-        colours = opened.page.evaluate(
-            """names => names.map((name) =>
-            getComputedStyle(document.documentElement).getPropertyValue(name))""",
-            ["--card", *names],
-        )
-        card, *lines = (luminance(colour.strip()) for colour in colours)
-        for name, line in zip(names, lines, strict=True):
-            bright, dark = max(card, line), min(card, line)
-            assert (bright + 0.05) / (dark + 0.05) >= 3, (scheme, name)
+    value = "getComputedStyle(document.documentElement).getPropertyValue(name)"
+    colours = opened.page.evaluate(f"names => names.map((name) => {value})", ["--card", *names])
+    card, *lines = (luminance(colour.strip()) for colour in colours)
+    for name, line in zip(names, lines, strict=True):
+        bright, dark = max(card, line), min(card, line)
+        assert (bright + 0.05) / (dark + 0.05) >= 3, name
 
 
 def luminance(colour: str) -> float:
@@ -450,16 +444,3 @@ def test_on_paper_it_is_dark_on_white_and_nothing_is_cut_off(
         one.page.emulate_media(media="print")
         assert one.page.evaluate(right) <= 703.5
         one.page.emulate_media(media="screen")
-
-
-def test_focus_is_seen_and_motion_is_reduced_on_request(page: Any) -> None:
-    page.locator("#theme").focus()
-    page.keyboard.press("Tab")
-    outline = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
-    assert outline == "solid"
-    page.emulate_media(reduced_motion="reduce")
-    scrolling = "getComputedStyle(document.documentElement).scrollBehavior"
-    assert page.evaluate(scrolling) == "auto"
-    page.emulate_media(reduced_motion="no-preference")
-    assert page.evaluate(scrolling) == "smooth"
-    assert page.locator("#player").get_attribute("data-playing") == "false"

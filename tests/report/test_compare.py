@@ -11,7 +11,7 @@ import pytest
 
 from harness.core.errors import InputError
 from harness.report.screens.comparison_tables import best_lines
-from harness.scenario import Options, Precision
+from harness.scenario import Options, Precision, Study
 from harness.statistics import Place, SweepVerdict, Verdict
 from harness.store import summaries
 from harness.studies.runs.compare import compare
@@ -35,13 +35,13 @@ def by_hand(task: Task, pair: int) -> Fate:
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    study = sweep(
-        "cctc_flow",
-        {"experiment.pairs": 40},
-        "arms.av=soft_yield,hard_yield,constant_speed",
-        "pedestrians.flow_per_hour=50,250",
-    )
+    vary = ("arms.av=soft_yield,hard_yield,constant_speed", "pedestrians.flow_per_hour=50,250")
+    study = sweep("cctc_flow", {"experiment.pairs": 40}, *vary)
     return made_up(tmp_path_factory.mktemp("run") / "run", study, by_hand)
+
+
+def over_strategies(pairs: int, *strategies: str) -> Study:
+    return sweep("cctc", {"experiment.pairs": pairs}, f"arms.av={','.join(strategies)}")
 
 
 def test_differences_by_hand(run: Path) -> None:
@@ -67,16 +67,14 @@ def test_differences_by_hand(run: Path) -> None:
     assert soft_hard.delay_worst_difference_s.value == pytest.approx((39 * -1 + 8 - 300) / 40)
     assert soft_constant.delay_worst_difference_s.value == pytest.approx((30 - 10 * 292) / 40)
     # Pair 3 timed out after 300 s: τ = 30 against 0.8, and so does each of the ten crashes.
-    expected = (39 * -0.1 + (0.8 - 30.0)) / 40
-    assert soft_hard.mu_worst_difference.value == pytest.approx(expected)
-    assert soft_constant.mu_worst_difference.value == pytest.approx(
-        (30 * 0.1 + 10 * (0.8 - 30)) / 40
-    )
+    worst = [item.mu_worst_difference.value for item in (soft_hard, soft_constant)]
+    lost = 0.8 - 30.0
+    assert worst == pytest.approx([(39 * -0.1 + lost) / 40, (30 * 0.1 + 10 * lost) / 40])
     assert {item.mu_difference.value for item in second.comparisons[:1]} == {0.0}
     assert second.comparisons[1].mu_difference.value == pytest.approx(0.1)
 
 
-def test_crashes_by_hand(run: Path) -> None:
+def test_crashes_fronts_and_cells_by_hand(run: Path) -> None:
     first, second = compare(run).groups
     tests = [(t.crashes.only_a, t.crashes.only_b, t.crashes.p) for t in first.comparisons]
     p = 2 / 2**10
@@ -88,20 +86,13 @@ def test_crashes_by_hand(run: Path) -> None:
     # Six tests in the run: the smallest p counts six times, the next is no smaller.
     adjusted = [item.p_holm for group in (first, second) for item in group.comparisons]
     assert adjusted == pytest.approx([1.0, 6 * p, 6 * p, 1.0, 1.0, 1.0])
-
-
-def test_fronts_by_hand(run: Path) -> None:
-    first, second = compare(run).groups
     # Hard-Yield is slower than Soft-Yield, but whether its one time-out is chance cannot be told.
     places = [standing.place for standing in first.standings()]
     assert places == [Place.FRONT, Place.UNDECIDED, Place.FRONT]
     assert first.standings()[1].open_against == (0,)
     places = [standing.place for standing in second.standings()]
     assert places == [Place.DOMINATED, Place.DOMINATED, Place.FRONT]
-
-
-def test_what_a_cell_shows(run: Path) -> None:
-    _, hard, constant = compare(run).groups[0].summaries
+    _, hard, constant = first.summaries
     assert (hard.pairs, hard.defined_pairs, hard.timed_out) == (40, 39, 1)
     assert hard.mu.value == pytest.approx(0.9)
     assert hard.mu_worst.value == pytest.approx((39 * 0.9 + 30) / 40)
@@ -116,23 +107,28 @@ def noisy(task: Task, pair: int) -> Fate:
     return float(shared + own + 2.0)
 
 
-def test_a_comparison_does_not_depend_on_the_others(tmp_path: Path) -> None:
-    changes = {"experiment.pairs": 60}
-    two = sweep("cctc", changes, "arms.av=soft_yield,hard_yield")
-    three = sweep("cctc", changes, "arms.av=constant_speed,soft_yield,hard_yield")
-    alone = compare(made_up(tmp_path / "two", two, noisy)).groups[0].comparisons[0]
-    among = compare(made_up(tmp_path / "three", three, noisy)).groups[0].comparisons[2]
+def test_a_comparison_does_not_depend_on_the_others_nor_on_the_run(tmp_path: Path) -> None:
+    both = ("soft_yield", "hard_yield")
+    two, three = over_strategies(60, *both), over_strategies(60, "constant_speed", *both)
+    apart = [over_strategies(60, name) for name in both]
+    folders = [
+        made_up(tmp_path / str(number), study, noisy)
+        for number, study in enumerate((two, three, *apart))
+    ]
+    alone = compare(folders[0]).groups[0].comparisons[0]
+    among = compare(folders[1]).groups[0].comparisons[2]
     assert alone.mu_difference == among.mu_difference
     assert alone.delay_difference_s == among.delay_difference_s
     # Pairs share what is common to both: the interval is that of the noise of their own alone.
     reach = 1.96 * 0.1 * 0.3 * np.sqrt(2 / 60)
     assert alone.mu_difference.high - alone.mu_difference.low == pytest.approx(2 * reach, rel=0.4)
+    assert compare(*folders[2:]).groups[0].comparisons == (alone,)
 
 
 def test_cells_of_different_length(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # With --until a cell without spread ends at its first look, the other goes on.
     monkeypatch.setattr(summaries, "FIRST_LOOK", 20)
-    study = sweep("cctc", {"experiment.pairs": 40}, "arms.av=soft_yield,hard_yield")
+    study = over_strategies(40, "soft_yield", "hard_yield")
 
     def uneven(task: Task, pair: int) -> Fate:
         return 8.0 if task.scenario.arms.av == "soft_yield" else 9.0 + pair % 2
@@ -180,14 +176,17 @@ def test_allowed_values(tmp_path: Path) -> None:
         Verdict.ALLOWED,
         Verdict.DENIED,
     ]
-    assert found.found.judgements[1].swept.kappa.high == pytest.approx(
-        1 - (0.05 / 6) ** (1 / 200), rel=1e-6
-    )
+    kappa = found.found.judgements[1].swept.kappa
+    assert kappa.high == pytest.approx(1 - (0.05 / 6) ** (1 / 200), rel=1e-6)
     # Options stand above the scenario.
     assert only(compare(run, mu0=0.8)).found.verdict is SweepVerdict.NONE
     few = only(compare(run, kappa0=0.01)).found
     assert few.verdict is SweepVerdict.TOO_FEW_PAIRS
     assert few.pairs_needed == int(np.ceil(np.log(0.05 / 6) / np.log(0.99)))
+    # Without limits nothing is judged.
+    run = margins(tmp_path / "free", {}, bolder_with_less)
+    assert compare(run).groups[0].sweeps == ()
+    assert only(compare(run, mu0=1.0, kappa0=0.05)).found.verdict is SweepVerdict.SOME
 
 
 def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
@@ -205,9 +204,8 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
     # τ of cells 4 and 5, p1 = 0.2: (9 + margin)/10.  κ of all six together, none of 200 crashed:
     # 1 − (0.05/12)^(1/200), below 2.8 %.
     assert result.judged is not None
-    assert result.judged.judgements[5].swept.kappa.high == pytest.approx(
-        1 - (0.05 / 12) ** (1 / 200), rel=1e-6
-    )
+    kappa = result.judged.judgements[5].swept.kappa
+    assert kappa.high == pytest.approx(1 - (0.05 / 12) ** (1 / 200), rel=1e-6)
     assert (result.allowed, result.best_allowed) == ([4, 5], 5)
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     said = text[text.index("Best allowed cell: 5 (") :]
@@ -226,18 +224,10 @@ def test_a_grid_ends_with_its_best_allowed_cell(tmp_path: Path) -> None:
 
 def test_limits_judge_strategies_without_parameters_too(tmp_path: Path) -> None:
     """So far a sweep over ``arms.av`` alone said nothing of the limits that it was given."""
-    study = sweep("cctc", {"experiment.pairs": 200}, "arms.av=soft_yield,hard_yield")
-    run = made_up(
-        tmp_path / "run", study, lambda task, _: 8.0 + (task.scenario.arms.av == "hard_yield")
-    )
+    study = over_strategies(200, "soft_yield", "hard_yield")
+    run = made_up(tmp_path / "run", study, lambda task, _: 8.0 + ("hard" in task.scenario.arms.av))
     text = " ".join(printed("compare", run, "--mu0", 1, "--kappa0", 0.05).split())
     assert "Best allowed cell: 0 (soft_yield), ratio of times 0.80" in text
-
-
-def test_without_limits_nothing_is_judged(tmp_path: Path) -> None:
-    run = margins(tmp_path / "run", {}, bolder_with_less)
-    assert compare(run).groups[0].sweeps == ()
-    assert only(compare(run, mu0=1.0, kappa0=0.05)).found.verdict is SweepVerdict.SOME
 
 
 def test_json_and_csv(run: Path, tmp_path: Path) -> None:
@@ -245,11 +235,8 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
     document = json.loads(printed("compare", run, "--json", "--out", out))
     first = document["groups"][0]
     assert first["shared"] == {"pedestrians.flow_per_hour": 50}
-    assert [cell["place"] for cell in first["cells"]] == [
-        "on the front",
-        "undecided",
-        "on the front",
-    ]
+    places = [cell["place"] for cell in first["cells"]]
+    assert places == ["on the front", "undecided", "on the front"]
     assert first["cells"][1]["undecided_against"] == [0]
     assert first["comparisons"][2]["a"] == "hard_yield"
     with out.open(encoding="utf-8", newline="") as file:
@@ -260,11 +247,8 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
     assert float(rows[1]["mu_difference"]) == pytest.approx(0.1)
     assert float(rows[1]["mcnemar_p_holm"]) == pytest.approx(12 / 2**10)
     assert rows[1]["indicative"].split() == [
-        "time_ratio_difference",
-        "mu_difference",
-        "delay_difference_s",
-        "mu_worst_difference",
-        "delay_worst_difference_s",
+        *("time_ratio_difference", "mu_difference", "delay_difference_s"),
+        *("mu_worst_difference", "delay_worst_difference_s"),
     ]
     # 30 pairs differ in time, all of one sign, and the ten crashes besides in the worst case.
     assert rows[1]["time_ratio_difference_ci_informative"] == "30"
@@ -276,11 +260,8 @@ def test_json_and_csv(run: Path, tmp_path: Path) -> None:
 
 def test_tables(run: Path) -> None:
     text = printed("compare", run, "--full")
-    assert "pedestrians.flow_per_hour = 50" in text
-    assert "undecided" in text
-    assert "dominated" in text
-    assert "0 / 10" in text
-    assert "family of all 6 of this comparison" in text
+    words = ("pedestrians.flow_per_hour = 50", "undecided", "dominated", "0 / 10")
+    assert all(word in text for word in (*words, "family of all 6 of this comparison"))
     assert max(len(line) for line in text.splitlines()) <= 120
 
 
@@ -343,8 +324,7 @@ def test_runs_that_cannot_be_compared(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no two cells"):
         compare(made_up(tmp_path / "flows", flows, noisy))
     manifest = tmp_path / "flows" / "manifest.json"
-    unfinished = {**json.loads(manifest.read_text()), "counts": None}
-    manifest.write_text(json.dumps(unfinished))
+    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "counts": None}))
     with pytest.raises(InputError, match="is not finished"):
         compare(tmp_path / "flows")
 
@@ -359,54 +339,34 @@ def test_runs_made_at_different_times(tmp_path: Path) -> None:
     yesterday = version(tmp_path / "yesterday", 9.0)
     today = version(tmp_path / "today", 8.0, **{"experiment.pairs": 20, "conflicts.ttc_s": 2.0})
     (group,) = compare(yesterday, today).groups
-    assert [member.label for member in group.group.cells] == [
-        "gap_yield (yesterday)",
-        "gap_yield (today)",
-    ]
+    labels = [member.label for member in group.group.cells]
+    assert labels == ["gap_yield (yesterday)", "gap_yield (today)"]
     assert [(member.run, member.number) for member in group.group.cells] == [(0, 0), (1, 1)]
     (item,) = group.comparisons
     # Over the 20 pairs that both have; the human takes 10 s in all of them.
     assert (item.defined_in_both, item.crashes.pairs) == (20, 20)
     assert item.mu_difference.value == pytest.approx(0.1)
     assert item.mu_difference.low == pytest.approx(0.1)
+    document = json.loads(printed("compare", yesterday, today, "--json"))
+    folders = [str(yesterday), str(today)]
+    assert document["folders"] == folders
+    cells = [(cell["cell"], cell["folder"]) for cell in document["groups"][0]["cells"]]
+    assert cells == [*enumerate(folders)]
+    assert "(today)" in printed("compare", yesterday, today)
 
 
-def test_several_runs_are_compared_as_a_sweep_is(tmp_path: Path) -> None:
-    changes = {"experiment.pairs": 60}
-    swept = made_up(
-        tmp_path / "swept", sweep("cctc", changes, "arms.av=soft_yield,hard_yield"), noisy
-    )
-    apart = [
-        made_up(tmp_path / name, one_cell("cctc", {**changes, "arms.av": name}), noisy)
-        for name in ("soft_yield", "hard_yield")
-    ]
-    (inside,), (between,) = (
-        result.groups[0].comparisons for result in (compare(swept), compare(*apart))
-    )
-    assert inside == between
-
-
-@pytest.mark.parametrize(
-    ("changes", "said"),
-    [
-        ({"experiment.seed": 2}, "experiment.seed 2 instead of 1"),
-        (
-            {"pedestrians.flow_per_hour": 500, "ego.initial_speed_mps": 6.0},
-            "pedestrians.flow_per_hour 500 instead of",
-        ),
-        ({"strategies.human_gmm.speed": "sampled"}, "strategies.human_gmm.speed sampled"),
-    ],
-)
-def test_runs_of_other_people_are_refused(
-    tmp_path: Path, changes: dict[str, object], said: str
-) -> None:
-    one, other = version(tmp_path / "one", 9.0), version(tmp_path / "other", 8.0, **changes)
-    with pytest.raises(InputError, match=said):
-        compare(one, other)
-
-
-def test_another_reference_is_refused(tmp_path: Path) -> None:
+def test_runs_of_other_people_or_another_reference_are_refused(tmp_path: Path) -> None:
     one = version(tmp_path / "one", 9.0)
+    others = {"pedestrians.flow_per_hour": 500, "ego.initial_speed_mps": 6.0}
+    for number, (changes, said) in enumerate(
+        [
+            ({"experiment.seed": 2}, "experiment.seed 2 instead of 1"),
+            (others, "pedestrians.flow_per_hour 500 instead of"),
+            ({"strategies.human_gmm.speed": "sampled"}, "strategies.human_gmm.speed sampled"),
+        ]
+    ):
+        with pytest.raises(InputError, match=said):
+            compare(one, version(tmp_path / str(number), 8.0, **changes))
     study = one_cell("cctc", {"experiment.pairs": 30, "arms.av": "gap_yield"})
     slower = made_up(tmp_path / "other", study, lambda _, pair: (8.0, 10.0 + (pair == 7)))
     with pytest.raises(InputError, match=r"pair 7 has pass_time_s 11\.0 instead of 10\.0"):
@@ -419,15 +379,3 @@ def test_another_reference_is_refused(tmp_path: Path) -> None:
     manifest.write_text(json.dumps(document))
     with pytest.raises(InputError, match="its model dut differs from that"):
         compare(one, slower)
-
-
-def test_several_runs_in_the_shell(tmp_path: Path) -> None:
-    runs = [version(tmp_path / "yesterday", 9.0), version(tmp_path / "today", 8.0)]
-    document = json.loads(printed("compare", *runs, "--json"))
-    assert document["folders"] == [str(run) for run in runs]
-    cells = document["groups"][0]["cells"]
-    assert [(cell["cell"], cell["folder"]) for cell in cells] == [
-        (0, str(runs[0])),
-        (1, str(runs[1])),
-    ]
-    assert "(today)" in printed("compare", *runs)

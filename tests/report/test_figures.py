@@ -10,6 +10,7 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from scipy import stats
 
 import harness
@@ -30,8 +31,7 @@ from harness.report.pages.sweep_pictures import sweep_pictures
 from harness.site import read_network, read_site
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import shown_pairs
-from tests.batches import sweep
-from tests.report.conftest import simulate
+from tests.batches import run_inline, sweep
 
 
 @pytest.fixture
@@ -43,12 +43,20 @@ def labels(axes: Axes) -> list[str]:
     return axes.get_legend_handles_labels()[1]
 
 
+def right_title(axes: Axes) -> str:
+    return axes.get_title(loc="right")
+
+
 def line(axes: Axes, label: str) -> tuple[np.ndarray, np.ndarray]:
     (found,) = (line for line in axes.lines if line.get_label() == label)
     return np.asarray(found.get_xdata()), np.asarray(found.get_ydata())
 
 
-# --- τ --------------------------------------------------------------------------------------------
+def bars_of(axes: Axes) -> list[Rectangle]:
+    return [bar for bars in axes.containers for bar in bars]
+
+
+# --- τ
 
 TAU = np.array([0.7, np.nan, 0.9, 0.65, 1.4, 0.72, 0.8])
 
@@ -66,28 +74,23 @@ def test_running_mean_is_the_mean_of_the_first_n() -> None:
 
 
 def test_running_mean_figure(axes: Axes) -> None:
+    """That of many pairs is thinned to its ends, and has no dot for each."""
     tau_figures.draw_running_mean(axes, TAU, reference=0.7044)
     x, y = line(axes, "mean of the first n")
     assert (x[0], x[-1], len(x)) == (1, 6, 6)
     assert y[-1] == pytest.approx(np.nanmean(TAU))
     assert list(line(axes, "paper: 0.7044")[1]) == [0.7044, 0.7044]
-    assert axes.get_title(loc="right") == "n = 6"
+    assert right_title(axes) == "n = 6"
     assert "τ" in axes.get_ylabel()
-
-
-def test_running_mean_of_many_is_thinned_to_its_ends(axes: Axes) -> None:
+    many, nothing = Figure().subplots(2)
     tau = np.random.default_rng(1).normal(0.8, 0.1, 20_000)
-    tau_figures.draw_running_mean(axes, tau)
-    x, y = line(axes, "mean of the first n")
-    assert (x[0], x[-1]) == (1, 20_000)
+    tau_figures.draw_running_mean(many, tau)
+    x, y = line(many, "mean of the first n")
+    assert (x[0], x[-1], len(many.lines)) == (1, 20_000, 1)
     assert len(x) <= 400
     assert y[-1] == pytest.approx(tau.mean())
-    assert len(axes.lines) == 1  # no dot for each of so many pairs
-
-
-def test_running_mean_of_nothing(axes: Axes) -> None:
-    tau_figures.draw_running_mean(axes, np.array([np.nan]))
-    assert axes.get_title(loc="right") == "n = 0"
+    tau_figures.draw_running_mean(nothing, np.array([np.nan]))
+    assert right_title(nothing) == "n = 0"
 
 
 def test_distribution_counts_every_pair_once(axes: Axes) -> None:
@@ -107,48 +110,38 @@ def test_distribution_counts_every_pair_once(axes: Axes) -> None:
 def test_distribution_of_strange_values(axes: Axes, tau: np.ndarray) -> None:
     """One value, none, no spread, one far away: bins stay few."""
     tau_figures.draw_tau_distribution(axes, tau)
-    bars = [bar for bars in axes.containers for bar in bars]
-    assert sum(bar.get_height() for bar in bars) == len(tau)
-    assert len(bars) <= 40
+    assert sum(bar.get_height() for bar in bars_of(axes)) == len(tau)
+    assert len(bars_of(axes)) <= 40
 
 
-def test_a_few_large_values_are_counted_in_the_last_bar(axes: Axes) -> None:
+def test_a_few_large_values_share_the_last_bar_and_a_spike_is_cut() -> None:
+    axes, spiked = Figure().subplots(2)
     tau = np.concatenate((np.random.default_rng(1).uniform(0.6, 1.0, 998), [5.0, 9.0]))
     tau_figures.draw_tau_distribution(axes, tau)
-    bars = [bar for bars in axes.containers for bar in bars]
-    assert sum(bar.get_height() for bar in bars) == 1_000
-    assert max(bar.get_x() + bar.get_width() for bar in bars) < 1.1
-    assert f"last bar: {np.count_nonzero(tau > np.quantile(tau, 0.995))} pairs up to τ = 9" in (
-        labels(axes)
-    )
-
-
-def test_a_spike_is_cut_and_its_height_written(axes: Axes) -> None:
+    assert sum(bar.get_height() for bar in bars_of(axes)) == 1_000
+    assert max(bar.get_x() + bar.get_width() for bar in bars_of(axes)) < 1.1
+    far = np.count_nonzero(tau > np.quantile(tau, 0.995))
+    assert f"last bar: {far} pairs up to τ = 9" in labels(axes)
     tau = np.concatenate((np.ones(7_000), np.linspace(0.5, 1.5, 800)))
-    tau_figures.draw_tau_distribution(axes, tau)
-    bars = [bar for bars in axes.containers for bar in bars]
-    highest = max(bar.get_height() for bar in bars)
-    assert axes.get_ylim()[1] < highest
-    assert f"↑ {int(highest):,} pairs" in [text.get_text() for text in axes.texts]
+    tau_figures.draw_tau_distribution(spiked, tau)
+    highest = max(bar.get_height() for bar in bars_of(spiked))
+    assert spiked.get_ylim()[1] < highest
+    assert f"↑ {int(highest):,} pairs" in [text.get_text() for text in spiked.texts]
 
 
-# --- episodes ------------------------------------------------------------------------------------
+# --- episodes
 
 
 def test_arrivals_by_side_and_beyond_the_limit(axes: Axes) -> None:
-    planned = [
-        Arrival(0, 0.0, Side.FAR, 0.5),
-        Arrival(1, 20.0, Side.NEAR, 0.5),
-        Arrival(2, 50.0, Side.NEAR, 0.5),
-        Arrival(3, 61.0, Side.NEAR, 0.5),
-    ]
+    times_s = [(0.0, Side.FAR), (20.0, Side.NEAR), (50.0, Side.NEAR), (61.0, Side.NEAR)]
+    planned = [Arrival(number, *of, 0.5) for number, of in enumerate(times_s)]
     episode_figures.draw_arrivals(axes, planned, 250.0, most=1)
     assert [list(of) for of in line(axes, "from the other side")] == [[0.0], [1]]
     hollow = line(axes, "from the ego's side, not simulated")
     assert [list(of) for of in hollow] == [[20.0, 50.0], [2, 3]]
     assert list(line(axes, "expected, λt")[1]) == pytest.approx([0, 250 / 60])
     assert axes.get_xlim() == (0, 60)
-    assert axes.get_title(loc="right") == "n = 3"
+    assert right_title(axes) == "n = 3"
 
 
 def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
@@ -163,9 +156,8 @@ def test_speed_profiles_are_the_traces(axes: Axes, single: str) -> None:
     other = Figure().subplots()
     episode_figures.draw_speed_over_time(other, {"pair 4": rows})
     x, y = line(other, "pair 4, AV")
-    assert x[0] == 0
-    assert y[0] == 5.0
-    assert other.get_title(loc="right") == "n = 2 episodes of 1 pair"
+    assert (x[0], y[0]) == (0, 5.0)
+    assert right_title(other) == "n = 2 episodes of 1 pair"
 
 
 CROSSING = Crossing(9.0, 4.0, 2.25, 4.5)
@@ -186,19 +178,15 @@ def test_time_advantage_by_hand() -> None:
     """
     found = episode_figures.time_advantage(made_up_trace(), CROSSING)
     assert found.tolist() == pytest.approx([2.25, 0.375, 0.375])
-
-
-def test_time_advantage_of_one_who_starts_on_the_road() -> None:
-    """From the far side, on the near half: at 4.25 and 3.25 m, L = 2 and 1; |4 − 2|, |3 − 1|."""
+    # One who starts on the road, from the far side: at 4.25 and 3.25 m, L = 2 and 1; |4 − 2|,
+    # |3 − 1|.
     rows = made_up_trace()
     rows = rows[rows["object"] != "pedestrian-0"]
     rows.loc[rows["object"] == "pedestrian-1", ["time_s", "speed_mps"]] = [[0.0, 1.0], [1.0, 1.0]]
     rows.loc[rows["object"] == "pedestrian-1", "y_m"] = [4.25, 3.25]
     found = episode_figures.time_advantage(rows, CROSSING)
     assert found[:2].tolist() == pytest.approx([2.0, 2.0])
-
-
-def test_time_advantage_past_the_line_or_standing_is_undefined() -> None:
+    # It is undefined past the line and for an ego that stands.
     rows = made_up_trace()
     rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 1.0), "x_m"] = 1.0
     rows.loc[(rows["object"] == "ego") & (rows["time_s"] == 2.0), "speed_mps"] = 0.0
@@ -219,7 +207,7 @@ def test_time_advantage_of_a_run_never_undercuts_its_record(single: str) -> None
     assert equal >= 20
 
 
-# --- safety --------------------------------------------------------------------------------------
+# --- safety
 
 
 def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
@@ -232,12 +220,10 @@ def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
     assert list(x) == [0, 1, 2, 4, 10]
     assert list(y) == [0, 0.25, 0.5, 0.75, 0.75]
     assert list(line(axes, "human, defined in 2 of 4")[1]) == [0, 0.25, 0.25]
-    assert axes.get_title(loc="right") == "n = 4 per arm"
-
-
-def test_shares_where_nothing_is_defined(axes: Axes) -> None:
-    safety_figures.draw_shares(axes, {"AV": np.array([np.nan])}, "TTC (s)", 10.0)
-    assert list(line(axes, "AV, defined in 0 of 1")[1]) == [0, 0]
+    assert right_title(axes) == "n = 4 per arm"
+    nothing = Figure().subplots()
+    safety_figures.draw_shares(nothing, {"AV": np.array([np.nan])}, "TTC (s)", 10.0)
+    assert list(line(nothing, "AV, defined in 0 of 1")[1]) == [0, 0]
 
 
 def test_walking_speeds_are_a_density(axes: Axes) -> None:
@@ -246,30 +232,23 @@ def test_walking_speeds_are_a_density(axes: Axes) -> None:
     safety_figures.draw_walking_speeds(axes, speeds, grid, stats.norm(1.4, 0.2).pdf(grid))
     area = sum(bar.get_height() * bar.get_width() for bar in axes.patches)
     assert area == pytest.approx(1)
-    assert axes.get_title(loc="right") == "n = 500"
+    assert right_title(axes) == "n = 500"
 
 
-# --- sweeps --------------------------------------------------------------------------------------
+# --- sweeps
 
 SUMMARY = pd.DataFrame(
-    {
-        "mu": [1.0, 0.9, 1.2, np.nan],
-        "mu_ci_low": [0.9, 0.8, 1.0, np.nan],
-        "mu_ci_high": [1.2, 1.0, 1.5, np.nan],
-    }
+    [(1.0, 0.9, 1.2), (0.9, 0.8, 1.0), (1.2, 1.0, 1.5), (np.nan,) * 3],
+    columns=["mu", "mu_ci_low", "mu_ci_high"],
 )
-
-
-def test_lines_of_a_sweep() -> None:
-    first, second = sweep_figures.lines_of(
-        SUMMARY, [1000, 50, 50, 1000], ["a", "a", "b", "b"], "mu"
-    )
-    assert (first.label, list(first.x), list(first.value)) == ("a", [50, 1000], [0.9, 1.0])
-    assert (second.label, float(second.low[0])) == ("b", 1.0)
+NAMES = ["a", "a", "b", "b"]
 
 
 def test_sweep_has_a_line_with_bars_for_each_strategy(axes: Axes) -> None:
-    lines = sweep_figures.lines_of(SUMMARY, [50, 1000, 50, 1000], ["a", "a", "b", "b"], "mu")
+    first, second = sweep_figures.lines_of(SUMMARY, [1000, 50, 50, 1000], NAMES, "mu")
+    assert (first.label, list(first.x), list(first.value)) == ("a", [50, 1000], [0.9, 1.0])
+    assert (second.label, float(second.low[0])) == ("b", 1.0)
+    lines = sweep_figures.lines_of(SUMMARY, [50, 1000, 50, 1000], NAMES, "mu")
     sweep_figures.draw_over(axes, lines, "λ (per hour)", "μ", "n = 40 pairs per point", (1.0, "as"))
     assert labels(axes) == ["as", "a", "b"]
     assert axes.get_xscale() == "log"
@@ -306,7 +285,7 @@ def test_aggressiveness_marks_limits_and_what_is_allowed(axes: Axes) -> None:
     assert not bare.patches
 
 
-# --- site ----------------------------------------------------------------------------------------
+# --- site
 
 
 def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
@@ -324,7 +303,7 @@ def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str)
     assert {round(y, 6) for _, y in corners} == {2.25 - 0.9, 2.25 + 0.9}
 
 
-# --- all of a run --------------------------------------------------------------------------------
+# --- all of a run
 
 
 def pictures(run: RunData) -> list[Picture]:
@@ -343,30 +322,15 @@ def of_sweep(swept: str) -> list[Picture]:
     return pictures(harness.load_run(swept))
 
 
-def test_a_run_of_one_cell_has_the_papers_figures_first(of_single: list[Picture]) -> None:
+def test_the_papers_figures_come_first_and_those_of_a_sweep_over_the_flow(
+    of_single: list[Picture], of_sweep: list[Picture]
+) -> None:
     assert [picture.name for picture in of_single] == [
-        "tau-mean",
-        "tau-distribution",
-        "arrivals",
-        "speed-distance",
-        "speed-time",
-        "site",
-        "safety",
-        "walking-speeds",
-        "model",
+        *("tau-mean", "tau-distribution", "arrivals", "speed-distance", "speed-time", "site"),
+        *("safety", "walking-speeds", "model"),
     ]
-
-
-def test_a_sweep_has_its_measures_over_the_flow(of_sweep: list[Picture]) -> None:
-    names = [picture.name for picture in of_sweep]
-    measures = [
-        "sweep-time-ratio",
-        "sweep-mu",
-        "sweep-kappa",
-        "sweep-delay",
-        "sweep-pedestrian-delay",
-    ]
-    assert names[:5] == measures
+    measures = ["time-ratio", "mu", "kappa", "delay", "pedestrian-delay"]
+    assert [picture.name for picture in of_sweep][:5] == [f"sweep-{name}" for name in measures]
     (axes,) = of_sweep[0].figure.axes
     assert labels(axes)[1:] == ["soft_yield", "constant_speed"]
 
@@ -381,12 +345,9 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
     # record waited until then.
     run = harness.load_run(swept)
     keys = ["cell", "pair", "arm"]
-    came = run.pedestrians.merge(
-        run.episodes[[*keys, "pass_time_ignoring_contact_s", "contact_time_s"]]
-    )
-    until_s = (
-        came["start_s"].fillna(came["contact_time_s"]).fillna(came["pass_time_ignoring_contact_s"])
-    )
+    ends = ["contact_time_s", "pass_time_ignoring_contact_s"]
+    came = run.pedestrians.merge(run.episodes[[*keys, *ends]])
+    until_s = came["start_s"].fillna(came[ends[0]]).fillna(came[ends[1]])
     came["wait_s"] = until_s - came["arrival_s"]
     of_cell = came.groupby(["cell", "arm"])["wait_s"].agg(["sum", "size"])
     delay_s = of_cell["sum"] / of_cell["size"]
@@ -401,7 +362,7 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
 def test_a_swept_parameter_has_its_limits_and_what_they_allow(tmp_path: Path) -> None:
     changes = {"experiment.pairs": 8, "limits.mu0": 5.0, "limits.kappa0": 0.99}
     study = sweep("cctc", changes, "strategies.soft_yield.time_margin_s=0,1,2")
-    run = harness.load_run(simulate(study, tmp_path / "margin"))
+    run = run_inline(study, tmp_path / "margin")
     with style.styled():
         found = list(sweep_pictures(run))
     names = ["aggressiveness", "sweep-time-ratio", "sweep-delay", "sweep-pedestrian-delay"]

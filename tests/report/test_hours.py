@@ -40,14 +40,8 @@ FLOW, AV = "pedestrians.flow_per_hour", "arms.av"
 
 def summary(level: float, av: ArmOfHours = CALM, human: ArmOfHours = CALM) -> HoursSummary:
     """Every measure is ``level`` of the AV, half of it of the human; no limits with one hour."""
-    measures = {
-        name: (
-            Interval(level, level - 1, level + 1),
-            Interval(level / 2, None, None),
-            Interval(level / 2, None, None),
-        )
-        for name in MEASURES
-    }
+    half = Interval(level / 2, None, None)
+    measures = {name: (Interval(level, level - 1, level + 1), half, half) for name in MEASURES}
     arms = {Arm.AV: av, Arm.HUMAN: human}
     return HoursSummary(1, 0, 0.95, Interval(1.0, None, None), measures, arms)
 
@@ -91,11 +85,8 @@ def flows() -> Any:
 
 def test_a_line_goes_through_the_cells_of_a_strategy(flows: Any) -> None:
     axes = drawn(flows)
-    assert [*axes] == [
-        "over-vehicle-delay-s",
-        "over-pedestrian-delay-s",
-        "over-throughput-per-hour",
-    ]
+    measures = ("vehicle-delay-s", "pedestrian-delay-s", "throughput-per-hour")
+    assert [*axes] == [f"over-{name}" for name in measures]
     lines = {of.get_label(): of.lines[0] for of in axes["over-vehicle-delay-s"].containers}
     assert {*lines} == {"AV's arm: gap_yield", "reference: human_yield"}
     assert lines["AV's arm: gap_yield"].get_xydata().tolist() == [[100, 10], [400, 40]]
@@ -104,19 +95,11 @@ def test_a_line_goes_through_the_cells_of_a_strategy(flows: Any) -> None:
 
 def test_strategies_have_lines_of_their_own_and_what_is_undefined_has_none() -> None:
     nothing = {name: (Interval(None, None, None),) * 3 for name in MEASURES}
-    run = run_of(
-        f"{AV}=gap_yield,hard_yield",
-        f"{FLOW}=400,100",
-        one=summary(40.0),
-        two=summary(10.0),
-        three=summary(60.0),
-        four=replace(summary(0.0), measures=nothing),
-    )
+    undefined = replace(summary(0.0), measures=nothing)
+    defined = {str(level): summary(level) for level in (40.0, 10.0, 60.0)}
+    run = run_of(f"{AV}=gap_yield,hard_yield", f"{FLOW}=400,100", **defined, last=undefined)
     (axes, *_) = drawn(run).values()
     lines = {of.get_label(): of.lines[0].get_xydata().tolist() for of in axes.containers}
     assert lines["AV's arm: gap_yield"] == [[100, 10], [400, 40]]
     assert lines["AV's arm: hard_yield"] == [[400, 60]]
-    empty = run_of(
-        f"{FLOW}=1,2", **{name: replace(summary(0.0), measures=nothing) for name in "ab"}
-    )
-    assert drawn(empty) == {}
+    assert drawn(run_of(f"{FLOW}=1,2", a=undefined, b=undefined)) == {}

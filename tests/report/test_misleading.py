@@ -4,6 +4,7 @@ import csv
 import html
 import json
 import re
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,8 @@ from harness.store import summaries
 from harness.studies.runs.reported import knowledge_lines, reported
 from harness.studies.runs.run_data import RunData
 from harness.studies.workers.tasks import Task
-from tests.batches import one_cell, printed, scenario_file, sweep
+from tests.batches import one_cell, printed, run_inline, scenario_file, sweep
 from tests.made_up import Fate, made_up
-from tests.report.conftest import simulate
 
 
 class Told:
@@ -74,12 +74,14 @@ class Told:
 def told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> Any:
+    runs = count()
+
     def tell(
         fates: Any, pairs: int = 40, options: Options | None = None, **changes: object
     ) -> Told:
         study = one_cell("cctc", {"experiment.pairs": pairs, **changes})
-        made_up(tmp_path / "run", study, fates, options)
-        return Told(harness.load_run(tmp_path / "run"), capsys, monkeypatch)
+        run = made_up(tmp_path / f"run-{next(runs)}", study, fates, options)
+        return Told(harness.load_run(run), capsys, monkeypatch)
 
     return tell
 
@@ -129,9 +131,7 @@ class Touchy:
 
 def test_it_is_the_strategy_that_failed_in_a_real_run_too(tmp_path: Path) -> None:
     av = f"{__name__}:Touchy"
-    run = harness.load_run(
-        simulate(one_cell("cctc", {"experiment.pairs": 3, "arms.av": av}), tmp_path / "run")
-    )
+    run = run_inline(one_cell("cctc", {"experiment.pairs": 3, "arms.av": av}), tmp_path / "run")
     summary = run.results[0].summary
     assert (summary.failed_strategy, summary.failed_engine, summary.failed_av) == (3, 0, 3)
     assert summary.kappa_worst.value == 1.0
@@ -150,21 +150,17 @@ class Informed(Touchy):
 def test_an_own_strategy_that_is_given_the_model_is_named(tmp_path: Path) -> None:
     av, human = f"{__name__}:Informed", f"{__name__}:Touchy"
     changes = {"experiment.pairs": 2, "arms.av": av, "arms.human": human}
-    run = harness.load_run(simulate(one_cell("cctc", changes), tmp_path / "run"))
-    (line,) = knowledge_lines(run)
+    (line,) = knowledge_lines(run_inline(one_cell("cctc", changes), tmp_path / "run"))
     assert line.startswith(f"{av} knows the pedestrians' distribution")
 
 
-def test_nobody_was_met(told: Any) -> None:
+def test_nobody_was_met_is_not_nothing_ran(told: Any) -> None:
     nobody = {"pass_time_s": 7.4, "pedestrians": 0, "arrivals": 0}
     found = told(lambda _task, _pair: (nobody, nobody))
     found.says_first("Neither driver met a pedestrian: nothing was tested")
     assert (found.number("met_nobody"), found.number("met_someone")) == (40, 0)
     assert found.cell["summary"]["mu_met_someone"] is None
     assert found.row["pedestrian_delay_s"] == ""
-
-
-def test_nothing_ran_is_not_nobody_met(told: Any) -> None:
     found = told(lambda _task, _pair: ({**FAILED, "pedestrians": 0}, 10.0))
     found.says_first("Every episode of the AV failed: nothing was tested")
     assert found.number("met_nobody") == 0
@@ -191,15 +187,14 @@ def test_mu_says_which_way_it_errs(told: Any) -> None:
 
     found = told(fates)
     found.says_first("μ makes the AV look faster than it is")
-    mu_all = sum(
-        (8.0 + 0.1 * (pair % 3)) / 10 if pair % 4 else (35.0 + pair % 3) / 8 for pair in range(40)
-    )
-    assert found.number("mu_all") == pytest.approx(mu_all / 40)
+    crossed = sum((8.0 + 0.1 * (pair % 3)) / 10 for pair in range(40) if pair % 4)
+    crashed = sum((35.0 + pair % 3) / 8 for pair in range(0, 40, 4))
+    assert found.number("mu_all") == pytest.approx((crossed + crashed) / 40)
     assert found.number("mu") < found.number("mu_all_ci_low") < found.number("mu_all_ci_high")
     assert found.number("delay_difference_human_s") > 0 > found.number("mu") - 1
 
 
-def test_the_model_was_asked_outside_its_data(told: Any) -> None:
+def test_the_model_was_asked_outside_its_data_or_within(told: Any) -> None:
     # 1 of 4 questions in the AV's arm, 3 of 4 in the human's; the largest excess of all counts.
     def fates(_task: Task, pair: int) -> tuple[Fate, Fate]:
         asked = {"pass_time_s": 8.0, "conditionings": 4}
@@ -213,9 +208,6 @@ def test_the_model_was_asked_outside_its_data(told: Any) -> None:
     )
     assert (found.number("clamped_share"), found.number("clamped_share_human")) == (0.25, 0.75)
     assert found.number("clamped_speed_excess_mps") == pytest.approx(5.39)
-
-
-def test_a_model_that_was_asked_within_its_data_needs_no_word(told: Any) -> None:
     inside = {"pass_time_s": 8.0, "conditionings": 4, "clamped": 0, "near_clamped": 2}
     found = told(lambda _task, _pair: (inside, inside))
     assert "outside the data" not in found.text
@@ -232,10 +224,12 @@ def test_half_timed_out(told: Any) -> None:
 
 
 def test_a_time_out_shorter_than_a_free_pass_is_refused() -> None:
-    # (30 + 5 + 2) m at 5 m/s take 7.4 s.
+    """(30 + 5 + 2) m at 5 m/s take 7.4 s; a setting of a file is named as the file's."""
     with pytest.raises(InputError, match=r"experiment.timeout_s: 5 s is shorter .*at least 7.4 s"):
         one_cell("cctc", {"experiment.timeout_s": 5.0})
     assert one_cell("cctc", {"experiment.timeout_s": 7.4}).base.experiment.timeout_s == 7.4
+    with pytest.raises(InputError, match=r"cctc.toml: experiment.timeout_s"):
+        scenario_file("cctc", {"ego.initial_speed_mps": 0.5}).scenario()
 
 
 def test_a_missed_target_and_its_level_are_said(told: Any, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -249,9 +243,9 @@ def test_a_missed_target_and_its_level_are_said(told: Any, monkeypatch: pytest.M
         assert "98.33 %" in text
         assert "95 % interval" not in text
     (missed,) = found.json["missed_targets"]
-    half = (found.number("mu_ci_high") - found.number("mu_ci_low")) / 2
     assert (missed["cell"], missed["pairs"]) == (0, 40)
-    assert missed["half_width"] == pytest.approx(half)
+    width = found.number("mu_ci_high") - found.number("mu_ci_low")
+    assert missed["half_width"] == pytest.approx(width / 2)
     run = harness.load_run(found.json["folder"])
     assert set(run.conflicts["confidence"]) == {found.number("confidence")}
 
@@ -270,10 +264,8 @@ def test_a_comparison_says_first_that_one_timed_out(tmp_path: Path) -> None:
     # Nine took 9 s, 1.6 s of it delay; the time-out is 60 s, the human takes 10 s.
     mu, delay_s = (9 * 0.9 + 6) / 10, (9 * 1.6 + 52.6) / 10
     document = json.loads(printed("compare", run, "--json"))["groups"][0]["cells"][1]
-    for name, value in (("time_ratio", mu), ("mu", mu), ("delay_s", delay_s)):
-        assert document[name.removesuffix("_s") + "_worst" + "_s" * name.endswith("_s")] == (
-            pytest.approx(value)
-        )
+    worst = [document[name] for name in ("time_ratio_worst", "mu_worst", "delay_worst_s")]
+    assert worst == pytest.approx([mu, mu, delay_s])
     # Ten pairs are too few: the star stands at the cell's own numbers too.
     assert f"{mu:.3f} *" in text
     assert "* unreliable" in text
@@ -301,8 +293,3 @@ def test_crashes_that_a_ratio_of_times_leaves_out_show_its_worst_case(tmp_path: 
     document = run_document(run)["cells"][1]["summary"]
     assert document["time_ratio"] == pytest.approx(0.8)
     assert document["time_ratio_worst"] == pytest.approx(3.4)
-
-
-def test_settings_in_a_file_are_named_as_the_files() -> None:
-    with pytest.raises(InputError, match=r"cctc.toml: experiment.timeout_s"):
-        _ = scenario_file("cctc", {"ego.initial_speed_mps": 0.5}).scenario()

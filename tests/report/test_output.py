@@ -2,9 +2,11 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,13 +20,7 @@ from harness.report.screens.tables import Table, TableCell
 CALLS = {
     "run": ["cctc", "--pairs", "2", "--workers", "1", "--out", "NEW"],
     "sweep": [
-        "cctc",
-        "--vary",
-        "arms.av=constant_speed,hard_yield",
-        "--pairs",
-        "2",
-        "--workers",
-        "1",
+        *("cctc", "--vary", "arms.av=constant_speed,hard_yield", "--pairs", "2", "--workers", "1")
     ],
     "resume": ["RUN"],
     "report": ["RUN", "--out", "NEW.html"],
@@ -47,22 +43,18 @@ def test_every_command_is_called() -> None:
 
 
 @pytest.fixture
-def call(single: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> "list[str]":
-    """Runs in an empty folder; words of CALLS that stand for something."""
-    import shutil
-
-    import harness.report.pages.page as page_module
-
+def words(
+    single: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[[str], list[str]]:
+    """Words of a call in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(page_module, "pictures_of", lambda *_: iter(()))
+    monkeypatch.setattr("harness.report.pages.page.pictures_of", lambda *_: iter(()))
     shutil.copytree(single, tmp_path / "copy")
-    stands_for = {"RUN": single, "SWEEP": swept, "COPY": tmp_path / "copy"}
-    return [f"{word}={path}" for word, path in stands_for.items()]
-
-
-def words_of(name: str, call: list[str]) -> list[str]:
-    meaning = dict(pair.split("=", 1) for pair in call)
-    return [name, *(meaning.get(word, word.replace("NEW", "new")) for word in CALLS[name])]
+    meaning = {"RUN": str(single), "SWEEP": str(swept), "COPY": "copy"}
+    return lambda name: [
+        name,
+        *(meaning.get(word, word.replace("NEW", "new")) for word in CALLS[name]),
+    ]
 
 
 def output(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> str:
@@ -87,23 +79,20 @@ def output(monkeypatch: pytest.MonkeyPatch, arguments: list[str]) -> str:
 
 @pytest.mark.parametrize("name", CALLS)
 @pytest.mark.usefixtures("no_simulation")
-def test_json_is_all_there_is(name: str, call: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    text = output(monkeypatch, [*words_of(name, call), "--json"])
-    document = json.loads(text)
-    assert document
+def test_json_is_all_there_is(
+    name: str, words: Callable[[str], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert json.loads(output(monkeypatch, [*words(name), "--json"]))
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in CALLS if name not in ("strategies", "doctor", "worst")]
-)
+@pytest.mark.parametrize("name", sorted(CALLS.keys() - {"strategies", "doctor", "worst"}))
 @pytest.mark.usefixtures("no_simulation")
 def test_quiet_prints_paths_of_what_was_written(
-    name: str, call: list[str], monkeypatch: pytest.MonkeyPatch
+    name: str, words: Callable[[str], list[str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    lines = output(monkeypatch, [*words_of(name, call), "--quiet"]).splitlines()
+    lines = output(monkeypatch, [*words(name), "--quiet"]).splitlines()
     assert lines
-    for line in lines:
-        assert Path(line).exists(), line
+    assert [line for line in lines if not Path(line).exists()] == []
 
 
 def test_no_color_is_respected_on_a_terminal() -> None:

@@ -21,11 +21,11 @@ from harness.core.resources import shipped_directory
 from harness.report.pages import player
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
-from harness.scenario import Cell, Options, Study, validate
+from harness.scenario import Cell, Study, validate
 from harness.studies.batch import showing
 from harness.studies.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs
-from tests.batches import here, one_cell, printed, refusal, sweep
-from tests.report.conftest import HOSTILE, report, simulate
+from tests.batches import here, one_cell, printed, refusal, run_inline, sweep
+from tests.report.conftest import HOSTILE, report
 
 VOID = {"meta", "link", "input", "img", "br", "hr"}
 
@@ -64,6 +64,9 @@ class Page(HTMLParser):
     def attributes(self, name: str) -> list[str]:
         return [str(found[name]) for _, found in self.elements if name in found]
 
+    def has(self, *words: str) -> None:
+        assert [text for text in words if text not in self.words] == []
+
 
 @pytest.fixture(scope="module")
 def page(single: Path, tmp_path_factory: pytest.TempPathFactory) -> Page:
@@ -83,7 +86,7 @@ def test_results_in_words_and_numbers(page: Page, single: Path) -> None:
     assert "0.7044" in first  # the paper's
 
 
-def test_it_needs_nothing_but_itself(page: Page) -> None:
+def test_it_needs_nothing_but_itself_and_runs_only_its_own_scripts(page: Page) -> None:
     assert not [tag for tag, _ in page.elements if tag in ("img", "iframe", "object", "base")]
     links = [link for link in page.attributes("href") if not link.startswith("#")]
     assert links == ["data:,"]
@@ -92,9 +95,6 @@ def test_it_needs_nothing_but_itself(page: Page) -> None:
     # Names of XML's vocabularies are the only addresses.
     addresses = set(re.findall(r"https?://[^\s\"'<)]+", page.source))
     assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
-
-
-def test_only_its_own_scripts_may_run(page: Page) -> None:
     (policy,) = (a["content"] for _, a in page.elements if a.get("http-equiv"))
     assert policy is not None
     assert policy.startswith("default-src 'none'")
@@ -124,15 +124,12 @@ def test_markup_a_screen_reader_can_use(page: Page) -> None:
 
 
 def test_every_pair_is_in_the_player(page: Page, single: Path) -> None:
-    (text,) = re.findall(
-        r'<script type="application/json" id="player-data">(.*?)</script>', page.source, re.DOTALL
-    )
-    data = json.loads(text)
-    run = harness.load_run(single)
-    assert sorted(episode["name"] for episode in data["episodes"]) == sorted(
-        f"pair {pair}" for pair in range(12)
-    )
-    for episode in data["episodes"]:
+    head = '<script type="application/json" id="player-data">'
+    (text,) = re.findall(f"{head}(.*?)</script>", page.source, re.DOTALL)
+    episodes, run = json.loads(text)["episodes"], harness.load_run(single)
+    names = sorted(episode["name"] for episode in episodes)
+    assert names == sorted(f"pair {pair}" for pair in range(12))
+    for episode in episodes:
         rows = run.traces_of(0, int(episode["name"].removeprefix("pair ")))
         for arm in episode["arms"]:
             own = rows[rows["arm"] == arm["arm"]]
@@ -192,14 +189,12 @@ def test_a_page_reads_what_was_simulated_for_it(
 def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
     run = harness.load_run(swept)
     found = Page(report(swept, tmp_path / "sweep.html").page)
-    assert "simulated again for the page" in found.words
-    assert "All records are identical to the stored ones" in found.words
+    found.has("simulated again for the page", "All records are identical to the stored ones")
     # Two flows, in each the two strategies compared: the cells, and their difference.
     assert [found.source.count(f'id="differences-{group}"') for group in (0, 1, 2)] == [1, 1, 0]
-    assert "exact McNemar test of the crash rates" in found.words
-    rows = re.findall(
-        r"<tr>(.*?)</tr>", found.source.split('id="cells"')[1].split("</table>")[0], re.S
-    )
+    found.has("exact McNemar test of the crash rates")
+    table = found.source.split('id="cells"')[1].split("</table>")[0]
+    rows = re.findall(r"<tr>(.*?)</tr>", table, re.S)
     assert len(rows) == 1 + 4
     first = run.results[0].summary
     assert f'data-value="{first.mu.value!r}"' in rows[1]
@@ -222,52 +217,43 @@ def test_a_record_that_differs_is_named(swept: Path, tmp_path: Path) -> None:
     changed["pass_time_s"] += 1.0
     pq.write_table(pa.Table.from_pylist(rows, schema=table.schema), folder / "episodes.parquet")
     written = report(folder)
-    assert len(written.differing) == 1
-    assert "episodes.pass_time_s" in written.differing[0]
+    (differing,) = written.differing
+    assert "episodes.pass_time_s" in differing
     found = Page(written.page)
-    assert "1 of them differ from the stored record" in found.words
+    found.has("1 of them differ from the stored record")
     assert "the record differs from the stored record" in found.source
     assert "of cell 0 (pedestrians.flow_per_hour = 300, arms.av = soft_yield)" in found.source
 
 
 def test_names_from_files_stay_text(hostile: Path) -> None:
     found = Page(report(hostile).page)
-    assert HOSTILE in found.words
-    assert "1 episode failed in the engine or in a strategy" in found.words
-    assert f"cell 0 pair 11 human: TypeError: {HOSTILE}" in found.words
+    found.has(HOSTILE, "1 episode failed in the engine or in a strategy")
+    found.has(f"cell 0 pair 11 human: TypeError: {HOSTILE}")
     scripts = [attributes for tag, attributes in found.elements if tag == "script"]
     assert len(scripts) == 3
     assert not [tag for tag, _ in found.elements if tag in ("img", "b")]
-    assert not [
-        name for _, attributes in found.elements for name in attributes if name.startswith("on")
-    ]
+    assert not [name for _, of in found.elements for name in of if name.startswith("on")]
 
 
 def test_a_page_says_nothing_of_a_model_that_nobody_asked(tmp_path: Path) -> None:
     own_speeds = {"mean_mps": 1.34, "std_mps": 0.26}
     changes = {"arms.human": "human_yield", "pedestrians.walking_speed": own_speeds}
-    shape = {"crossing.latitude_deg": 42.0, "crossing.longitude_deg": -83.0}
-    shape["crossing.length_m"] = 14.0
+    site = {"latitude_deg": 42.0, "longitude_deg": -83.0, "length_m": 14.0}
+    shape = {f"crossing.{key}": value for key, value in site.items()}
     study = one_cell("cctc", {**shape, **changes, "experiment.pairs": 3})
-    run = simulate(study, tmp_path / "run", Options(traces=True))
-    found = Page(report(run).page)
-    for words in (
-        "interaction model",
-        "Model dut",
-        "aims for",
-        "given the vehicle",
-        "how walking speeds",
-    ):
+    found = Page(report(run_inline(study, tmp_path / "run", traces=True).path).page)
+    absent = ("interaction model", "Model dut", "aims for", "given the vehicle")
+    for words in (*absent, "how walking speeds"):
         assert words not in found.words, words
     ran = scenario_of(found)
     assert not [key for key in ran if key.startswith("model.")]
     # What `harness run` remarked, the page remarks.
-    assert "ach lane is 7 m wide: crossing.lanes = 1 and oncoming_lanes = 1 share" in found.words
+    found.has("ach lane is 7 m wide: crossing.lanes = 1 and oncoming_lanes = 1 share")
     # What did run is there, and what did not drive has no parameters there.
     assert ran["pedestrians.walking_speed.mean_mps"] == "1.34"
     assert ran["strategies.soft_yield.p1"] == "0.0169"
     assert not [key for key in ran if key.startswith("strategies.human_gmm")]
-    assert "42.000000°" in found.words
+    found.has("42.000000°")
 
 
 def test_what_ran_of_a_sweep_are_its_cells(tmp_path: Path) -> None:
@@ -282,17 +268,14 @@ def test_what_ran_of_a_sweep_are_its_cells(tmp_path: Path) -> None:
     ]
     base = validate(merged(study.base.model_dump(), nowhere), "test")
     study = replace(study, base=base, cells=tuple(cells))
-    run = simulate(study, tmp_path / "run", Options(traces=True))
-    found = Page(report(run).page)
+    found = Page(report(run_inline(study, tmp_path / "run", traces=True).path).page)
     ran = scenario_of(found)
     assert ran["ego.initial_speed_mps"] == "4, 4.5"
     assert ran["arms.av"] == "gap_yield, hard_yield"
-    assert "gap_yield, hard_yield (AV), human_yield (human)" in found.words
+    found.has("gap_yield, hard_yield (AV), human_yield (human)")
     # Somebody walks by the model, nobody drives by it; a crosswalk without a place has none.
-    assert "walking speeds given the vehicle. Dots: modes." in found.words
-    assert "driving speeds" not in found.words
-    assert "at unknown coordinates" in found.words
-    assert "42.27" not in found.words
+    found.has("walking speeds given the vehicle. Dots: modes.", "at unknown coordinates")
+    assert not [words for words in ("driving speeds", "42.27") if words in found.words]
 
 
 def scenario_of(page: Page) -> dict[str, str]:
@@ -314,8 +297,7 @@ def test_without_its_model_a_run_is_still_reported(swept: Path, tmp_path: Path) 
     document["scenario"]["model"]["path"] = str(tmp_path / "gone.json")
     path.write_text(json.dumps(document))
     found = Page(report(folder).page)
-    assert "could not be simulated again" in found.words
-    assert "Figures of the interaction model are left out" in found.words
+    found.has("could not be simulated again", "Figures of the interaction model are left out")
 
 
 def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None:
@@ -324,12 +306,11 @@ def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None
     own = {"crossing": {"net": str(net), "edge": ":crosswalk_c0"}, "arms": {"human": "human_yield"}}
     few = {"experiment": {"pairs": 2}}
     cell = Cell(0, {}, validate({**own, **few}, "test"))
-    run = simulate(Study("own", cell.scenario, (cell,)), tmp_path / "run")
+    run = run_inline(Study("own", cell.scenario, (cell,)), tmp_path / "run")
     net.rename(tmp_path / "elsewhere.net.xml")
-    found = Page(report(run).page)
-    assert "The figure of the site is left out" in found.words
-    assert "could not be simulated again" in found.words
-    assert "my.net.xml: no such network" in found.words
+    found = Page(report(run.path).page)
+    found.has("The figure of the site is left out", "could not be simulated again")
+    found.has("my.net.xml: no such network")
     assert 'id="f-tau-mean"' in found.source or "Running mean of τ" in found.words
 
 
@@ -352,14 +333,19 @@ def test_report_writes_page_and_figures(
 
 
 @pytest.mark.usefixtures("no_pictures")
-def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(unfinished: Path) -> None:
+def test_an_unfinished_run_says_so_on_its_page_and_quiet_prints_the_path(
+    unfinished: Path, tmp_path: Path
+) -> None:
     done = here("report", unfinished, "--quiet")
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == f"{unfinished / 'report.html'}\n"
     found = Page(unfinished / "report.html")
-    assert "This run is not finished." in found.words
-    assert "This page has 8 of 12 planned pairs" in found.words
+    found.has("This run is not finished.", "This page has 8 of 12 planned pairs")
     (unfinished / "report.html").unlink()
+    # A run without a finished pair has no page.
+    shutil.copytree(unfinished, begun := tmp_path / "begun")
+    shutil.rmtree(begun / "shards")
+    assert "no pair is finished yet" in refusal("report", begun)
 
 
 @pytest.mark.parametrize(
@@ -401,13 +387,6 @@ def test_a_partial_or_damaged_folder_is_one_line_and_nothing_is_written(
     assert str(folder) in refusal("report", folder, "--figures", tmp_path / "figures")
     assert sorted(folder.iterdir()) == before
     assert not (tmp_path / "figures").exists()
-
-
-def test_a_run_without_a_finished_pair_is_refused(unfinished: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "begun"
-    shutil.copytree(unfinished, folder)
-    shutil.rmtree(folder / "shards")
-    assert "no pair is finished yet" in refusal("report", folder)
 
 
 def test_what_is_worth_watching(swept: Path) -> None:

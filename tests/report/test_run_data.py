@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -15,14 +14,16 @@ from pandas.testing import assert_frame_equal
 
 import harness
 from harness.core.errors import InputError
-from harness.scenario import Options
+from harness.store.run_folder import RunFolder
 from harness.store.summaries import summarise_cell
 from harness.store.tables import SCHEMA
 from harness.studies.runs.reported import reported
 from harness.studies.runs.run_data import RunData
-from tests.batches import here, one_cell
+from tests.batches import here, one_cell, run_inline
 from tests.made_up import made_up
-from tests.report.conftest import simulate
+
+Spoil = Callable[[Path], object]
+NAN, INF = float("nan"), float("inf")
 
 
 def test_tables_are_what_the_files_hold(single: Path) -> None:
@@ -42,6 +43,9 @@ def test_tables_are_what_the_files_hold(single: Path) -> None:
     assert {name: float(run.summary[name][0]) for name in row} == pytest.approx(
         {name: float(value or "nan") for name, value in row.items()}, nan_ok=True
     )
+    one_pair = run.traces[run.traces["pair"] == 7].reset_index(drop=True)
+    assert len(one_pair) > 100
+    assert_frame_equal(run.traces_of(0, 7), one_pair)
 
 
 @pytest.mark.parametrize("name", ["measures", "conflicts"])
@@ -50,14 +54,7 @@ def test_statistics_are_what_the_files_hold(swept: Path, name: str) -> None:
     assert_frame_equal(frame, pd.read_csv(swept / f"{name}.csv"), check_dtype=False)
 
 
-def test_one_pair_of_the_traces(single: Path) -> None:
-    run = harness.load_run(single)
-    expected = run.traces[run.traces["pair"] == 7].reset_index(drop=True)
-    assert len(expected) > 100
-    assert_frame_equal(run.traces_of(0, 7), expected)
-
-
-def test_varied_keys_of_a_sweep(swept: Path) -> None:
+def test_varied_keys_of_a_sweep(swept: Path, tmp_path: Path) -> None:
     run = harness.load_run(swept)
     assert run.varied_keys == ["pedestrians.flow_per_hour", "arms.av"]
     assert list(run.summary["arms.av"]) == ["soft_yield", "constant_speed"] * 2
@@ -66,23 +63,17 @@ def test_varied_keys_of_a_sweep(swept: Path) -> None:
     assert run.scenario_of(3).arms.av == "constant_speed"
     with pytest.raises(InputError, match="kept no traces"):
         run.traces_of(0, 0)
-
-
-def test_text_of_a_varied_key_stays_text(swept: Path, tmp_path: Path) -> None:
+    # The text of a varied key stays text.
     folder = copy(swept, tmp_path)
-    document = json.loads((folder / "manifest.json").read_text())
-    for cell in document["cells"]:
-        cell["model.name"] = "nan"
-    (folder / "manifest.json").write_text(json.dumps(document))
+    cells = json.loads((folder / "manifest.json").read_text())["cells"]
+    manifest(folder, cells=[{**cell, "model.name": "nan"} for cell in cells])
     assert list(harness.load_run(folder).summary["model.name"]) == ["nan"] * 4
 
 
 def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Path) -> None:
     """The same 8 pairs as a run of their own."""
-    whole = simulate(
-        one_cell("cctc", {"experiment.pairs": 8}), tmp_path / "eight", Options(traces=True)
-    )
-    run, expected = harness.load_run(unfinished), harness.load_run(whole)
+    study = one_cell("cctc", {"experiment.pairs": 8})
+    run, expected = harness.load_run(unfinished), run_inline(study, tmp_path / "8", traces=True)
     assert (run.finished, run.planned_pairs) == (False, 12)
     for name in ("episodes", "pedestrians", "pairs", "traces", "summary", "cells"):
         frame: pd.DataFrame = getattr(run, name)
@@ -90,38 +81,28 @@ def test_an_unfinished_run_gives_what_is_finished(unfinished: Path, tmp_path: Pa
     assert_frame_equal(run.traces_of(0, 5), expected.traces_of(0, 5))
 
 
-def test_an_unfinished_run_is_read_while_another_process_holds_it(unfinished: Path) -> None:
-    from harness.store.run_folder import RunFolder
-
-    folder = RunFolder(unfinished)
+def test_what_an_unfinished_run_allows(unfinished: Path, tmp_path: Path) -> None:
+    """It is read while another process holds it, without a damaged shard, and not compared."""
+    lock = RunFolder(unfinished)
     try:
-        assert len(harness.load_run(unfinished).pairs) == 8
+        run = harness.load_run(unfinished)
+        assert len(run.pairs) == 8
     finally:
-        folder.close()
-
-
-def test_a_damaged_shard_does_not_count(unfinished: Path, tmp_path: Path) -> None:
+        lock.close()
+    for use in (harness.compare, harness.worst):
+        with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
+            use(run)
     folder = copy(unfinished, tmp_path)
     shard = folder / "shards" / "0-4-4.arrows"
     content = bytearray(shard.read_bytes())
     content[len(content) // 2] ^= 1
     shard.write_bytes(bytes(content))
     assert list(harness.load_run(folder).pairs["pair"]) == [0, 1, 2, 3]
-
-
-def test_a_run_that_was_finished_meanwhile_says_so(unfinished: Path, tmp_path: Path) -> None:
-    folder = copy(unfinished, tmp_path)
+    # It was finished after it was opened.
     run = harness.load_run(folder)
     shutil.rmtree(folder / "shards")
     with pytest.raises(InputError, match="load it again"):
         _ = run.episodes
-
-
-def test_an_unfinished_run_that_is_open_is_not_compared(unfinished: Path) -> None:
-    run = harness.load_run(unfinished)
-    for use in (harness.compare, harness.worst):
-        with pytest.raises(InputError, match="is not finished; allowed: `harness resume"):
-            use(run)
 
 
 def copy(folder: Path, to: Path) -> Path:
@@ -140,73 +121,96 @@ def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-40])
 
 
-SPOILT = {
-    "empty folder": (lambda f: [p.unlink() for p in f.iterdir()], "is not a run folder"),
-    "file": (lambda f: (shutil.rmtree(f), f.write_text("x")), "is not a run folder"),
-    "nothing": (shutil.rmtree, "is not a run folder"),
-    "another program's manifest": (
-        lambda f: (f / "manifest.json").write_text('{"name": "app"}'),
-        "manifest.json: format version None",
-    ),
-    "no JSON": (lambda f: (f / "manifest.json").write_text("{"), "manifest.json: is damaged"),
-    "a list": (
-        lambda f: (f / "manifest.json").write_text("[]"),
-        "manifest.json: format version None",
-    ),
-    "old": (
-        lambda f: manifest(f, schema=0),
-        f"manifest.json: format version 0; allowed: {SCHEMA}: run its scenario again",
-    ),
-    "counts": (lambda f: manifest(f, counts=[1]), "manifest.json: counts: [1] is not accepted"),
-    "scenario": (lambda f: manifest(f, scenario={"ego": {"wheels": 4}}), "ego.wheels"),
-    "table missing": (lambda f: (f / "pairs.parquet").unlink(), "pairs.parquet: is missing"),
-    "table cut": (lambda f: cut(f / "episodes.parquet"), "episodes.parquet: is damaged"),
-    "other table": (
+def put(table: str, name: str, value: object, every: bool = False) -> Spoil:
+    """Puts a value into the first row of a column, or into every one."""
+
+    def spoil(folder: Path) -> None:
+        path = folder / f"{table}.parquet"
+        good = pq.read_table(path)
+        values = [value, *good[name].to_pylist()[1:]] if not every else [value] * good.num_rows
+        column = pa.array(values, good[name].type)
+        pq.write_table(good.set_column(good.column_names.index(name), name, column), path)
+
+    return spoil
+
+
+def drop(table: str, name: str) -> Spoil:
+    """Removes a column."""
+
+    def spoil(folder: Path) -> None:
+        path = folder / f"{table}.parquet"
+        pq.write_table(pq.read_table(path).drop_columns([name]), path)
+
+    return spoil
+
+
+def text(content: str) -> Spoil:
+    """Writes another manifest."""
+    return lambda folder: (folder / "manifest.json").write_text(content)
+
+
+OLD = f"manifest.json: format version 0; allowed: {SCHEMA}: run its scenario again"
+NO_VERSION = "manifest.json: format version None"
+SPOILT: list[tuple[Spoil, str, str]] = [
+    (lambda f: [p.unlink() for p in f.iterdir()], "", "is not a run folder"),
+    (lambda f: (shutil.rmtree(f), f.write_text("x")), "", "is not a run folder"),
+    (shutil.rmtree, "", "is not a run folder"),
+    (text('{"name": "app"}'), "", NO_VERSION),
+    (text("{"), "", "manifest.json: is damaged"),
+    (text("[]"), "", NO_VERSION),
+    (lambda f: manifest(f, schema=0), "", OLD),
+    (lambda f: manifest(f, counts=[1]), "", "manifest.json: counts: [1] is not accepted"),
+    (lambda f: manifest(f, scenario={"ego": {"wheels": 4}}), "", "ego.wheels"),
+    (lambda f: (f / "pairs.parquet").unlink(), "", "pairs.parquet: is missing"),
+    (lambda f: cut(f / "episodes.parquet"), "", "episodes.parquet: is damaged"),
+    (
         lambda f: shutil.copy(f / "cells.parquet", f / "pairs.parquet"),
+        "",
         "pairs.parquet: 1 rows; allowed: 12, as the manifest says",
     ),
-}
+    (put("episodes", "pair", None), "episodes", "episodes.parquet: pair: is empty in a row"),
+    (put("episodes", "pair", 5), "episodes", "pair: rows are not in order"),
+    (
+        put("episodes", "arm", "human"),
+        "episodes",
+        "arm: does not have both arms of each pair; allowed: av",
+    ),
+    (
+        put("episodes", "ending", "vanished"),
+        "episodes",
+        "ending: 'vanished'; allowed: crossed, crashed",
+    ),
+    (put("episodes", "steps", -1), "episodes", "steps: -1; allowed: 0 to"),
+    (put("episodes", "pass_time_s", 0.0), "episodes", "pass_time_s: 0.0; allowed: 1e-18 to"),
+    (put("episodes", "min_ttc_s", NAN), "episodes", "min_ttc_s: nan; allowed: -1e+18 to 1e+18"),
+    (put("traces", "x_m", INF), "traces", "x_m: inf; allowed"),
+    (put("pedestrians", "side", "left"), "pedestrians", "side: 'left'; allowed: near, far"),
+    # Every reader needs it.
+    (drop("episodes", "stops"), "episodes", "episodes.parquet: lacks stops … harness score"),
+    (put("summary", "mu", NAN, True), "summary", "mu: is damaged; allowed: a finite number"),
+    (put("summary", "kappa_ci_high", INF, True), "summary", "kappa_ci_high: is damaged"),
+    (put("summary", "pairs", None, True), "summary", "pairs: is damaged"),
+    (
+        put("summary", "cell", 3, True),
+        "summary",
+        "is damaged; allowed: a row for each of 1 cells",
+    ),
+    (lambda f: cut(f / "summary.parquet"), "summary", "is damaged"),
+]
 
 
-@pytest.mark.parametrize("case", SPOILT)
-def test_what_is_no_run_is_refused(single: Path, tmp_path: Path, case: str) -> None:
-    folder = copy(single, tmp_path)
-    spoil, words = SPOILT[case]
-    spoil(folder)
-    with pytest.raises(InputError) as caught:
-        harness.load_run(folder)
-    assert words in str(caught.value)
-    assert str(folder) in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("table", "column", "value", "words"),
-    [
-        ("episodes", "pair", None, "episodes.parquet: pair: is empty in a row"),
-        ("episodes", "pair", 5, "pair: rows are not in order"),
-        ("episodes", "arm", "human", "arm: does not have both arms of each pair; allowed: av"),
-        ("episodes", "ending", "vanished", "ending: 'vanished'; allowed: crossed, crashed"),
-        ("episodes", "steps", -1, "steps: -1; allowed: 0 to"),
-        ("episodes", "pass_time_s", 0.0, "pass_time_s: 0.0; allowed: 1e-18 to"),
-        ("episodes", "min_ttc_s", float("nan"), "min_ttc_s: nan; allowed: -1e+18 to 1e+18"),
-        ("traces", "x_m", float("inf"), "x_m: inf; allowed"),
-        ("pedestrians", "side", "left", "side: 'left'; allowed: near, far"),
-    ],
-)
-def test_values_that_a_table_never_holds_are_refused(
-    single: Path, tmp_path: Path, table: str, column: str, value: object, words: str
+@pytest.mark.parametrize(("spoil", "table", "words"), SPOILT)
+def test_what_is_spoilt_is_refused_in_one_line(
+    single: Path, tmp_path: Path, spoil: Spoil, table: str, words: str
 ) -> None:
     folder = copy(single, tmp_path)
-    path = folder / f"{table}.parquet"
-    good = pq.read_table(path)
-    values = good[column].to_pylist()
-    values[0] = value
-    number = good.column_names.index(column)
-    spoilt = good.set_column(number, column, pa.array(values, good[column].type))
-    pq.write_table(spoilt, path)
-    with pytest.raises(InputError, match=re.escape(words)):
-        getattr(harness.load_run(folder), table)
+    spoil(folder)
+    run = harness.load_run(folder) if table else None
+    with pytest.raises(InputError) as caught:
+        getattr(run, table) if table else harness.load_run(folder)
+    said = str(caught.value)
+    assert [part for part in [*words.split(" … "), str(folder)] if part not in said] == []
+    assert "\n" not in said
 
 
 def test_our_own_mistake_is_not_blamed_on_the_run(
@@ -231,62 +235,16 @@ def test_our_own_mistake_is_not_blamed_on_the_run(
     assert (done.returncode, done.stderr) == (1, "harness: there is not enough memory for this\n")
 
 
-def lacking(table: pa.Table) -> pa.Table:
-    return table.drop_columns(["kappa_front"])
-
-
-def changed(name: str, value: object) -> Callable[[pa.Table], pa.Table]:
-    def change(table: pa.Table) -> pa.Table:
-        column = pa.array([value] * table.num_rows, table[name].type)
-        return table.set_column(table.column_names.index(name), name, column)
-
-    return change
-
-
-@pytest.mark.parametrize("spoil", [None, lacking])
+@pytest.mark.parametrize(
+    "spoil", [lambda f: (f / "summary.parquet").unlink(), drop("summary", "kappa_front")]
+)
 def test_a_summary_that_lacks_anything_is_worked_out_anew(
-    single: Path, tmp_path: Path, spoil: Callable[[pa.Table], pa.Table] | None
+    single: Path, tmp_path: Path, spoil: Spoil
 ) -> None:
     folder = copy(single, tmp_path)
-    path = folder / "summary.parquet"
-    table = pq.read_table(path)
-    path.unlink()
-    if spoil is not None:
-        pq.write_table(spoil(table), path)
+    spoil(folder)
     expected = harness.load_run(single)
     assert harness.load_run(folder).results[0].findings == expected.results[0].findings
-
-
-@pytest.mark.parametrize(
-    ("spoil", "words"),
-    [
-        (changed("mu", float("nan")), "mu: is damaged; allowed: a finite number"),
-        (changed("kappa_ci_high", float("inf")), "kappa_ci_high: is damaged"),
-        (changed("pairs", None), "pairs: is damaged"),
-        (changed("cell", 3), "is damaged; allowed: a row for each of 1 cells"),
-    ],
-)
-def test_a_damaged_summary_is_refused(
-    single: Path, tmp_path: Path, spoil: Callable[[pa.Table], pa.Table], words: str
-) -> None:
-    folder = copy(single, tmp_path)
-    path = folder / "summary.parquet"
-    pq.write_table(spoil(pq.read_table(path)), path)
-    with pytest.raises(InputError, match=words):
-        _ = harness.load_run(folder).summary
-    cut(path)
-    with pytest.raises(InputError, match="is damaged"):
-        _ = harness.load_run(folder).summary
-
-
-def test_a_table_without_a_column_that_every_reader_needs_is_refused(
-    single: Path, tmp_path: Path
-) -> None:
-    folder = copy(single, tmp_path)
-    path = folder / "episodes.parquet"
-    pq.write_table(pq.read_table(path).drop_columns(["stops"]), path)
-    with pytest.raises(InputError, match=r"episodes.parquet: lacks stops.*harness score"):
-        _ = harness.load_run(folder).episodes
 
 
 def test_a_flipped_bit_of_a_table_gives_no_other_numbers(single: Path, tmp_path: Path) -> None:

@@ -8,11 +8,9 @@ import pytest
 
 from harness.report.drawing.episode_figures import time_advantage
 from harness.report.pages.player import run_player
-from harness.scenario import Options
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.shown import shown_pairs
-from tests.batches import one_cell
-from tests.report.conftest import simulate
+from tests.batches import one_cell, run_inline
 
 LATE = {
     "experiment.pairs": 3,
@@ -25,7 +23,7 @@ LATE = {
 @pytest.fixture(scope="module")
 def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("late") / "run"
-    return simulate(one_cell("cctc", LATE), folder, Options(traces=True))
+    return run_inline(one_cell("cctc", LATE), folder, traces=True).path
 
 
 def test_squares_follow_the_people_by_the_latency(late: Path) -> None:

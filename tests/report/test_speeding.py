@@ -5,11 +5,9 @@ from pathlib import Path
 import pytest
 
 from harness.core.encounter import Observation
-from harness.scenario import Options
 from harness.statistics import ENCOUNTERS, Rank
-from harness.studies.batch.experiment import run_study
 from harness.studies.runs.notes import encounter_notes
-from tests.batches import Inline, one_cell
+from tests.batches import one_cell, run_inline
 
 
 class FullThrottle:
@@ -35,13 +33,10 @@ FASTEST_MPS = 247**0.5
 def test_speeding_is_said(tmp_path: Path, limit: dict[str, object], said: str) -> None:
     keys = {"arms.av": f"{__name__}:FullThrottle", "experiment.pairs": 4, **limit}
     study = one_cell("cctc", {**keys, "pedestrians.flow_per_hour": 0.0})
-    options = Options(engine="plain", audit=0.0)
-    run = run_study(study, options, out=tmp_path / "run", make_executor=Inline)
-    (result,) = run.results
+    (result,) = run_inline(study, tmp_path / "run", engine="plain", audit=0.0).results
     assert result.summary.max_speed_mps == pytest.approx(FASTEST_MPS, rel=1e-9)
     assert result.summary.max_speed_human_mps == pytest.approx(5.0, rel=1e-9)
     notes = encounter_notes(result.cell.scenario, result.findings, ENCOUNTERS)
     lines = [note.text for note in notes if note.rank is Rank.SPEEDING]
-    assert [f"The AV drove at up to 15.7 m/s, {said}" in line for line in lines] == [True] * bool(
-        said
-    )
+    told = [f"The AV drove at up to 15.7 m/s, {said}" in line for line in lines]
+    assert told == [True] * bool(said)

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -17,70 +16,55 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.core.encounter import Trace
-from harness.core.errors import HarnessError, InputError, InterruptedRunError
-from harness.engine.shared import close_engine
+from harness.core.errors import HarnessError, InputError
 from harness.episode import pairing
 from harness.episode.loop import Episode, drive
-from harness.scenario import Options, Precision, Study
+from harness.scenario import Precision, Study
 from harness.store import summaries
 from harness.store.reading import read_manifest
 from harness.store.run_folder import claim_folder
-from harness.studies.batch.experiment import resume, run_study
-from harness.studies.runs.run_data import RunData
+from harness.studies.batch.experiment import resume
 from harness.studies.workers.pool import LocalPool
-from harness.studies.workers.tasks import Argument, Result, Task
-from tests.batches import FLOW, QUICK, Inline, content, here, one_cell, options_of, sweep
+from harness.studies.workers.tasks import Task
+from tests.batches import (
+    FLOW,
+    QUICK,
+    Inline,
+    content,
+    here,
+    one_cell,
+    options_of,
+    run_inline,
+    run_stopped,
+    sweep,
+)
 
+TABLES = ("episodes", "pedestrians", "pairs", "traces")
 LAMBDA = "pedestrians.flow_per_hour"
 BOTH = "arms.av=hard_yield,soft_yield"
 
 
-@pytest.fixture(autouse=True)
-def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
-    """Tasks that run in this process start its one simulation themselves."""
-    yield
-    close_engine()
+pytestmark = pytest.mark.usefixtures("no_simulation")
 
 
 def flow_study() -> Study:
     return sweep("cctc_flow", FLOW, f"{LAMBDA}=200,1000", BOTH)
 
 
-def run(study: Study, out: Path, make: Any = Inline, **options: Any) -> RunData:
-    return run_study(study, Options(**options), out=out, make_executor=make)
+def quick(pairs: int) -> Study:
+    """Short episodes."""
+    return one_cell("cctc", {**QUICK, "experiment.pairs": pairs})
 
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The flow study in one process, with traces: what every other way is held against."""
-    from tests.conftest import close_all
-
-    close_all()
     folder = tmp_path_factory.mktemp("batch") / "plain"
-    run(flow_study(), folder, traces=True)
-    close_engine()
-    return folder
+    return run_inline(flow_study(), folder, traces=True).path
 
 
-class Stops(Inline):
-    """Is interrupted, as by Ctrl-C, when it is given its n-th task."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(1)
-        self.left = number
-
-    def submit(
-        self, function: Callable[[Argument], Result], argument: Argument
-    ) -> "Future[Result]":
-        self.left -= 1
-        if self.left < 0:
-            raise KeyboardInterrupt
-        return super().submit(function, argument)
-
-
-def interrupted(study: Study, out: Path, tasks: int, **options: Any) -> None:
-    with pytest.raises(InterruptedRunError, match="harness resume"):
-        run(study, out, lambda _workers: Stops(tasks), **options)
+def assert_alike(one: Path, other: Path) -> None:
+    assert content(one) == content(other)
 
 
 @pytest.mark.parametrize(
@@ -91,17 +75,15 @@ def test_same_bytes_for_any_workers_and_tasks(
 ) -> None:
     workers = 1 if task_pairs == 50 else 2
     options = {"workers": workers, "task_pairs": task_pairs, "traces": True}
-    run(flow_study(), tmp_path / "run", make, **options)
-    assert content(tmp_path / "run") == content(plain)
+    run_inline(flow_study(), tmp_path / "run", make, **options)
+    assert_alike(tmp_path / "run", plain)
 
 
 def test_pedestrians_at_the_trigger_do_not_depend_on_the_task(tmp_path: Path) -> None:
     # Their walking speeds are worked out together for all pairs of a task.
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 24})
-    for task_pairs in (1, 5, 24):
-        run(study, tmp_path / str(task_pairs), task_pairs=task_pairs)
-    assert content(tmp_path / "1") == content(tmp_path / "24")
-    assert content(tmp_path / "5") == content(tmp_path / "24")
+    for task_pairs in (24, 1, 5):
+        run_inline(quick(24), tmp_path / str(task_pairs), task_pairs=task_pairs)
+        assert_alike(tmp_path / str(task_pairs), tmp_path / "24")
 
 
 def test_an_arm_that_cells_share_is_simulated_once(
@@ -116,11 +98,11 @@ def test_an_arm_that_cells_share_is_simulated_once(
     monkeypatch.setattr(pairing, "drive", counted)
     changes = {**FLOW, "experiment.pairs": 4}
     humans = ("human_gmm", "gap_yield")
-    run(sweep("cctc_flow", changes, f"arms.human={','.join(humans)}"), tmp_path / "both")
+    run_inline(sweep("cctc_flow", changes, f"arms.human={','.join(humans)}"), tmp_path / "both")
     # The AV's arm once, the human's of each cell.
     assert len(driven) == (1 + 2) * 4
     for cell, human in enumerate(humans):
-        run(one_cell("cctc_flow", {**changes, "arms.human": human}), tmp_path / human)
+        run_inline(one_cell("cctc_flow", {**changes, "arms.human": human}), tmp_path / human)
         for table in ("episodes", "pedestrians"):
             own = pq.read_table(tmp_path / human / f"{table}.parquet").drop_columns("cell")
             both = pq.read_table(tmp_path / "both" / f"{table}.parquet")
@@ -130,30 +112,35 @@ def test_an_arm_that_cells_share_is_simulated_once(
 
 @pytest.mark.parametrize("tasks", [2, 7])
 def test_same_bytes_after_resume(plain: Path, tmp_path: Path, tasks: int) -> None:
-    interrupted(flow_study(), tmp_path / "run", tasks, task_pairs=3, traces=True)
+    run_stopped(flow_study(), tmp_path / "run", tasks, task_pairs=3, traces=True)
     assert read_manifest(tmp_path / "run")["counts"] is None
     assert len(list((tmp_path / "run").glob("shards/*.arrows"))) >= tasks - 2
     resume(tmp_path / "run", make_executor=Inline)
-    assert content(tmp_path / "run") == content(plain)
+    assert_alike(tmp_path / "run", plain)
+
+
+class Timed(Inline):
+    """Notes its tasks, whose pairs take so long each."""
+
+    def __init__(self, pair_s: float = 1.0, workers: int = 1) -> None:
+        super().__init__(workers)
+        self.pair_s, self.tasks = pair_s, list[Task]()
+
+    def submit(self, function: Any, argument: Any) -> Any:
+        self.tasks.append(argument)
+        (result,) = super().submit(function, argument).result()
+        timed: Future[Any] = Future()
+        timed.set_result((replace(result, took_s=self.pair_s * argument.count),))
+        return timed
 
 
 def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 20})
-    interrupted(study, tmp_path / "run", 5, task_pairs=2)
-    asked: list[Task] = []
-
-    class Notes(Inline):
-        def submit(
-            self, function: Callable[[Argument], Result], argument: Argument
-        ) -> "Future[Result]":
-            assert isinstance(argument, Task)
-            asked.append(argument)
-            return super().submit(function, argument)
-
+    run_stopped(quick(20), tmp_path / "run", 5, task_pairs=2)
     kept = {path.stem for path in (tmp_path / "run" / "shards").glob("*.arrows")}
-    resume(tmp_path / "run", make_executor=Notes)
+    notes = Timed()
+    resume(tmp_path / "run", make_executor=lambda _: notes)
     done = {pair for name in kept for pair in pairs_of(name)}
-    again = {pair for task in asked for pair in pairs_of(task.name)}
+    again = {pair for task in notes.tasks for pair in pairs_of(task.name)}
     assert 5 <= len(done) <= 10
     assert sorted([*done, *again]) == list(range(20))
 
@@ -161,22 +148,9 @@ def test_finished_pairs_do_not_run_again(tmp_path: Path) -> None:
 @pytest.mark.parametrize("pair_s", [0.004, 1.0, 60.0])
 def test_tasks_are_cut_by_the_time_they_take(tmp_path: Path, pair_s: float) -> None:
     """Two workers then end within a small task of each other, and neither is busy for minutes."""
-    sizes: list[int] = []
-
-    class Timed(Inline):
-        def submit(
-            self, function: Callable[[Argument], Result], argument: Argument
-        ) -> "Future[Result]":
-            assert isinstance(argument, Task)
-            sizes.append(argument.count)
-            done: Future[Any] = super().submit(function, argument)
-            (result,) = done.result()
-            timed: Future[Any] = Future()
-            timed.set_result((replace(result, took_s=pair_s * argument.count),))
-            return timed
-
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 120})
-    run(study, tmp_path / "run", Timed, workers=2, task_pairs=20)
+    timed = Timed(pair_s, workers=2)
+    run_inline(quick(120), tmp_path / "run", lambda _: timed, workers=2, task_pairs=20)
+    sizes = [task.count for task in timed.tasks]
     assert sum(sizes) == 120
     # Two for each worker, before anything is known of their time.
     assert sizes[:4] == [1, 1, 1, 1]
@@ -208,8 +182,8 @@ def by_keys(folder: Path, name: str) -> dict[tuple[Any, ...], list[dict[str, Any
 
 def test_the_order_of_cells_decides_nothing(plain: Path, tmp_path: Path) -> None:
     study = sweep("cctc_flow", FLOW, "arms.av=soft_yield,hard_yield", f"{LAMBDA}=1000,200")
-    run(study, tmp_path / "run", traces=True)
-    for name in ("episodes", "pedestrians", "pairs", "traces"):
+    run_inline(study, tmp_path / "run", traces=True)
+    for name in TABLES:
         assert by_keys(tmp_path / "run", name) == by_keys(plain, name), name
     ours, theirs = (csv_rows(folder) for folder in (tmp_path / "run", plain))
     assert sorted(ours, key=str) == sorted(theirs, key=str)
@@ -222,19 +196,17 @@ def csv_rows(folder: Path) -> list[list[tuple[str, str]]]:
 
 
 def test_another_strategy_changes_no_other_cell(plain: Path, tmp_path: Path) -> None:
-    study = sweep(
-        "cctc_flow", FLOW, f"{LAMBDA}=200,1000", "arms.av=constant_speed,hard_yield,soft_yield"
-    )
-    run(study, tmp_path / "run", traces=True)
-    for name in ("episodes", "pedestrians", "pairs", "traces"):
+    three = "arms.av=constant_speed,hard_yield,soft_yield"
+    run_inline(sweep("cctc_flow", FLOW, f"{LAMBDA}=200,1000", three), tmp_path / "run", traces=True)
+    for name in TABLES:
         more, fewer = by_keys(tmp_path / "run", name), by_keys(plain, name)
         assert len(more) == 6
         assert {key: more[key] for key in fewer} == fewer, name
 
 
 def test_arrivals_at_twice_the_flow_come_in_half_the_time(tmp_path: Path) -> None:
-    run(sweep("cctc_flow", FLOW, f"{LAMBDA}=500,1000"), tmp_path / "run")
-    rows = pq.read_table(tmp_path / "run" / "pedestrians.parquet").to_pylist()
+    run = run_inline(sweep("cctc_flow", FLOW, f"{LAMBDA}=500,1000"), tmp_path / "run")
+    rows = run.pedestrians.to_dict("records")
     seen: dict[tuple[object, ...], dict[int, dict[str, Any]]] = {}
     for row in rows:
         seen.setdefault((row["pair"], row["arm"], row["index"]), {})[row["cell"]] = row
@@ -247,7 +219,7 @@ def test_arrivals_at_twice_the_flow_come_in_half_the_time(tmp_path: Path) -> Non
 
 
 def test_traces_hold_every_step_and_change_nothing_else(plain: Path, tmp_path: Path) -> None:
-    run(flow_study(), tmp_path / "run")
+    run_inline(flow_study(), tmp_path / "run")
     with_traces, without = content(plain), content(tmp_path / "run")
     assert set(with_traces) - set(without) == {"traces.parquet"}
     same = set(without) - {"manifest.json"}
@@ -267,7 +239,8 @@ def test_folder_has_what_the_files_page_says_and_no_nan(plain: Path) -> None:
         *(f"{name}.parquet" for name in ("cells", "episodes", "pairs", "pedestrians", "traces")),
     }
     for path in plain.glob("*.parquet"):
-        for name, column in zip(*columns_of(path), strict=True):
+        table = pq.read_table(path)
+        for name, column in zip(table.column_names, table.columns, strict=True):
             if pa.types.is_floating(column.type):
                 assert np.isfinite(column.drop_null().to_numpy()).all(), (path.name, name)
     manifest = json.loads((plain / "manifest.json").read_text(encoding="utf-8"))
@@ -275,19 +248,9 @@ def test_folder_has_what_the_files_page_says_and_no_nan(plain: Path) -> None:
     assert (manifest["counts"]["pairs"], manifest["counts"]["episodes"]) == (48, 96)
 
 
-def columns_of(path: Path) -> tuple[list[str], list[Any]]:
-    table = pq.read_table(path)
-    return table.column_names, table.columns
-
-
 def test_who_waits_for_an_empty_crossing_ends(tmp_path: Path) -> None:
-    changes = {
-        "arms.av": "hard_yield",
-        "experiment.pairs": 12,
-        "experiment.timeout_s": 40.0,
-        LAMBDA: 1000.0,
-    }
-    run(one_cell("cctc_flow", changes), tmp_path / "run")
+    changes = {"arms.av": "hard_yield", **FLOW, "experiment.timeout_s": 40.0, LAMBDA: 1000.0}
+    run_inline(one_cell("cctc_flow", changes), tmp_path / "run")
     episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
     av = [row for row in episodes if row["arm"] == "av"]
     assert {row["ending"] for row in av} == {"crossed", "timed_out"}
@@ -317,8 +280,7 @@ def holder_of(folder: Path) -> "subprocess.Popen[str]":
 
 
 def test_one_process_for_each_folder(tmp_path: Path) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
-    interrupted(study, tmp_path / "run", 2, task_pairs=1)
+    run_stopped(quick(6), tmp_path / "run", 2, task_pairs=1)
     other = holder_of(tmp_path / "run")
     try:
         with pytest.raises(InputError, match="another process"):
@@ -329,8 +291,8 @@ def test_one_process_for_each_folder(tmp_path: Path) -> None:
     # What the dead one left behind is in nobody's way.
     assert (tmp_path / "run" / ".lock").exists()
     resume(tmp_path / "run", make_executor=Inline)
-    run(study, tmp_path / "whole")
-    assert content(tmp_path / "run") == content(tmp_path / "whole")
+    run_inline(quick(6), tmp_path / "whole")
+    assert_alike(tmp_path / "run", tmp_path / "whole")
 
 
 @pytest.mark.parametrize(
@@ -348,8 +310,7 @@ def test_one_process_for_each_folder(tmp_path: Path) -> None:
 def test_resume_under_other_conditions_is_refused(
     tmp_path: Path, path: tuple[Any, ...], value: object, words: list[str]
 ) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
-    interrupted(study, tmp_path / "run", 1, task_pairs=1)
+    run_stopped(quick(4), tmp_path / "run", 1, task_pairs=1)
     manifest = tmp_path / "run" / "manifest.json"
     document = json.loads(manifest.read_text(encoding="utf-8"))
     node = document
@@ -370,8 +331,7 @@ def test_resume_of_no_run_is_refused(tmp_path: Path) -> None:
 
 
 def test_resume_of_a_finished_run_only_reads(tmp_path: Path) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
-    first = run(study, tmp_path / "run")
+    first = run_inline(quick(6), tmp_path / "run")
     before = content(tmp_path / "run")
     # Killed while it cleared up: the manifest was written, a shard was still there.
     (tmp_path / "run" / "shards").mkdir()
@@ -396,13 +356,12 @@ def flip(data: bytes) -> bytes:
     ids=["empty", "garbage", "cut off", "a byte changed"],
 )
 def test_a_damaged_shard_is_run_again(tmp_path: Path, damage: Any) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
-    run(study, tmp_path / "whole", traces=True)
-    interrupted(study, tmp_path / "run", 3, task_pairs=1, traces=True)
+    run_inline(quick(6), tmp_path / "whole", traces=True)
+    run_stopped(quick(6), tmp_path / "run", 3, task_pairs=1, traces=True)
     shard = min((tmp_path / "run" / "shards").glob("*.arrows"))
     shard.write_bytes(damage(shard.read_bytes()))
     resume(tmp_path / "run", make_executor=Inline)
-    assert content(tmp_path / "run") == content(tmp_path / "whole")
+    assert_alike(tmp_path / "run", tmp_path / "whole")
 
 
 def test_until_stops_at_the_look_that_is_narrow_enough(
@@ -413,12 +372,13 @@ def test_until_stops_at_the_look_that_is_narrow_enough(
     study = one_cell("cctc", {**QUICK, **nobody})
     # No pedestrian and no yielding: kappa = 0 of n, half-width (1 − (α/2)^(1/n)) / 2 with
     # α = 0.05/5 for the looks at 10, 20, 40, 80 and 100: 0.206, 0.116, 0.062, 0.032, 0.026.
-    result = run(study, tmp_path / "run", until=Precision("kappa", 0.07))
-    assert result.results[0].summary.pairs == 40
-    assert result.results[0].summary.kappa.high == pytest.approx(1 - 0.005 ** (1 / 40), rel=1e-9)
-    interrupted(study, tmp_path / "cut", 3, until=Precision("kappa", 0.07), task_pairs=5)
+    until = Precision("kappa", 0.07)
+    (result,) = run_inline(study, tmp_path / "run", until=until).results
+    assert result.summary.pairs == 40
+    assert result.summary.kappa.high == pytest.approx(1 - 0.005 ** (1 / 40), rel=1e-9)
+    run_stopped(study, tmp_path / "cut", 3, until=until, task_pairs=5)
     resume(tmp_path / "cut", make_executor=Inline)
-    assert content(tmp_path / "cut") == content(tmp_path / "run")
+    assert_alike(tmp_path / "cut", tmp_path / "run")
 
 
 def test_folders_of_runs_that_start_at_the_same_moment(
@@ -433,29 +393,18 @@ def test_folders_of_runs_that_start_at_the_same_moment(
 def test_a_file_system_that_refuses_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study = one_cell("cctc", {**QUICK, "experiment.pairs": 2})
-
     def full(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("harness.core.files.os.fsync", full)
     with pytest.raises(HarnessError, match="No space left on device"):
-        run(study, tmp_path / "run")
+        run_inline(quick(2), tmp_path / "run")
 
 
 def test_a_study_from_the_command_line(tmp_path: Path) -> None:
     scenario = tmp_path / "mine.toml"
-    scenario.write_text(
-        """
-        [arms]
-        av = "hard_yield"
-        [experiment]
-        pairs = 6
-        [sweep]
-        pedestrians.flow_per_hour = ["200:400:200"]
-        """,
-        encoding="utf-8",
-    )
+    lines = ('arms.av = "hard_yield"', "experiment.pairs = 6", f'sweep.{LAMBDA} = ["200:400:200"]')
+    scenario.write_text("\n".join(lines), encoding="utf-8")
     done = here("run", scenario, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     for word in ("μ", "crashes", "delay", "200", "400", "runs/mine-1"):
@@ -478,13 +427,8 @@ def test_memory_does_not_grow_with_the_number_of_pairs(tmp_path: Path) -> None:
     for pairs in (1_000, 20_000):
         changes = options_of({**QUICK, "experiment.pairs": pairs})
         arguments = ["run", "cctc", "-q", "--out", str(tmp_path / str(pairs)), *changes]
-        done = subprocess.run(
-            [sys.executable, "-c", MEASURE, *arguments],
-            capture_output=True,
-            text=True,
-            timeout=1_800,
-            check=True,
-        )
+        command = [sys.executable, "-c", MEASURE, *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=1_800, check=True)
         code, peak = done.stdout.split()[-2:]
         assert code == "0", done.stderr
         peaks[pairs] = int(peak)
