@@ -1,10 +1,12 @@
 """Small scenes that many tests play: given walkers, given strategy, given engine."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
+import pytest
 
 from harness.core.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
+from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import constants_of
@@ -88,3 +90,9 @@ def drive(
         sumo_collision=None,
         fallback=False,
     )
+
+
+def refuses(words: str, call: Callable[[], object]) -> None:
+    """A call that is refused in such words."""
+    with pytest.raises(InputError, match=words):
+        call()

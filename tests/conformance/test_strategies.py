@@ -218,7 +218,6 @@ def test_state_in_the_class_is_found_out(made_up: str, model) -> None:
 def test_the_observation_that_broke_a_rule_is_shown(made_up: str, model) -> None:
     verdicts = check_strategy(f"{made_up}:DividesByTheirSpeed", model)
     (broken,) = [verdict for verdict in verdicts if verdict.checked and verdict.problem]
-    assert broken.observation is not None
     # It divides by the speed of somebody who stands.
     assert 0.0 in [person.speed_mps for person in broken.observation.pedestrians]
     lines = observation_lines(broken.observation)

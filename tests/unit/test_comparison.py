@@ -100,21 +100,14 @@ def test_far_limits_have_resamples_beyond_them() -> None:
     assert ours.high == pytest.approx(theirs.high, abs=0.02 * width)
 
 
-def test_zero_spread_gives_the_point() -> None:
+def test_intervals_of_equal_of_few_and_of_two_values() -> None:
     mu, cv = bootstrap_mean_and_cv(np.full(20, 0.7), rng())
-    assert (mu.low, mu.high) == (mu.value, mu.value)
-    assert mu.value == pytest.approx(0.7, rel=1e-15)
+    assert (mu.low, mu.high, mu.value) == (mu.value, mu.value, pytest.approx(0.7, rel=1e-15))
     assert (cv.value, cv.low, cv.high) == (0.0, 0.0, 0.0)
-
-
-def test_too_few_pairs() -> None:
     for interval in bootstrap_mean_and_cv(np.array([]), rng()):
         assert (interval.value, interval.low, interval.high) == (None, None, None)
     mu, _ = bootstrap_mean_and_cv(np.array([0.8]), rng())
     assert (mu.value, mu.low, mu.high) == (0.8, None, None)
-
-
-def test_two_values_stay_between_them() -> None:
     mu, cv = bootstrap_mean_and_cv(np.array([0.5, 1.0]), rng())
     assert mu.value == 0.75
     assert 0.5 <= mu.low <= mu.high <= 1.0
@@ -135,7 +128,7 @@ def test_clopper_pearson_by_beta_quantiles(successes: int, trials: int) -> None:
     assert interval.high == pytest.approx(high, abs=1e-10)
 
 
-def test_no_crash_in_fifty() -> None:
+def test_no_crash_in_fifty_and_no_trial_at_all() -> None:
     # (1 − p)^50 = 0.05 one-sided, 0.025 two-sided.
     # Of 0 in 50 the two-sided interval ends at 1 − (half the error)^(1/50).
     for confidence in (0.95, 0.975):
@@ -146,9 +139,6 @@ def test_no_crash_in_fifty() -> None:
     assert proportion(0, 50).high == pytest.approx(1 - 0.025 ** (1 / 50), abs=1e-10)
     assert round(100 * proportion(0, 50).high, 1) == 7.1
     assert proportion(0, 50).low == 0.0
-
-
-def test_no_trials_no_proportion() -> None:
     interval = proportion(0, 0)
     assert (interval.value, interval.low, interval.high) == (None, None, None)
 
@@ -205,8 +195,12 @@ def columns() -> PairColumns:
     )
 
 
+def summary_of(pairs: PairColumns):
+    return summarise(EncounterColumns(pairs, 60.0, 7.4, rng()))
+
+
 def test_summary_of_hand_counted_pairs() -> None:
-    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
+    summary = summary_of(columns())
     assert (summary.pairs, summary.defined_pairs) == (9, 3)
     assert (summary.timed_out, summary.failed) == (2, 1)
     assert (summary.timed_out_av, summary.timed_out_human) == (1, 1)
@@ -232,7 +226,7 @@ def test_summary_of_hand_counted_pairs() -> None:
 
 
 def test_what_is_left_out_by_hand() -> None:
-    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
+    summary = summary_of(columns())
     # The pair in which the human alone crashed comes back: 20 s against 8 s.
     assert summary.pairs_all == 4
     assert summary.mu_all.value == pytest.approx((0.6 + 0.9 + 1.5 + 2.5) / 4)
@@ -252,7 +246,7 @@ def test_what_is_left_out_by_hand() -> None:
 
 
 def test_ratio_of_times_by_hand() -> None:
-    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
+    summary = summary_of(columns())
     # Time-outs of either arm count with 60 s, the human's crash with 8 s; the AV's two crashes and
     # its failure are left out.
     av_s, human_s = [6, 9, 12, 60, 15, 20], [10, 10, 8, 30, 60, 8]
@@ -263,29 +257,21 @@ def test_ratio_of_times_by_hand() -> None:
     # Over all: the AV's three with 60 s, a human who never passed free, 7.4 s.
     worst = (sum(av_s) + 3 * 60) / (10 + 10 + 8 + 9 + 9 + 30 + 7.4 + 7.4 + 8)
     assert summary.time_ratio_worst.value == pytest.approx(worst)
-
-
-def test_a_human_who_never_passes_counts_with_the_time_out() -> None:
     pairs = columns()
     stuck = np.where(pairs.crashed[1], np.nan, pairs.untouched_time_s[1])
     pairs = replace(pairs, untouched_time_s=(pairs.untouched_time_s[0], stuck))
-    summary = summarise(EncounterColumns(pairs, 60.0, 7.4, rng()))
+    summary = summary_of(pairs)
     assert summary.time_ratio_pairs == 6
     assert summary.time_ratio.value == pytest.approx(122 / (126 - 8 + 60))
-
-
-def test_a_run_without_untouched_times_leaves_the_humans_crashes_out() -> None:
     pairs = columns()
     none = np.full(len(PAIRS), np.nan)
-    summary = summarise(
-        EncounterColumns(replace(pairs, untouched_time_s=(none, none)), 60.0, 7.4, rng())
-    )
+    summary = summary_of(replace(pairs, untouched_time_s=(none, none)))
     assert summary.time_ratio_pairs == 5
     assert summary.time_ratio.value == pytest.approx((122 - 20) / (126 - 8))
 
 
 def test_pairs_that_met_someone_by_hand() -> None:
-    summary = summarise(EncounterColumns(columns(), 60.0, 7.4, rng()))
+    summary = summary_of(columns())
     assert summary.defined_pairs_met_someone == 2
     assert summary.mu_met_someone.value == pytest.approx((0.6 + 0.9) / 2)
     # Seven such pairs, in one of which the AV failed.
@@ -303,11 +289,11 @@ def test_an_av_that_hurries_through_people_gains_nothing() -> None:
     pairs = columns()
     untouched = np.where(pairs.crashed[0], 4.5, pairs.untouched_time_s[0])
     hurried = replace(pairs, untouched_time_s=(untouched, pairs.untouched_time_s[1]))
-    one, other = (summarise(EncounterColumns(of, 60.0, 7.4, rng())) for of in (pairs, hurried))
+    one, other = map(summary_of, (pairs, hurried))
     assert one == other
 
 
-def test_ratio_of_sums_against_scipy() -> None:
+def test_ratio_of_sums_against_scipy_and_of_few_or_none() -> None:
     # A few crowds among many pairs with one: the bias and the acceleration are large.
     generator = np.random.default_rng(11)
     persons = np.floor(2 * generator.pareto(1.5, 40)) + 1
@@ -324,9 +310,6 @@ def test_ratio_of_sums_against_scipy() -> None:
     width = theirs.high - theirs.low
     assert ours.low == pytest.approx(theirs.low, abs=0.05 * width)
     assert ours.high == pytest.approx(theirs.high, abs=0.05 * width)
-
-
-def test_ratio_of_few_or_none() -> None:
     # One pair with people: whatever leaves it out, or does not draw it, has no ratio.
     for waits, persons, expected in (([0, 0], [0, 0], None), ([6, 0, 0], [3, 0, 0], 2.0)):
         found = bootstrap_ratio(np.array(waits, float), np.array(persons, float), rng())
@@ -343,15 +326,12 @@ def test_resampling_does_not_change_with_the_batches(monkeypatch: pytest.MonkeyP
     assert bootstrap_mean_and_cv(SAMPLES["heavy"], rng()) == whole
 
 
-def test_clusters_of_one_are_independent_trials() -> None:
+def test_clusters_by_hand() -> None:
     ones = np.ones(1_000)
     found = clustered_proportion((np.arange(1_000) % 10 == 0).astype(float), ones)
     alone = stats.binomtest(100, 1_000).proportion_ci(method="exact")
     assert (found.value, found.successes, found.trials) == (0.1, 100, 1_000)
     assert (found.low, found.high) == pytest.approx((alone.low, alone.high), rel=1e-3)
-
-
-def test_clusters_that_agree_are_worth_their_number() -> None:
     # Everybody in a cluster goes together: 40 clusters of 25 are 39 trials (k - 1 in the variance
     # between), less the ratio of Student's t for 999 and for 39 degrees of freedom, squared.
     trials = np.full(40, 25.0)
@@ -360,13 +340,9 @@ def test_clusters_that_agree_are_worth_their_number() -> None:
     low = stats.beta.ppf(0.025, worth / 4, worth * 3 / 4 + 1)
     high = stats.beta.ppf(0.975, worth / 4 + 1, worth * 3 / 4)
     assert (found.value, found.low, found.high) == pytest.approx((0.25, low, high))
-
-
-def test_clusters_without_an_event_or_alone() -> None:
     five = clustered_proportion(np.zeros(5), np.full(5, 400.0))
     assert (five.value, five.low) == (0.0, 0.0)
     # No fewer than what 2,000 independent trials leave open, 0.18 %.
-    assert five.high is not None
     assert five.high > 1 - 0.025 ** (1 / 2_000)
     one = clustered_proportion(np.array([3.0]), np.array([400.0]))
     assert (one.value, one.low, one.high) == (0.0075, None, None)
@@ -404,7 +380,7 @@ def test_same_pairs_have_the_same_interval() -> None:
         delay_s=tuple(times - 7.4),
         met=(np.ones(50), np.ones(50)),
     )
-    found = summarise(EncounterColumns(met, 60.0, 7.4, rng()))
+    found = summary_of(met)
     assert found.met_someone == 50
     assert found.mu_met_someone == found.mu
     assert found.delay_met_someone_s == found.delay_s
@@ -432,28 +408,19 @@ def test_few_pairs_are_said_to_be_few(name: str) -> None:
     assert entry.finding(name, Resampled(1.0, None, None, 1), 50).reliable
 
 
-def test_exact_intervals_are_never_unreliable() -> None:
-    """docs/audits.md: a bootstrap of few pairs covers too little, Clopper-Pearson never."""
-    nine = summarise(EncounterColumns(columns(), 60.0, 7.4, rng())).findings
+def test_what_a_summary_says_of_its_reliability_and_keeps_when_written() -> None:
+    nine = summary_of(columns()).findings
     unreliable = {name for name, finding in nine.items() if finding.reliable is False}
     assert unreliable == {name for name in RESAMPLED if nine[name].low is not None}
-
-
-def test_a_summary_is_read_back_as_it_was_written() -> None:
-    """Counts, reasons and reliability too; what is undefined stays so."""
-    findings = summarise(EncounterColumns(columns(), 60.0, 7.4, rng())).findings
+    findings = summary_of(columns()).findings
     row = row_of(ENCOUNTERS, findings)
     assert [*row] == [*columns_of(ENCOUNTERS)]
     assert (row["kappa"], row["kappa_events"], row["kappa_n"]) == (0.25, 2, 8)
     assert row["mu_ci_informative"] == 3
     assert findings["pedestrian_delay_human_s"].reason == "nobody arrived"
     assert findings_from(ENCOUNTERS, row) == findings
-
-
-def test_every_undefined_number_has_a_reason() -> None:
-    """A pair in which both arms failed leaves nothing defined but what is over all pairs."""
     failed = replace(columns().where(np.array([7])), failed=(np.array([True]), np.array([True])))
-    findings = summarise(EncounterColumns(failed, 60.0, 7.4, rng())).findings
+    findings = summary_of(failed).findings
     undefined = {name for name, finding in findings.items() if finding.value is None}
     assert {"mu", "cv", "time_ratio", "kappa_human", "stops"} <= undefined
     assert [name for name in undefined if not findings[name].reason] == []
@@ -471,9 +438,6 @@ def test_pairs_that_met_nobody_tell_nothing() -> None:
     assert bootstrap_ratio(7.4 * tau + 1.0, np.full(1_000, 7.4), rng()).informative == 3
     assert bootstrap_mean(rng().normal(size=1_000), rng()).informative == 1_000
     assert bootstrap_mean(np.array([]), rng()).informative == 0
-
-
-def test_what_is_always_the_same_is_not_unreliable() -> None:
     zero = bootstrap_mean(np.zeros(50), rng())
     assert (zero.low, zero.high, zero.informative) == (0.0, 0.0, 0)
     # Nobody ever waits in cctc, where all 50 pairs met someone.
@@ -496,7 +460,7 @@ def test_pairs_that_met_someone_and_timed_out_make_nothing_reliable() -> None:
         timed_out=(out, np.zeros(60, dtype=bool)),
         met=(out.astype(float), out.astype(float)),
     )
-    findings = summarise(EncounterColumns(out_of_time, 60.0, 7.4, rng())).findings
+    findings = summary_of(out_of_time).findings
     assert (findings["mu"].low, findings["mu"].high, findings["met_someone"].value) == (1, 1, 30)
     assert findings["mu"].reason == (
         "unreliable: all values are equal, and only 0 are of pairs that met someone and crossed "

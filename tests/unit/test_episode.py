@@ -42,12 +42,8 @@ def test_a_start_is_never_rounded_to_a_step(arrival: float) -> None:
         walked = 1.3 * (seen.time_s - arrival)
         assert view.lateral_m == pytest.approx(2.25 - walked, abs=1e-9)
         assert view.remaining_m == pytest.approx(9 - walked, abs=1e-9)
-        assert (view.index, view.side, view.speed_mps, view.on_crossing) == (
-            0,
-            Side.NEAR,
-            1.3,
-            True,
-        )
+        expected = (0, Side.NEAR, 1.3, True)
+        assert (view.index, view.side, view.speed_mps, view.on_crossing) == expected
     # Seen from the first step that does not begin before they came.
     first = next(seen.time_s for seen in recorder.seen if seen.pedestrians)
     assert first == pytest.approx(math.ceil(arrival / 0.1 - 1e-9) * 0.1)
@@ -238,7 +234,6 @@ def test_a_strategy_that_fails_ends_its_episode_with_a_reason(command, says: str
     late = Recorder(lambda seen: command(seen) if seen.time_s > 1.05 else 0.0)
     trace = play(late, [(0.0, Side.NEAR, 1.0)])
     assert trace.ending is Ending.ENGINE_FAILED
-    assert trace.reason is not None
     assert len(trace.reason.splitlines()) == 1
     assert re.search(says, trace.reason)
     (record,) = measure([trace])

@@ -139,7 +139,6 @@ def test_planned_gaps_are_as_distributed_and_change_nothing_else() -> None:
 
 def braking(outcome: Outcome, walk: Walk) -> float:
     """The deceleration when they stepped off: on arrival the step's, later that of the last one."""
-    assert walk.start_s is not None
     step = math.floor(walk.start_s / 0.1 + 1e-9) - (walk.start_s > walk.arrival.arrival_s)
     before, after = outcome.trace.speed_mps[step : step + 2]
     return float(before - after) / 0.1

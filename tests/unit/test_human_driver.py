@@ -58,8 +58,6 @@ def commanded(joint: Joint, trace: Trace, reading: str, interval_s: float = 1.0)
         time, speed, range_m = n * STEP, float(trace.speed_mps[n]), -float(trace.x_m[n])
         present = []
         for walk in trace.walks:
-            assert walk.speed_mps is not None
-            assert walk.start_s is not None
             walked = walk.speed_mps * (time - walk.start_s)
             if -1e-9 <= walked < 9.0 and range_m <= 30.0:
                 to_lane = 2.25 if walk.arrival.side is Side.NEAR else 6.75

@@ -109,10 +109,8 @@ def test_lanes_and_widths_can_be_swept() -> None:
     found = study_of(file, [parse_variation("crossing.lanes=1,2"), _lengths()])
     centres = [cell.scenario.crosswalk().lane_centre_m for cell in found.cells]
     assert centres == [3.0, 4.5, 1.5, 2.25]
-    assert [dict(cell.varied) for cell in found.cells][1] == {
-        "crossing.lanes": 1,
-        "crossing.length_m": 9.0,
-    }
+    expected = {"crossing.lanes": 1, "crossing.length_m": 9.0}
+    assert [dict(cell.varied) for cell in found.cells][1] == expected
 
 
 def _lengths() -> Any:

@@ -40,6 +40,15 @@ class Recorder:
         return 0.0
 
 
+def watched(
+    scene: Scenario, arrivals: Sequence[Arrival], choose_speed, sensor: Sensor | None
+) -> tuple[list[Observation], Trace]:
+    driver, engine = Recorder(), PlainEngine(scene.vehicle(), scene.experiment.step_s)
+    eyes = None if sensor is None else Perception(sensor, arrivals, 0)
+    trace = run_episode(engine, driver, arrivals, choose_speed, constants_of(scene), eyes)
+    return driver.seen, trace
+
+
 def play(
     scene: Scenario,
     walkers: Sequence[tuple[float, Side, float]],
@@ -47,21 +56,11 @@ def play(
     detections: Sequence[float | None] = (None,) * 9,
 ) -> tuple[list[Observation], Trace]:
     """One episode of an ego that never brakes; walkers: when, from where, how fast."""
-    driver = Recorder()
     arrivals = [
         Arrival(i, at, side, 0.5, detection_quantile=quantile)
         for i, ((at, side, _), quantile) in enumerate(zip(walkers, detections, strict=False))
     ]
-    sensor = sensor_of(scene, arm)
-    trace = run_episode(
-        PlainEngine(scene.vehicle(), scene.experiment.step_s),
-        driver,
-        arrivals,
-        lambda who, _range, _speed, _lateral=None: walkers[who.index][2],
-        constants_of(scene),
-        None if sensor is None else Perception(sensor, arrivals, 0),
-    )
-    return driver.seen, trace
+    return watched(scene, arrivals, lambda who, *_: walkers[who.index][2], sensor_of(scene, arm))
 
 
 @pytest.mark.parametrize("latency", [0.1, 0.3, 1.0])
@@ -120,7 +119,6 @@ def test_the_human_sees_as_the_av_only_where_asked_for() -> None:
     walled = scenario(crossing={"obstacles": [FAR_AWAY]}, perception={"occlusion": False})
     human = sensor_of(walled, Arm.HUMAN)
     assert sensor_of(walled, Arm.AV) is None
-    assert human is not None
     assert len(human.obstacles) == 1
 
 
@@ -145,27 +143,16 @@ def sensor_with(**keys: float) -> Sensor:
     return sensor
 
 
-def test_the_first_detection_in_an_episode_is_that_of_its_quantile() -> None:
+def test_the_quantile_decides_the_first_detection_and_what_is_lost_is_looked_for() -> None:
     # u = 0.999, p = 0.5: ⌈ln 0.001 / ln 0.5⌉ = ⌈9.97⌉ = 10 updates; they come at 0.55 s, so the
     # first update is at 0.6 s and the tenth at 1.5 s.
     sensor = sensor_with(detection_probability=0.5)
     arrivals = [Arrival(0, 0.55, Side.NEAR, 0.5, detection_quantile=0.999)]
-    driver, scene = Recorder(), scenario()
-    run_episode(
-        PlainEngine(scene.vehicle(), 0.1),
-        driver,
-        arrivals,
-        lambda *_: 1.0,
-        constants_of(scene),
-        Perception(sensor, arrivals, 0),
-    )
-    shown = [o.time_s for o in driver.seen if o.pedestrians]
+    seen, _ = watched(scenario(), arrivals, lambda *_: 1.0, sensor)
+    shown = [o.time_s for o in seen if o.pedestrians]
     assert shown[0] == pytest.approx(1.5)
     # Then they are tracked, until they have left at 9.55 s or the episode ends.
     assert np.diff(shown) == pytest.approx(0.1)
-
-
-def test_out_of_sight_no_look_counts_and_a_track_is_lost() -> None:
     track = Track(sensor_with(detection_probability=0.5), 0, 0, 0.7)  # ⌈1.737⌉ = 2 looks
     looks = [True, False, False, True, True, False]
     assert [track.update(look) for look in looks] == [False, False, False, True, True, False]
@@ -215,11 +202,8 @@ def test_errors_shift_place_and_speed_together() -> None:
         for true, told in zip(exact.pedestrians, shown.pedestrians, strict=True):
             shift = true.remaining_m - told.remaining_m
             assert true.lateral_m - told.lateral_m == pytest.approx(shift, abs=1e-12)
-            assert (told.index, told.side, told.on_crossing) == (
-                true.index,
-                true.side,
-                true.on_crossing,
-            )
+            expected = (true.index, true.side, true.on_crossing)
+            assert (told.index, told.side, told.on_crossing) == expected
             assert told.remaining_m >= 0
             shifts.append((shift, told.speed_mps - true.speed_mps))
     # Everybody has errors of their own, of the stated size.
@@ -326,17 +310,9 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
     # m = -1.9/(d - 1); the disc is seen once its centre is above 0.35 + m - 0.25 sqrt(1 + m²).
     changes = {"pedestrians.timed_case": "CPNCO-50", "ego.initial_speed_mps": speed}
     scene = load_scenario("euro_ncap_vru", [Setting(key, value) for key, value in changes.items()])
-    driver, arrivals = Recorder(), planned_arrivals(scene, 0)
     sensor = sensor_of(scene, Arm.HUMAN)
     assert sensor is not None
-    run_episode(
-        PlainEngine(scene.vehicle(), 0.1),
-        driver,
-        arrivals,
-        lambda *_: 0.0,
-        constants_of(scene),
-        Perception(sensor, arrivals, 0),
-    )
+    seen, _ = watched(scene, planned_arrivals(scene, 0), lambda *_: 0.0, sensor)
     # They start 4 m from the lane's centre at a = v²/2 over 1 m and are hit at 69.75 m/v.
     contact_s = 69.75 / speed
     start_s = contact_s - 2 / 1.3889 - 3 / 1.3889
@@ -350,7 +326,7 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
             expected = step * 0.1
             break
     assert expected is not None
-    first = next(o for o in driver.seen if o.pedestrians)
+    first = next(o for o in seen if o.pedestrians)
     assert first.time_s == pytest.approx(expected)
     # Some 1.5 s before the contact, where an adult without the cars is in sight all the time.
     assert 1.2 < contact_s - first.time_s < 1.9
@@ -452,15 +428,12 @@ def test_refused(crossing: dict[str, object], perception: dict[str, object], whe
     assert refused.value.where == f"my.toml: {where}"
 
 
-def test_obstacles_beside_all_ways_are_taken() -> None:
+def test_obstacles_beside_all_ways_are_taken_and_sumos_driver_sees_everything() -> None:
     # It ends 0.25 m before the centre line, and 1 nm beside the ego's path.
     touching = {"x_m": -2.25, "y_m": 0.45, "length_m": 4.0, "width_m": 1.8}
     assert scenario(crossing={"obstacles": [touching]}).obstacles()
     beyond = {"x_m": 0.0, "y_m": -5.0, "length_m": 4.0, "width_m": 1.8}
     assert scenario(crossing={"obstacles": [beyond]}).obstacles()
-
-
-def test_sumos_own_driver_is_said_to_see_everything() -> None:
     scene = scenario(perception={"latency_s": 0.3}, arms={"av": "sumo_driver"})
     assert any("sumo_driver" in line for line in remarks(scene))
     assert remarks(scenario(perception={"latency_s": 0.3})) == []

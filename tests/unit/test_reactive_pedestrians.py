@@ -129,7 +129,6 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # the line 1.45 to 2.55 s later, before them: they walk on.
     driver = Driver()
     trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR)
-    assert walk.legs is not None
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 4.5])
     assert walk.legs[1] == pytest.approx((2.5, 0.0, 6.0, 0.0, 0.0, 0.0))
     assert walk.legs[2] == pytest.approx((4.5, 0.0, 6.0, 0.0, -1.0, 0.0))
@@ -144,7 +143,6 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
 def test_who_stands_for_good_never_clears() -> None:
     # As above, but they never walk on.
     _, walk = play(Speeds(1.5, 1.5, 1.0), Driver(), arrival_s=0.5, side=Side.FAR)
-    assert walk.legs is not None
     stands = Walk(walk.arrival, walk.start_s, 1.5, 30.0, 5.0, walk.legs[:2])
     trace, _ = play(Speeds(1.0), Driver(), arrival_s=0.5)
     (record,) = measure([replace(trace, walks=(stands,))])

@@ -23,10 +23,8 @@ def test_one_group_for_each_flow() -> None:
     )
     assert numbers(study) == [[0, 2], [1, 3]]
     groups = strategy_groups(study)
-    assert [group.shared for group in groups] == [
-        {"pedestrians.flow_per_hour": 50},
-        {"pedestrians.flow_per_hour": 250},
-    ]
+    expected = [{"pedestrians.flow_per_hour": 50}, {"pedestrians.flow_per_hour": 250}]
+    assert [group.shared for group in groups] == expected
     assert labels(study) == ["soft_yield", "hard_yield"] * 2
 
 

@@ -17,6 +17,7 @@ from harness.scenario import (
     study_of,
 )
 from tests.batches import here, refusal
+from tests.scenes import refuses
 
 
 def study(tmp_path: Path, text: str, *vary: str) -> Study:
@@ -63,8 +64,7 @@ def test_values_of_an_option(text: str, values: list[object]) -> None:
     ["a.b", "a.b=", "=1,2", "  = 3", "a.b=0:1:0", "a.b=0:1:-0.1", "a.b=0:1e9:1", "a.b=0:1:1e-200"],
 )
 def test_refused_options(text: str) -> None:
-    with pytest.raises(InputError, match="--vary"):
-        parse_variation(text)
+    refuses("--vary", lambda: parse_variation(text))
 
 
 def test_the_last_key_changes_fastest(tmp_path: Path) -> None:
@@ -178,8 +178,7 @@ def test_refused_tables(tmp_path: Path, text: str, words: list[str]) -> None:
 
 
 def test_options_beside_a_table_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--vary"):
-        study(tmp_path, "[sweep]\nego.length_m = [5.0]", "ego.length_m=4,5")
+    refuses("--vary", lambda: study(tmp_path, "[sweep]\nego.length_m = [5.0]", "ego.length_m=4,5"))
 
 
 def test_a_cell_reaches_a_worker_as_it_is(tmp_path: Path) -> None:
@@ -317,8 +316,7 @@ def test_parameters_of_a_strategy_that_drives_nowhere_are_refused(tmp_path: Path
             "cctc", "arms.av=gap_yield", vary=("strategies.gap_yeild.critical_gap_s=1,2",)
         )
     file = read_scenario_file("cctc", {"strategies.gap_yield.critical_gap_s": 1.0})
-    with pytest.raises(InputError, match=r"settings strategies\.gap_yield\.critical"):
-        study_of(file)
+    refuses(r"settings strategies\.gap_yield\.critical", lambda: study_of(file))
     # It drives in one cell of several, or the file itself gives it parameters.
     assert with_settings("cctc", hand, vary=("arms.av=hard_yield,soft_yield",)).cells
     path = tmp_path / "mine.toml"

@@ -102,14 +102,12 @@ def test_start_and_acceleration_worked_out_by_hand() -> None:
     assert walk.speed_mps == pytest.approx(25 / 18)
     # They see the ego at 10 m/s, 70 − 10 · 3.699 m away.
     assert (walk.range_m, walk.vehicle_speed_mps) == pytest.approx((33.01, 10.0))
-    assert walk.legs is not None
     first, second = walk.legs
     # From 4 m right of the lane's centre (y = −1.75), a = v²/2d = (25/18)²/2.
     assert first == pytest.approx((3.699, 0.0, -1.75, 0.0, 0.0, (25 / 18) ** 2 / 2))
     assert second == pytest.approx((5.139, 0.0, -0.75, 0.0, 25 / 18, 0.0))
     # CPFA-50: 6 m at 20/9 m/s: 1.5 m in 1.35 s, 4.5 m in 2.025 s, from y = 8.25 downwards.
     (walk,) = play(scene(timed("CPFA-50"))).walks
-    assert walk.legs is not None
     assert walk.legs[0] == pytest.approx((3.6, 0.0, 8.25, 0.0, 0.0, -((20 / 9) ** 2) / 3))
     assert walk.legs[1] == pytest.approx((4.95, 0.0, 6.75, 0.0, -20 / 9, 0.0))
 
@@ -254,7 +252,6 @@ def test_the_shipped_study_hits_where_it_says() -> None:
         (record,) = measure([trace])
         assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
         contact_s = record.contact_time_s
-        assert contact_s is not None
         (view,) = [o for o in driver.seen if o.time_s <= contact_s][-1].pedestrians
         assert (view.side, view.speed_mps * 3.6) == (side, pytest.approx(kmh, abs=1e-3))
         assert driver.seen[0].pedestrians[0].lateral_m == start
@@ -298,11 +295,8 @@ def test_even_acceleration_is_the_limit_of_many_steady_legs() -> None:
     exact = measure([accelerating(*case, None) for case in cases])
     steady = measure([accelerating(*case, 90) for case in cases])
     for one, other in zip(exact, steady, strict=True):
-        assert (one.ending, one.contact, one.avoidable) == (
-            other.ending,
-            other.contact,
-            other.avoidable,
-        )
+        expected = (other.ending, other.contact, other.avoidable)
+        assert (one.ending, one.contact, one.avoidable) == expected
         # min_ttc_s is over states, of which many legs have more.
         for name in ("contact_time_s", "min_gap_m", "pet_s"):
             assert getattr(one, name) == pytest.approx(getattr(other, name), abs=0.03), name

@@ -297,11 +297,5 @@ def test_nothing_left_is_an_empty_result_not_an_error():
     assert tuple(nothing.rows.columns) == ROW_COLUMNS
     assert (nothing.counts.pairs, nothing.counts.vehicles) == (0, 0)
     assert nothing.counts.dropped["pairs"]["no_row_kept"] == 2
-    assert summary(nothing)["quartiles"]["range_m"] == {
-        "n": 0,
-        "min": None,
-        "q25": None,
-        "median": None,
-        "q75": None,
-        "max": None,
-    }
+    expected = {"n": 0, "min": None, "q25": None, "median": None, "q75": None, "max": None}
+    assert summary(nothing)["quartiles"]["range_m"] == expected

@@ -32,6 +32,7 @@ from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
 from harness.studies.validation.figures import pass_time_score
 from tests.batches import printed
 from tests.recordings import DRIVERS, LENGTH_M, RATE_HZ, SCENES, held, write_set
+from tests.scenes import refuses
 
 SCREEN = Path(__file__).parents[1] / "data" / "validation" / "full.txt"
 
@@ -243,12 +244,9 @@ def test_every_number_of_a_validation_is_printed(capsys: pytest.CaptureFixture[s
 
 def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None:
     folder = write_set(tmp_path, HardYield)
-    with pytest.raises(InputError, match="hard_yield"):
-        held(folder, ["hard_yeild"])
-    with pytest.raises(InputError, match="twice"):
-        held(folder, ["hard_yield", "hard_yield"])
-    with pytest.raises(InputError, match="SUMO"):
-        held(folder, ["sumo_driver"])
+    refuses("hard_yield", lambda: held(folder, ["hard_yeild"]))
+    refuses("twice", lambda: held(folder, ["hard_yield", "hard_yield"]))
+    refuses("SUMO", lambda: held(folder, ["sumo_driver"]))
     with pytest.raises(InputError, match="begins_too_near: 4"):
         validate(
             [folder],
