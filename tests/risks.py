@@ -20,11 +20,7 @@ LAYOUT = Layout(DIMENSIONS)
 def scored(score: Callable[[np.ndarray], np.ndarray]) -> Evaluate:
     """Episodes that are nothing but their score, shape (n,)."""
 
-    def evaluate(
-        z: np.ndarray,
-        what: str,  # noqa: ARG001
-        numbers: np.ndarray | None = None,
-    ) -> Outcomes:
+    def evaluate(z: np.ndarray, _what: str, numbers: np.ndarray | None = None) -> Outcomes:
         of = np.arange(len(z)) if numbers is None else numbers
         return Outcomes(score(z)[:, None], np.full(len(z), np.nan), of)
 
@@ -83,11 +79,7 @@ def crowd(p: float) -> Case:
         hit = 1 - np.exp(-CROWD.rate_per_s * slow * length_s)
         return float(weight / weight.sum() @ hit @ stats.poisson.pmf(early, 1.5))
 
-    def evaluate(
-        z: np.ndarray,
-        what: str,  # noqa: ARG001
-        numbers: np.ndarray | None = None,
-    ) -> Outcomes:
+    def evaluate(z: np.ndarray, _what: str, numbers: np.ndarray | None = None) -> Outcomes:
         arrivals_s, mark = CROWD.arrivals_s(z), CROWD.people(z)[:, :, 1]
         passed_s = 4.0 + z[:, 0] / 10 + (arrivals_s < 3.0).sum(axis=1)
         away_s = np.maximum(np.abs(arrivals_s - passed_s[:, None]) - half_s, 0.0)

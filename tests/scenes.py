@@ -1,20 +1,23 @@
 """Small scenes that many tests play: given walkers, given strategy, given engine."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, Arrival, Ending, Side, Strategy, Trace, Walk
+from harness.core.encounter import Arm, Arrival, Ending, Observation, Side, Strategy, Trace, Walk
 from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
 from harness.episode.cell_constants import constants_of
 from harness.episode.loop import run_episode
 from harness.episode.pairing import PairRunner
+from harness.episode.walkers import ChooseSpeed
 from harness.measures import Outcome, measure
 from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario, validate
+from harness.strategies.perception.perception import Perception
 
 Walker = tuple[float, Side, float]
 """When they step off (or arrive), from where, how fast they walk in m/s."""
@@ -39,6 +42,31 @@ def on_plain(scene: Scenario, model: InteractionModel) -> PairRunner:
     return PairRunner(scene, model, lambda: PlainEngine(scene.vehicle(), step_s))
 
 
+class Recorder:
+    """Keeps what it is shown and drives by a function of it."""
+
+    def __init__(self, command: Callable[[Observation], Any] = lambda _: 0.0) -> None:
+        self.seen: list[Observation] = []
+        self._command = command
+
+    def decide(self, observation: Observation, /) -> Any:
+        self.seen.append(observation)
+        return self._command(observation)
+
+
+def episode(
+    scene: Scenario,
+    strategy: Strategy,
+    arrivals: Sequence[Arrival],
+    choose_speed: ChooseSpeed = lambda *_: 1.2,
+    perception: Perception | None = None,
+    engine: Engine | None = None,
+) -> Trace:
+    """One episode, on the plain engine unless another is given."""
+    engine = engine or PlainEngine(scene.vehicle(), scene.experiment.step_s)
+    return run_episode(engine, strategy, arrivals, choose_speed, constants_of(scene), perception)
+
+
 def play(
     strategy: Strategy,
     walkers: Sequence[Walker],
@@ -46,17 +74,9 @@ def play(
     engine: Engine | None = None,
 ) -> Trace:
     """One episode with walkers by their arrival."""
-    scene = scene or scenario()
-    engine = engine or PlainEngine(scene.vehicle(), scene.experiment.step_s)
-    speeds = [speed for _, _, speed in walkers]
     arrivals = [Arrival(i, at, side, 0.5) for i, (at, side, _) in enumerate(walkers)]
-    return run_episode(
-        engine,
-        strategy,
-        arrivals,
-        lambda who, _range, _speed, _lateral=None: speeds[who.index],
-        constants_of(scene),
-    )
+    speed = lambda who, *_: walkers[who.index][2]  # noqa: E731
+    return episode(scene or scenario(), strategy, arrivals, speed, engine=engine)
 
 
 def drive(

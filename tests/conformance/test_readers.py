@@ -73,7 +73,7 @@ def test_is_documented(form: str) -> None:
 
 
 @every_format
-def test_the_encounter_comes_out_as_it_was(form: str) -> None:
+def test_the_encounter_comes_out_as_it_was_and_counts_add_up(form) -> None:
     found = extract(ENCOUNTER / form, form)
     rows = found.rows
     assert tuple(rows.columns) == ROW_COLUMNS
@@ -85,11 +85,6 @@ def test_the_encounter_comes_out_as_it_was(form: str) -> None:
     np.testing.assert_allclose(rows["crossing_angle_deg"].dropna(), 90.0, atol=1e-6)
     assert set(rows["passed_first"].dropna()) <= {"pedestrian"}
     assert (found.counts.vehicles, found.counts.pairs) == (1, 1)
-
-
-@every_format
-def test_counts_add_up_and_can_be_written(form: str) -> None:
-    found = extract(ENCOUNTER / form, form)
     dropped = found.counts.dropped["candidates"]
     assert found.counts.rows + sum(dropped.values()) == found.counts.candidates
     assert json.loads(json.dumps(summary(found), allow_nan=False))["rows"] == len(found.rows)

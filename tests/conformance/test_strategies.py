@@ -27,15 +27,11 @@ def test_keeps(strategy: str, check: str, model) -> None:
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-def test_is_documented(strategy: str) -> None:
+def test_is_documented_with_its_aggressiveness(strategy) -> None:
     page = DOCS.read_text(encoding="utf-8")
     assert f"\n| `{strategy}` |" in page, f"docs/strategies.md lacks a row for {strategy}"
     for name in (parameter.name for parameter in parameters_of(STRATEGIES[strategy])):
         assert f"`{strategy}.{name}`" in page or f"`{name}`" in page, name
-
-
-@pytest.mark.parametrize("strategy", STRATEGIES)
-def test_what_it_calls_its_aggressiveness_is_a_number_among_its_parameters(strategy: str) -> None:
     numbers = {p.name for p in parameters_of(STRATEGIES[strategy]) if p.annotation in (int, float)}
     signs = aggressiveness_of(strategy)
     assert signs.keys() <= numbers

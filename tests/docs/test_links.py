@@ -58,18 +58,15 @@ def test_pages_lead_to_files_that_are_there_without_the_site(page: Path) -> None
     assert [link for link in links(page) if "reference/" in link] == []
 
 
-def test_the_site_leads_to_its_own_pages_instead() -> None:
+def test_the_site_and_the_readme_lead_to_every_page() -> None:
     for file, made in IN_THE_SITE.items():
         assert (ROOT / "docs" / file[2:-1]).resolve().is_file()
         assert made[2:-1] in GENERATED
+    named = {(ROOT / link.partition("#")[0]).resolve() for link in links(README)}
+    assert {*PAGES} <= named
 
 
 def test_a_broken_link_is_found(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text("# A heading, and more\n[a](#a-heading-and-more) [b](#nowhere) [c](no.md)\n")
     assert broken(page) == ["#nowhere", "no.md"]
-
-
-def test_the_readme_leads_to_every_page() -> None:
-    named = {(ROOT / link.partition("#")[0]).resolve() for link in links(README)}
-    assert {*PAGES} <= named

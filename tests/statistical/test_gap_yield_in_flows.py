@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from harness.core.encounter import Arm
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.scenario import Setting, load_scenario
+from tests.scenes import on_plain
 
 PAIRS = 2000
 
@@ -15,8 +14,7 @@ def pass_times(strategy: str, model) -> np.ndarray:
     """Of the AV's arm; the plain engine drives as SUMO does (test_engines_agree)."""
     settings = [Setting("arms.av", strategy), Setting("arms.human", "constant_speed")]
     scenario = load_scenario("cctc_flow", settings)
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    outcomes = PairRunner(scenario, model, lambda: engine).run(range(PAIRS))
+    outcomes = on_plain(scenario, model).run(range(PAIRS))
     records = [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
     assert {record.ending for record in records} == {"crossed"}
     return np.array([record.pass_time_s for record in records])

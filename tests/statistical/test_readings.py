@@ -62,20 +62,13 @@ def drawn(request, own, model) -> tuple[InteractionModel, Drawn]:
     return chosen, Drawn(chosen, ROWS, seed=11)
 
 
-def test_marginal_reading_is_uniform(drawn):
+@pytest.mark.parametrize(
+    "given", [{}, {"inverse_time_advantage_per_s": "inverse_time"}, {"lateral_m": "lateral_m"}]
+)
+def test_every_reading_is_uniform(drawn, given):
     model, rows = drawn
-    u = model.walking_speed_cdf(rows.walking_mps, rows.range_m, rows.speed_mps)
-    assert kstest(u, "uniform").pvalue > 0.001
-
-
-def test_reading_with_time_advantage_is_uniform(drawn):
-    model, rows = drawn
-    u = model.walking_speed_cdf(
-        rows.walking_mps,
-        rows.range_m,
-        rows.speed_mps,
-        inverse_time_advantage_per_s=rows.inverse_time,
-    )
+    columns = {key: getattr(rows, name) for key, name in given.items()}
+    u = model.walking_speed_cdf(rows.walking_mps, rows.range_m, rows.speed_mps, **columns)
     assert kstest(u, "uniform").pvalue > 0.001
 
 
@@ -86,14 +79,6 @@ def test_driver_speeds_are_uniform(drawn):
         conditional = model.mixture.conditional(1, given)
         u = conditional.cdf(rows.speed_mps, np.column_stack(columns[: len(given)]))
         assert kstest(u, "uniform").pvalue > 0.001
-
-
-def test_curve_is_uniform(drawn):
-    model, rows = drawn
-    u = model.walking_speed_cdf(
-        rows.walking_mps, rows.range_m, rows.speed_mps, lateral_m=rows.lateral_m
-    )
-    assert kstest(u, "uniform").pvalue > 0.001
 
 
 class Curves:
@@ -278,18 +263,12 @@ def test_driver_densities_integrate_to_one(drawn):
         assert np.trapezoid(density, x) == pytest.approx(1.0, abs=1e-5)
 
 
-def test_curve_samples_lie_outside_the_hole(drawn):
-    model, rows = drawn
-    u = np.random.default_rng(2).random(ROWS)
-    x = model.walking_speed_on_curve(u, rows.range_m, rows.lateral_m, rows.speed_mps)
-    advantage = np.abs(rows.range_m / rows.speed_mps - rows.lateral_m / x)
-    assert advantage.min() >= 1 / model.mixture.upper[3] - 1e-9
-
-
-def test_inverse_of_the_curve_returns_the_quantile(drawn):
+def test_curve_samples_lie_outside_the_hole_at_their_quantile(drawn):
     model, rows = drawn
     u = np.random.default_rng(3).random(ROWS)
     x = model.walking_speed_on_curve(u, rows.range_m, rows.lateral_m, rows.speed_mps)
+    advantage = np.abs(rows.range_m / rows.speed_mps - rows.lateral_m / x)
+    assert advantage.min() >= 1 / model.mixture.upper[3] - 1e-9
     back = model.walking_speed_cdf(x, rows.range_m, rows.speed_mps, lateral_m=rows.lateral_m)
     np.testing.assert_allclose(back, u, atol=1e-9)
 

@@ -7,8 +7,6 @@ from scipy import stats
 from benchmarks.risk import TRUTH
 from benchmarks.risk_table import LAYOUT as FAULTY, Tables
 from harness.core.encounter import Arm, Ending
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
 from harness.studies.risk.estimation import Estimation, _pilot, estimate_probability
@@ -17,6 +15,7 @@ from harness.studies.risk.layout import Layout
 from harness.studies.risk.outcomes import Evaluate
 from harness.studies.risk.space import space_of
 from tests.risks import CROWD, LAYOUT, crowd, fault, half_space, scored, union
+from tests.scenes import on_plain
 
 REPETITIONS = 400
 
@@ -118,8 +117,7 @@ def test_the_interval_covers_the_kappa_of_constant_speed() -> None:
     scenario = load_scenario("cctc", [Setting("arms.av", "constant_speed")])
     space = space_of(scenario, Arm.AV)
     assert space.fixed == ("side", "quantile")
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    runner = PairRunner(scenario, load_model(scenario.model.name), lambda: engine)
+    runner = on_plain(scenario, load_model(scenario.model.name))
 
     def crashes(side: float, quantiles: np.ndarray) -> np.ndarray:
         people = [(0, {"side": [side], "quantile": [quantile]}) for quantile in quantiles.tolist()]

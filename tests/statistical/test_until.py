@@ -86,14 +86,11 @@ def contains(interval: Interval, truth: float) -> bool:
     return interval.low <= truth <= interval.high
 
 
-def test_looks_double_up_to_the_number_of_pairs() -> None:
+def test_looks_double_and_each_spends_its_share_of_the_error() -> None:
     assert looks(20_000) == [1_000, 2_000, 4_000, 8_000, 16_000, 20_000]
     assert looks(4_000) == [1_000, 2_000, 4_000]
     assert looks(1_000) == [1_000]
     assert looks(50) == [50]
-
-
-def test_each_look_spends_its_share_of_the_error() -> None:
     options = Options(until=Precision("mu", 0.01))
     # Bonferroni: 5 % shared by 6 looks.
     assert confidence_of(study_of(20_000, 1), options) == pytest.approx(1 - 0.05 / 6)

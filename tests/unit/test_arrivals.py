@@ -45,15 +45,12 @@ def test_counts_within_a_minute_are_poisson(flow: float) -> None:
     assert stats.chisquare(pooled[0], pooled[1] * PAIRS / pooled[1].sum()).pvalue > 1e-3
 
 
-def test_gaps_are_exponential() -> None:
+def test_gaps_are_exponential_and_an_hour_has_3600_seconds() -> None:
     # 60 arrivals expected in the horizon: the first ten are all there.
     arrivals = plans(scene(timeout_s=600.0, flow_per_hour=360.0), 500)
     times = np.array([[a.arrival_s for a in plan[:10]] for plan in arrivals])
     gaps = np.diff(times, axis=1, prepend=0.0)
     assert stats.kstest(gaps.ravel(), stats.expon(scale=10.0).cdf).pvalue > 1e-3
-
-
-def test_an_hour_has_3600_seconds() -> None:
     # The median of an exponential gap is ln 2 over its rate: 250 in 3600 s.
     scenario = scene(flow_per_hour=250.0, first_at_trigger=False)
     (first, *_) = planned_arrivals(scenario, 0, {"arrival": [0.5]})
@@ -82,24 +79,18 @@ def test_no_one_arrives_after_the_horizon_and_all_in_order() -> None:
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5, 1.0])
 def test_sides_come_in_the_share_asked_for(share: float) -> None:
-    sides = [
-        a.side
-        for plan in plans(scene(flow_per_hour=600.0, near_side_share=share), 1000)
-        for a in plan
-    ]
+    found = plans(scene(flow_per_hour=600.0, near_side_share=share), 1000)
+    sides = [a.side for plan in found for a in plan]
     near = sides.count(Side.NEAR)
     error = np.sqrt(share * (1 - share) / len(sides))
     assert abs(near / len(sides) - share) <= 4 * error
 
 
-def test_sides_do_not_depend_on_quantiles_or_times() -> None:
+def test_sides_and_quantiles_are_independent_and_uniform() -> None:
     everyone = [a for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
     near = np.array([a.side is Side.NEAR for a in everyone])
     for values in ([a.quantile for a in everyone], [a.arrival_s for a in everyone]):
         assert abs(np.corrcoef(near, values)[0, 1]) < 4 / np.sqrt(len(everyone))
-
-
-def test_quantiles_are_uniform() -> None:
     quantiles = [a.quantile for plan in plans(scene(flow_per_hour=600.0), 1000) for a in plan]
     assert len(quantiles) > 9000
     assert stats.kstest(quantiles, "uniform").pvalue > 1e-3
@@ -115,9 +106,8 @@ def test_the_first_at_the_trigger() -> None:
         for mine, theirs in zip(plan, other, strict=False):
             assert (mine.side, mine.quantile) == (theirs.side, theirs.quantile)
     # Those after them are Poisson from the trigger on: 400/60 in a minute.
-    after = np.array(
-        [len(plan) - 1 for plan in plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)]
-    )
+    many = plans(scene(flow_per_hour=400.0, first_at_trigger=True), 2000)
+    after = np.array([len(plan) - 1 for plan in many])
     assert abs(after.mean() - 400 / 60) < 4 * np.sqrt(400 / 60 / 2000)
 
 
@@ -136,15 +126,12 @@ def test_no_flow_no_pedestrians() -> None:
     assert [[a.arrival_s for a in plan] for plan in alone] == [[0.0]] * 20
 
 
-def test_plans_do_not_depend_on_the_order() -> None:
+def test_plans_depend_on_the_seed_and_not_on_the_order() -> None:
     scenario = scene(flow_per_hour=500.0)
     forward = {pair: planned_arrivals(scenario, pair) for pair in range(30)}
     backward = {pair: planned_arrivals(scenario, pair) for pair in reversed(range(30))}
     assert forward == backward
     for one, other in itertools.combinations(forward.values(), 2):
         assert one != other
-
-
-def test_another_seed_gives_other_pedestrians() -> None:
     one, other = (plans(scene(seed=seed, flow_per_hour=500.0), 30) for seed in (1, 2))
     assert all(a != b for a, b in zip(one, other, strict=True))

@@ -63,9 +63,6 @@ def test_rows_outside_the_box_are_dropped_and_counted_by_column():
     assert sample.data.shape == (37, 4)
     assert sample.rows_read == 40
     refuses(r"3 of 40 rows lie outside the box \(range_m 2", lambda: make_sample(rows, strict=True))
-
-
-def test_variables_are_the_models():
     rows = made_up(4)
     rows.loc[0, ["range_m", "vehicle_speed_mps", "pedestrian_speed_mps", "time_advantage_s"]] = [
         20.0,
@@ -143,15 +140,12 @@ def test_rows_without_identifiers_count_one_each_and_have_no_held_out_score():
     refuses("no held-out scores", lambda: calibrate(sample, Settings((1, 2), choose="held-out")))
 
 
-def test_standard_error_over_vehicles_of_equal_weight_is_that_of_a_mean():
+def test_standard_error_over_vehicles():
     scores = np.array([-0.4, -0.1, 0.3, -0.9, 0.2])
     held_out = HeldOut(totals=2.0 * scores, weights=np.full(5, 2.0))
     assert held_out.mean == pytest.approx(scores.mean())
     assert held_out.standard_error == pytest.approx(sem(scores))
     assert HeldOut(scores[:1], np.ones(1)).standard_error is None
-
-
-def test_standard_error_grows_with_one_dominant_vehicle():
     # Two vehicles at +1 and −1; with weights 9 and 1 the mean is 0.8, e = (1.8, −1.8), and the
     # formula gives sqrt(2/1 · 2 · 1.8²)/10.
     held_out = HeldOut(np.array([9.0, -1.0]), np.array([9.0, 1.0]))
@@ -202,27 +196,21 @@ def test_near_state_by_hand():
 BIC = {1: 1000.0, 2: 600.0, 3: 450.0, 4: 405.0, 5: 370.0, 6: 372.0}
 
 
-def test_rule_stops_before_the_first_gain_under_a_tenth_of_the_second_components():
+def test_choices_by_rule_and_of_equals():
     # Gains 400, 150, 45, 35: the first under 40 is that of K = 5.
     assert by_rule(BIC) == 4
     assert relative_gain(BIC) == pytest.approx({2: 1, 3: 0.375, 4: 0.1125, 5: 0.0875, 6: -0.005})
+    assert by_rule({1: 100.0, 2: 50.0, 3: 10.0}) is None
+    refuses("every K", lambda: by_rule({1: 1.0, 3: 0.5, 4: 0.2}))
+    assert by_bic({3: 5.0, 2: 5.0, 4: 6.0}) == 2
+    score = {k: HeldOut(np.array([x]), np.ones(1)) for k, x in {4: -1.0, 2: -1.0, 3: -2.0}.items()}
+    assert by_held_out(score) == 2
 
 
 @pytest.mark.parametrize("shift", [-700.0, 0.0, 1e5])
 def test_rule_does_not_depend_on_units(shift):
     # Other units of the data add one constant to the log-likelihood of every K.
     assert by_rule({k: value + shift for k, value in BIC.items()}) == 4
-
-
-def test_rule_needs_every_component_number_and_may_not_be_reached():
-    assert by_rule({1: 100.0, 2: 50.0, 3: 10.0}) is None
-    refuses("every K", lambda: by_rule({1: 1.0, 3: 0.5, 4: 0.2}))
-
-
-def test_choices_take_the_smaller_of_equals():
-    assert by_bic({3: 5.0, 2: 5.0, 4: 6.0}) == 2
-    score = {k: HeldOut(np.array([x]), np.ones(1)) for k, x in {4: -1.0, 2: -1.0, 3: -2.0}.items()}
-    assert by_held_out(score) == 2
 
 
 @pytest.fixture(scope="module")
@@ -242,7 +230,7 @@ def test_more_workers_change_no_bit(fitted):
         np.testing.assert_array_equal(one.mixture.scale_matrices, other.mixture.scale_matrices)
 
 
-def test_bic_counts_encounters_and_free_parameters(fitted):
+def test_bic_and_log_likelihood_by_hand_and_two_kinds_are_found(fitted):
     sample, calibration = fitted
     assert sample.encounters == 60
     for candidate in calibration.candidates:
@@ -251,16 +239,9 @@ def test_bic_counts_encounters_and_free_parameters(fitted):
         penalty = (k - 1 + 4 * k + 10 * k) * np.log(60)
         assert candidate.bic == pytest.approx(penalty - 2 * candidate.log_likelihood, rel=1e-12)
         assert candidate.parameters == k - 1 + 14 * k
-
-
-def test_log_likelihood_is_the_weighted_sum_over_all_rows(fitted):
-    sample, calibration = fitted
     for candidate in calibration.candidates:
         direct = sample.weights @ candidate.mixture.logpdf(sample.data)
         assert candidate.log_likelihood == pytest.approx(direct, abs=1e-6)
-
-
-def test_two_kinds_of_encounters_are_found(fitted):
     _, calibration = fitted
     one, two = calibration.candidates
     assert two.bic < one.bic

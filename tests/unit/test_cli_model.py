@@ -200,7 +200,7 @@ def test_the_commands_of_the_card_give_the_same_bytes_again(model_file, tmp_path
 
 
 @pytest.mark.usefixtures("rows")
-def test_one_number_of_components_is_given(harness):
+def test_fit_gives_one_number_of_components_and_prints_progress_apart(harness):
     code, out, _ = harness(
         "fit", "mine.csv", "--components", 2, "--folds", 0, "--starts", 1, "--weigh", "row",
         "--name", "own", "--out", "m.json", "--json",
@@ -210,10 +210,6 @@ def test_one_number_of_components_is_given(harness):
     assert card["chosen_by"] == "given"
     assert card["candidates"][0]["held_out"] is None
     assert read_model(Path("m.json")).name == "own"
-
-
-@pytest.mark.usefixtures("rows")
-def test_fit_prints_its_table_and_progress_apart(harness):
     code, out, err = harness(
         "fit", "mine.csv", "--components", 1, "--folds", 0, "--starts", 1, "--weigh", "row",
         "--out", "m.json",

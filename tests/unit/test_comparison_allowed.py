@@ -40,9 +40,6 @@ def test_bounds_are_one_sided_and_shared_by_the_sweep() -> None:
     reach = stats.norm.ppf(0.995) * 0.1 / math.sqrt(400)
     assert value.mu.high - 0.7 == pytest.approx(reach, rel=0.07)
     assert 0.7 - value.mu.low == pytest.approx(reach, rel=0.07)
-
-
-def test_pairs_without_a_tau_do_not_count_for_its_bound() -> None:
     tau = np.where(np.arange(400) < 100, np.nan, spread(0.7, 400))
     value = swept(tau, 100, 5)
     assert (value.pairs, value.defined_pairs, value.kappa.trials) == (400, 300, 400)
@@ -63,19 +60,22 @@ def test_some_values_are_allowed() -> None:
     assert {judgement.pairs_needed for judgement in found.judgements} == {None}
 
 
-def test_none_is_allowed() -> None:
-    # Each is denied by one of the two alone.
-    sweep = [swept(np.full(1_000, 0.8), 40, 2), swept(spread(0.95, 1_000), 0, 2)]
-    found = allowed_interval(sweep, Limits(0.9, 0.01), LEVEL)
+@pytest.mark.parametrize(
+    ("sweep", "limits"),
+    [
+        # Each is denied by one of the two alone.
+        ([swept(np.full(1_000, 0.8), 40, 2), swept(spread(0.95, 1_000), 0, 2)], Limits(0.9, 0.01)),
+        # On the limit: below is asked for; without spread nothing is undecided.
+        ([swept(np.full(400, 0.75), 0, 1)], Limits(0.75, 0.5)),
+        # μ is undefined, the crashes deny.
+        ([swept(np.full(50, np.nan), 50, 1)], Limits(0.9, 0.2)),
+    ],
+)
+def test_none_is_allowed(sweep: list[SweptValue], limits: Limits) -> None:
+    found = allowed_interval(sweep, limits, LEVEL)
     assert found.verdict is SweepVerdict.NONE
     assert {judgement.verdict for judgement in found.judgements} == {Verdict.DENIED}
     assert found.pairs_needed is None
-
-
-def test_on_the_limit_is_denied() -> None:
-    # Below is asked for; without spread there is nothing to be undecided about.
-    found = allowed_interval([swept(np.full(400, 0.75), 0, 1)], Limits(0.75, 0.5), LEVEL)
-    assert found.verdict is SweepVerdict.NONE
 
 
 def test_too_few_pairs_for_the_crash_rate() -> None:
@@ -90,9 +90,6 @@ def test_too_few_pairs_for_the_crash_rate() -> None:
     for pairs, verdict in ((437, SweepVerdict.SOME), (436, SweepVerdict.TOO_FEW_PAIRS)):
         more = [swept(np.full(pairs, 0.8), 0, 2), swept(np.full(pairs, 1.0), 0, 2)]
         assert allowed_interval(more, Limits(0.9, 0.01), LEVEL).verdict is verdict
-
-
-def test_failed_episodes_make_the_number_larger() -> None:
     # Of 100 pairs 50 ran: 437 runs take 874 pairs.
     found = allowed_interval(
         [swept(np.full(100, 0.8), 0, 2, runs=50)] * 2, Limits(0.9, 0.01), LEVEL
@@ -100,7 +97,7 @@ def test_failed_episodes_make_the_number_larger() -> None:
     assert found.pairs_needed == 874
 
 
-def test_too_few_pairs_for_the_mean() -> None:
+def test_too_few_pairs_for_the_mean_and_the_larger_number_of_the_two() -> None:
     value = swept(spread(0.85, 100), 0, 1)
     found = allowed_interval([value], Limits(0.86, 0.5), LEVEL)
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
@@ -109,10 +106,6 @@ def test_too_few_pairs_for_the_mean() -> None:
     pairs = math.ceil(1.1 * found.pairs_needed)
     enough = allowed_interval([swept(spread(0.85, pairs), 0, 1)], Limits(0.86, 0.5), LEVEL)
     assert enough.verdict is SweepVerdict.SOME
-
-
-def test_the_larger_number_of_the_two_decides() -> None:
-    value = swept(spread(0.85, 100), 0, 1)
     alone = allowed_interval([value], Limits(0.86, 0.5), LEVEL).pairs_needed
     both = allowed_interval([value], Limits(0.86, 0.01), LEVEL).pairs_needed
     # ln 0.025 / ln 0.99 = 367.04; the mean needs about 384.
@@ -138,7 +131,7 @@ def test_what_would_deny_all() -> None:
     assert low(before, round(before / 0.03)) < 0.01
 
 
-def test_the_quicker_way_to_deny_counts_and_all_have_to_be_denied() -> None:
+def test_the_quicker_way_to_deny_and_the_first_that_could_be_allowed_count() -> None:
     quick = swept(spread(0.95, 50), 0, 2)  # μ beyond by two standard errors and more
     slow = swept(np.full(50, 0.8), 1, 2)  # κ beyond, 1 of 50 against 0.01
     limits = Limits(0.93, 0.01)
@@ -146,9 +139,6 @@ def test_the_quicker_way_to_deny_counts_and_all_have_to_be_denied() -> None:
     assert None not in each
     assert each[0] < each[1]
     assert allowed_interval([quick, slow], limits, LEVEL).pairs_needed == each[1]
-
-
-def test_the_first_that_could_be_allowed_counts() -> None:
     near, far = swept(spread(0.89, 50), 0, 2), swept(spread(0.87, 50), 0, 2)
     found = allowed_interval([near, far], Limits(0.9, 0.2), LEVEL)
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
@@ -170,11 +160,6 @@ def test_where_no_number_can_be_named(tau: np.ndarray, crashes: int, limits: Lim
     found = allowed_interval([swept(tau, crashes, 1)], limits, LEVEL)
     assert found.verdict is SweepVerdict.TOO_FEW_PAIRS
     assert found.pairs_needed is None
-
-
-def test_undefined_mu_is_denied_by_its_crashes() -> None:
-    found = allowed_interval([swept(np.full(50, np.nan), 50, 1)], Limits(0.9, 0.2), LEVEL)
-    assert found.verdict is SweepVerdict.NONE
 
 
 @pytest.mark.parametrize("values", [1, 3, 10])

@@ -45,14 +45,11 @@ def test_mcnemar(counts: tuple[int, int, int, int], p: float, digits: float) -> 
     assert mcnemar(b, a, ran, ran).p == test.p
 
 
-def test_no_discordant_pairs() -> None:
+def test_mcnemar_without_discordant_pairs_and_with_failed_ones() -> None:
     a, _ = table(4, 0, 0, 46)
     ran = np.ones(50, dtype=bool)
     test = mcnemar(a, a, ran, ran)
     assert (test.only_a, test.only_b, test.p, test.kappa_difference) == (0, 0, 1.0, 0.0)
-
-
-def test_pairs_that_failed_in_the_engine_do_not_count() -> None:
     a = np.array([True, True, False, True, False])
     b = np.array([False, False, True, True, False])
     ran_a = np.array([True, False, True, True, True])
@@ -63,7 +60,7 @@ def test_pairs_that_failed_in_the_engine_do_not_count() -> None:
     assert (nothing.pairs, nothing.p, nothing.kappa_difference) == (0, 1.0, None)
 
 
-def test_holm_by_hand() -> None:
+def test_holm_by_hand_and_step_by_step() -> None:
     # 0.01 · 4; 0.02 · 3; 0.03 · 2 = 0.06, not below the one before; 0.04 · 1, raised to 0.06.
     assert holm([0.04, 0.01, 0.03, 0.02]) == pytest.approx([0.06, 0.04, 0.06, 0.06])
     # 0.005 · 3, 0.3 · 2, 0.9 · 1; at most 1.
@@ -72,9 +69,6 @@ def test_holm_by_hand() -> None:
     assert holm([1.0, 1.0, 1.0]) == [1.0, 1.0, 1.0]
     assert holm([0.2]) == [0.2]
     assert holm([]) == []
-
-
-def test_holm_rejects_step_by_step() -> None:
     # The procedure as Holm states it: go up from the smallest p while p_(j) < 0.05 / (m − j + 1).
     generator = rng()
     for _ in range(200):
@@ -112,16 +106,13 @@ def test_paired_difference_against_scipy() -> None:
     assert high - low < 0.1 * 4 * np.std(shared) / np.sqrt(80)
 
 
-def test_pairs_undefined_in_one_cell_are_left_out() -> None:
+def test_differences_of_undefined_equal_and_no_pairs() -> None:
     a = np.array([0.5, np.nan, 0.9, 0.7, 1.0])
     b = np.array([0.4, 0.8, np.nan, 0.4, 0.8])
     difference = paired_difference(a, b, rng())
     assert difference.value == pytest.approx((0.1 + 0.3 + 0.2) / 3)
     assert difference.informative == 3
     assert 0.0 <= difference.low <= difference.high <= 0.3 + 1e-12
-
-
-def test_difference_without_spread_or_pairs() -> None:
     a = np.repeat([0.5, 0.75, 1.0, np.nan], 3)
     same = paired_difference(a, a, rng())
     assert (same.value, same.low, same.high, same.informative, same.p) == (0.0, 0.0, 0.0, 0, 1.0)

@@ -87,7 +87,7 @@ def by_numbers(points: list[tuple[float, float]]) -> dict[tuple[int, int], tuple
     }
 
 
-def test_front_of_known_points() -> None:
+def test_front_of_known_points_and_of_one_alone() -> None:
     # μ falls and κ rises from cautious to bold; the last two lie above the front.
     points = [(1.0, 0.0), (0.8, 0.01), (0.6, 0.05), (0.9, 0.02), (1.0, 0.06)]
     standings = pareto_front(5, by_numbers(points))
@@ -95,6 +95,7 @@ def test_front_of_known_points() -> None:
     assert standings[3].dominated_by == (1,)
     assert standings[4].dominated_by == (0, 1, 2, 3)
     assert all(standing.open_against == () for standing in standings)
+    assert [standing.place for standing in pareto_front(1, {})] == [Place.FRONT]
 
 
 def test_what_cannot_be_told_is_named() -> None:
@@ -104,7 +105,3 @@ def test_what_cannot_be_told_is_named() -> None:
     assert [s.place for s in standings] == [Place.FRONT, Place.UNDECIDED, Place.DOMINATED]
     assert standings[1].open_against == (0, 2)
     assert (standings[2].dominated_by, standings[2].open_against) == ((0,), (1,))
-
-
-def test_one_cell_alone() -> None:
-    assert [standing.place for standing in pareto_front(1, {})] == [Place.FRONT]

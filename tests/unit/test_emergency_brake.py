@@ -126,19 +126,11 @@ def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:
     for _ in range(3000):
         range_m, speed = rng.uniform(-4.0, 25.0), rng.uniform(0.5, 15.0)
         lateral, walking = rng.uniform(-2.2, 2.2), rng.uniform(0.3, 3.0)
-        ours = _time_to_collision(
-            seen(range_m, speed, view(lateral, walking)), view(lateral, walking), half
-        )
+        walker = view(lateral, walking)
+        ours = _time_to_collision(seen(range_m, speed, walker), walker, half)
         body = (vehicle.length_m, 2.25 - 0.9, 2.25 + 0.9)
-        exact = float(
-            time_to_collision(
-                np.array([range_m]),
-                np.array([2.25 - lateral]),
-                np.array([-speed]),
-                np.array([walking]),
-                body,
-            )[0]
-        )
+        columns = (np.array([v]) for v in (range_m, 2.25 - lateral, -speed, walking))
+        exact = float(time_to_collision(*columns, body)[0])
         # The full corner is met no later than the rounded one.
         assert ours <= exact + 1e-9
         if np.isfinite(exact):

@@ -6,27 +6,13 @@ import re
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Ending, Observation, Side
+from harness.core.encounter import Arrival, Ending, Observation, Side, Trace
 from harness.core.errors import EngineError
 from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
 from harness.measures import measure
 from harness.scenario import PedestriansSection
 from harness.strategies.constant_speed import ConstantSpeed
-from tests.scenes import play, scenario
-
-
-class Recorder:
-    """Keeps what it sees and drives by a function of it."""
-
-    def __init__(self, command=lambda _: 0.0) -> None:
-        self.seen: list[Observation] = []
-        self._command = command
-
-    def decide(self, observation: Observation, /) -> float:
-        self.seen.append(observation)
-        return self._command(observation)
+from tests.scenes import Recorder, episode, play, scenario
 
 
 @pytest.mark.parametrize("arrival", [0.0, 0.037, 0.1, 0.3, 1.2345678901234, 4.999999])
@@ -58,15 +44,12 @@ def test_he_sees_the_ego_where_it_is_at_that_moment() -> None:
     assert walk.vehicle_speed_mps == pytest.approx(5 - 0.8 * arrival, abs=1e-9)
 
 
-def test_a_walker_from_the_far_side() -> None:
+def test_walkers_from_the_far_side_and_at_the_other_kerb() -> None:
     recorder = Recorder()
     play(recorder, [(0.0, Side.FAR, 1.0)])
     # The lane's centre is 6.75 m from the far kerb.
     assert recorder.seen[0].pedestrians[0].lateral_m == pytest.approx(6.75)
     assert recorder.seen[70].pedestrians[0].lateral_m == pytest.approx(-0.25, abs=1e-9)
-
-
-def test_who_has_reached_the_other_kerb_is_gone() -> None:
     recorder = Recorder(lambda _: -0.4)
     play(recorder, [(0.0, Side.NEAR, 2.0)])
     # 9 m at 2 m/s: 4.5 s.
@@ -85,11 +68,9 @@ BY_DEFAULT = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
 def test_kerb_rule_of_two_seconds(arrival: float, goes: bool) -> None:
     scene = scenario(pedestrians={"kerb_wait_s": 2.0})
     trace = play(ConstantSpeed(), [(arrival, Side.NEAR, 1.2)], scene)
-    walk = trace.walks[0]
-    if goes:
-        assert walk.start_s == arrival
-    else:
-        assert (walk.start_s, walk.speed_mps, walk.range_m) == (None, None, None)
+    (walk,) = trace.walks
+    assert walk.start_s == (arrival if goes else None)
+    assert (walk.speed_mps is None, walk.range_m is None) == (not goes, not goes)
 
 
 @pytest.mark.parametrize(("arrival", "goes"), [(5.59, True), (5.61, False), (7.3, False)])
@@ -127,13 +108,7 @@ def test_a_car_that_stops_before_the_edge_keeps_nobody_waiting(deceleration, goe
     # It brakes from 4.2 s on, 7 m before the edge: from 5 m/s to a stand takes 25/14 m/s².
     scene = scenario(pedestrians=BY_DEFAULT)
     recorder = Recorder(lambda seen: -deceleration if seen.time_s > 4.15 else 0.0)
-    trace = run_episode(
-        PlainEngine(scene.vehicle(), 0.1),
-        recorder,
-        [Arrival(0, 4.25, Side.NEAR, 0.5, gap_s)],
-        lambda *_: 1.2,
-        constants_of(scene),
-    )
+    trace = episode(scene, recorder, [Arrival(0, 4.25, Side.NEAR, 0.5, gap_s)])
     assert (trace.walks[0].start_s == 4.25) is goes
 
 
@@ -159,13 +134,8 @@ def test_an_observation_is_immutable() -> None:
     recorder = Recorder()
     play(recorder, [(0.0, Side.NEAR, 1.0)])
     seen = recorder.seen[10]
-    for thing, name in (
-        (seen, "time_s"),
-        (seen.ego, "speed_mps"),
-        (seen.pedestrians[0], "lateral_m"),
-        (seen.vehicle, "length_m"),
-        (seen.crossing, "length_m"),
-    ):
+    parts = (seen.ego, "speed_mps"), (seen.vehicle, "length_m"), (seen.crossing, "length_m")
+    for thing, name in ((seen, "time_s"), (seen.pedestrians[0], "lateral_m"), *parts):
         with pytest.raises(AttributeError):
             setattr(thing, name, 1.0)
     with pytest.raises(TypeError):
@@ -196,10 +166,13 @@ def test_commands_are_held_to_the_vehicles_limits() -> None:
     np.testing.assert_array_equal(losses[12:], 0.0)
 
 
-def test_it_ends_when_the_rear_has_left_the_far_edge() -> None:
+def test_it_ends_when_the_rear_has_left_the_far_edge_in_the_last_step_too() -> None:
     trace = play(ConstantSpeed(), [])
     assert trace.ending is Ending.CROSSED
     assert trace.x_m[-1] >= 7.0 - 1e-9 > trace.x_m[-2]
+    # 7.4 s to the far edge.
+    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": 7.4}))
+    assert trace.ending is Ending.CROSSED
 
 
 @pytest.mark.parametrize("timeout_s", [3.0, 7.3])
@@ -209,12 +182,6 @@ def test_a_time_out(timeout_s: float) -> None:
     assert len(trace.x_m) - 1 == round(timeout_s / 0.1)
     (record,) = measure([trace])
     assert (record.ending, record.pass_time_s) == ("timed_out", None)
-
-
-def test_crossing_in_the_very_last_step_is_no_time_out() -> None:
-    # 7.4 s to the far edge.
-    trace = play(ConstantSpeed(), [], scenario(experiment={"timeout_s": 7.4}))
-    assert trace.ending is Ending.CROSSED
 
 
 def raises(_: Observation) -> float:
@@ -271,12 +238,14 @@ class Failing(PlainEngine):
         return super().end()
 
 
+def failed(at: str, *arrivals: Arrival) -> Trace:
+    return episode(scenario(), ConstantSpeed(), arrivals, lambda *_: 2.5, engine=Failing(at))
+
+
 @pytest.mark.parametrize("at", ["begin", "step", "remove", "end"])
 def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
     arrivals = [Arrival(0, 0.0, Side.NEAR, 0.5), Arrival(1, 2.04, Side.FAR, 0.5)]
-    trace = run_episode(
-        Failing(at), ConstantSpeed(), arrivals, lambda *_: 2.5, constants_of(scenario())
-    )
+    trace = failed(at, *arrivals)
     assert trace.ending is Ending.ENGINE_FAILED
     assert trace.reason in {"no ego", "lost ego", "lost pedestrian 0", "no end"}
     (record,) = measure([trace])
@@ -286,16 +255,7 @@ def test_an_engine_that_fails_ends_its_episode_with_a_reason(at: str) -> None:
 
 def test_failed_episodes_do_not_disturb_others_measured_with_them() -> None:
     good = play(ConstantSpeed(), [(0.0, Side.NEAR, 1.0)])
-    broken = [
-        run_episode(
-            Failing(at),
-            ConstantSpeed(),
-            [Arrival(0, 0.0, Side.NEAR, 0.5)],
-            lambda *_: 2.5,
-            constants_of(scenario()),
-        )
-        for at in ("begin", "step", "remove")
-    ]
+    broken = [failed(at, Arrival(0, 0.0, Side.NEAR, 0.5)) for at in ("begin", "step", "remove")]
     alone = measure([good])[0]
     assert measure([*broken, good, *broken])[3] == alone
 

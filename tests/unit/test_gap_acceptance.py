@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from harness.core.encounter import Arrival, Observation, Side, Walk
-from harness.engine.plain import PlainEngine
+from harness.core.encounter import Arrival, Side, Walk
 from harness.episode.arrivals import critical_gap_s, planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
 from harness.measures import Outcome
 from harness.scenario import GapAcceptanceSection, Scenario, validate
-from harness.strategies.constant_speed import ConstantSpeed
+from tests.scenes import Recorder, episode, on_plain
 
 
 def scene(**pedestrians: object) -> Scenario:
@@ -23,43 +19,27 @@ def scene(**pedestrians: object) -> Scenario:
 
 def cross(gap_s: float | None, arrival_s: float, command=lambda _: 0.0, **pedestrians: object):
     """The walk of one person with that critical gap."""
-    scenario = scene(**pedestrians)
     arrival = Arrival(0, arrival_s, Side.NEAR, 0.5, gap_s)
-
-    class Driver(ConstantSpeed):
-        def decide(self, observation: Observation, /) -> float:
-            return command(observation)
-
-    engine = PlainEngine(scenario.vehicle(), 0.1)
-    trace = run_episode(engine, Driver(), [arrival], lambda *_: 1.2, constants_of(scenario))
-    return trace.walks[0]
+    return episode(scene(**pedestrians), Recorder(command), [arrival]).walks[0]
 
 
 @pytest.mark.parametrize(
     ("gap_s", "arrival_s", "goes"),
     # At 5 m/s from R = 30 m the near edge (R = 2 m) is 5.6 s − t away.
-    [
-        (3.0, 2.5, True),
-        (3.0, 2.59, True),
-        (3.0, 2.61, False),
-        (5.5, 0.05, True),
-        (5.7, 0.0, False),
-        (0.5, 5.0, True),  # kerb_wait_s, 2 s here, is not their rule
-    ],
-)
+    # kerb_wait_s, 2 s here, is not their rule.
+    [(3.0, 2.5, True), (3.0, 2.59, True), (3.0, 2.61, False), (5.5, 0.05, True), (5.7, 0.0, False),
+     (0.5, 5.0, True)],
+)  # fmt: skip
 def test_goes_while_the_gap_is_longer_than_his(gap_s: float, arrival_s: float, goes: bool) -> None:
     walk = cross(gap_s, arrival_s)
     assert walk.start_s == (arrival_s if goes else None)
 
 
-def test_waits_until_the_ego_yields() -> None:
+def test_waits_until_the_ego_yields_or_leaves_a_long_gap() -> None:
     # From 1 s on, 23 m before the edge, 1 m/s² stops it in 12.5 m; they see that a step later.
     walk = cross(8.0, 0.5, lambda o: -1.0 if o.time_s > 0.95 else 0.0)
     assert walk.start_s == pytest.approx(1.1, abs=1e-9)
     assert walk.vehicle_speed_mps == pytest.approx(4.9)
-
-
-def test_a_slow_ego_leaves_a_long_gap() -> None:
     # From 5 m/s to 2 m/s with 2 m/s² until 2.5 s: 30 − 5 − 5.25 = 19.75 m, 17.75 m to the edge.
     # It keeps 2 m/s then, so at 3.05 s the edge is 16.65 m, 8.325 s, away.
     slow = lambda o: -2.0 if 0.95 < o.time_s < 2.45 else 0.0  # noqa: E731
@@ -74,14 +54,11 @@ def test_goes_before_one_that_would_stop_before_the_edge(deceleration, goes_s) -
     assert walk.start_s == goes_s
 
 
-def test_goes_in_front_of_one_that_stands_however_near() -> None:
+def test_goes_in_front_of_one_that_stands_but_never_under_the_body() -> None:
     # Braking at 0.5 m/s² it needs 25 m: it stands at R = 5 m, 3 m before the edge, at 10 s.
     walk = cross(1000.0, 11.0, lambda _: -0.5)
     assert walk.start_s == 11.0
     assert (walk.range_m, walk.vehicle_speed_mps) == pytest.approx((5.0, 0.0), abs=1e-9)
-
-
-def test_never_under_the_body() -> None:
     # A critical gap of nothing at all; the bumper is over the near edge at 5.6 s.
     assert cross(0.0, 5.59).start_s == 5.59
     assert cross(0.0, 5.7).start_s is None
@@ -100,21 +77,15 @@ def test_lognormal_gaps(mean: float, std: float) -> None:
     np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
 
 
-def test_default_gaps_lie_where_published_ones_do() -> None:
-    # Brewer et al. (2006): 85th percentiles of accepted gaps at eleven approaches, 5.3 to 9.4 s.
-    assert 5.3 < critical_gap_s(0.85, GapAcceptanceSection()) < 9.4
-
-
-def test_logistic_gaps() -> None:
+def test_logistic_default_and_equal_gaps() -> None:
     gaps = GapAcceptanceSection(distribution="logistic", mean_s=4.0, std_s=1.5)
     reference = stats.logistic(loc=4.0, scale=1.5 * math.sqrt(3) / math.pi)
     uniform = np.array([0.05, 0.3, 0.5, 0.9])
     found = [critical_gap_s(u, gaps) for u in uniform]
     np.testing.assert_allclose(found, reference.ppf(uniform), rtol=1e-12)
     assert critical_gap_s(1e-6, gaps) == 0.0
-
-
-def test_gaps_without_spread_are_all_the_mean() -> None:
+    # Brewer et al. (2006): 85th percentiles of accepted gaps at eleven approaches, 5.3 to 9.4 s.
+    assert 5.3 < critical_gap_s(0.85, GapAcceptanceSection()) < 9.4
     for distribution in ("lognormal", "logistic"):
         gaps = GapAcceptanceSection(distribution=distribution, std_s=0.0)
         assert critical_gap_s(0.1, gaps) == pytest.approx(4.0)
@@ -146,8 +117,7 @@ def braking(outcome: Outcome, walk: Walk) -> float:
 
 def test_both_arms_meet_the_same_people(model) -> None:
     scenario = scene(flow_per_hour=900.0)
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    outcomes = list(PairRunner(scenario, model, lambda: engine).run(range(40)))
+    outcomes = list(on_plain(scenario, model).run(range(40)))
     differing = waited = 0
     for av, human in zip(outcomes[::2], outcomes[1::2], strict=True):
         planned = planned_arrivals(scenario, av.pair)

@@ -106,7 +106,7 @@ def test_a_pedestrian_who_is_gone_in_time_does_not_slow_it() -> None:
     np.testing.assert_array_equal(trace.speed_mps, EMPTY.speed_mps)
 
 
-def test_is_at_the_edge_when_its_lane_is_free() -> None:
+def test_is_at_the_edge_when_its_lane_is_free_from_either_side() -> None:
     # 4.75 m/0.6 m/s = 7.9167 s for 28 m from 5 m/s: one constant deceleration.
     free = 4.75 / 0.6
     deceleration = 2 * (28 - 5 * free) / free**2
@@ -117,6 +117,11 @@ def test_is_at_the_edge_when_its_lane_is_free() -> None:
     # In the last moments going on at a0 gets it there no earlier, and it does.
     assert crossing_time(trace, -EDGE_M) == pytest.approx(free, abs=0.1)
     np.testing.assert_allclose(changes[82:90], 1.0, atol=1e-9)
+    free = 9 / 1.0
+    trace = play(GapYield(), [(0.0, Side.FAR, 1.0)])
+    np.testing.assert_allclose(
+        np.diff(trace.speed_mps)[:70] / STEP, 2 * (28 - 5 * free) / free**2, atol=1e-9
+    )
 
 
 def test_stops_where_slowing_down_is_not_enough() -> None:
@@ -130,14 +135,6 @@ def test_stops_where_slowing_down_is_not_enough() -> None:
     np.testing.assert_allclose(-trace.x_m[standing], 3.0, atol=1e-3)
     assert standing[-1] == math.ceil((free - math.sqrt(2)) / STEP)
     assert crossing_time(trace, -EDGE_M) == pytest.approx(free, abs=0.15)
-
-
-def test_from_the_far_side_the_lane_is_free_at_its_kerb() -> None:
-    free = 9 / 1.0
-    trace = play(GapYield(), [(0.0, Side.FAR, 1.0)])
-    np.testing.assert_allclose(
-        np.diff(trace.speed_mps)[:70] / STEP, 2 * (28 - 5 * free) / free**2, atol=1e-9
-    )
 
 
 @pytest.mark.parametrize(("critical_gap", "stops"), [(1.5, True), (0.5, False)])

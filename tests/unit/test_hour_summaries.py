@@ -54,7 +54,6 @@ def passage(edge_s: float | None, ending: str = "crossed", **values: float) -> d
 
 
 def test_trials_are_vehicles_that_reached_the_crosswalk_or_crashed() -> None:
-    """Eight that never got there say nothing about crashes; a conflict of one stands apart."""
     through = [passage(5.0), passage(6.0, min_ttc_s=0.4), passage(7.0, "crashed")]
     before_it = [passage(None, "crashed")]
     never = [passage(None, "timed_out", min_ttc_s=0.4), *[passage(None, "timed_out")] * 7]
@@ -62,10 +61,6 @@ def test_trials_are_vehicles_that_reached_the_crosswalk_or_crashed() -> None:
     assert (counts["reached"], counts["crashes"]) == (4, 2)
     assert (counts["conflicts_ttc"], counts["conflicts_pet"]) == (3, 2)
     assert counts["conflicts_unreached"] == 1
-
-
-def test_kappa_is_over_those_that_reached_it() -> None:
-    """1 of 20: not 1 of 100."""
     own = {"crashes": [1, 0, 0], "reached": [20, 0, 0], "conflicts_unreached": 2}
     findings = summary_of(own, {}, scenario())
     kappa = findings["kappa"]
@@ -87,13 +82,15 @@ def test_findings_are_read_back_as_they_were_written() -> None:
     assert findings_from(CATALOGUE, row) == findings
 
 
-def test_a_queue_in_metres_is_that_of_vehicles_with_their_gaps() -> None:
-    """Three vehicles of 5 m, each with the gap of 2 m before it."""
+def test_queues_and_fallbacks_by_hand() -> None:
     own = {"queue_p95": [2.0, 3.0, 4.0]}
     findings = summary_of(own, {"queue_p95": 1.0}, scenario())
     assert findings["queue_p95_m"].value == pytest.approx(21.0)
     assert findings["queue_p95_m"].low == pytest.approx(7 * (findings["queue_p95"].low or 0.0))
     assert findings["queue_p95_m_difference"].value == pytest.approx(14.0)
+    findings = summary_of({"met": 40, "fallbacks": [40, 0, 20]}, {}, scenario())
+    share = findings["fallback_share"]
+    assert (share.events, share.n) == (60, 120)
 
 
 def test_a_share_of_people_keeps_within_0_and_1() -> None:
@@ -198,12 +195,6 @@ def test_yield_rates_are_declared_not_observed(share, arms, rate, reason) -> Non
     assert str(row["no_handbook"]).startswith(str(reason))
     if share == 0:
         assert row["hcm_pedestrian_delay_s"] == row["hcm_pedestrian_delay_s_human"]
-
-
-def test_fallbacks_are_a_share_of_those_that_met_someone() -> None:
-    findings = summary_of({"met": 40, "fallbacks": [40, 0, 20]}, {}, scenario())
-    share = findings["fallback_share"]
-    assert (share.events, share.n) == (60, 120)
 
 
 def test_a_delay_that_still_grows() -> None:

@@ -65,15 +65,10 @@ def test_a_reaction_time_delays_yielding_alone() -> None:
     assert begins(4.0) == pytest.approx(10.0)
 
 
+@pytest.mark.parametrize("pairs", [60, pytest.param(20_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("flow", [250.0, 1000.0])
-def test_no_avoidable_crash_in_flows(flow, model) -> None:
-    assert crashes(flow, range(60), model) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("flow", [250.0, 1000.0])
-def test_no_avoidable_crash_in_20_000_pairs(flow, model) -> None:
-    assert crashes(flow, range(20_000), model) == []
+def test_no_avoidable_crash_in_flows(flow, pairs, model) -> None:
+    assert crashes(flow, range(pairs), model) == []
 
 
 def crashes(flow, pairs, model) -> list[int]:

@@ -7,8 +7,6 @@ import pytest
 
 from harness.core.encounter import Arm, Side
 from harness.core.errors import InputError
-from harness.engine.plain import PlainEngine
-from harness.episode.pairing import PairRunner
 from harness.measures import measure
 from harness.measures.ego import crossing_time
 from harness.scenario import (
@@ -21,7 +19,7 @@ from harness.scenario import (
 )
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.gap_yield import GapYield
-from tests.scenes import play, scenario
+from tests.scenes import on_plain, play, scenario
 
 
 def road(lane: int = 0, **crossing: Any):
@@ -83,12 +81,8 @@ def test_contact_is_in_the_egos_lane() -> None:
     # Lane 1 of 3 m, centre 4.5 m: its path is 3.35 to 5.65 m from the near kerb.  The ego is over
     # the line from 5.95 to 7.05 s.
     crossing = {"lanes": 2, "oncoming_lanes": 1, "length_m": 9.0}
-    for walking, hit in (
-        (5.65 / 5.9, False),
-        (5.65 / 6.0, True),
-        (3.35 / 7.0, True),
-        (0.47, False),
-    ):
+    cases = ((5.65 / 5.9, False), (5.65 / 6.0, True), (3.35 / 7.0, True), (0.47, False))
+    for walking, hit in cases:
         trace = play(ConstantSpeed(), [(0.0, Side.NEAR, walking)], road(1, **crossing))
         assert (measure([trace])[0].contact is not None) is hit
 
@@ -106,15 +100,12 @@ def test_gap_yield_waits_until_its_own_lane_is_free() -> None:
 
 def test_lanes_and_widths_can_be_swept() -> None:
     file = read_scenario_file("cctc", [Setting("crossing.oncoming_lanes", 0)])
-    found = study_of(file, [parse_variation("crossing.lanes=1,2"), _lengths()])
+    lengths = parse_variation("crossing.length_m=6.0,9.0")
+    found = study_of(file, [parse_variation("crossing.lanes=1,2"), lengths])
     centres = [cell.scenario.crosswalk().lane_centre_m for cell in found.cells]
     assert centres == [3.0, 4.5, 1.5, 2.25]
     expected = {"crossing.lanes": 1, "crossing.length_m": 9.0}
     assert [dict(cell.varied) for cell in found.cells][1] == expected
-
-
-def _lengths() -> Any:
-    return parse_variation("crossing.length_m=6.0,9.0")
 
 
 @pytest.mark.parametrize("name", ["cctc", "cctc_flow", "euro_ncap_vru"])
@@ -131,8 +122,7 @@ def test_shipped_scenarios_run_on_other_roads(name: str, layout: dict[str, float
     file = read_scenario_file(name, [*settings, Setting("experiment.timeout_s", 300.0)])
     for cell in study_of(file).cells[:: 9 if name == "euro_ncap_vru" else 1]:
         scene = cell.scenario
-        engine = PlainEngine(scene.vehicle(), scene.experiment.step_s)
-        outcomes = list(PairRunner(scene, model, lambda engine=engine: engine).run(range(3)))
+        outcomes = list(on_plain(scene, model).run(range(3)))
         assert {outcome.record.ending for outcome in outcomes} <= {"crossed", "crashed"}
         if name == "euro_ncap_vru":
             # Whoever never brakes hits them, where the case says: on any road.

@@ -15,23 +15,11 @@ import harness
 PACKAGE = Path(harness.__file__).parent
 
 # The data's way, from below: a room imports its own level and those before it, never a later one.
-LEVELS = {
-    name: level
-    for level, names in enumerate(
-        (
-            ("core",),
-            ("statistics", "site", "measures", "model"),
-            ("scenario",),
-            ("engine", "strategies"),
-            ("episode",),
-            ("store", "rl"),
-            ("studies",),
-            ("report",),
-            ("cli", "__main__"),
-        )
-    )
-    for name in names
-}
+ORDER = (
+    "core | statistics site measures model | scenario | engine strategies | episode | store rl "
+    "| studies | report | cli __main__"
+)
+LEVELS = {name: n for n, names in enumerate(ORDER.split(" | ")) for name in names.split()}
 HEAVY = ("libsumo", "traci", "scipy", "pandas", "pyarrow", "matplotlib")
 
 
@@ -63,12 +51,9 @@ def level_of(module: str) -> int | None:
     return LEVELS.get(inside.partition(".")[0])
 
 
-def test_every_module_has_a_level() -> None:
+def test_every_module_has_a_level_and_the_architecture_names_every_room() -> None:
     without = [name for name in MODULES if name != "harness" and level_of(name) is None]
     assert without == []
-
-
-def test_the_architecture_names_every_room() -> None:
     page = (PACKAGE.parent / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert [name for name in LEVELS if f"`{name}`" not in page and name != "__main__"] == []
 
@@ -138,11 +123,8 @@ def modules_of(path: Path) -> set[str]:
 INSIDE = {name: modules_of(path) for name, path in MODULES.items() if name != "harness"}
 
 
-def test_no_modules_import_each_other_in_a_circle() -> None:
+def test_neither_modules_nor_rooms_import_each_other_in_a_circle() -> None:
     assert circle_in(INSIDE) == []
-
-
-def test_no_rooms_import_each_other_in_a_circle() -> None:
     rooms: dict[str, set[str]] = {}
     for module, imported in INSIDE.items():
         own = room_of(module)
@@ -184,18 +166,8 @@ def test_the_mixture_knows_no_traffic() -> None:
 
 
 def test_the_comparison_needs_numpy_and_scipy_alone() -> None:
-    known = {
-        "dataclasses",
-        "harness",
-        "numpy",
-        "scipy",
-        "collections",
-        "copy",
-        "enum",
-        "functools",
-        "math",
-        "typing",
-    }
+    known = {"harness", "numpy", "scipy", "dataclasses", "collections", "copy", "enum"}
+    known |= {"functools", "math", "typing"}
     for module, path in MODULES.items():
         if module.startswith("harness.statistics"):
             assert {name.split(".")[0] for name in imports_of(path)} <= known, module

@@ -33,18 +33,15 @@ def table(av: list[tuple[object, ...]], human: list[tuple[object, ...]]) -> pa.T
     rows = []
     for pair, arms in enumerate(zip(av, human, strict=True)):
         for arm, values in zip(("av", "human"), arms, strict=True):
-            rows.append(
-                {"cell": 0, "pair": pair, "arm": arm, **dict(zip(names, values, strict=True))}
-            )
+            row = {"cell": 0, "pair": pair, "arm": arm}
+            rows.append(row | dict(zip(names, values, strict=True)))
     return pa.Table.from_pylist(rows, schema=EPISODES)
 
 
 def row_of(arm: str, measure: str) -> dict[str, object]:
-    found = [
-        r for r in measure_rows(table(AV, HUMAN)) if (r["arm"], r["measure"]) == (arm, measure)
-    ]
-    assert len(found) == 1
-    return found[0]
+    rows = measure_rows(table(AV, HUMAN))
+    (found,) = [row for row in rows if (row["arm"], row["measure"]) == (arm, measure)]
+    return found
 
 
 def test_every_measure_has_a_row_for_each_arm() -> None:
@@ -62,9 +59,6 @@ def test_statistics_by_hand() -> None:
     assert ttc["p95"] == pytest.approx(2.0 + 0.8 * 6.0)
     # Truth counts as 1: the share of the crashes.
     assert (row_of("av", "avoidable")["defined"], row_of("av", "avoidable")["mean"]) == (2, 0.5)
-
-
-def test_a_measure_defined_nowhere() -> None:
     row = row_of("human", "min_ttc_s")
     assert row["defined"] == 0
     assert [row[name] for name in ("mean", "p05", "p50", "p95")] == [None] * 4
@@ -84,7 +78,7 @@ def counted(thresholds: ConflictsSection) -> dict[tuple[str, str], tuple[int, in
     return {(row["arm"], row["conflict"]): (row["conflicts"], row["episodes"]) for row in rates}
 
 
-def test_conflicts_by_hand() -> None:
+def test_conflicts_by_hand_at_the_thresholds_of_the_scenario() -> None:
     # Of seven that ran: 1.49 s and both crashes; a threshold itself is no conflict.
     found = counted(ConflictsSection())
     assert found["av", "ttc"] == (3, 7)
@@ -93,6 +87,10 @@ def test_conflicts_by_hand() -> None:
     # No time advantage is known of any of them: the crashes alone.
     assert found["av", "time_advantage"] == (2, 7)
     assert {found["human", conflict.name] for conflict in CONFLICTS} == {(0, 8)}
+    found = counted(ConflictsSection(ttc_s=2.1, pet_s=0.0, drac_mps2=0.4))
+    assert found["av", "ttc"] == (5, 7)
+    assert found["av", "pet"] == (2, 7)
+    assert found["av", "drac"] == (6, 7)
 
 
 def test_those_who_met_somebody_are_told_apart() -> None:
@@ -106,9 +104,8 @@ def test_those_who_met_somebody_are_told_apart() -> None:
     episodes = episodes.set_column(
         place, EPISODES.field(place), pa.array(met, EPISODES.field(place).type)
     )
-    (ttc,) = [
-        row for row in measure_rows(episodes) if (row["arm"], row["measure"]) == ("av", "min_ttc_s")
-    ]
+    found = measure_rows(episodes)
+    (ttc,) = [row for row in found if (row["arm"], row["measure"]) == ("av", "min_ttc_s")]
     # 1.49, 1.5 and 0.05 of five.
     assert (ttc["defined"], ttc["defined_met_someone"], ttc["p50_met_someone"]) == (5, 3, 1.49)
     assert ttc["mean_met_someone"] == pytest.approx((1.49 + 1.5 + 0.05) / 3)
@@ -119,23 +116,13 @@ def test_those_who_met_somebody_are_told_apart() -> None:
     assert (row["conflicts"], row["episodes"]) == (3, 7)
 
 
-def test_thresholds_are_the_scenarios() -> None:
-    found = counted(ConflictsSection(ttc_s=2.1, pet_s=0.0, drac_mps2=0.4))
-    assert found["av", "ttc"] == (5, 7)
-    assert found["av", "pet"] == (2, 7)
-    assert found["av", "drac"] == (6, 7)
-
-
-def test_interval_of_a_rate() -> None:
+def test_interval_of_a_rate_and_of_none() -> None:
     rates = rates_of(table(AV, HUMAN), ConflictsSection(), 0.9)
     row = rates[0]
     assert (row["arm"], row["conflict"], row["threshold"]) == ("av", "ttc", 1.5)
     assert (row["episodes"], row["conflicts"], row["rate"]) == (7, 3, 3 / 7)
     assert row["ci_low"] == pytest.approx(stats.beta.ppf(0.05, 3, 5))
     assert row["ci_high"] == pytest.approx(stats.beta.ppf(0.95, 4, 4))
-
-
-def test_nothing_ran() -> None:
     failed = [("engine_failed", None, None, None, None)]
     rates = rates_of(table(failed, failed), ConflictsSection())
     assert {(row["rate"], row["ci_low"], row["episodes"]) for row in rates} == {(None, None, 0)}

@@ -39,15 +39,12 @@ def test_pass_time_at_constant_speed(step: float) -> None:
     assert result.ending == "crossed"
 
 
-def test_pass_time_inside_a_step_of_acceleration() -> None:
+def test_times_of_acceleration_of_a_place_and_of_a_time_out() -> None:
     # 5 t + t²/2 = 37: t = √99 − 5 = 4.9499 s, between two steps.
     result = record([1.0] * 60)
     assert result.pass_time_s == pytest.approx(math.sqrt(99) - 5, abs=1e-12)
     assert result.delay_s == pytest.approx(math.sqrt(99) - 5 - 7.4, abs=1e-12)
     assert result.steps == 50
-
-
-def test_time_of_a_place() -> None:
     # 5 t − t²/4: at t = 10 s the ego has come 25 m and stands; it never reaches x = 0.
     trace = drive([-0.5] * 100)
     assert trace.speed_mps[-1] == pytest.approx(0.0, abs=1e-9)
@@ -55,22 +52,25 @@ def test_time_of_a_place() -> None:
     # 5 t − t²/4 = 9: t = 2 (of 2 and 18).
     assert crossing_time(trace, -21.0) == pytest.approx(2.0, abs=1e-9)
     assert crossing_time(trace, -30.0) == 0.0
-
-
-def test_a_time_out_has_no_pass_time() -> None:
     result = record([-0.5] * 100, ending=Ending.TIMED_OUT)
     assert (result.ending, result.pass_time_s, result.delay_s) == ("timed_out", None, None)
     assert result.end_s == pytest.approx(10.0)
     assert result.steps == 100
 
 
-def test_a_failed_episode_keeps_its_reason_and_no_contact() -> None:
+def test_failed_episodes_and_those_without_pedestrians() -> None:
     # Its walker would be hit at 5.95 s, had anything worked.
     result = record(
         [0.0] * 76, [(0.0, Side.FAR, 1.0)], ending=Ending.ENGINE_FAILED, reason="SUMO lost it"
     )
     assert (result.ending, result.reason) == ("engine_failed", "SUMO lost it")
     assert (result.pass_time_s, result.contact, result.contact_time_s) == (None, None, None)
+    result = cruise()
+    assert result.pedestrians == 0
+    for name in ("min_gap_m", "min_ttc_s", "min_time_advantage_s", "pet_s", "contact_index"):
+        assert getattr(result, name) is None
+    assert result.max_deceleration_mps2 == 0.0
+    assert result.stopped_s == 0.0
 
 
 def test_stopped_time_and_strongest_deceleration() -> None:
@@ -86,15 +86,6 @@ def test_stopped_time_and_strongest_deceleration() -> None:
     assert result.delay_s == pytest.approx(expected - 7.4, abs=1e-9)
 
 
-def test_nothing_to_measure_without_pedestrians() -> None:
-    result = cruise()
-    assert result.pedestrians == 0
-    for name in ("min_gap_m", "min_ttc_s", "min_time_advantage_s", "pet_s", "contact_index"):
-        assert getattr(result, name) is None
-    assert result.max_deceleration_mps2 == 0.0
-    assert result.stopped_s == 0.0
-
-
 def test_contact_with_someone_who_slows_down() -> None:
     # From t = 4 s on y = 2 t' − t'²/2: at t' = 1.95 s, when the front is 0.25 m away, y = 1.999 m,
     # in front of the body (1.35 to 3.15 m).
@@ -108,7 +99,7 @@ def test_contact_with_someone_who_slows_down() -> None:
     assert measure([trace])[0].contact is None
 
 
-def test_front_contact_ends_the_record() -> None:
+def test_contacts_with_the_front_the_side_and_a_corner() -> None:
     # From the far kerb at 1 m/s they are at the lane's centre at 6.75 s; y(5.95) = 3.05 m lies
     # before the bumper, which is 0.25 m short of x = 0 at 5.95 s.
     result = cruise((0.0, Side.FAR, 1.0))
@@ -119,16 +110,10 @@ def test_front_contact_ends_the_record() -> None:
     assert result.steps == 60  # the step in which it happened is the sixtieth
     assert result.min_gap_m == 0.0
     assert (result.pass_time_s, result.delay_s, result.values.pet_s) == (None, None, None)
-
-
-def test_side_contact() -> None:
     # Their disc meets the right side (y = 1.10 m) at 6.5 s; the bumper is 2.5 m past them.
     result = cruise((5.4, Side.NEAR, 1.0))
     assert (result.ending, result.contact) == ("crashed", "side")
     assert result.contact_time_s == pytest.approx(6.5, abs=1e-9)
-
-
-def test_contact_with_a_corner() -> None:
     # At 5.97 s the bumper is at −0.15 m and they are 0.20 m past the left side: a 3-4-5 triangle.
     result = cruise((2.62, Side.NEAR, 1.0))
     assert result.contact == "front"
@@ -137,13 +122,16 @@ def test_contact_with_a_corner() -> None:
     assert cruise((2.55, Side.NEAR, 1.0)).contact is None
 
 
-def test_contact_while_braking() -> None:
+def test_contacts_while_braking_and_between_two_steps() -> None:
     # 6 t − t²/4 = 29.75 m: t = (6 − √(36 − 29.75)) / 0.5 = 7 s, at 6 − 3.5 = 2.5 m/s.
     result = record([-0.5] * 110, [(0.0, Side.NEAR, 0.3)], speed=6.0, ending=Ending.TIMED_OUT)
     assert result.contact == "front"
     assert result.contact_time_s == pytest.approx(7.0, abs=1e-9)
     assert result.contact_speed_mps == pytest.approx(2.5, abs=1e-9)
     assert result.max_deceleration_mps2 == pytest.approx(0.5, abs=1e-9)
+    # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
+    result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
+    assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
 
 
 def test_the_earliest_of_several_contacts_counts() -> None:
@@ -154,12 +142,6 @@ def test_the_earliest_of_several_contacts_counts() -> None:
     assert result.pedestrians == 2
     only_side = cruise(walkers[0], walkers[2])
     assert (only_side.contact_index, only_side.contact) == (0, "side")
-
-
-def test_a_contact_between_two_steps_is_found() -> None:
-    # At 60 m/s a step of 1 s jumps over them: bumper −30 m, then 30 m.  Contact 29.75/60 s.
-    result = record([0.0, 0.0], [(0.0, Side.NEAR, 4.5)], speed=60.0, step=1.0)
-    assert result.contact_time_s == pytest.approx(29.75 / 60, abs=1e-9)
 
 
 def test_at_every_contact_gap_and_time_to_collision_are_nothing() -> None:
@@ -174,31 +156,22 @@ def test_at_every_contact_gap_and_time_to_collision_are_nothing() -> None:
     assert [(result.min_ttc_s, result.min_gap_m) for result in touched] == [(0.0, 0.0)] * 4
 
 
-def test_post_encroachment_time_pedestrian_first() -> None:
+def test_post_encroachment_time_by_hand() -> None:
     # Their disc leaves the ego's path at 3.40 m / 1.5 m/s; the bumper is at −0.25 m at 5.95 s.
     first = cruise((0.0, Side.NEAR, 1.5)).values
     assert first._asdict()["pet_s"] == pytest.approx(5.95 - 3.4 / 1.5, abs=1e-9)
     # From the far side they leave it 6.75 + 1.15 = 7.9 m from their kerb.
     assert cruise((0.0, Side.FAR, 2.0)).pet_s == pytest.approx(5.95 - 7.9 / 2, abs=1e-9)
-
-
-def test_post_encroachment_time_ego_first() -> None:
     # The rear bumper is 0.25 m past them at 35.25/5 = 7.05 s; they enter at 1.10 m.
     assert cruise((6.9, Side.NEAR, 1.0)).pet_s == pytest.approx(6.9 + 1.1 - 7.05, abs=1e-9)
     assert cruise((3.0, Side.FAR, 1.0)).pet_s == pytest.approx(3.0 + 5.6 - 7.05, abs=1e-9)
     # The smallest of several.
     both = cruise((6.9, Side.NEAR, 1.0), (3.0, Side.FAR, 1.0))
     assert both.pet_s == pytest.approx(6.9 + 1.1 - 7.05, abs=1e-9)
-
-
-def test_post_encroachment_time_of_a_shared_zone_is_zero() -> None:
     # At 5.95 s they are at 3.38 m, still inside the path, and pass the corner 0.28 m away.
     result = cruise((2.57, Side.NEAR, 1.0))
     assert result.contact is None
     assert result.pet_s == 0.0
-
-
-def test_post_encroachment_time_needs_both_to_enter() -> None:
     standing = record([-0.5] * 100, [(0.0, Side.NEAR, 0.5)], ending=Ending.TIMED_OUT)
     assert standing.pet_s is None
 
@@ -208,14 +181,11 @@ def pet_of(*legs: Leg) -> float | None:
     return measure([replace(drive([0.0] * 76), walks=(walk,))])[0].pet_s
 
 
-def test_post_encroachment_time_of_who_is_on_the_road_at_the_trigger() -> None:
+def test_post_encroachment_time_of_who_is_on_the_road_or_beside_the_centre_line() -> None:
     # At y = 2 m, in the path already, at 0.5 m/s: they leave it at 3.40 m after 2.8 s.
     assert pet_of(Leg(0.0, 0.0, 2.0, 0.0, 0.5, 0.0)) == pytest.approx(5.95 - 2.8, abs=1e-9)
     # At y = 3.5 m they have left it, and never enters.
     assert pet_of(Leg(0.0, 0.0, 3.5, 0.0, 0.5, 0.0)) is None
-
-
-def test_post_encroachment_time_beside_the_centre_line() -> None:
     of = pet_of
     # They walk along x = 1.7 m: the bumper meets their line at 1.45 m, 31.45/5 = 6.29 s; the rear
     # leaves it at 1.95 m, 36.95/5 = 7.39 s.
@@ -227,15 +197,12 @@ def test_post_encroachment_time_beside_the_centre_line() -> None:
     assert of(*drifting) == pytest.approx(5.86 - 3.4, abs=1e-9)
 
 
-def test_time_advantage_by_hand() -> None:
+def test_time_advantage_and_time_to_collision_by_hand() -> None:
     # |R/v − L/v_p| with R/v = 6 − t, L/v_p = 2.25/1.5 − t: 4.5 s as long as both approach.
     assert cruise((0.0, Side.NEAR, 1.5)).min_time_advantage_s == pytest.approx(4.5, abs=1e-9)
     # They step off at 3.2 s: 1.3 s, after the ego by no more.
     result = cruise((3.2, Side.NEAR, 1.5))
     assert result.min_time_advantage_s == pytest.approx(6 - 3.2 - 1.5, abs=1e-9)
-
-
-def test_time_to_collision_by_hand() -> None:
     # Timed out 5 s into a collision course of 5.95 s from the start: it falls with the clock, and
     # the last step begins at 4.9 s.
     result = record([0.0] * 50, [(0.0, Side.FAR, 1.0)], ending=Ending.TIMED_OUT)

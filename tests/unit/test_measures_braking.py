@@ -27,36 +27,27 @@ def braking(plan: list[float], *walkers: Walker) -> EpisodeRecord:
     return record(plan, walkers, ending=Ending.TIMED_OUT)
 
 
-def test_drac_that_lets_him_leave() -> None:
+def test_drac_by_hand() -> None:
     # d = 29.75 m; their disc is past the right side after 9 − 1.10 = 7.9 m, T = 7.9 s.  A constant
     # a with 5 T − a T²/2 = d; still moving then, as 5 · 7.9 < 2 · 29.75.  Braking at 1 m/s² from
     # there on, DRAC falls.
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
     expected = (5 * 7.9 - 29.75) * 2 / 7.9**2
     assert result.max_drac_mps2 == pytest.approx(expected, abs=1e-9)
-
-
-def test_drac_that_stops() -> None:
     # At 0.25 m/s from the near kerb they are in the way from 4.4 s until 13.6 s: rolling up to them
     # in that time would take a negative speed, so it is v²/2d.
     result = braking([-1.0] * 50, (0.0, Side.NEAR, 0.25))
     assert result.max_drac_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
-
-
-def test_drac_is_the_largest_over_the_states() -> None:
     # 3 s at constant speed: d = 14.75 m, T = 4.9 s; then 2 m/s², more than DRAC, which so falls.
     result = braking([0.0] * 30 + [-2.0] * 25, (0.0, Side.FAR, 1.0))
     assert result.max_drac_mps2 == pytest.approx((5 * 4.9 - 14.75) * 2 / 4.9**2, abs=1e-9)
 
 
-def test_drac_is_undefined_after_a_crash_and_off_a_collision_course() -> None:
+def test_drac_is_undefined_after_a_crash_and_where_braking_is_no_way_out() -> None:
     assert cruise((0.0, Side.FAR, 1.0)).contact == "front"
     assert cruise((0.0, Side.FAR, 1.0)).max_drac_mps2 is None
     assert cruise((0.0, Side.NEAR, 1.5)).max_drac_mps2 is None
     assert cruise().max_drac_mps2 is None
-
-
-def test_drac_is_not_for_someone_who_would_walk_into_the_flank() -> None:
     # At constant speed they would reach the side at 7.0 s, 0.05 s before the rear has gone; the ego
     # accelerates at 6 s and is gone by 6.84 s.  A collision course, but braking is no way out.
     result = record([0.0] * 60 + [3.0] * 15, [(5.9, Side.NEAR, 1.0)])
@@ -98,32 +89,23 @@ def test_drac_against_stepping_through_an_episode() -> None:
     assert result.max_drac_mps2 == pytest.approx(max(states), abs=2e-3)
 
 
-def test_required_deceleration_from_the_trigger() -> None:
+def test_required_deceleration_by_hand() -> None:
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
     # A crash does not change what was needed when they came into sight.
     assert cruise((0.0, Side.FAR, 1.0)).required_deceleration_mps2 == pytest.approx(
         25 / (2 * 29.75), abs=1e-9
     )
-
-
-def test_required_deceleration_when_he_steps_off_inside_a_step() -> None:
     # At 3.05 s the bumper is 14.75 m before the centre line; they will be hit 2.9 s later.
     result = cruise((3.05, Side.NEAR, 0.6))
     assert result.contact == "front"
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 14.5), abs=1e-9)
-
-
-def test_required_deceleration_waits_for_the_detection_range() -> None:
     # 20 m of sight: the first such state is at 2.0 s.
     trace = drive(
         [0.0] * 76, [(0.0, Side.FAR, 1.0)], scene=scenario(ego={"detection_range_m": 20.0})
     )
     (result,) = measure([trace])
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 19.75), abs=1e-9)
-
-
-def test_required_deceleration_is_for_those_on_a_collision_course() -> None:
     assert cruise((0.0, Side.NEAR, 1.5)).required_deceleration_mps2 is None
     assert cruise().required_deceleration_mps2 is None
     # Of two the larger.
@@ -161,15 +143,9 @@ def test_avoidable_by_letting_him_leave() -> None:
     slower = cruise((2 / 3, Side.NEAR, 1.8), speed=15.0)
     assert slower.contact == "front"
     assert slower.avoidable is False
-
-
-def test_avoidable_is_about_the_one_who_was_hit() -> None:
     # The first to be hit is somebody who steps off at the trigger: any braking would have done.
     result = cruise((5.4, Side.NEAR, 1.0), (0.0, Side.FAR, 1.0))
     assert (result.contact_index, result.avoidable) == (1, True)
-
-
-def test_avoidable_needs_a_crash() -> None:
     assert cruise((0.0, Side.NEAR, 1.5)).avoidable is None
     assert cruise().avoidable is None
 

@@ -27,7 +27,7 @@ def grid(nodes=150):
     return points, np.outer(w, 1.5 * w).ravel()
 
 
-def test_density_integrates_to_one_and_moments_follow():
+def test_density_integrates_to_one_within_the_bounds_and_moments_follow():
     found = mixture()
     points, weights = grid()
     density = np.exp(found.logpdf(points)) * weights
@@ -36,6 +36,9 @@ def test_density_integrates_to_one_and_moments_follow():
     away = points - density @ points
     covariance = np.einsum("n,ni,nj->ij", density, away, away)
     np.testing.assert_allclose(covariance, found.covariance(), atol=1e-10)
+    logs = mixture().logpdf([[0.0, 0.0], [2.0, 3.0], [2.0 + 1e-9, 1.0], [1.0, -1e-9]])
+    assert np.isfinite(logs).tolist() == [True, True, False, False]
+    assert (logs[2:] == -np.inf).all()
 
 
 def test_weights_are_of_the_truncated_components():
@@ -48,62 +51,38 @@ def test_weights_are_of_the_truncated_components():
     np.testing.assert_allclose(np.exp(mixture().logpdf(points)), wanted, rtol=1e-10)
 
 
-def test_density_is_zero_outside_and_not_on_the_bounds():
-    logs = mixture().logpdf([[0.0, 0.0], [2.0, 3.0], [2.0 + 1e-9, 1.0], [1.0, -1e-9]])
-    assert np.isfinite(logs).tolist() == [True, True, False, False]
-    assert (logs[2:] == -np.inf).all()
-
-
 def test_infinite_bounds_give_an_ordinary_mixture():
     found = mixture(lower=[-np.inf] * 2, upper=[np.inf] * 2)
     assert found.masses.tolist() == [1.0, 1.0]
     points = np.random.default_rng(0).normal(size=(50, 2)) * 3
-    wanted = sum(
-        pi * multivariate_normal(m, s).pdf(points)
-        for pi, m, s in zip(
-            PARTS["weights"], PARTS["locations"], PARTS["scale_matrices"], strict=True
-        )
-    )
+    parts = zip(PARTS["weights"], PARTS["locations"], PARTS["scale_matrices"], strict=True)
+    wanted = sum(pi * multivariate_normal(m, s).pdf(points) for pi, m, s in parts)
     np.testing.assert_allclose(found.logpdf(points), np.log(wanted), rtol=1e-12)
 
 
 def test_draws_lie_in_the_box_and_have_the_moments():
-    found = mixture()
-    rows = found.sample(100_000, np.random.default_rng(3))
-    assert ((rows >= found.lower) & (rows <= found.upper)).all()
-    # Five standard errors of the mean.
-    error = np.sqrt(np.diag(found.covariance()) / 100_000)
-    assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
-    np.testing.assert_allclose(np.cov(rows.T), found.covariance(), atol=0.01)
+    # One with hardly any mass is drawn by the chain of conditionals instead of by rejection.
+    far = [1.0], [[-4.0, -1.0]], [[[1.0, 0.3], [0.3, 1.0]]], [0.0, 0.0], [5.0, 5.0]
+    rare = TruncatedGaussianMixture(*far)
+    assert rare.masses[0] < 1e-3
+    for found, count in ((mixture(), 100_000), (rare, 20_000)):
+        rows = found.sample(count, np.random.default_rng(3))
+        assert ((rows >= found.lower) & (rows <= found.upper)).all()
+        # Five standard errors of the mean.
+        error = np.sqrt(np.diag(found.covariance()) / count)
+        assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
+        np.testing.assert_allclose(np.cov(rows.T), found.covariance(), atol=0.01)
 
 
-def test_draws_of_a_component_with_hardly_any_mass():
-    """Drawn by the chain of conditionals instead of by rejection."""
-    found = TruncatedGaussianMixture(
-        [1.0], [[-4.0, -1.0]], [[[1.0, 0.3], [0.3, 1.0]]], [0.0, 0.0], [5.0, 5.0]
-    )
-    assert found.masses[0] < 1e-3
-    rows = found.sample(20_000, np.random.default_rng(3))
-    assert ((rows >= 0.0) & (rows <= 5.0)).all()
-    error = np.sqrt(np.diag(found.covariance()) / 20_000)
-    assert (np.abs(rows.mean(axis=0) - found.mean()) < 5 * error).all()
-
-
-def test_same_generator_same_draws():
+def test_same_generator_same_draws_of_an_immutable_mixture():
     one = mixture().sample(100, np.random.default_rng(8))
     assert one.tobytes() == mixture().sample(100, np.random.default_rng(8)).tobytes()
     assert mixture().sample(0, np.random.default_rng(8)).shape == (0, 2)
-
-
-def test_immutable():
     found = mixture()
     with pytest.raises(ValueError, match="read-only"):
         found.locations[0, 0] = 1.0
     with pytest.raises(AttributeError, match="cannot assign"):
         found.weights = np.ones(2)
-
-
-def test_weights_are_normalised_within_a_millionth():
     found = mixture(weights=[0.4, 0.6 + 5e-7])
     assert found.weights.sum() == pytest.approx(1.0, abs=1e-15)
 

@@ -65,24 +65,15 @@ def test_independent_box_is_a_product(dimension):
     assert mass(np.diag(scale**2), lower, upper) == pytest.approx(wanted, abs=1e-14)
 
 
-@pytest.mark.parametrize("rho", [-0.95, -0.3, 0.0, 0.5, 0.999])
-def test_orthant_of_two(rho):
+def test_orthants_of_two_three_and_four():
     # Sheppard (1899): 1/4 + asin(rho) / 2 pi.
-    wanted = 0.25 + np.arcsin(rho) / (2.0 * np.pi)
-    assert mass([[1, rho], [rho, 1]], [0, 0], [INF, INF]) == pytest.approx(wanted, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    "rhos", [(0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)]
-)
-def test_orthant_of_three(rhos):
-    a, b, c = rhos
-    wanted = 0.125 + np.arcsin(rhos).sum() / (4.0 * np.pi)
-    matrix = [[1, a, b], [a, 1, c], [b, c, 1]]
-    assert mass(matrix, [0] * 3, [INF] * 3) == pytest.approx(wanted, abs=1e-10)
-
-
-def test_orthant_of_four_with_correlation_half():
+    for rho in (-0.95, -0.3, 0.0, 0.5, 0.999):
+        wanted = 0.25 + np.arcsin(rho) / (2.0 * np.pi)
+        assert mass([[1, rho], [rho, 1]], [0, 0], [INF, INF]) == pytest.approx(wanted, abs=1e-12)
+    for a, b, c in ((0.5, 0.5, 0.5), (0.9, 0.8, 0.7), (-0.3, 0.4, 0.2), (0.95, 0.9, 0.97)):
+        wanted = 0.125 + np.arcsin((a, b, c)).sum() / (4.0 * np.pi)
+        matrix = [[1, a, b], [a, 1, c], [b, c, 1]]
+        assert mass(matrix, [0] * 3, [INF] * 3) == pytest.approx(wanted, abs=1e-10)
     # The chance that one of five exchangeable variables is the largest: 1/5.
     matrix = 0.5 + 0.5 * np.eye(4)
     assert mass(matrix, [0] * 4, [INF] * 4) == pytest.approx(0.2, abs=1e-12)
@@ -137,7 +128,7 @@ def test_four_variables_at_condition_100_by_conditioning(seed):
     np.testing.assert_allclose(got[2][0], covariance, atol=1e-7)
 
 
-def test_infinite_bounds_change_nothing():
+def test_infinite_bounds_change_nothing_and_small_masses_keep_digits():
     matrix = random_matrix(np.random.default_rng(1), 4, 50)[None]
     location = np.array([[1.0, -2.0, 3.0, 0.0]])
     total, mean, covariance = truncation.moments(
@@ -146,9 +137,6 @@ def test_infinite_bounds_change_nothing():
     assert total[0] == 1.0
     np.testing.assert_allclose(mean, location, atol=1e-14)
     np.testing.assert_allclose(covariance, matrix, atol=1e-14)
-
-
-def test_small_masses_keep_digits():
     # Independent variables: the product of scipy's tails, down to 1e-40.
     from scipy.stats import norm
 

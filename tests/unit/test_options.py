@@ -37,7 +37,7 @@ def test_widths_that_are_refused(given: tuple[Any, Any]) -> None:
         Precision(*given)
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
     options = Options(workers=np.int64(2), hang_after_s=np.float32(30), audit=np.float64(0.5))  # type: ignore[arg-type]
     assert (options.workers, type(options.workers)) == (2, int)
     assert (options.hang_after_s, type(options.hang_after_s)) == (30.0, float)
@@ -49,9 +49,6 @@ def test_numbers_of_numpy_are_numbers() -> None:
     }
     plain = {key: value.item() for key, value in settings.items()}
     assert load_scenario("cctc_flow", settings) == load_scenario("cctc_flow", plain)
-
-
-def test_a_sweep_over_an_array() -> None:
     file = read_scenario_file("cctc_flow")
     flows = np.linspace(100, 300, 3)
     study = study_of(file, [("pedestrians.flow_per_hour", flows)])  # type: ignore[list-item]

@@ -110,14 +110,11 @@ def in_order() -> dict[int, list[tuple]]:
     return run(FLOW, list(range(60)))
 
 
-def test_a_pair_first_last_or_alone(in_order) -> None:
+def test_a_pair_first_last_alone_or_in_another_process(in_order) -> None:
     assert run(FLOW, list(reversed(range(60)))) == in_order
     for pair in (0, 17, 59):
         assert run(FLOW, [pair])[pair] == in_order[pair]
     assert run(FLOW, [59, 3]) == {pair: in_order[pair] for pair in (59, 3)}
-
-
-def test_a_pair_in_another_process(in_order) -> None:
     context = multiprocessing.get_context("spawn")
     with context.Pool(1) as pool:
         elsewhere = pool.apply(run, (FLOW, [41, 2]))
@@ -145,7 +142,7 @@ def yielding(av: str, human: str, driver: Arm, model: InteractionModel) -> np.nd
     return np.array([one._yields for one in drivers if isinstance(one, HumanYield)])
 
 
-def test_an_av_that_draws_gets_no_number_that_the_reference_gets(model) -> None:
+def test_an_av_that_draws_gets_no_number_of_the_reference_unless_it_is_the_reference(model) -> None:
     human = yielding("hard_yield", "human_yield", Arm.HUMAN, model)
     # The reference draws from the stream that it always had, the AV from another: two that are
     # independent say the same in 0.74² + 0.26² of the pairs.
@@ -153,9 +150,6 @@ def test_an_av_that_draws_gets_no_number_that_the_reference_gets(model) -> None:
     av = yielding("human_yield", "hard_yield", Arm.AV, model)
     alike = 0.74**2 + 0.26**2
     assert (av == human).mean() == pytest.approx(alike, abs=4 * math.sqrt(alike * 0.24 / 2000))
-
-
-def test_the_same_strategy_in_both_arms_draws_the_same(model) -> None:
     both = [yielding("human_yield", "human_yield", arm, model) for arm in Arm]
     assert (both[0] == both[1]).all()
     assert (both[0] == yielding("hard_yield", "human_yield", Arm.HUMAN, model)).all()

@@ -10,10 +10,7 @@ from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Observation, Side, Trace
 from harness.core.errors import InputError
-from harness.engine.plain import PlainEngine
 from harness.episode.arrivals import planned_arrivals
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
 from harness.measures import measure
 from harness.model.interaction import load_model
 from harness.scenario import Scenario, load_scenario, remarks, validate
@@ -23,30 +20,18 @@ from harness.strategies.perception.occlusion import Rectangle, is_hidden
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
 from harness.strategies.perception.track import Track, updates_until_found
-from tests.scenes import on_plain, outcome_of, scenario
+from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
 """An obstacle that hides nobody, but lets everything go through the sensor."""
 
 
-class Recorder:
-    """Keeps what it is shown and never brakes."""
-
-    def __init__(self) -> None:
-        self.seen: list[Observation] = []
-
-    def decide(self, observation: Observation, /) -> float:
-        self.seen.append(observation)
-        return 0.0
-
-
 def watched(
     scene: Scenario, arrivals: Sequence[Arrival], choose_speed, sensor: Sensor | None
 ) -> tuple[list[Observation], Trace]:
-    driver, engine = Recorder(), PlainEngine(scene.vehicle(), scene.experiment.step_s)
+    driver = Recorder()
     eyes = None if sensor is None else Perception(sensor, arrivals, 0)
-    trace = run_episode(engine, driver, arrivals, choose_speed, constants_of(scene), eyes)
-    return driver.seen, trace
+    return driver.seen, episode(scene, driver, arrivals, choose_speed, eyes)
 
 
 def play(
@@ -333,9 +318,7 @@ def test_when_the_child_behind_parked_cars_becomes_visible(speed: float) -> None
 
 
 def outcomes(scene: Scenario, pairs: int = 6) -> list[object]:
-    model = load_model(scene.model.name)
-    runner = on_plain(scene, model)
-    return list(runner.run(range(pairs)))
+    return list(on_plain(scene, load_model(scene.model.name)).run(range(pairs)))
 
 
 def flow(*settings: tuple[str, object]) -> Scenario:

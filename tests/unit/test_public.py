@@ -17,12 +17,15 @@ from harness.measures import MEASURES, EpisodeRecord
 ROOT = Path(harness.__file__).parents[1]
 
 
-def test_type_checkers_see_every_name() -> None:
+def test_type_checkers_see_every_name_and_another_is_refused() -> None:
     stub = Path(harness.__file__).with_suffix(".pyi")
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         assert isinstance(node, ast.ImportFrom)
         assert all(alias.asname == alias.name for alias in node.names), "or it is not exported"
     assert sorted(harness.__all__) == dir(harness)
+    with pytest.raises(AttributeError, match="attribute nothing"):
+        _ = harness.nothing
+    assert (Path(harness.__file__).parent / "py.typed").is_file()
 
 
 @pytest.mark.parametrize("name", harness.__all__)
@@ -70,21 +73,12 @@ def wrong(one: EpisodeOutcome) -> float:
     assert 'got "float | None", expected "float"' in second
 
 
-def test_another_name_is_refused() -> None:
-    with pytest.raises(AttributeError, match="attribute nothing"):
-        _ = harness.nothing
-
-
 def test_importing_it_imports_nothing_heavy() -> None:
     script = "import sys, harness; print([n for n in ('numpy', 'pandas') if n in sys.modules])"
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout.strip() == "[]"
-
-
-def test_types_ship_with_it() -> None:
-    assert (Path(harness.__file__).parent / "py.typed").is_file()
 
 
 def test_the_citation_and_the_changelog_name_this_version() -> None:

@@ -5,32 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arrival, Contact, Ending, Observation, Side, Walk
-from harness.engine.plain import PlainEngine
-from harness.episode.cell_constants import constants_of
-from harness.episode.loop import run_episode
-from harness.episode.pairing import PairRunner
+from harness.core.encounter import Arrival, Contact, Ending, Side, Walk
 from harness.measures import measure
 from harness.scenario import Scenario, validate
 from harness.store.episode_tables import pedestrian_rows, trace_rows
-from tests.scenes import outcome_of
+from tests.scenes import Recorder, episode, on_plain, outcome_of
 
 
 def scene(**sections: dict[str, object]) -> Scenario:
     pedestrians = {"behaviour": "reactive", "kerb_wait_s": 0.0, **sections.pop("pedestrians", {})}
     return validate({"pedestrians": pedestrians, **sections}, "test")
-
-
-class Driver:
-    """Drives by a function of what it sees, and keeps that."""
-
-    def __init__(self, command=lambda _: 0.0) -> None:
-        self._command = command
-        self.seen: list[Observation] = []
-
-    def decide(self, observation: Observation, /) -> float:
-        self.seen.append(observation)
-        return self._command(observation)
 
 
 class Speeds:
@@ -45,11 +29,8 @@ class Speeds:
         return self._speeds[min(len(self.asked), len(self._speeds)) - 1]
 
 
-def play(speeds: Speeds, driver: Driver, arrival_s: float = 0.0, side=Side.NEAR, **sections):
-    scenario = scene(**sections)
-    arrivals = [Arrival(0, arrival_s, side, 0.5)]
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    trace = run_episode(engine, driver, arrivals, speeds, constants_of(scenario))
+def play(speeds: Speeds, driver: Recorder, arrival_s: float = 0.0, side=Side.NEAR, **sections):
+    trace = episode(scene(**sections), driver, [Arrival(0, arrival_s, side, 0.5)], speeds)
     return trace, trace.walks[0]
 
 
@@ -59,7 +40,7 @@ FAR_AWAY = {"ego": {"trigger_range_m": 300.0, "initial_speed_mps": 20.0}}
 
 def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
     speeds = Speeds(1.0, 2.0, 0.5, 1.5)
-    trace, walk = play(speeds, Driver(lambda _: -0.6), arrival_s=0.234, **FAR_AWAY)
+    trace, walk = play(speeds, Recorder(lambda _: -0.6), arrival_s=0.234, **FAR_AWAY)
     # Steps off at 0.234 s and looks 1, 2, 3 … s later, at the ego as it is at that very moment.
     # 1 m, 2 m, 0.5 m, then 1.5 m/s: 8 of 9 m at 6.234 s, the last look before 6.9 s.
     for number, (range_m, speed_mps, lateral_m) in enumerate(speeds.asked):
@@ -79,7 +60,7 @@ def test_looks_every_second_from_the_moment_he_stepped_off() -> None:
 
 
 def test_seen_and_kept_at_his_present_speed() -> None:
-    driver = Driver()
+    driver = Recorder()
     trace, _ = play(Speeds(1.0, 2.0, 1.5), driver, arrival_s=0.55, side=Side.FAR, **FAR_AWAY)
     by_time = {round(o.time_s, 1): o.pedestrians[0] for o in driver.seen if o.pedestrians}
     # 1 m until 1.55 s, 2 m until 2.55 s, then at 1.5 m/s.
@@ -105,7 +86,7 @@ def test_contact_on_a_later_leg_inside_a_step() -> None:
     # 30 − 22.8 = 7.2 m away.  They hurry: at 2.5 m/s they would have crossed the car's way, y =
     # 1.1 to 3.4 m with their disc, after 0.96 s, before it is there (7.2/5 = 1.44 s): no stop.
     # Next look at 5.56 s: bumper at −2.2 m, y = 3.5 m: past the way, nothing happens any more.
-    trace, walk = play(Speeds(1.0, 2.5), Driver(), arrival_s=3.56)
+    trace, walk = play(Speeds(1.0, 2.5), Recorder(), arrival_s=3.56)
     (record,) = measure([trace])
     assert (record.ending, walk.legs is not None and len(walk.legs)) == (Ending.CROSSED, 2)
     # PET: they leave the way (y = 3.4 m) at 4.56 + 2.4/2.5 s; the front enters it (0.25 m before
@@ -113,7 +94,7 @@ def test_contact_on_a_later_leg_inside_a_step() -> None:
     assert record.pet_s == pytest.approx(5.95 - 4.56 - 0.96, abs=1e-9)
     # Slower, 1.3 m/s from y = 1.2 m on at 4.56 s: their disc is already in the car's way, they
     # cannot stop; at 5.56 s, y = 2.5 m, they slow to 0.5 m/s; the front is there at 5.95 s.
-    trace, walk = play(Speeds(1.2, 1.3, 0.5), Driver(), arrival_s=3.56)
+    trace, walk = play(Speeds(1.2, 1.3, 0.5), Recorder(), arrival_s=3.56)
     (record,) = measure([trace])
     assert (record.ending, record.contact) == (Ending.CRASHED, Contact.FRONT)
     assert record.contact_time_s == pytest.approx(5.95, abs=1e-9)
@@ -127,7 +108,7 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # 3.45 to 4.55 s later: no contact ahead.  They slow to 1 m/s: in the way from 2.6 to 4.9 s
     # later: they stop.  So they would be at 3.5 s (car 2.45 to 3.55 s later); at 4.5 s it is over
     # the line 1.45 to 2.55 s later, before them: they walk on.
-    driver = Driver()
+    driver = Recorder()
     trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR)
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 4.5])
     assert walk.legs[1] == pytest.approx((2.5, 0.0, 6.0, 0.0, 0.0, 0.0))
@@ -138,39 +119,29 @@ def test_stops_before_the_cars_way_if_it_would_hit_him() -> None:
     # The car's rear is 0.25 m past the line at 7.05 s, they enter its way at 7.1 s.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, pytest.approx(0.05, abs=1e-9))
     assert pedestrian_rows(0, [outcome_of(trace)]).to_pydict()["cleared_s"] == [None]
-
-
-def test_who_stands_for_good_never_clears() -> None:
     # As above, but they never walk on.
-    _, walk = play(Speeds(1.5, 1.5, 1.0), Driver(), arrival_s=0.5, side=Side.FAR)
+    _, walk = play(Speeds(1.5, 1.5, 1.0), Recorder(), arrival_s=0.5, side=Side.FAR)
     stands = Walk(walk.arrival, walk.start_s, 1.5, 30.0, 5.0, walk.legs[:2])
-    trace, _ = play(Speeds(1.0), Driver(), arrival_s=0.5)
+    trace, _ = play(Speeds(1.0), Recorder(), arrival_s=0.5)
     (record,) = measure([replace(trace, walks=(stands,))])
     # At y = 6 m: never in the way, so no PET; 2.85 m beside the car, less their radius.
     assert (record.ending, record.pet_s) == (Ending.CROSSED, None)
     assert record.min_gap_m == pytest.approx(6.0 - (2.25 + 0.9) - 0.25)
 
 
-def test_walks_on_in_front_of_one_that_has_stopped() -> None:
+def test_in_front_of_one_that_stops_he_looks_again_and_walks_on() -> None:
     # The ego stands from 4 s on, 30 − 10 = 20 m away.
-    driver = Driver(lambda o: -1.25 if o.time_s < 3.95 else 0.0)
-    trace, walk = play(
-        Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR, experiment={"timeout_s": 20.0}
-    )
+    driver = Recorder(lambda o: -1.25 if o.time_s < 3.95 else 0.0)
+    trace, walk = play(Speeds(1.5, 1.5, 1.0), driver, 0.5, Side.FAR, experiment={"timeout_s": 20.0})
     assert walk.legs is not None
     times = [leg.time_s for leg in walk.legs]
     # At 2.5 s it comes at 1.875 m/s from 21.4 m: 11 s away, they are long past.
     assert times == pytest.approx([0.5, 2.5])
     assert [leg.y_mps for leg in walk.legs] == [-1.5, -1.0]
     assert pedestrian_rows(0, [outcome_of(trace)]).to_pydict()["cleared_s"] == [pytest.approx(8.5)]
-
-
-def test_standing_still_he_looks_again() -> None:
     # As in the stop above, but the ego brakes from 2.6 s on and stands before the crosswalk.
-    driver = Driver(lambda o: -3.0 if o.time_s > 2.55 else 0.0)
-    _, walk = play(
-        Speeds(1.5, 1.5, 1.0), driver, arrival_s=0.5, side=Side.FAR, experiment={"timeout_s": 20.0}
-    )
+    driver = Recorder(lambda o: -3.0 if o.time_s > 2.55 else 0.0)
+    _, walk = play(Speeds(1.5, 1.5, 1.0), driver, 0.5, Side.FAR, experiment={"timeout_s": 20.0})
     assert walk.legs is not None
     # At 3.5 s it comes at 2.3 m/s from 13.9 m and would be there after 6 s: they go on.
     assert [leg.time_s for leg in walk.legs] == pytest.approx([0.5, 2.5, 3.5])
@@ -182,10 +153,9 @@ FLOW = {"flow_per_hour": 900.0, "kerb_wait_s": 2.0}
 
 def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
     scenario = scene(pedestrians=FLOW, experiment={"seed": 4})
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
     conditional = model.mixture.conditional(2, (0, 1))
     checked = stopped = 0
-    for outcome in PairRunner(scenario, model, lambda: engine).run(range(12)):
+    for outcome in on_plain(scenario, model).run(range(12)):
         trace = outcome.trace
         for walk in trace.walks:
             for leg in walk.legs or ():
@@ -212,8 +182,7 @@ def test_every_look_is_his_quantile_given_what_he_sees(model) -> None:
 
 def test_the_same_bits_alone_or_among_others(model) -> None:
     scenario = scene(pedestrians=FLOW)
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    runner = PairRunner(scenario, model, lambda: engine)
+    runner = on_plain(scenario, model)
     together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(6))]
     alone = [(repr(o.trace.walks), repr(o.record)) for pair in (5, 2) for o in runner.run([pair])]
     assert alone == together[10:12] + together[4:6]

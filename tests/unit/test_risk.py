@@ -11,10 +11,8 @@ from scipy import stats
 from harness.core.encounter import Arm, Ending
 from harness.core.errors import InputError
 from harness.core.seeding import has_drawn_more
-from harness.engine.plain import PlainEngine
 from harness.episode.arms import check_arms, draws_of
 from harness.episode.arrivals import planned_arrivals
-from harness.episode.pairing import PairRunner
 from harness.measures import MEASURES, EpisodeRecord, Measure
 from harness.model.interaction import load_model
 from harness.report.screens.risk_terminal import person_words, risk_screen
@@ -39,6 +37,7 @@ from harness.studies.risk.proposal import (
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
 from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
+from tests.scenes import on_plain
 
 DATA = Path(__file__).parents[1] / "data" / "risk"
 
@@ -338,8 +337,7 @@ def test_a_strategy_gets_the_uniforms_of_its_state_and_again_in_its_critical_pai
     settings = {"arms.av": DEAD, f'strategies."{DEAD}".share': 1e-3}
     scenario = load_scenario("cctc", settings)
     space, model = space_of(scenario, Arm.AV), load_model("dut")
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    runner = PairRunner(scenario, model, lambda: engine)
+    runner = on_plain(scenario, model)
     # A far-side walker of 1.1 m/s meets a car of 5 m/s that does not brake.
     dead, alive = np.array([1.0, -0.2, -3.2, 0.0]), np.array([1.0, -0.2, -3.0, 0.0])
     cases = [(9, space.given(state, 9)) for state in (dead, alive)]
@@ -353,7 +351,7 @@ def test_a_strategy_gets_the_uniforms_of_its_state_and_again_in_its_critical_pai
     )
     drawn = [drawn_of(space, 9, state) for state in (dead, alive)]
     again = load_scenario("cctc", {**settings, "pedestrians.drawn": drawn, "experiment.pairs": 2})
-    runner = PairRunner(again, model, lambda: engine)
+    runner = on_plain(again, model)
     assert [runner.run_arm(pair, Arm.AV).record for pair in (0, 1)] == [hit.record, missed.record]
 
 
@@ -417,9 +415,7 @@ def test_an_episode_met_again_is_the_same_with_all_its_streams() -> None:
     def record(pair: int, **pedestrians: object) -> EpisodeRecord:
         tree = {"pedestrians": {"flow_per_hour": 900.0, "warm_up_s": 30.0, **pedestrians}}
         scenario = validate({**tree, "experiment": {"pairs": 1}}, "test")
-        engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-        runner = PairRunner(scenario, load_model("dut"), lambda: engine)
-        return runner.run_arm(pair, Arm.HUMAN).record
+        return on_plain(scenario, load_model("dut")).run_arm(pair, Arm.HUMAN).record
 
     # The human driver draws from a stream of its own, and so do those who are there at the start.
     assert record(0, drawn=[{"episode": 9}]) == record(9)

@@ -19,15 +19,13 @@ from harness import rl  # noqa: E402
 from harness.core.encounter import Arm, Crossing, EgoView, Ending, Observation, PedestrianView, Side  # noqa: E402
 from harness.core.errors import EngineError, InputError  # noqa: E402
 from harness.core.resources import shipped_directory  # noqa: E402
-from harness.engine.plain import PlainEngine  # noqa: E402
-from harness.episode.pairing import PairRunner  # noqa: E402
 from harness.model.interaction import load_model  # noqa: E402
 from harness.rl import time_speeding_and_crash  # noqa: E402
 from harness.rl.picture import EGO, PERSON  # noqa: E402
 from harness.scenario import Setting, load_scenario  # noqa: E402
 from harness.strategies.registry import STRATEGIES  # noqa: E402
 from harness.strategies.vector import observation_vector  # noqa: E402
-from tests.scenes import refuses  # noqa: E402
+from tests.scenes import on_plain, refuses  # noqa: E402
 
 NAME = "harness.rl:harness/Crosswalk-v0"
 BUSY = {"pedestrians.flow_per_hour": 800.0, "pedestrians.kerb_wait_s": 0.0}
@@ -59,8 +57,7 @@ def in_the_harness(settings, strategy, pairs):
     changes = [Setting(key, value) for key, value in {**settings, "arms.av": strategy}.items()]
     scenario = load_scenario("cctc_flow", changes)
     model = load_model(scenario.model.name)
-    engine = PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
-    outcomes = PairRunner(scenario, model, lambda: engine).run(pairs)
+    outcomes = on_plain(scenario, model).run(pairs)
     return [outcome.record for outcome in outcomes if outcome.arm is Arm.AV]
 
 
@@ -130,17 +127,10 @@ def test_reward_is_minus_the_time_and_100_for_a_crash():
     assert steps == math.ceil(record.contact_time_s / 0.1 - 1e-9)
     assert total == pytest.approx(-0.1 * steps - 100)
     assert ends == (True, False)
-
-
-def test_speeding_costs_the_metres_beyond_v0():
     # From 5 m/s at 1 m/s² each step begins at 5 + 0.1 n m/s: 0.1 · 0.1 n m too many.
-    free = environment({"pedestrians.flow_per_hour": 0.0})
     _, total, steps, _ = drive(free, lambda _: 1 / 3)
     excess = sum(0.1 * 0.1 * n for n in range(steps))
     assert total == pytest.approx(-0.1 * steps - excess)
-
-
-def test_standing_still_is_truncated():
     env = environment({"experiment.timeout_s": 12.0})
     record, total, steps, ends = drive(env, lambda _: -1.0)
     assert (record.ending, steps, ends) == (Ending.TIMED_OUT, 120, (False, True))
@@ -160,6 +150,11 @@ def test_the_reward_can_be_replaced():
     assert len(seen) == steps
     assert [step.after is None for step in seen] == [False] * (steps - 1) + [True]
     assert {step.acceleration_mps2 for step in seen} == {1.5}
+    dear = environment(BUSY, reward=partial(time_speeding_and_crash, crash_penalty=1e4))
+    record, total, steps, _ = drive(dear, lambda _: 0.0, seed=3, options={"pair": 0})
+    while record.ending is not Ending.CRASHED:
+        record, total, steps, _ = drive(dear, lambda _: 0.0)
+    assert total == pytest.approx(-0.1 * steps - 1e4)
 
 
 def test_the_vector_takes_the_nearest_first():
@@ -211,20 +206,22 @@ def test_an_action_is_a_share_of_what_the_car_can_do():
         assert after[1] - before[1] == pytest.approx(0.1 * wanted, abs=1e-6)
 
 
-def test_numbers_of_numpy_are_seeds_and_pairs():
+def test_seeds_of_numpy_and_again():
     env = environment(BUSY, nearest=np.int64(2))
     one = env.reset(seed=np.int64(5), options={"pair": np.int32(9)})
     other = env.reset(seed=5, options={"pair": 9})
     assert np.array_equal(one[0], other[0])
     assert one[1] == other[1] == {"pair": 9}
-
-
-def test_one_crash_for_so_much_time():
-    dear = environment(BUSY, reward=partial(time_speeding_and_crash, crash_penalty=1e4))
-    record, total, steps, _ = drive(dear, lambda _: 0.0, seed=3, options={"pair": 0})
-    while record.ending is not Ending.CRASHED:
-        record, total, steps, _ = drive(dear, lambda _: 0.0)
-    assert total == pytest.approx(-0.1 * steps - 1e4)
+    env = environment(BUSY)
+    first = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
+    again = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
+    for one, other in zip(first, again, strict=True):
+        assert np.array_equal(one, other)
+    # The pair after the one asked for, of the same seed.
+    assert env.reset()[1] == {"pair": 10}
+    # Without a seed ever given it is the scenario's.
+    fresh, seeded = environment(BUSY), environment(BUSY)
+    assert np.array_equal(fresh.reset()[0], seeded.reset(seed=1)[0])
 
 
 def test_it_is_pickled_between_episodes():
@@ -297,16 +294,3 @@ def test_vectorised_environments_meet_what_single_ones_do():
         for number in range(3):
             _, total, _, _ = drive(env, yield_to_the_nearest, seed=None if number else seed)
             assert own[number] == pytest.approx(total)
-
-
-def test_a_seed_begins_its_stream_again_and_nothing_else_changes():
-    env = environment(BUSY)
-    first = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
-    again = [env.reset(seed=5)[0], env.reset()[0], env.reset(options={"pair": 9})[0]]
-    for one, other in zip(first, again, strict=True):
-        assert np.array_equal(one, other)
-    # The pair after the one asked for, of the same seed.
-    assert env.reset()[1] == {"pair": 10}
-    # Without a seed ever given it is the scenario's.
-    fresh, seeded = environment(BUSY), environment(BUSY)
-    assert np.array_equal(fresh.reset()[0], seeded.reset(seed=1)[0])

@@ -68,14 +68,9 @@ def test_the_rule_on_many_roads(pedestrians_per_hour: float, block_s: float, lan
     assert share_saturated(*found, 5, lanes) >= 0.95
 
 
-def test_a_road_that_fills_grows_by_nobody() -> None:
-    """Without a warm-up the first vehicles are only just there: everybody may be in time."""
+def test_growth_by_hand() -> None:
     due = np.arange(37.0, 60.0, 4.6)
     assert least_late(due, due, 30.0, 60.0) == least_late(due, due, 0.0, 30.0) == 0
-
-
-def test_chance_by_hand() -> None:
-    """One lane: z √(2.5 n) vehicles of n; with four times the hours half the share."""
     one = growth_of(np.array([50.0]), np.array([250.0]), 1)
     assert one.bound == pytest.approx(2.3263 * math.sqrt(2.5 * 250) / 250, rel=1e-4)
     assert one == Growth(0.2, one.bound)

@@ -1,5 +1,6 @@
 """First screens and notes, made from findings that were written by hand."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -11,7 +12,16 @@ from harness.report.screens.result_screen import screen_of
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import per_cent
 from harness.scenario import load_scenario, parse_setting
-from harness.statistics import ENCOUNTERS, CellFindings, Finding, Form, Note, Rank, RunFindings
+from harness.statistics import (
+    ENCOUNTERS,
+    CellFindings,
+    Entry,
+    Finding,
+    Form,
+    Note,
+    Rank,
+    RunFindings,
+)
 from harness.store.hour_catalogue import HOURS
 from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
@@ -44,14 +54,10 @@ CALM: dict[str, Finding] = {
 """Findings of 50 pairs in which nothing went wrong; all other counts are 0."""
 
 
-def findings_with(**changes: Finding) -> dict[str, Finding]:
-    """The calm findings with changes; what is in neither is undefined, or 0 if it is a count."""
-    nothing = {
-        name: Finding(0 if entry.form is Form.COUNT else None)
-        for entry in ENCOUNTERS
-        for name in filter(None, entry.names)
-    }
-    return nothing | CALM | changes
+def nothing(entries: Sequence[Entry]) -> dict[str, Finding]:
+    """Undefined findings, or 0 if they are a count."""
+    named = ((entry, name) for entry in entries for name in filter(None, entry.names))
+    return {name: Finding(0 if entry.form is Form.COUNT else None) for entry, name in named}
 
 
 def cell_with(
@@ -60,7 +66,8 @@ def cell_with(
     settings: dict[str, Any] | None = None,
     **changes: Finding,
 ) -> CellFindings:
-    scenario, findings = load_scenario("cctc", settings or {}), findings_with(**changes)
+    scenario = load_scenario("cctc", settings or {})
+    findings = nothing(ENCOUNTERS) | CALM | changes
     return CellFindings(
         cell=number,
         varied=varied or {},
@@ -450,14 +457,13 @@ HOUR = {
 
 def hour_with(settings: dict[str, Any], **changes: Finding) -> CellFindings:
     scenario = load_scenario("penetration", {"traffic.av_share": 0.3, **settings})
-    nothing = {
-        name: Finding(0 if entry.form is Form.COUNT else None)
-        for entry in HOURS
-        for name in filter(None, entry.names)
-    }
-    findings = nothing | HOUR | changes
+    findings = nothing(HOURS) | HOUR | changes
     notes = hour_notes(scenario, findings, HOURS)
     return CellFindings(0, {}, "hard_yield", "human_yield", 5, {}, findings, notes)
+
+
+def hours_of(*cells: CellFindings, path: str = "runs/h") -> RunFindings:
+    return RunFindings(HOURS, "hours", path, "seed 1", 0.95, False, cells)
 
 
 def test_hours_say_what_went_wrong_of_each_arm() -> None:
@@ -472,8 +478,7 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
         never_went_human=Finding(3),
         fallback_share=Finding(208 / 414),
     )
-    run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
-    lines = screen_lines(replace(screen_of(run), most_lines=None))
+    lines = screen_lines(replace(screen_of(hours_of(cell)), most_lines=None))
     row = next(line for line in lines if line.startswith("delay of AVs, s"))
     assert [text.strip() for text in row.split("  ") if text][1:3] == ["5.2", "4.0"]
     texts = [note.text for note in cell.notes]
@@ -499,8 +504,7 @@ def test_no_crash_in_few_hours_shows_how_little_that_says() -> None:
     high = 1 - 0.025 ** (1 / 55)
     nothing = {f"kappa{end}": Finding(0.0, 0.0, high, 55, 0) for end in ("", "_human")}
     cell = hour_with({}, **nothing)
-    run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
-    lines = screen_lines(screen_of(run))
+    lines = screen_lines(screen_of(hours_of(cell)))
     row = next(line for line in lines if line.startswith("crashes"))
     assert row.split("  ")[-1].strip() == "each below 5.3 %"
     assert not any(line.startswith("worst case") for line in lines)
@@ -513,25 +517,20 @@ def test_a_permanent_queue_shows_its_capacity_first_and_no_worst_case() -> None:
         "throughput_per_hour_difference": Finding(-610.0, -849.6, -370.4),
     }
     cell = replace(hour_with({}, **capacity), varied={"arms.av": "hard_yield"})
-    sweep = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell, cell))
-    lines = screen_lines(screen_of(sweep))
+    lines = screen_lines(screen_of(hours_of(cell, cell)))
     assert any("1,400 / 2,010" in line for line in lines)
     assert not any("worst" in line for line in lines)
-    alone = RunFindings(
-        HOURS, "hours", "runs/h", "seed 1", 0.95, False, (replace(cell, varied={}),)
-    )
-    row = next(line for line in screen_lines(screen_of(alone)) if line.startswith("throughput"))
+    alone = screen_lines(screen_of(hours_of(replace(cell, varied={}))))
+    row = next(line for line in alone if line.startswith("throughput"))
     assert row.split()[2:] == ["1,400", "2,010", "−610", "(−850", "…", "−370)"]
 
 
 def test_the_json_of_hours_has_the_notes_of_the_first_screen(monkeypatch) -> None:
     cell = hour_with({}, never_went=Finding(3))
-    findings = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, (cell,))
-    monkeypatch.setattr(run_document, "reported", lambda _: findings)
+    monkeypatch.setattr(run_document, "reported", lambda _: hours_of(cell))
     monkeypatch.setattr(run_document, "missed_targets", lambda _: [])
-    run: Any = SimpleNamespace(
-        path="runs/h", engine="sumo", in_traffic=True, results=[None], failures=[]
-    )
+    given = {"path": "runs/h", "engine": "sumo", "in_traffic": True}
+    run: Any = SimpleNamespace(**given, results=[None], failures=[])
     cells: Any = run_document.run_document(run)["cells"]
     assert cells[0]["caveats"] == [note.text for note in cell.notes] != []
     assert cells[0]["summary"]["never_went"] == 3
@@ -544,7 +543,7 @@ def test_a_sweep_of_hours_shows_no_column_without_a_number() -> None:
         replace(hour_with({}, **others), cell=number, varied={"arms.av": "hard_yield"})
         for number in (0, 1)
     )
-    run = RunFindings(HOURS, "hours", "runs/a b", "seed 1", 0.95, False, cells)
+    run = hours_of(*cells, path="runs/a b")
     screen = screen_of(run)
     assert screen.headings[2] == "delay of AVs, AV − reference, s"
     assert "delay of other vehicles, s" not in screen.headings

@@ -11,13 +11,10 @@ from harness.core.seeding import beginning_with, has_drawn_more, stream
 PURPOSES = ("arrival", "side", "quantile", "strategy", "critical_gap", "av_strategy")
 
 
-def test_the_same_name_gives_the_same_numbers() -> None:
+def test_the_same_name_gives_the_same_numbers_however_many_are_drawn() -> None:
     first = stream(7, "quantile", 3).random(100)
     stream(7, "quantile", 4).random(50)  # whatever is drawn elsewhere in between
     np.testing.assert_array_equal(first, stream(7, "quantile", 3).random(100))
-
-
-def test_longer_draws_begin_like_shorter_ones() -> None:
     # Pedestrian i keeps their numbers when more pedestrians are planned.
     np.testing.assert_array_equal(
         stream(1, "side", 0).random(5), stream(1, "side", 0).random(500)[:5]

@@ -17,7 +17,7 @@ def labels(study: Study) -> list[str]:
     return [member.label for group in strategy_groups(study) for member in group.cells]
 
 
-def test_one_group_for_each_flow() -> None:
+def test_groups_by_flow_and_by_parameters_of_either_arm() -> None:
     study = sweep(
         "cctc_flow", {}, "arms.av=soft_yield,hard_yield", "pedestrians.flow_per_hour=50,250"
     )
@@ -26,23 +26,9 @@ def test_one_group_for_each_flow() -> None:
     expected = [{"pedestrians.flow_per_hour": 50}, {"pedestrians.flow_per_hour": 250}]
     assert [group.shared for group in groups] == expected
     assert labels(study) == ["soft_yield", "hard_yield"] * 2
-
-
-def test_parameters_of_the_strategy_stay_within_a_group() -> None:
     study = sweep("cctc", {}, "strategies.soft_yield.p1=0.01,0.02")
     assert numbers(study) == [[0, 1]]
     assert labels(study) == ["soft_yield p1=0.01", "soft_yield p1=0.02"]
-
-
-@pytest.mark.parametrize(
-    "key", ["experiment.seed=1,2", "ego.initial_speed_mps=4,5", "arms.human=human_gmm,hard_yield"]
-)
-def test_anything_else_sets_cells_apart(key: str) -> None:
-    study = sweep("cctc", {}, "arms.av=soft_yield,constant_speed", key)
-    assert numbers(study) == [[0, 2], [1, 3]]
-
-
-def test_a_parameter_of_the_reference_arm_sets_cells_apart() -> None:
     study = sweep(
         "cctc",
         {},
@@ -56,15 +42,20 @@ def test_a_parameter_of_the_reference_arm_sets_cells_apart() -> None:
     ]
 
 
-def test_cells_that_are_the_same_are_kept_once() -> None:
+@pytest.mark.parametrize(
+    "key", ["experiment.seed=1,2", "ego.initial_speed_mps=4,5", "arms.human=human_gmm,hard_yield"]
+)
+def test_anything_else_sets_cells_apart(key: str) -> None:
+    study = sweep("cctc", {}, "arms.av=soft_yield,constant_speed", key)
+    assert numbers(study) == [[0, 2], [1, 3]]
+
+
+def test_cells_that_are_the_same_are_kept_once_with_defaults_written_out_too() -> None:
     # The parameter of a strategy that does not drive changes nothing.
     study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.01,0.02")
     (group,) = strategy_groups(study)
     assert [member.cell.number for member in group.cells] == [0, 1, 2]
     assert group.repeats == 1
-
-
-def test_a_default_is_the_same_as_the_value_written_out() -> None:
     file = scenario_file("cctc", {})
     file.tree["strategies"] = {}
     assert file.sweep is None
@@ -79,7 +70,7 @@ def test_a_default_is_the_same_as_the_value_written_out() -> None:
     )
 
 
-def test_a_sweep_over_one_parameter() -> None:
+def test_sweeps_over_one_parameter_over_two_and_over_words() -> None:
     study = sweep("cctc", {}, "arms.av=soft_yield,hard_yield", "strategies.soft_yield.p1=0.2,0,0.1")
     (group,) = strategy_groups(study)
     (found,) = parameter_sweeps(group)
@@ -88,9 +79,6 @@ def test_a_sweep_over_one_parameter() -> None:
     assert found.values == (0.0, 0.1, 0.2)
     assert found.cells == (1, 2, 0)
     assert (found.fixed, found.aggressiveness) == ({}, None)
-
-
-def test_two_parameters_give_lines_in_both_directions() -> None:
     study = sweep(
         "cctc", {}, "strategies.soft_yield.p1=0,0.1", "strategies.soft_yield.p3=0.01,0.02"
     )
@@ -101,9 +89,6 @@ def test_two_parameters_give_lines_in_both_directions() -> None:
         ("p3", {"p1": 0}, (0, 1)),
         ("p3", {"p1": 0.1}, (2, 3)),
     ]
-
-
-def test_words_are_no_sweep() -> None:
     study = sweep(
         "cctc",
         {"arms.human": "hard_yield", "arms.av": "human_gmm"},
@@ -112,9 +97,6 @@ def test_words_are_no_sweep() -> None:
     (group,) = strategy_groups(study)
     assert len(group.cells) == 2
     assert parameter_sweeps(group) == []
-
-
-def test_aggressiveness_is_the_margin_turned_round() -> None:
     from harness.studies.runs.strategy_groups import ParameterSweep
 
     line = ParameterSweep("gap_yield", "critical_gap_s", {}, (0, 1, 2), (0.0, 1.5, 3.0))

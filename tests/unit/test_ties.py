@@ -9,13 +9,7 @@ from tests.scenes import scenario
 SCENE = scenario()
 
 
-def step(
-    time_s: float,
-    command: float | None,
-    range_m: float = 20.0,
-    lateral_m: float = 2.0,
-    v: float = 5.0,
-) -> Decision:
+def step(time_s: float, command: float | None, range_m=20.0, lateral_m=2.0, v=5.0) -> Decision:
     ego = EgoView(range_m, v, 0.0)
     people = (PedestrianView(0, Side.NEAR, lateral_m, 8.0, 1.0, True),)
     return Decision(
@@ -24,6 +18,7 @@ def step(
 
 
 LAST_BIT = 20.0 + 4e-15
+STANDS = [step(0.0, -1.0, v=0.0), step(0.1, 0.0, 19.0)]
 
 
 @pytest.mark.parametrize(
@@ -38,11 +33,7 @@ LAST_BIT = 20.0 + 4e-15
         ([step(0.0, -20.0), step(0.1, 0.0)], [step(0.0, -30.0, LAST_BIT), step(0.1, 1.0)], 0.1),
         # Shown the same to the last bit: the strategy is not reproducible.
         ([step(0.0, 0.0), step(0.1, -1.0)], [step(0.0, 0.0), step(0.1, 0.5)], None),
-        (
-            [step(0.0, -1.0, v=0.0), step(0.1, 0.0, 19.0)],
-            [step(0.0, -2.0, v=0.0), step(0.1, 1.0)],
-            None,
-        ),
+        (STANDS, [step(0.0, -2.0, v=0.0), step(0.1, 1.0)], None),
         # A command that is no number ends the episode on both.
         ([step(0.0, float("nan"))], [step(0.0, float("nan"))], None),
         ([step(0.0, None)], [step(0.0, 1.0, LAST_BIT)], 0.0),

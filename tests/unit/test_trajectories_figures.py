@@ -62,12 +62,9 @@ def test_passing_event_is_coloured_by_the_time_in_common(axes, clip):
     axes.figure.draw_without_rendering()
 
 
-def test_passing_event_without_conflict_point_has_no_cross(axes, clip):
+def test_passing_events_without_conflict_point_and_of_a_sensor(axes, clip):
     draw_passing_event(axes, clip, "1", "2")
     assert not [line for line in axes.lines if line.get_marker() == "x"]
-
-
-def test_passing_event_of_unknown_track_is_refused(axes, clip):
     with pytest.raises(InputError, match="unknown pedestrian '17'"):
         draw_passing_event(axes, clip, "0", "17")
     with pytest.raises(InputError, match="unknown vehicle 'x'"):

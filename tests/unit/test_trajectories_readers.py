@@ -158,11 +158,13 @@ def test_vci_bad_ratio_is_refused(clip, text):
     refuses("pixels per metre", lambda: rows_of(clip))
 
 
-def test_vci_folder_without_clips_and_other_paths_are_refused(tmp_path):
+def test_misspelt_names_and_bad_paths_are_refused(tmp_path):
     refuses("folder without such files", lambda: extract(tmp_path, "vci"))
     refuses("no such file or folder", lambda: extract(tmp_path / "nowhere", "vci"))
     refuses("not a vehicle file", lambda: extract(SENSOR, "vci"))
     refuses("no file or folder given", lambda: extract([], "vci"))
+    refuses("did you mean 'mobileye'", lambda: extract(MADE_UP, "mobilye"))
+    refuses("did you mean 'max_range_m'", lambda: extract(MADE_UP, "vci", max_range=40))
 
 
 def test_vci_one_file_and_equal_names_in_subfolders(clip):
@@ -176,34 +178,19 @@ def test_vci_one_file_and_equal_names_in_subfolders(clip):
     ]  # fmt: skip
 
 
-def test_misspelt_format_and_option_name_the_nearest():
-    refuses("did you mean 'mobileye'", lambda: extract(MADE_UP, "mobilye"))
-    refuses("did you mean 'max_range_m'", lambda: extract(MADE_UP, "vci", max_range=40))
-
-
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"sample_s": 0},
-        {"frame_rate_hz": 0},
-        {"frame_rate_hz": "fast"},
-        {"max_range_m": math.inf},
-        {"min_range_m": -1},
-        {"min_range_m": 61},
-        {"min_angle_deg": True},
-    ],
-)
-def test_option_out_of_range_is_refused(options):
-    refuses(next(iter(options)), lambda: extract(MADE_UP, "vci", **options))
+    ("name", "value"),
+    [("sample_s", 0), ("frame_rate_hz", 0), ("frame_rate_hz", "fast"), ("max_range_m", math.inf),
+     ("min_range_m", -1), ("min_range_m", 61), ("min_angle_deg", True)],
+)  # fmt: skip
+def test_option_out_of_range_is_refused(name, value):
+    refuses(name, lambda: extract(MADE_UP, "vci", **{name: value}))
 
 
-def test_every_format_has_exactly_one_kind_of_reader():
+def test_formats_and_reasons_are_complete():
     for known in FORMATS.values():
         assert (known.clips is None) != (known.rows is None)
         known.options()  # defaults are valid
-
-
-def test_a_reason_that_is_not_in_the_table_is_a_bug():
     with pytest.raises(KeyError):
         Tally().drop("records", "because")
 
@@ -271,20 +258,20 @@ def sensor_lines(times, obstacle=1):
     ]
 
 
-@pytest.mark.parametrize(("pause", "sequences"), [(2.0, 1), (2.1, 2)])
-def test_mobileye_sequences_are_cut_at_pauses_over_two_seconds(tmp_path, pause, sequences):
-    first = np.arange(0, 1.01, 0.1)
+SECOND = np.arange(0, 1.01, 0.1)
+
+
+@pytest.mark.parametrize(
+    ("times", "sequences"),
+    # Cut at a pause of more than 2 s, left out below 0.5 s.
+    [([*SECOND, *(SECOND + 3.0)], 1), ([*SECOND, *(SECOND + 3.1)], 2), (SECOND[:5], 0),
+     (SECOND[:6], 1)],
+)  # fmt: skip
+def test_mobileye_sequences_end_at_pauses_and_last_half_a_second(tmp_path, times, sequences):
     path = tmp_path / "pause.csv"
-    path.write_text(HEAD + "\n".join(sensor_lines([*first, *(first + 1 + pause)])) + "\n")
+    path.write_text(HEAD + "\n".join(sensor_lines(times)) + "\n")
     clip = read_clips(path, "mobileye")[0]
     assert list(clip.pedestrians) == [f"1-{k + 1}" for k in range(sequences)]
-
-
-@pytest.mark.parametrize(("seconds", "kept"), [(0.4, 0), (0.5, 1)])
-def test_mobileye_sequences_last_half_a_second(tmp_path, seconds, kept):
-    path = tmp_path / "short.csv"
-    path.write_text(HEAD + "\n".join(sensor_lines(np.arange(0, seconds + 0.01, 0.1))) + "\n")
-    assert len(read_clips(path, "mobileye")[0].pedestrians) == kept
 
 
 def test_mobileye_awkward_records_are_counted(tmp_path):
@@ -351,7 +338,7 @@ def test_table_reads_what_an_extraction_wrote(tmp_path, kind):
     pd.testing.assert_frame_equal(extract(tmp_path, "table").rows, rows, rtol=1e-12)
 
 
-def test_table_without_lateral_distance_or_identifiers(tmp_path):
+def test_table_without_identifiers_and_with_contradictions(tmp_path):
     path = tmp_path / "bare.csv"
     path.write_text(
         "range_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n10,5,1.2,0.7\n"
@@ -360,9 +347,6 @@ def test_table_without_lateral_distance_or_identifiers(tmp_path):
     assert found.rows["time_advantage_s"].tolist() == [0.7]
     assert found.rows["lateral_m"].isna().all()
     assert (found.counts.pairs, found.counts.vehicles) == (None, None)
-
-
-def test_table_contradictory_time_advantage_is_counted(tmp_path):
     path = tmp_path / "wrong.csv"
     path.write_text(
         "range_m,lateral_m,vehicle_speed_mps,pedestrian_speed_mps,time_advantage_s\n"

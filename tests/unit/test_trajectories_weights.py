@@ -19,16 +19,10 @@ def rows():
     return frame.assign(source="s")
 
 
-def test_row_weighing_spreads_the_encounters_evenly(rows):
+def test_weighings_by_row_encounter_and_vehicle(rows):
     np.testing.assert_allclose(row_weights(rows, "row"), np.full(10, 0.5))
-
-
-def test_encounter_weighing_gives_each_encounter_one(rows):
     expected = [0.5, 0.5, 1, 1, 0.25, 0.25, 0.25, 0.25, 0.5, 0.5]
     np.testing.assert_allclose(row_weights(rows, "encounter"), expected)
-
-
-def test_vehicle_weighing_caps_the_busy_vehicle(rows):
     # Encounters per vehicle 3, 1, 1: median 1, so all three weigh the same, 5/3 each.
     weights = row_weights(rows, "vehicle")
     np.testing.assert_allclose(
@@ -47,7 +41,7 @@ def test_weights_sum_to_the_encounters_in_any_order(rows, weigh):
     assert row_weights(rows.iloc[:0], weigh).shape == (0,)
 
 
-def test_rows_without_identifiers(rows):
+def test_rows_without_identifiers_and_misspelt_weighings(rows):
     rows["pedestrian"] = None
     np.testing.assert_array_equal(row_weights(rows, "row"), np.ones(10))
     for weigh in ("encounter", "vehicle"):
@@ -55,8 +49,5 @@ def test_rows_without_identifiers(rows):
             row_weights(rows, weigh)
         with pytest.raises(InputError, match="pedestrian"):
             row_weights(rows.drop(columns="pedestrian"), weigh)
-
-
-def test_refusals(rows):
     with pytest.raises(InputError, match="did you mean 'vehicle'"):
         row_weights(rows, "vehicles")
