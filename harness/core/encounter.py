@@ -21,6 +21,9 @@ Behaviour = Literal["constant", "gap_acceptance", "reactive", "sumo"]
 FailedIn = Literal["strategy", "engine"]
 """What failed in an episode: the strategy that drove, or the engine or its process."""
 
+StepMotion = Literal["ballistic", "euler"]
+"""How a vehicle moves within a step: with constant acceleration, or at the speed of its end."""
+
 PEDESTRIAN_RADIUS_M = 0.25
 """Radius of the disc that represents a pedestrian in every contact and distance."""
 
@@ -271,12 +274,14 @@ class Trace:
     """One simulated episode: the ego's states at every step and the pedestrians' walks.
 
     ``x_m`` and ``speed_mps`` have shape (steps + 1,): the state at times 0, step_s, 2 step_s, …
-    The acceleration is constant within a step.  ``ending`` is how the *engine* ended the episode:
-    ``crossed``, ``timed_out`` or ``engine_failed``; ``measures`` detects contacts afterwards.  A
-    failed episode has a ``reason``, ``failed_in`` (what failed) and, if a strategy raised an
-    exception, its ``traceback``.  With ``[traffic]`` the trace begins ``trace_offset_s``, less than
-    a step, after the front bumper passed the trigger.  ``shown`` has the pedestrians that the
-    strategy saw at each step; it is None if the strategy saw the ground truth.
+    ``motion`` says how the vehicle moves within a step: with constant acceleration (``ballistic``),
+    or at the speed of the step's end (``euler``, SUMO's default).  ``ending`` is how the *engine*
+    ended the episode: ``crossed``, ``timed_out`` or ``engine_failed``; ``measures`` detects
+    contacts afterwards.  A failed episode has a ``reason``, ``failed_in`` (what failed) and, if a
+    strategy raised an exception, its ``traceback``.  With ``[traffic]`` the trace begins
+    ``trace_offset_s``, less than a step, after the front bumper passed the trigger.  ``shown`` has
+    the pedestrians that the strategy saw at each step; it is None if the strategy saw the ground
+    truth.
     """
 
     vehicle: Vehicle
@@ -294,6 +299,7 @@ class Trace:
     trace_offset_s: float = 0.0
     shown: tuple[tuple[PedestrianView, ...], ...] | None = None
     conditionings: ModelUse = NO_MODEL_USE
+    motion: StepMotion = "ballistic"
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""

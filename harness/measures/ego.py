@@ -1,6 +1,6 @@
 """The ego along its trace: its place at any time, and the time at any place.
 
-Within a step its acceleration is constant, so both are exact.
+Within a step its acceleration is constant, or its speed is (``Trace.motion``), so both are exact.
 """
 
 import math
@@ -20,12 +20,14 @@ class EgoStates:
     """The states of all egos of a chunk, one after another.
 
     ``first`` is the index of each trace's first state; ``steps`` is the number of its steps.
+    ``euler`` says of each trace whether a step is driven at the speed of its end.
     """
 
     x_m: FloatArray
     speed_mps: FloatArray
     first: IntArray
     steps: IntArray
+    euler: np.ndarray
 
 
 def ego_states(traces: Sequence[Trace]) -> EgoStates:
@@ -36,6 +38,7 @@ def ego_states(traces: Sequence[Trace]) -> EgoStates:
         speed_mps=np.concatenate([trace.speed_mps for trace in traces]),
         first=np.cumsum(counts) - counts,
         steps=np.maximum(counts - 1, 0),
+        euler=np.array([trace.motion == "euler" for trace in traces], dtype=bool),
     )
 
 
@@ -47,7 +50,7 @@ def crossing_time(trace: Trace, x_m: float) -> float | None:
     if step == 0:
         return 0.0
     distance = x_m - float(trace.x_m[step - 1])
-    before, after = float(trace.speed_mps[step - 1]), float(trace.speed_mps[step])
+    before, after = _speeds(trace, step - 1)
     acceleration = (after - before) / trace.step_s
     root = math.sqrt(max(0.0, before**2 + 2 * acceleration * distance))
     within = 2 * distance / (before + root) if before + root > 0 else trace.step_s
@@ -58,9 +61,15 @@ def ego_state(trace: Trace, time_s: float) -> tuple[float, float]:
     """(x of the bumper, speed) at any time of the trace."""
     step = min(int(time_s / trace.step_s), len(trace.x_m) - 2)
     elapsed = time_s - step * trace.step_s
-    x, speed = float(trace.x_m[step]), float(trace.speed_mps[step])
-    acceleration = (float(trace.speed_mps[step + 1]) - speed) / trace.step_s
+    x, (speed, after) = float(trace.x_m[step]), _speeds(trace, step)
+    acceleration = (after - speed) / trace.step_s
     return x + speed * elapsed + acceleration * elapsed**2 / 2, speed + acceleration * elapsed
+
+
+def _speeds(trace: Trace, step: int) -> tuple[float, float]:
+    """The speeds with which a step is driven, at its beginning and its end."""
+    after = float(trace.speed_mps[step + 1])
+    return (after if trace.motion == "euler" else float(trace.speed_mps[step])), after
 
 
 def body_of(trace: Trace) -> tuple[float, float, float]:

@@ -179,8 +179,9 @@ def rows_of(legs: Legs, ego: EgoStates, step_s: float) -> Rows:
     begin = number * step_s
     start = np.maximum(begin, legs.begin_s[leg])
     elapsed = start - begin
-    speed = ego.speed_mps[state]
-    acceleration = (ego.speed_mps[state + 1] - speed) / step_s
+    after = ego.speed_mps[state + 1]
+    speed = np.where(ego.euler[trace], after, ego.speed_mps[state])
+    acceleration = (after - speed) / step_s
     walked = start - legs.begin_s[leg]
     return Rows(
         trace=trace,

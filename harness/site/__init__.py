@@ -1,5 +1,6 @@
 """A SUMO network in; the geometry of one crosswalk on it out."""
 
+from harness.site.crosswalks import Crosswalk, WayOver, crosswalks_of
 from harness.site.locate import site_at
 from harness.site.reading import GENERATED_CROSSING, Place, Survey, read_site, survey
 from harness.site.road_network import RoadNetwork, read_network
@@ -8,6 +9,7 @@ from harness.site.streams import Stream, streams_of
 
 __all__ = [
     "GENERATED_CROSSING",
+    "Crosswalk",
     "Place",
     "RoadFrame",
     "RoadNetwork",
@@ -15,6 +17,8 @@ __all__ = [
     "Stream",
     "Survey",
     "Way",
+    "WayOver",
+    "crosswalks_of",
     "read_network",
     "read_site",
     "site_at",

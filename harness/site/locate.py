@@ -66,7 +66,7 @@ def _approaches(network: RoadNetwork, crossing: "Edge") -> Iterator[tuple["Lane"
     First come those of a road that it crosses before the junction; of a road the outermost lane
     comes first.
     """
-    ends = _ends(crossing)
+    ends = ends_of(crossing)
     crossed = crossing.getCrossingEdges()
     edges = [edge for edge in crossing.getToNode().getIncoming() if not edge.isSpecial()]
     for edge in sorted(edges, key=lambda edge: edge not in crossed):
@@ -80,7 +80,7 @@ def _approaches(network: RoadNetwork, crossing: "Edge") -> Iterator[tuple["Lane"
 def _site(
     network: RoadNetwork, crossing: "Edge", chosen: tuple["Lane", Path], *, all_ways: bool
 ) -> Site:
-    ends = _ends(crossing)
+    ends = ends_of(crossing)
     lane, path = chosen[0], extended(network, chosen[1])
     road = straight(path)
     direction = road.direction
@@ -111,7 +111,7 @@ def _site(
         crossing_edge=crossing.getID(),
         crossing_from=Side.FAR if reverse else Side.NEAR,
         footpaths=_footpaths(crossing, reverse=reverse),
-        pedestrian_priority=any(link.getState() in ("M", "G") for link in _onto(crossing)),
+        pedestrian_priority=any(link.getState() in ("M", "G") for link in links_onto(crossing)),
         signal=_signal(crossing, lane),
         passed=passed_on(path, road, crossing),
     )
@@ -147,7 +147,7 @@ def _chosen(
     raise InputError("crossing.approach", f"lane {approach!r} {problem}", ", ".join(ids))
 
 
-def _ends(crossing: "Edge") -> tuple[complex, complex]:
+def ends_of(crossing: "Edge") -> tuple[complex, complex]:
     """Both ends of a crossing's centre line."""
     line = line_of(crossing.getLane(0))
     span = line[-1] - line[0]
@@ -234,7 +234,7 @@ def _directions(crossing: "Edge", direction: complex, sign: int) -> int:
     return count
 
 
-def _onto(crossing: "Edge") -> list["Connection"]:
+def links_onto(crossing: "Edge") -> list["Connection"]:
     """The connections that lead pedestrians onto a crossing."""
     connections: list[Connection] = crossing.getLane(0).getIncomingConnections()
     return connections
@@ -242,7 +242,7 @@ def _onto(crossing: "Edge") -> list["Connection"]:
 
 def _footpaths(crossing: "Edge", *, reverse: bool) -> tuple[Footpath, Footpath]:
     """The near and the far footpath."""
-    start = [link.getFromLane() for link in _onto(crossing)]
+    start = [link.getFromLane() for link in links_onto(crossing)]
     end = [link.getToLane() for link in crossing.getLane(0).getOutgoing()]
     sides = []
     for side, areas in zip(Side, (end, start) if reverse else (start, end), strict=True):
@@ -268,7 +268,7 @@ def _footpaths(crossing: "Edge", *, reverse: bool) -> tuple[Footpath, Footpath]:
 
 def _signal(crossing: "Edge", approach: "Lane") -> Signal | None:
     """The traffic light of a crossing, or of the ego's link over it."""
-    links = [*_onto(crossing), *approach.getOutgoing()]
+    links = [*links_onto(crossing), *approach.getOutgoing()]
     names = [link.getTLSID() for link in links if link.getTLSID()]
     if not names:
         return None
@@ -276,7 +276,7 @@ def _signal(crossing: "Edge", approach: "Lane") -> Signal | None:
         link.getTLLinkIndex()
         for edge in crossing.getToNode().getIncoming()
         if edge.getFunction() == "crossing"
-        for link in _onto(edge)
+        for link in links_onto(edge)
         if link.getTLSID() == names[0]
     }
     return Signal(names[0], frozenset(walked))

@@ -7,15 +7,16 @@ ego's right in right-hand traffic) to the other kerb. Where the crosswalk is obl
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
-from harness.core.encounter import Side
+from harness.core.encounter import FloatArray, Side
 from harness.core.errors import InputError
 
 TOLERANCE_M = 2e-6
 """Tolerance of a built network's geometry: netconvert keeps nodes to a micrometre."""
 
 Point = tuple[float, float]
+Numbers = TypeVar("Numbers", float, FloatArray)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,8 @@ class RoadFrame:
             self.origin_y_m + x_m * self.along_y + y_m * self.across_y,
         )
 
-    def to_road(self, x_m: float, y_m: float) -> Point:
-        """Road-frame coordinates (m) of a point of the network (m); inverse of `to_network`."""
+    def to_road(self, x_m: Numbers, y_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Road-frame coordinates (m) of points of the network (m); inverse of `to_network`."""
         dx, dy = x_m - self.origin_x_m, y_m - self.origin_y_m
         area = self.along_x * self.across_y - self.along_y * self.across_x
         return (

@@ -53,6 +53,16 @@ def path_over(
     network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
 ) -> Path | None:
     """The straightest way on from a lane through its junction that meets a crosswalk."""
+    return next(paths_over(network, lane, crosswalk), None)
+
+
+def paths_over(
+    network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
+) -> Iterator[Path]:
+    """Every way on from a lane through its junction that meets a crosswalk, straightest first.
+
+    The last lane of each is the one beyond the junction.
+    """
     ways = []
     for link in lane.getOutgoing():
         via = _via(network, link)
@@ -61,8 +71,7 @@ def path_over(
     for _, _, via in sorted(ways, key=itemgetter(0, 1)):
         path = _met([lane, *via], crosswalk)
         if path is not None:
-            return path
-    return None
+            yield path
 
 
 def extended(network: RoadNetwork, path: Path) -> Path:

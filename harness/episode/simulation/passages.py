@@ -1,0 +1,277 @@
+"""From what SUMO recorded of a vehicle and of people to the trace of one passage.
+
+The records are places and speeds at times one step apart.  Between two of them a vehicle moves as
+``motion`` says, and a person walks straight at constant speed.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harness.core.encounter import (
+    Arrival,
+    Crossing,
+    Ending,
+    FloatArray,
+    Leg,
+    Side,
+    StepMotion,
+    Trace,
+    Vehicle,
+    Walk,
+)
+from harness.measures import crossing_time
+from harness.measures.ego import ego_state
+from harness.site import WayOver
+
+WAITING_M = 1.0
+"""Who stands within this distance of the kerb waits there."""
+STANDING_MPS = 0.1
+"""SUMO's threshold for waiting."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleTrack:
+    """The records of a vehicle on a way over a crosswalk, one step apart.
+
+    ``x_m`` is the place of its front bumper on the way (``WayOver.place_m``).  Shapes (n,), n ≥ 2.
+    """
+
+    time_s: FloatArray
+    x_m: FloatArray
+    speed_mps: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class PersonTrack:
+    """The records of a person who goes over a crosswalk once, in the network's coordinates.
+
+    ``on_crossing`` says of each record whether it is on the crossing's edge.  The records before
+    it, on the walking area, show how long they waited.  Shapes (n,).
+    """
+
+    id: str
+    time_s: FloatArray
+    x_m: FloatArray
+    y_m: FloatArray
+    on_crossing: np.ndarray
+
+
+def passage(
+    track: VehicleTrack,
+    people: Sequence[PersonTrack],
+    way: WayOver,
+    vehicle: Vehicle,
+    *,
+    motion: StepMotion,
+    rounding_m: float = 0.0,
+) -> Trace:
+    """The trace of a vehicle's passage over a crosswalk.
+
+    The trace begins at the first record within the vehicle's trigger range and ends at the first
+    one with the rear beyond the crosswalk.  A vehicle whose records begin within the range gets a
+    trigger range that begins there.
+
+    Args:
+        track: of the vehicle, on the way.
+        people: who went over this crosswalk; the number of each is the index of their arrival.
+            Those who are not there during the passage are left out.
+        way: the vehicle's, over the crosswalk.
+        vehicle: its constants; v0 is the speed of a free passage.
+        motion: how it moves between two records.
+        rounding_m: how far a recorded place may be off.  Records that a walk at constant speed
+            explains are left out.
+
+    Returns:
+        The trace, in the way's frame; ``timed_out`` where the rear never left the crosswalk.
+    """
+    base = _driven(track, way, vehicle, motion)
+    begin_s = float(track.time_s[_first(track, vehicle)])
+    length_s = (len(base.x_m) - 1) * base.step_s
+    walks = []
+    for index, person in enumerate(people):
+        if person.time_s[-1] <= begin_s or person.time_s[0] >= begin_s + length_s:
+            continue
+        walk = _walk(index, person, way, begin_s, rounding_m)
+        if walk is None or walk.legs is None or walk.legs[-1].time_s <= 0.0:
+            continue
+        if walk.arrival.arrival_s < length_s:
+            walks.append(_seen(walk, base, length_s))
+    return replace(base, walks=tuple(walks))
+
+
+def _first(track: VehicleTrack, vehicle: Vehicle) -> int:
+    """The first record within the trigger range."""
+    return int(np.searchsorted(track.x_m, -vehicle.trigger_range_m - 1e-9))
+
+
+def _driven(track: VehicleTrack, way: WayOver, vehicle: Vehicle, motion: StepMotion) -> Trace:
+    """The trace without people."""
+    first = _first(track, vehicle)
+    rear_m = vehicle.length_m + way.crossing.width_m / 2
+    last = int(np.searchsorted(track.x_m, rear_m))
+    crossed = last < len(track.x_m)
+    step_s = float(track.time_s[1] - track.time_s[0])
+    whole = Trace(
+        vehicle=vehicle,
+        crossing=way.crossing,
+        step_s=step_s,
+        x_m=track.x_m[max(first - 1, 0) : last + 1].copy(),
+        speed_mps=track.speed_mps[max(first - 1, 0) : last + 1].copy(),
+        walks=(),
+        ending=Ending.CROSSED if crossed else Ending.TIMED_OUT,
+        reason=None,
+        sumo_collision=None,
+        fallback=False,
+        motion=motion,
+    )
+    if first == 0:
+        return replace(whole, vehicle=replace(vehicle, trigger_range_m=-float(track.x_m[0])))
+    triggered_s = crossing_time(whole, -vehicle.trigger_range_m)
+    return replace(
+        whole,
+        x_m=whole.x_m[1:],
+        speed_mps=whole.speed_mps[1:],
+        trace_offset_s=step_s - (triggered_s or 0.0),
+    )
+
+
+def _seen(walk: Walk, trace: Trace, length_s: float) -> Walk:
+    """A walk with the vehicle's state at the moment of stepping off, where it is recorded."""
+    assert walk.start_s is not None
+    if not 0.0 <= walk.start_s <= length_s or len(trace.x_m) < 2:
+        return walk
+    x_m, speed_mps = ego_state(trace, walk.start_s)
+    return replace(walk, range_m=-x_m, vehicle_speed_mps=speed_mps)
+
+
+def _walk(
+    index: int, person: PersonTrack, way: WayOver, begin_s: float, rounding_m: float
+) -> Walk | None:
+    """The walk of a person from kerb to kerb, in the passage's time and the way's frame.
+
+    It is None if no part of a way over the crosswalk is recorded.  Someone whose records end
+    between the kerbs is gone from there on.
+    """
+    crossing, time_s = way.crossing, person.time_s - begin_s
+    x_m, y_m = way.frame.to_road(person.x_m, person.y_m)
+    on = np.flatnonzero(person.on_crossing)
+    if not len(on):
+        return None
+    near = _goes_up(y_m, on, crossing)
+    ahead_m = y_m if near else crossing.length_m - y_m
+    points = _between_kerbs(np.column_stack((time_s, x_m, ahead_m)), on, crossing.length_m)
+    if len(points) < 2:
+        return None
+    points = _simplified(points, rounding_m)
+    side = Side.NEAR if near else Side.FAR
+    start_s, end_s = float(points[0, 0]), float(points[-1, 0])
+    walked_m = float(points[-1, 2] - points[0, 2])
+    return Walk(
+        # There is no quantile: NaN says that they are no timed pedestrian.
+        arrival=Arrival(index, _arrival_s(time_s, x_m, ahead_m, on[0], start_s), side, math.nan),
+        start_s=start_s,
+        speed_mps=max(walked_m / (end_s - start_s), 1e-3),
+        legs=_legs(points, side, crossing),
+    )
+
+
+def _goes_up(y_m: FloatArray, on: np.ndarray, crossing: Crossing) -> bool:
+    """Whether they come from the near kerb."""
+    first, last = max(on[0] - 1, 0), min(on[-1] + 1, len(y_m) - 1)
+    moved_m = float(y_m[last] - y_m[first])
+    return moved_m > 0 if moved_m else float(y_m[first]) < crossing.length_m / 2
+
+
+def _between_kerbs(track: FloatArray, on: np.ndarray, length_m: float) -> FloatArray:
+    """The rows (time, x, y ahead) of a walk from 0 to ``length_m``, cut at both kerbs.
+
+    The record before and the one after those on the crossing serve to find the kerbs' times.
+    """
+    first, last = int(on[0]), int(on[-1])
+    if first > 0 and track[first - 1, 2] < 0:
+        first -= 1
+    if last + 1 < len(track) and track[last + 1, 2] > length_m:
+        last += 1
+    points = track[first : last + 1]
+    inside = np.flatnonzero((points[:, 2] >= 0) & (points[:, 2] <= length_m))
+    if not len(inside):
+        return points[:0] if len(points) < 2 else _both_cut(points, length_m)
+    low, high = int(inside[0]), int(inside[-1])
+    parts = [points[low : high + 1]]
+    if low > 0:
+        parts.insert(0, _cut(points[low - 1], points[low], 0.0)[None])
+    if high + 1 < len(points):
+        parts.append(_cut(points[high], points[high + 1], length_m)[None])
+    joined = np.concatenate(parts)
+    return joined[np.concatenate(([True], np.diff(joined[:, 0]) > 1e-9))]
+
+
+def _both_cut(points: FloatArray, length_m: float) -> FloatArray:
+    """A walk of which no record lies between the kerbs: the step is long."""
+    return np.array([_cut(points[0], points[-1], y_m) for y_m in (0.0, length_m)])
+
+
+def _cut(before: FloatArray, after: FloatArray, y_m: float) -> FloatArray:
+    """The point of a straight step at which y is met."""
+    rise = float(after[2] - before[2])
+    share = (y_m - float(before[2])) / rise if rise else 0.0
+    point: FloatArray = before + min(max(share, 0.0), 1.0) * (after - before)
+    point[2] = y_m
+    return point
+
+
+def _simplified(points: FloatArray, rounding_m: float) -> FloatArray:
+    """Points without those within rounding of a straight walk (Douglas and Peucker, 1973).
+
+    The distance of a point is that from where the straight walk is at the same time; the point and
+    the walk's ends may be off.
+    """
+    keep = {0, len(points) - 1}
+    spans = [(0, len(points) - 1)]
+    while spans:
+        low, high = spans.pop()
+        if high - low < 2:
+            continue
+        part = points[low : high + 1]
+        share = (part[:, :1] - part[0, 0]) / (part[-1, 0] - part[0, 0])
+        off = part[:, 1:] - (part[0, 1:] + share * (part[-1, 1:] - part[0, 1:]))
+        away = np.hypot(off[:, 0], off[:, 1])
+        far = int(away.argmax())
+        if away[far] > 2 * rounding_m + 1e-9:
+            keep.add(low + far)
+            spans += [(low, low + far), (low + far, high)]
+    return points[sorted(keep)]
+
+
+def _legs(points: FloatArray, side: Side, crossing: Crossing) -> tuple[Leg, ...]:
+    """The legs of a walk; the last one stands at the other kerb, where the walk is over."""
+    sign = 1.0 if side is Side.NEAR else -1.0
+    legs = []
+    for (time_s, x_m, ahead_m), (until_s, to_x_m, to_m) in zip(
+        points[:-1].tolist(), points[1:].tolist(), strict=True
+    ):
+        taken_s = until_s - time_s
+        y_m = crossing.place_of(side, crossing.length_m - ahead_m)
+        across_mps = sign * (to_m - ahead_m) / taken_s
+        legs.append(Leg(time_s, x_m, y_m, (to_x_m - x_m) / taken_s, across_mps, 0.0))
+    end_s, end_x_m, _ = points[-1].tolist()
+    legs.append(Leg(end_s, end_x_m, crossing.place_of(side, 0.0), 0.0, 0.0, 0.0))
+    return tuple(legs)
+
+
+def _arrival_s(
+    time_s: FloatArray, x_m: FloatArray, ahead_m: FloatArray, first: int, start_s: float
+) -> float:
+    """When they began to wait within 1 m of the kerb; when they stepped off if they did not."""
+    arrival_s = start_s
+    for number in range(first - 1, 0, -1):
+        if ahead_m[number] < -WAITING_M:
+            break
+        taken_s = time_s[number] - time_s[number - 1]
+        moved_m = math.hypot(x_m[number] - x_m[number - 1], ahead_m[number] - ahead_m[number - 1])
+        if moved_m < STANDING_MPS * taken_s:
+            arrival_s = float(time_s[number - 1])
+    return min(arrival_s, start_s)

@@ -1,0 +1,218 @@
+"""Every crosswalk of a network, with every way of vehicles over it in that way's own frame."""
+
+import cmath
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from harness.core.encounter import Crossing
+from harness.core.errors import InputError
+from harness.site.locate import MAX_OBLIQUE_DEG, ends_of, links_onto
+from harness.site.road_network import RoadNetwork
+from harness.site.site import RoadFrame
+from harness.site.ways import Path, extended, paths_over, straight
+
+if TYPE_CHECKING:
+    from sumolib.net.edge import Edge
+    from sumolib.net.lane import Lane
+
+STRAIGHT_BEFORE_M = 10.0
+"""A way that is straight for less than this before a crosswalk turns onto it."""
+
+
+@dataclass(frozen=True, slots=True)
+class LanePlace:
+    """A lane on a way over a crosswalk, and where it lies on that way by SUMO's lengths.
+
+    ``start_m`` is negative before the crosswalk's centre line, positive beyond it.
+    """
+
+    edge: str
+    lane: str
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class WayOver:
+    """The way of one connection of lanes over a crosswalk.
+
+    Attributes:
+        crosswalk: id of the crossing's edge.
+        approach: the lane before the junction, of the edge ``from_edge``.
+        from_edge: the last edge before the junction.
+        to_edge: the first edge beyond it.
+        lanes: the lanes that lead there straight on, those inside junctions too, in order.
+        frame: x along the way, 0 where it meets the crosswalk's centre line; y along the crosswalk
+            from the kerb that traffic keeps to, as in ``harness.site.site``.
+        crossing: the crosswalk's constants for a vehicle on this way.
+        angle_deg: between way and crosswalk, 0 to 90.
+        straight_before_m: how far before the centre line the way is straight within 1°.
+        straight_after_m: the same beyond it.
+        signalled: whether a traffic light rules the vehicles or the people there.
+    """
+
+    crosswalk: str
+    approach: str
+    from_edge: str
+    to_edge: str
+    lanes: tuple[LanePlace, ...]
+    frame: RoadFrame
+    crossing: Crossing
+    angle_deg: float
+    straight_before_m: float
+    straight_after_m: float
+    signalled: bool
+
+    @property
+    def oblique(self) -> bool:
+        """Whether it meets the crosswalk at more than 20° from a right angle."""
+        return self.angle_deg < 90.0 - MAX_OBLIQUE_DEG
+
+    def is_straight(self, length_m: float) -> bool:
+        """Whether a vehicle of that length goes straight until its rear has left the crosswalk."""
+        rear_m = length_m + self.crossing.width_m / 2
+        return self.straight_before_m >= STRAIGHT_BEFORE_M and self.straight_after_m >= rear_m
+
+    def place_m(self, edge: str, position_m: float) -> float | None:
+        """x of a position on an edge's lane, also on a lane beside; None off the way."""
+        for each in self.lanes:
+            if each.edge == edge:
+                return each.start_m + position_m
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Crosswalk:
+    """A crossing of a SUMO network with the ways of vehicles over it.
+
+    Attributes:
+        id: of the crossing's edge, e.g. ``:J7_c0``.
+        length_m: from kerb to kerb, along the crosswalk.
+        width_m: across it.
+        signalled: whether a traffic light rules it.
+        areas: ids of the walking areas at its ends.
+        ways: one for each connection of lanes that leads over it.
+        refused: why nothing can be measured there, or None.
+    """
+
+    id: str
+    length_m: float
+    width_m: float
+    signalled: bool
+    areas: frozenset[str]
+    ways: tuple[WayOver, ...]
+    refused: str | None = None
+
+
+def crosswalks_of(network: RoadNetwork) -> tuple[Crosswalk, ...]:
+    """Every crosswalk of a network, in the file's order.
+
+    Args:
+        network: as read.
+
+    Raises:
+        InputError: the network is damaged at a crossing.
+    """
+    crosswalks = []
+    for edge in network.crossings.values():
+        try:
+            crosswalks.append(_crosswalk(network, edge))
+        except (LookupError, ValueError, ZeroDivisionError) as error:
+            problem = f"the network is damaged there ({error})"
+            raise InputError(edge.getID(), problem) from None
+    return tuple(crosswalks)
+
+
+def _crosswalk(network: RoadNetwork, crossing: "Edge") -> Crosswalk:
+    links = links_onto(crossing)
+    lane = crossing.getLane(0)
+    areas = [link.getFromLane() for link in links] + [
+        link.getToLane() for link in lane.getOutgoing()
+    ]
+    signalled = any(link.getTLSID() for link in links)
+    ways: tuple[WayOver, ...] = ()
+    length_m, refused = lane.getLength(), None
+    try:
+        ends = ends_of(crossing)
+    except InputError as error:
+        refused = error.problem
+    else:
+        length_m = abs(ends[1] - ends[0])
+        ways = tuple(
+            _way(network, crossing, ends, path, signalled=signalled)
+            for path in _paths(network, crossing, ends)
+        )
+    return Crosswalk(
+        id=crossing.getID(),
+        length_m=length_m,
+        width_m=lane.getWidth(),
+        signalled=signalled or any(way.signalled for way in ways),
+        areas=frozenset(area.getEdge().getID() for area in areas),
+        ways=ways,
+        refused=refused,
+    )
+
+
+def _paths(network: RoadNetwork, crossing: "Edge", ends: tuple[complex, complex]) -> Iterator[Path]:
+    """The path of every connection of a lane for vehicles that meets a crossing."""
+    crossed = crossing.getCrossingEdges()
+    for edge in crossing.getToNode().getIncoming():
+        if edge.isSpecial():
+            continue
+        for lane in edge.getLanes():
+            if not _for_vehicles(lane):
+                continue
+            for path in paths_over(network, lane, ends):
+                # A lane that touches a crosswalk's end is on a road that it does not lead over.
+                if any(each.getEdge() in crossed for each in path.lanes):
+                    yield path
+
+
+def _for_vehicles(lane: "Lane") -> bool:
+    return not {"pedestrian"}.issuperset(lane.getPermissions())
+
+
+def _way(
+    network: RoadNetwork,
+    crossing: "Edge",
+    ends: tuple[complex, complex],
+    path: Path,
+    *,
+    signalled: bool,
+) -> WayOver:
+    approach, beyond = path.lanes[0], path.lanes[-1]
+    whole = extended(network, path)
+    road = straight(whole)
+    angle = abs(math.degrees(cmath.phase((ends[1] - ends[0]) / road.direction)))
+    angle = min(angle, 180.0 - angle)
+    slant = math.sin(math.radians(angle))
+    to_left = ((ends[1] - path.meeting) / road.direction).imag > 0
+    near, far = (ends[1], ends[0]) if to_left == network.left_hand else ends
+    across = (far - near) / abs(far - near)
+    links = [link for link in approach.getOutgoing() if link.getToLane() is beyond]
+    return WayOver(
+        crosswalk=crossing.getID(),
+        approach=approach.getID(),
+        from_edge=approach.getEdge().getID(),
+        to_edge=beyond.getEdge().getID(),
+        lanes=tuple(
+            LanePlace(lane.getEdge().getID(), lane.getID(), start, start + lane.getLength())
+            for lane, start in whole.pieces()
+        ),
+        frame=RoadFrame(
+            near.real, near.imag, road.direction.real, road.direction.imag, across.real, across.imag
+        ),
+        crossing=Crossing(
+            length_m=abs(far - near),
+            width_m=crossing.getLane(0).getWidth() / slant if slant else math.inf,
+            lane_centre_m=((path.meeting - near) * across.conjugate()).real,
+            lane_width_m=approach.getWidth() / slant if slant else math.inf,
+            speed_limit_mps=approach.getSpeed(),
+        ),
+        angle_deg=angle,
+        straight_before_m=road.before_m,
+        straight_after_m=road.after_m,
+        signalled=signalled or any(link.getTLSID() for link in links),
+    )
