@@ -77,8 +77,8 @@ def run_episodes(task: Episodes) -> list[Score]:
         def ended(rng: np.random.Generator | None) -> None:
             watch.alive()
             number, uniforms = inputs[len(drew_more)]
-            fresh = draws_of(question.scenario, question.arm, number, given=uniforms)
-            drew_more.append(rng is not None and has_drawn_more(rng, fresh))
+            unused = draws_of(question.scenario, question.arm, number, given=uniforms)
+            drew_more.append(rng is not None and has_drawn_more(rng, unused))
 
         runner = _runner_of(question, question.in_sumo)
         outcomes = list(runner.run_arm_given(question.arm, inputs, ended))

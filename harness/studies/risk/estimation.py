@@ -115,19 +115,19 @@ def _estimate(
     if share is None:
         explorations = [explore(counted, layout, rng, n) for n in range(EXPLORATIONS)]
     failures = [exploration.failures for exploration in explorations]
-    found = np.concatenate([np.empty((0, layout.width)), *failures])
+    explored = np.concatenate([np.empty((0, layout.width)), *failures])
     if share is not None:
         proposal, squared_cv = nominal(layout), (1 - share) / share
-    elif len(found):
-        rough = float(np.mean([exploration.rough for exploration in explorations]))
-        proposal, squared_cv = refit(counted, layout, found, rough, rng)
+    elif len(explored):
+        probability = float(np.mean([exploration.probability for exploration in explorations]))
+        proposal, squared_cv = refit(counted, layout, explored, probability, rng)
     else:
         # The location of the event is unknown, so more nominal draws can only bound it.
         proposal, squared_cv = nominal(layout), 0.0
     weighted = bool(proposal.components)
     reserve = _RESERVE if weighted else _RESERVE_OF_BRUTE_FORCE
-    wanted = math.ceil(reserve * squared_cv / target_cv**2)
-    draws = min(max(wanted, POINTS if share is not None else _LEAST_DRAWS), most_draws)
+    needed = math.ceil(reserve * squared_cv / target_cv**2)
+    draws = min(max(needed, POINTS if share is not None else _LEAST_DRAWS), most_draws)
     drawn = draws_from(proposal, counted, draws, rng, "estimating")
     event, weights = drawn.event, drawn.weight[drawn.event]
     tally = sum((exploration.nominal for exploration in explorations), pilot + drawn.nominal)
@@ -140,14 +140,14 @@ def _estimate(
             f"{pilot.draws:,} episodes of the first look and {explored_events:,} of the "
             "exploration did: more draws are needed."
         )
-    if len(found) and not weighted:
+    if len(explored) and not weighted:
         notes.append(
             "The estimate uses brute force: weighted draws around the explored events would have "
             "needed as many episodes, or contained too few events."
         )
-    if wanted > most_draws:
+    if needed > most_draws:
         notes.append(
-            f"{wanted:,} draws were needed for a coefficient of variation of {target_cv:g}; "
+            f"{needed:,} draws were needed for a coefficient of variation of {target_cv:g}; "
             f"{most_draws:,} were allowed."
         )
     return Estimation(

@@ -54,13 +54,13 @@ class Exploration:
     """The result of one exploration.
 
     ``failures`` (n, width) are states in the event, empty if none was found; ``levels`` are the
-    thresholds; ``rough`` is the estimate by subset simulation.  ``nominal`` counts the first
+    thresholds; ``probability`` is the estimate by subset simulation.  ``nominal`` counts the first
     ``POINTS`` episodes, which are nominal draws; ``nearest`` is the lowest score.
     """
 
     failures: FloatArray
     levels: tuple[float, ...]
-    rough: float
+    probability: float
     nominal: Tally
     nearest: float
 
@@ -86,19 +86,19 @@ def explore(
     score = graded(z, "exploring")
     nominal, nearest = Tally(POINTS, int(np.sum(score <= 0))), float(score.min())
     levels: list[float] = []
-    rough, standstill = 1.0, 0
+    probability, standstill = 1.0, 0
     moves = _Moves(graded, layout, rng)
     while standstill < _STANDSTILL and len(levels) < _MOST_LEVELS:
         level, inside = _next_level(score)
         if not inside.any():
             break
         levels.append(level)
-        rough *= float(inside.mean())
+        probability *= float(inside.mean())
         what = f"exploring, level {len(levels)}"
         z, score = moves(z[inside], score[inside], level, what)
         if level == 0:
-            found = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
-            return Exploration(np.concatenate(found), tuple(levels), rough, nominal, nearest)
+            states = [moves(z[n::4], score[n::4], 0.0, "in the event")[0] for n in range(3)]
+            return Exploration(np.concatenate(states), tuple(levels), probability, nominal, nearest)
         standstill = standstill + 1 if score.min() > (1 - _LOWER) * nearest else 0
         nearest = min(nearest, float(score.min()))
     return Exploration(z[:0], tuple(levels), 0.0, nominal, nearest)
@@ -137,17 +137,17 @@ class _Moves:
         points, kept = [z], [score]
         for _ in range(1, -(-POINTS // len(seeds))):
             chains = (len(z), 1)
-            anew = rng.random(chains) < _ANEW
-            share = np.where(anew, rng.choice(_PARTS, chains), 1.0)
+            redrawn = rng.random(chains) < _ANEW
+            share = np.where(redrawn, rng.choice(_PARTS, chains), 1.0)
             part = rng.random(z.shape) < share
             step = np.minimum(1.0, self._scale * np.exp(rng.uniform(-1.0, 1.0, chains)))
-            size = np.where(anew, 1.0, step)
+            size = np.where(redrawn, 1.0, step)
             drawn = np.sqrt(1 - size**2) * z + size * rng.standard_normal(z.shape)
             moved = np.where(part, drawn, z)
-            moved = self._layout.renewed(moved, np.where(anew, share, 0.0), rng)
+            moved = self._layout.renewed(moved, np.where(redrawn, share, 0.0), rng)
             result = self._graded(moved, what)
             accepted = result <= level
-            small = accepted[~anew[:, 0]]
+            small = accepted[~redrawn[:, 0]]
             if len(small):
                 scale = self._scale * math.exp(float(small.mean()) - _ACCEPTED)
                 self._scale = min(1.0, max(_LEAST_STEP, scale))

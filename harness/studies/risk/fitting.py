@@ -1,7 +1,8 @@
-"""Fits a proposal on states in the event, by expectation maximisation.
+"""Takes weighted states in the event and returns the proposal's components.
 
-Who of a crowd was placed is part of what is fitted: a component's responsibility for a case is
-shared among its people.  It is the cross-entropy method with a hidden choice.
+The fit is expectation maximisation.  Which pedestrian of a crowd was placed is a latent variable,
+so a component's responsibility for a case is divided among the case's pedestrians.  This is the
+cross-entropy method with a latent variable.
 """
 
 from dataclasses import replace
@@ -15,39 +16,39 @@ from harness.studies.risk.layout import Layout
 from harness.studies.risk.proposal import NOMINAL_SHARE, Cases, Component, Proposal
 
 COMPONENTS = 8
-"""At most so many, with and without a placed one each."""
+"""Maximum number of components, separately with and without a placed pedestrian."""
 
 _POINTS = 20
-"""Cases that a component should rest on."""
+"""Number of cases for each component."""
 
 _NARROWEST = 1e-4
-"""Least variance of a component in any direction; the nominal density has 1."""
+"""Smallest variance of a component in any direction; the nominal variance is 1."""
 
 _VARIANCE_PRIOR = 2.0
-"""Cases that say that a variance is 1."""
+"""Weight, in cases, of the prior variance 1."""
 
 _CORRELATION_PRIOR = 4.0
-"""Cases for each dimension that say that two uniforms are independent given the event."""
+"""Weight, in cases for each dimension, of the prior correlation 0."""
 
 _DIVERGENCE = 0.1
-"""Nats by which a uniform of the failures has to differ from a nominal one."""
+"""Divergence in nats below which a uniform of the cases counts as nominal."""
 
 _ROUNDS = 20
 
 _FEWEST = 2.0
-"""Effective cases below which a component is given up."""
+"""Effective number of cases below which a component is removed."""
 
 
 def first_components(
     layout: Layout, cases: Cases, who: NDArray[np.intp], rng: np.random.Generator
 ) -> tuple[Component, ...]:
-    """Components around cases in the event.
+    """Return the starting components, from clusters of cases in the event.
 
     Args:
-        layout: of the states.
-        cases: in the event.
-        who: place of the one who matters in each case, −1 where nobody does, shape (n,).
-        rng: for the starts.
+        layout: layout of the states.
+        cases: cases in the event.
+        who: place of the decisive pedestrian of each case, −1 if there is none, shape (n,).
+        rng: generator for the clusters.
     """
     parts = []
     for placed in (False, True):
@@ -59,9 +60,9 @@ def first_components(
         if y.size == 0:
             continue
         count = min(COMPONENTS, 1 + len(y) // _POINTS)
-        _, cluster_of = k_means(y, np.ones(len(y)), count, 1, rng)
-        for k in np.unique(cluster_of):
-            cluster = y[cluster_of == k]
+        _, clusters = k_means(y, np.ones(len(y)), count, 1, rng)
+        for k in np.unique(clusters):
+            cluster = y[clusters == k]
             moments = cluster.mean(axis=0), np.atleast_2d(np.cov(cluster.T, bias=True))
             share = len(cluster) / len(who)
             parts.append(_component(layout, share, placed, *moments, len(cluster)))
@@ -71,13 +72,13 @@ def first_components(
 def fit_components(
     layout: Layout, components: tuple[Component, ...], cases: Cases, weights: FloatArray
 ) -> tuple[Component, ...]:
-    """Components fitted on weighted cases in the event, from components to start with.
+    """Return the components fitted to weighted cases in the event.
 
     Args:
-        layout: of the states.
-        components: to begin with.
-        cases: in the event.
-        weights: of the cases, ≥ 0; equal where they are drawn from the nominal law given the event.
+        layout: layout of the states.
+        components: starting components.
+        cases: cases in the event.
+        weights: weights of the cases, ≥ 0; they are equal if the cases are nominal draws.
     """
     weights = weights / weights.sum()
     count = len(weights)
@@ -111,11 +112,11 @@ def fit_components(
 
 
 def spread(layout: Layout, components: tuple[Component, ...]) -> Proposal:
-    """The proposal of fitted components: with a nominal part, even shares, and heavier tails.
+    """Return the proposal of fitted components, with a nominal part and heavier tails.
 
-    The components get half of their shares evenly: a way to the event of which the exploration
-    found few examples is drawn from as well.  Each comes twice: as wide as the cases it describes,
-    and wider.
+    Each component's share is the mean of its fitted share and an equal share, so that a way to the
+    event with few explored cases is drawn too.  Each component occurs twice: with its fitted
+    covariance, and with a variance of at least 1 in every direction.
     """
     parts = []
     whole = sum(part.share for part in components)
@@ -138,29 +139,29 @@ def _component(
     scatter: FloatArray,
     count: float,
 ) -> Component:
-    """A component from the moments of so many cases.
+    """Return a component from the moments of ``count`` cases.
 
-    Variances are drawn towards 1, correlations towards none: few states say little.  A uniform
-    that differs little from a nominal one, by its divergence (m² + v − 1 − ln v)/2, is taken for
-    nominal, and independent of the others.
+    Variances are shrunk towards 1 and correlations towards 0, more strongly for few cases.  A
+    uniform with a divergence (m² + v − 1 − ln v)/2 below ``_DIVERGENCE`` from a nominal uniform
+    becomes nominal and independent of the others.
     """
     raw = np.maximum(np.diag(scatter), 1e-12)
     correlations = scatter / np.sqrt(np.outer(raw, raw))
     correlations *= count / (count + _CORRELATION_PRIOR * len(mean))
     np.fill_diagonal(correlations, 1.0)
     variances = np.maximum(raw ** (count / (count + _VARIANCE_PRIOR)), _NARROWEST)
-    plain = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
+    is_nominal = (mean**2 + variances - 1 - np.log(variances)) / 2 < _DIVERGENCE
     if placed:
-        plain[layout.fixed] = False  # the time, which is not normal nominally
+        is_nominal[layout.fixed] = False  # the time, whose nominal density is not normal
     covariance = correlations * np.sqrt(np.outer(variances, variances))
-    covariance[plain[:, None] | plain[None, :]] = 0.0
-    covariance[plain, plain] = 1.0
+    covariance[is_nominal[:, None] | is_nominal[None, :]] = 0.0
+    covariance[is_nominal, is_nominal] = 1.0
     factor = np.linalg.cholesky(_floored(covariance, _NARROWEST)).astype(np.float64, copy=False)
-    return Component(share, placed, np.where(plain, 0.0, mean), factor)
+    return Component(share, placed, np.where(is_nominal, 0.0, mean), factor)
 
 
 def _floored(covariance: FloatArray, least: float) -> FloatArray:
-    """The covariance with no variance below ``least`` in any direction."""
+    """Return the covariance with variances of at least ``least`` in every direction."""
     values, directions = np.linalg.eigh(covariance)
     floored: FloatArray = (directions * np.maximum(values, least)) @ directions.T
     return floored

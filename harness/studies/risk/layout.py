@@ -1,11 +1,11 @@
-"""How an array of numbers describes who comes: fixed uniforms, and a Poisson crowd.
+"""Lays out the state of an episode: takes sizes and returns arrays of normal scores.
 
-An episode of a flow is a function of a Poisson process: a random number of people, each with an
-arrival time and independent uniforms (side, quantile, ...).  As normal scores z = Φ⁻¹(u), with
-u = t/window for the arrival, they are N ~ Poisson(Λ) points, each standard normal in m dimensions.
-Beside them stand fixed uniforms that every episode has.  A state is one row: the fixed ones first,
-then ``places`` places of m numbers each; NaN marks a place where nobody is.  The order of the
-places means nothing.
+The pedestrians of a flow are a Poisson process: their number is random, and each has an arrival
+time and independent uniforms (side, quantile, ...).  Their normal scores are z = Φ⁻¹(u), with
+u = t/window for the arrival.  They are N ~ Poisson(Λ) points, each standard normal in m dimensions.
+Every episode also has fixed uniforms.  A state is one row: first the fixed uniforms, then
+``places`` places of m numbers each.  NaN marks an empty place; the order of the places is
+arbitrary.
 """
 
 from dataclasses import dataclass
@@ -19,21 +19,23 @@ from scipy.special import ndtr, ndtri
 from harness.core.encounter import FloatArray
 
 _NEVER = 1e-15
-"""More people than there are places for come less often; they are left out."""
+"""Upper bound on the probability of more pedestrians than places; such pedestrians are left out."""
 
 _SPARE = 3
+"""Places for pedestrians that the sampling adds to a drawn crowd."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Sizes of a state.
+    """The sizes of a state.
 
     Attributes:
         fixed: number of uniforms that every episode has, ≥ 0.
-        marks: m, uniforms of each of the crowd, the arrival first; 0 where there is no crowd.
-        rate_per_s: of the crowd, > 0 where there is one.
-        window_s: within which they arrive, from 0 on, > 0 where there is a crowd.
-        entangled: whether somebody's coming may change what others do before they come.
+        marks: m, number of uniforms of a pedestrian of the crowd, including the arrival; 0 without
+            a crowd.
+        rate_per_s: the crowd's arrival rate, > 0 if there is a crowd.
+        window_s: the crowd arrives between 0 and this time, > 0 if there is a crowd.
+        entangled: whether a pedestrian may change the episode before their arrival.
     """
 
     fixed: int
@@ -44,17 +46,17 @@ class Layout:
 
     @property
     def mean_count(self) -> float:
-        """Λ, the mean number of the crowd."""
+        """Λ, the mean number of pedestrians in the crowd."""
         return self.rate_per_s * self.window_s
 
     @property
     def places(self) -> int:
-        """How many of the crowd a state has room for."""
+        """Number of the crowd's places in a state."""
         return _most(self.mean_count) + _SPARE if self.marks else 0
 
     @property
     def width(self) -> int:
-        """Length of a state's row."""
+        """Length of a state."""
         return self.fixed + self.places * self.marks
 
     def people(self, z: FloatArray) -> FloatArray:
@@ -62,7 +64,7 @@ class Layout:
         return z[:, self.fixed :].reshape(len(z), self.places, self.marks)
 
     def arrivals_s(self, z: FloatArray) -> FloatArray:
-        """When they arrive, shape (n, places); NaN where nobody is."""
+        """The crowd's arrival times in s, shape (n, places); NaN at empty places."""
         if not self.marks:
             return np.zeros((len(z), 0))
         arrivals: FloatArray = self.window_s * ndtr(self.people(z)[:, :, 0])
@@ -77,15 +79,15 @@ class Layout:
         return z
 
     def renewed(self, z: FloatArray, share: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """A share of the crowd gone, and as many others come: it leaves the nominal law as it is.
+        """The states with a share of the crowd replaced; nominal states remain nominal.
 
-        Independent thinning leaves a Poisson process of rate (1 − share) Λ; another one of rate
-        share Λ on top of it makes up for that.
+        Independent thinning leaves a Poisson process with mean (1 − share) Λ.  The new pedestrians
+        are a Poisson process with mean share Λ, so the mean of both together is Λ.
 
         Args:
             z: states, shape (n, width).
-            share: in [0, 1], shape (n, 1).
-            rng: draws who goes and who comes.
+            share: probability in [0, 1] that a pedestrian leaves, shape (n, 1).
+            rng: generator for the pedestrians who leave and who are new.
         """
         if not self.marks:
             return z
@@ -100,12 +102,12 @@ class Layout:
         return z
 
     def joined(self, z: FloatArray, arrival_s: FloatArray, marks: FloatArray) -> FloatArray:
-        """The states with one more in each.
+        """The states with one more pedestrian in each.
 
         Args:
             z: states, shape (n, width).
-            arrival_s: in (0, window), shape (n,).
-            marks: normal scores of the other uniforms, shape (n, m − 1).
+            arrival_s: arrival time of the new pedestrian in (0, window), shape (n,).
+            marks: normal scores of the new pedestrian's other uniforms, shape (n, m − 1).
         """
         z = z.copy()
         people, rows = self.people(z), np.arange(len(z))
@@ -115,7 +117,7 @@ class Layout:
         return z
 
     def without(self, z: FloatArray, place: NDArray[np.intp]) -> FloatArray:
-        """The states without whoever is at a place of each, ``place`` of shape (n,)."""
+        """The states without the pedestrian at ``place``, shape (n,)."""
         z = z.copy()
         self.people(z)[np.arange(len(z)), place] = np.nan
         return z
@@ -123,5 +125,5 @@ class Layout:
 
 @cache
 def _most(mean_count: float) -> int:
-    """How many of a Poisson number come at most, but for ``_NEVER``."""
+    """The number that a Poisson variable exceeds with a probability of at most ``_NEVER``."""
     return int(stats.poisson.isf(_NEVER, mean_count))

@@ -1,15 +1,16 @@
-"""The density that rare events are drawn from: normal densities around the failures found.
+"""Takes a proposal density and returns weighted draws: normal densities around the explored events.
 
-A component draws the fixed uniforms f from a normal density g in normal scores, and beside a
-nominal crowd it may place one more: who arrives at a time τ from the moment T at which the ego
-passes without them, with marks m (side, quantile, ...), f, τ and m from g.  By Mecke's formula
-(Last & Penrose, Lectures on the Poisson process, theorem 4.1) its density over the nominal one is,
-for a crowd ξ of rate λ,
+A component draws the fixed uniforms f from a normal density g of normal scores.  It may also place
+one more pedestrian beside a nominal crowd.  This pedestrian arrives τ after the time T at which the
+ego would pass without them, and has marks m (side, quantile, ...); g draws f, τ and m.  By Mecke's
+formula (Last & Penrose, Lectures on the Poisson process, theorem 4.1), the ratio of the component's
+density to the nominal density is, for a crowd ξ with rate λ,
 
     Σ over x = (t, m) in ξ of g(f, t − T(ξ without x), m) / (λ φ(f) φ(m)).
 
-Without a placed one it is g(f)/φ(f), a normal mixture.  The nominal density itself has the share
-``NOMINAL_SHARE``: so no weight exceeds its inverse, whatever the exploration missed.
+Without a placed pedestrian it is g(f)/φ(f), a normal mixture.  The nominal density has the share
+``NOMINAL_SHARE`` of the proposal, so no weight exceeds 1/``NOMINAL_SHARE``, whatever the
+exploration missed.
 """
 
 import math
@@ -29,7 +30,7 @@ NOMINAL_SHARE = 0.1
 
 
 class Points(NamedTuple):
-    """Points of cases: ``y`` (k, d), and of which ``case`` (k,) each is."""
+    """Arguments of a component's density: ``y`` (k, d), and the index ``case`` (k,) of the case."""
 
     y: FloatArray
     case: NDArray[np.intp]
@@ -37,18 +38,22 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Cases:
-    """States as components see them.
+    """States in the coordinates of components.
 
-    ``fixed`` (n, F): the fixed uniforms; ``people`` (n, places, m): of everybody the time from the
-    passage without them in s, and the marks; NaN where nobody is or the ego never passed.
+    ``fixed`` (n, F) are the fixed uniforms.  ``people`` (n, places, m) has for each pedestrian the
+    time in s from the ego's passage without them to their arrival, and their marks.  It is NaN at
+    empty places and if the ego never passed.
     """
 
     fixed: FloatArray
     people: FloatArray
 
     def points(self, *, placed: bool) -> Points:
-        """What components ask their densities at: every case's fixed uniforms, once for each who
-        may have been placed, or once where none is."""
+        """The arguments of a component's density.
+
+        If the component places a pedestrian, a case has one point for each pedestrian who may be
+        the placed one; otherwise it has one point.
+        """
         if not placed:
             return Points(self.fixed, np.arange(len(self.fixed)))
         case, place = np.nonzero(~np.isnan(self.people).any(axis=2))
@@ -58,9 +63,10 @@ class Cases:
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """A normal density over the fixed uniforms and, where ``placed``, over one of the crowd.
+    """A normal density over the fixed uniforms and, if ``placed``, over a placed pedestrian.
 
-    ``mean`` (d,), ``factor`` (d, d): lower Cholesky of the covariance; d = fixed, + m if placed.
+    ``mean`` has shape (d,).  ``factor`` (d, d) is the lower Cholesky factor of the covariance.
+    d is the number of fixed uniforms, plus m if ``placed``.
     """
 
     share: float
@@ -69,12 +75,12 @@ class Component:
     factor: FloatArray
 
     def log_ratio(self, layout: Layout, y: FloatArray) -> FloatArray:
-        """ln of its density over the nominal one at y (k, d)."""
+        """ln of the ratio of its density to the nominal density at y (k, d), shape (k,)."""
         scaled = (y - self.mean) @ np.linalg.inv(self.factor).T
         ratio: FloatArray = (_squares(y) - _squares(scaled)) / 2
         ratio -= np.log(np.diag(self.factor)).sum()
         if self.placed:
-            # Nominally a time is uniform, not normal.
+            # The nominal density of a time is uniform, not normal.
             ratio -= y[:, layout.fixed] ** 2 / 2
             ratio -= math.log(layout.rate_per_s) + math.log(2 * math.pi) / 2
         return ratio
@@ -87,29 +93,32 @@ def _squares(y: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """Components beside the nominal density, which has the rest of their shares."""
+    """Components, and the nominal density with the rest of the shares."""
 
     layout: Layout
     components: tuple[Component, ...]
 
     @property
     def nominal_share(self) -> float:
-        """Of the draws that come from the nominal density."""
+        """Share of the draws that come from the nominal density."""
         return NOMINAL_SHARE if self.components else 1.0
 
     def draw(
         self, count: int, evaluate: Evaluate, rng: np.random.Generator, what: str
     ) -> tuple[FloatArray, Outcomes, NDArray[np.bool_]]:
-        """Independent states, what became of them, and which came from the nominal density.
+        """Draw independent states and run them.
 
-        A placed one who would have to come before the trigger or after the window does not come,
-        and the state counts as no event: it adds nothing to any density.
+        A placed pedestrian whose arrival would be before the trigger or after the window is left
+        out.  Such a state is not in the event, because no density contains it.
 
         Args:
-            count: how many.
-            evaluate: runs them, those with a placed one first without.
-            rng: draws them.
-            what: what they are for.
+            count: number of states.
+            evaluate: runs the states; states with a placed pedestrian run first without them.
+            rng: generator for the states.
+            what: purpose of the episodes, for the progress bar.
+
+        Returns:
+            The states (n, width), their outcomes, and which came from the nominal density (n,).
         """
         layout = self.layout
         z = layout.draw(count, rng)
@@ -132,12 +141,12 @@ class Proposal:
         arrival_s = passed_s + who[:, 0]
         (rows,) = np.nonzero(placed & (arrival_s > 0) & (arrival_s < layout.window_s))
         z[rows] = layout.joined(z[rows], arrival_s[rows], who[rows, 1:])
-        again = evaluate(z[rows], f"{what}, with one placed", outcomes.numbers[rows])
-        score[rows], passed_s[rows] = again.score, again.passed_s
+        rerun = evaluate(z[rows], f"{what}, with a placed pedestrian", outcomes.numbers[rows])
+        score[rows], passed_s[rows] = rerun.score, rerun.passed_s
         return z, Outcomes(score, passed_s, outcomes.numbers), chosen == 0
 
     def log_weight(self, cases: Cases) -> FloatArray:
-        """ln of nominal density over this one, shape (n,); at most −ln ``NOMINAL_SHARE``."""
+        """ln of nominal density over proposal density, (n,); at most −ln ``NOMINAL_SHARE``."""
         ratio = np.full(len(cases.fixed), self.nominal_share)
         for part in self.components:
             y, case = cases.points(placed=part.placed)
@@ -148,38 +157,39 @@ class Proposal:
 
 
 def nominal(layout: Layout) -> Proposal:
-    """The nominal density alone: brute force."""
+    """The nominal density alone, for brute force."""
     return Proposal(layout, ())
 
 
 def cases_of(
     layout: Layout, z: FloatArray, outcomes: Outcomes, evaluate: Evaluate | None = None
 ) -> tuple[Cases, FloatArray]:
-    """States as components see them.
+    """Return states in the coordinates of components.
 
-    Each is run again without each who comes before the passage; whoever arrives later cannot change
-    when the ego passes, unless the layout says that they are entangled.
+    Each state runs again without each pedestrian who arrives before the ego's passage.  A
+    pedestrian who arrives later cannot change the time of the passage, unless the layout is
+    ``entangled``.
 
     Args:
-        layout: of the states.
+        layout: layout of the states.
         z: states, shape (n, width).
-        outcomes: what became of them.
-        evaluate: runs the episodes again; None: times are from the passage with everybody.
+        outcomes: their outcomes.
+        evaluate: runs the episodes again; without it, times count from the passage with everybody.
 
     Returns:
-        The cases, and the score of each state without each of its people, shape (n, places); NaN
-        where that was not run.
+        The cases, and the score of each state without each of its pedestrians, shape (n, places);
+        NaN if that episode was not run.
     """
     arrivals_s = layout.arrivals_s(z)
     passed_s = np.repeat(outcomes.passed_s[:, None], arrivals_s.shape[1], axis=1)
     score = np.full_like(passed_s, np.nan)
-    # An ego that never passed may have been kept by anybody.
+    # Any pedestrian may be the reason why an ego never passed.
     later = (arrivals_s > passed_s) & (not layout.entangled)
     row, place = np.nonzero(~np.isnan(arrivals_s) & ~later)
     if evaluate is not None and len(row):
         fewer = layout.without(z[row], place)
-        alone = evaluate(fewer, "without each of the people", outcomes.numbers[row])
-        passed_s[row, place], score[row, place] = alone.passed_s, alone.score[:, 0]
+        rerun = evaluate(fewer, "without each pedestrian", outcomes.numbers[row])
+        passed_s[row, place], score[row, place] = rerun.passed_s, rerun.score[:, 0]
     people = layout.people(z).copy()
     if layout.marks:
         people[:, :, 0] = arrivals_s - passed_s
@@ -190,9 +200,9 @@ def cases_of(
 class Draws(NamedTuple):
     """Independent draws from a proposal.
 
-    ``event`` and ``failed`` (n,) are their outcomes; ``weight`` (n,) is that of the draws of either
-    kind, and 0 of the others, or 1 of every draw where the proposal is the nominal density.
-    ``cases`` are of the event; ``nominal`` counts the draws that came from the nominal density.
+    ``event`` and ``failed`` (n,) are their outcomes.  ``weight`` (n,) is φ/q of the draws in the
+    event and of the failed ones, and 0 of the others; for the nominal density it is 1 of all draws.
+    ``cases`` are the draws in the event.  ``nominal`` counts the draws from the nominal density.
     """
 
     z: FloatArray
@@ -207,14 +217,14 @@ class Draws(NamedTuple):
 def draws_from(
     proposal: Proposal, evaluate: Evaluate, count: int, rng: np.random.Generator, what: str
 ) -> Draws:
-    """Independent draws from a proposal, with their weights."""
+    """Draw from a proposal, run the episodes and weigh them."""
     z, outcomes, nominal = proposal.draw(count, evaluate, rng, what)
     event, failed = outcomes.event, outcomes.failed
-    again = evaluate if proposal.components else None
+    run_again = evaluate if proposal.components else None
     weight = np.zeros(count) if proposal.components else np.ones(count)
     kinds = []
     for kind in (event, failed):
-        cases, _ = cases_of(proposal.layout, z[kind], outcomes.where(kind), again)
+        cases, _ = cases_of(proposal.layout, z[kind], outcomes.where(kind), run_again)
         weight[kind] = np.exp(proposal.log_weight(cases))
         kinds.append(cases)
     tally = Tally(int(nominal.sum()), int(event[nominal].sum()))
@@ -225,12 +235,13 @@ def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
     """The fixed uniforms of each state, and the pedestrian who was most likely the placed one.
 
     Args:
-        proposal: drew the states.
+        proposal: the proposal from which the states were drawn.
         cases: the states.
 
     Returns:
-        Shape (n, fixed + m): the likeliest one of the likeliest component, of the nominal density
-        the one nearest to the passage; 0 where there is none.
+        Shape (n, fixed + m).  The pedestrian has the highest share times density over all
+        components.  For the nominal density they are the one whose arrival is nearest to the
+        passage.  Without a pedestrian their numbers are 0.
     """
     layout = proposal.layout
     if not layout.marks:
@@ -243,7 +254,7 @@ def keys_of(proposal: Proposal, cases: Cases) -> FloatArray:
     if not proposal.components:
         best = -np.abs(y[:, layout.fixed])
     who = np.zeros((len(cases.fixed), layout.marks))
-    # Of each case the likeliest comes last.
+    # The last assignment holds, so the likeliest pedestrian of each case must come last.
     order = np.argsort(best, kind="stable")
     who[case[order]] = y[order, layout.fixed :]
     return np.concatenate([cases.fixed, who], axis=1)

@@ -1,4 +1,4 @@
-"""From what was explored to the proposal that the estimate is drawn from."""
+"""Takes explored states in the event and returns the proposal for the estimate."""
 
 import math
 
@@ -15,34 +15,45 @@ _REFITS = 3
 _POINTS_OF_REFIT = 2_000
 
 _WORTH = 20.0
-"""The states found are worth so many independent ones: many descend from the same few."""
+"""Effective number of the explored states, many of which descend from the same few."""
 
 _FITTED = 2_000
-"""On so many of the states found the first proposal is fitted."""
+"""Maximum number of explored states for the first fit, without a crowd."""
 
 _LOOKED_AT = 600
-"""Where there is a crowd on so many: of each it is asked who matters."""
+"""The same with a crowd, where the decisive pedestrian of every state costs further episodes."""
 
 _FEWEST_EVENTS = 10
-"""Effective events below which a batch says nothing about a proposal's worth."""
+"""Effective number of events below which a batch cannot compare a proposal with brute force."""
 
 _ENOUGH_EVENTS = 200
-"""Effective events that are enough for a refit."""
+"""Effective number of events at which a refit draws no further batch."""
 
 
 def refit(
-    counted: Counted, layout: Layout, found: FloatArray, rough: float, rng: np.random.Generator
+    counted: Counted,
+    layout: Layout,
+    explored: FloatArray,
+    probability: float,
+    rng: np.random.Generator,
 ) -> tuple[Proposal, float]:
-    """The proposal fitted on what was explored and on weighted draws of its own, or brute force.
+    """Fit a proposal to explored states and to weighted draws of earlier proposals.
 
-    Brute force where it is as good, or where the draws of no proposal were worth ``_FEWEST_EVENTS``
-    events.
+    The result is brute force if no proposal is better, or if no proposal's draws contained
+    ``_FEWEST_EVENTS`` effective events.
+
+    Args:
+        counted: runs and counts episodes.
+        layout: layout of the states.
+        explored: states in the event, shape (n, width).
+        probability: estimate of the event's probability by the exploration.
+        rng: generator for all draws.
 
     Returns:
-        It, and the squared coefficient of variation of a single draw's contribution.
+        The proposal, and the squared coefficient of variation of one draw's contribution.
     """
-    best, squared_cv, least = nominal(layout), 1 / rough - 1, math.inf
-    cases, who = _explored(counted, layout, found, rng)
+    best, squared_cv, lowest_cost = nominal(layout), 1 / probability - 1, math.inf
+    cases, who = _cases_with_decisive(counted, layout, explored, rng)
     components = first_components(layout, cases, who, rng)
     fitted, worths = [cases], [np.full(len(who), _WORTH / max(len(who), 1))]
     for round_ in range(_REFITS if components else 0):
@@ -52,7 +63,7 @@ def refit(
         proposal, before = spread(layout, components), counted.episodes
         batches: list[Draws] = []
         weight, size = np.empty(0), 0.0
-        # The later the round, the better the proposal, the more is drawn from it.
+        # Later proposals are better, so later rounds may draw more batches.
         while len(batches) <= round_ and size < _ENOUGH_EVENTS:
             batches.append(
                 draws_from(proposal, counted, _POINTS_OF_REFIT, rng, "fitting the proposal")
@@ -62,38 +73,39 @@ def refit(
         if size == 0:
             break
         if size >= _FEWEST_EVENTS:
-            of_one = float(weight.var() / weight.mean() ** 2)
-            cost = of_one * (counted.episodes - before) / len(weight)
-            brute_force = 1 / min(float(weight.mean()), 1.0) - 1
-            if cost < min(least, brute_force):
-                best, squared_cv, least = proposal, of_one, cost
+            draw_squared_cv = float(weight.var() / weight.mean() ** 2)
+            cost = draw_squared_cv * (counted.episodes - before) / len(weight)
+            brute_force_cost = 1 / min(float(weight.mean()), 1.0) - 1
+            if cost < min(lowest_cost, brute_force_cost):
+                best, squared_cv, lowest_cost = proposal, draw_squared_cv, cost
         fitted += [drawn.cases for drawn in batches]
         worths.append(size * weight[weight > 0] / weight.sum())
     return best, squared_cv
 
 
 def _effective(weight: FloatArray) -> float:
-    """(Σw)²/Σw², 0 where there is none."""
+    """(Σw)²/Σw², Kish's effective number; 0 if there is no weight."""
     squares = float(np.sum(weight**2))
     return float(weight.sum()) ** 2 / squares if squares else 0.0
 
 
-def _explored(
-    evaluate: Evaluate, layout: Layout, found: FloatArray, rng: np.random.Generator
+def _cases_with_decisive(
+    evaluate: Evaluate, layout: Layout, explored: FloatArray, rng: np.random.Generator
 ) -> tuple[Cases, NDArray[np.intp]]:
-    """Cases of states that the exploration found, and who of the crowd matters in each.
+    """Return the cases of explored states, and the place of the decisive pedestrian in each.
 
-    It is the last to arrive of those without whom the event does not happen; −1: nobody.
+    The decisive pedestrian is the last to arrive among those without whom the event does not
+    happen.  The place is −1 if there is none.
     """
-    found = found[rng.permutation(len(found))[: _LOOKED_AT if layout.marks else _FITTED]]
+    explored = explored[rng.permutation(len(explored))[: _LOOKED_AT if layout.marks else _FITTED]]
     if not layout.marks:
-        return Cases(found, np.empty((len(found), 0, 0))), np.full(len(found), -1)
-    outcomes = evaluate(found, "who matters")
-    # What a state does not hold is drawn anew and may have mattered.
+        return Cases(explored, np.empty((len(explored), 0, 0))), np.full(len(explored), -1)
+    outcomes = evaluate(explored, "decisive pedestrians")
+    # Randomness outside the state is drawn again, so some states are no longer in the event.
     event = outcomes.event
-    found = found[event]
-    cases, without = cases_of(layout, found, outcomes.where(event), evaluate)
-    arrivals_s = np.where(without > 0, layout.arrivals_s(found), -np.inf)
+    explored = explored[event]
+    cases, without = cases_of(layout, explored, outcomes.where(event), evaluate)
+    arrivals_s = np.where(without > 0, layout.arrivals_s(explored), -np.inf)
     who = np.where(np.isfinite(arrivals_s).any(axis=1), arrivals_s.argmax(axis=1), -1)
     return cases, who
 

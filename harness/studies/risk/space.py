@@ -1,12 +1,12 @@
-"""The uniforms behind an episode that are sampled, and what they are in the episode's streams.
+"""Takes a scenario and returns the sampled uniforms of its episodes, by their random streams.
 
-An episode is a function of uniforms: when each pedestrian comes, from which side, at which quantile
-of the walking speed, with which critical gap, when they are first detected and found again after
-the first loss, with which errors at first, and what the strategy draws first.  Those who are there
-for certain (timed, or first at the trigger) have fixed uniforms, and so has the strategy.  The flow
-is a Poisson process: within ``window_s`` of the trigger, each of its people is a point whose first
-uniform is the arrival over the window.  Everything else (those who come later, later draws of
-strategy and perception) is drawn from the streams of the episode's number, with weight 1.
+An episode is a function of uniforms.  They determine each pedestrian's arrival, side, quantile of
+the walking speed, critical gap, first detection, detection after the first loss, and first errors,
+and the strategy's first draws.  Timed pedestrians, the first pedestrian at the trigger, and the
+strategy have fixed uniforms.  The flow is a Poisson process: each pedestrian who arrives within
+``window_s`` of the trigger is a point whose first uniform is arrival/window.  All other randomness
+(later pedestrians, later draws of the strategy and of perception) comes from the streams of the
+episode's number, with weight 1.
 """
 
 import math
@@ -24,23 +24,24 @@ from harness.scenario import Scenario
 from harness.studies.risk.layout import Layout
 
 _WINDOW_PASSES = 4.0
-"""The flow's people are sampled within so many times the time of an unhindered pass."""
+"""Length of the window in which the flow is sampled, in unhindered passing times."""
 
 _OPEN = 2.0**-53
-"""Uniforms keep this far from 0 and 1, whose quantiles are infinite."""
+"""Smallest distance of a uniform from 0 and 1, where quantiles are infinite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Space:
-    """What the numbers of a state are.
+    """The meaning of the numbers of a state.
 
     Attributes:
-        fixed: the purpose of each fixed uniform: the first is its stream's first, and so on.
-        marks: purposes of the uniforms of each of the flow, the arrival first; () without a flow.
+        fixed: the purpose of each fixed uniform, in the order of the draws of that stream.
+        marks: purposes of the uniforms of a pedestrian of the flow, the arrival first; () without
+            a flow.
         layout: sizes of a state.
-        first: the number of the flow's first pedestrian.
-        seed: of the streams.
-        by_chance: what perception draws and no uniform of a state stands for, in words.
+        first: index of the flow's first pedestrian.
+        seed: seed of the streams.
+        by_chance: random processes of perception that no uniform of a state represents, in words.
     """
 
     fixed: tuple[Purpose, ...]
@@ -51,14 +52,15 @@ class Space:
     by_chance: tuple[str, ...]
 
     def given(self, z: FloatArray, number: int) -> Given:
-        """The uniforms Φ(z) by purpose, in place of the first draws of each stream.
+        """The uniforms Φ(z) by purpose, which replace the first draws of each stream.
 
-        The streams know the flow by the gaps between its arrivals, which are exponential.  The gap
-        to the first one after the window begins anew at its end, as the process has no memory.
+        The stream of arrivals has the exponential gaps between pedestrians of the flow.  A Poisson
+        process has no memory, so the gap to the first pedestrian after the window counts from its
+        end.
 
         Args:
-            z: one state, shape (width,).
-            number: of the episode.
+            z: a state, shape (width,).
+            number: the episode's number.
         """
         layout = self.layout
         uniforms = np.clip(ndtr(z[: layout.fixed]), _OPEN, 1 - _OPEN).tolist()
@@ -77,17 +79,17 @@ class Space:
         window = layout.mean_count
         times = [0.0, *(window * people[:, 0]), window - math.log1p(-later)]
         gaps = np.clip(-np.expm1(-np.diff(times)), _OPEN, 1 - _OPEN)
-        # The first arrival is nobody's where the first pedestrian is there at the trigger.
+        # If the first pedestrian is at the crosswalk at the trigger, the first gap is not used.
         values["arrival"] = [0.5] * self.first + gaps.tolist()
         return values
 
 
 def space_of(scenario: Scenario, arm: Arm) -> Space:
-    """The sampled uniforms of a scenario, of the episodes of one arm.
+    """The sampled uniforms of the episodes of one arm.
 
     Raises:
-        InputError: hours of traffic; SUMO's own pedestrians, who are no function of uniforms; or
-            nothing in an episode is random.
+        InputError: the scenario has ``[traffic]``, SUMO moves the pedestrians, or nothing in an
+            episode is random.
     """
     pedestrians, perception = scenario.pedestrians, scenario.perception
     _refuse_unsampled(scenario)
@@ -114,17 +116,17 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
         raise InputError(
             "pedestrians.flow_per_hour",
             "is 0: nothing in an episode is random",
-            "a flow above 0, or pedestrians who may be missed; otherwise use harness run",
+            "a flow above 0, or a detection probability below 1; otherwise use harness run",
         )
     marks: tuple[Purpose, ...] = ("arrival", *per_walker, *seen) if flows else ()
     free_pass_s = scenario.vehicle().free_pass_time_s(scenario.crosswalk())
     window_s = min(_WINDOW_PASSES * free_pass_s, scenario.experiment.timeout_s)
     rate = pedestrians.flow_per_hour / SECONDS_PER_HOUR
     by_chance = (
-        *(["whether perception loses a pedestrian at a look"] if drops else []),
-        *(["how perception errors change after the first look at a pedestrian"] if errs else []),
+        *(["the looks at which perception loses a pedestrian"] if drops else []),
+        *(["the change of perception errors after the first look at a pedestrian"] if errs else []),
     )
-    # The errors of those who walk at the trigger come from streams numbered after all who come.
+    # The streams of pedestrians who walk at the trigger are numbered after those of all arrivals.
     entangled = (errs or drops) and pedestrians.warm_up_s > 0
     layout = Layout(len(fixed), len(marks), rate, window_s, entangled)
     return Space(tuple(fixed), marks, layout, first, scenario.experiment.seed, by_chance)
@@ -134,13 +136,15 @@ def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
     if scenario.traffic is not None:
         raise InputError(
-            "traffic", "describes hours of many vehicles, not episodes of one", "no [traffic]"
+            "traffic", "is not supported by a risk estimate", "a scenario without [traffic]"
         )
     if pedestrians.behaviour == "sumo":
         raise InputError(
             "pedestrians.behaviour",
-            '"sumo" cannot be sampled: SUMO moves these pedestrians by itself',
+            '"sumo" cannot be sampled, because SUMO moves these pedestrians',
             '"constant", "gap_acceptance" or "reactive"',
         )
     if pedestrians.drawn:
-        raise InputError("pedestrians.drawn", "leaves nothing random", "a scenario without it")
+        raise InputError(
+            "pedestrians.drawn", "leaves nothing random to sample", "a scenario without it"
+        )

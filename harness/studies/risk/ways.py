@@ -1,4 +1,4 @@
-"""Finds the most likely ways to the event: clusters of its draws with their pedestrians."""
+"""Takes the draws in the event and returns its likeliest ways: clusters with their pedestrians."""
 
 from dataclasses import dataclass
 
@@ -19,10 +19,10 @@ _ROUNDS = 50
 
 @dataclass(frozen=True, slots=True)
 class Cluster:
-    """Draws of the event that are alike.
+    """Similar draws in the event.
 
-    ``share`` is their part of the probability, ``members`` their places among all draws of the
-    event; those with the most ordinary keys, the nearest to 0, come first.
+    ``share`` is their share of the probability.  ``members`` are their indices among all draws in
+    the event, by increasing distance of their keys from 0, the nominal mean.
     """
 
     share: float
@@ -33,23 +33,23 @@ def ways_of(keys: FloatArray, weights: FloatArray, rng: np.random.Generator) -> 
     """At most ``WAYS`` clusters by weighted k-means, the largest share first.
 
     Args:
-        keys: of the draws of the event, as ``keys_of`` gives them, shape (n, d), n ≥ 1.
-        weights: φ/q of each, shape (n,).
-        rng: for the seeds.
+        keys: ``keys_of`` the draws in the event, shape (n, d), n ≥ 1.
+        weights: φ/q of each draw, shape (n,).
+        rng: generator for the starting points of k-means.
     """
     weights = weights / weights.sum()
-    _, cluster_of = k_means(keys, weights, min(WAYS, len(keys)), _ROUNDS, rng)
+    _, clusters = k_means(keys, weights, min(WAYS, len(keys)), _ROUNDS, rng)
     distance = np.sum(keys**2, axis=1)
     ways = []
-    for k in np.unique(cluster_of):
-        members = np.flatnonzero(cluster_of == k)
+    for k in np.unique(clusters):
+        members = np.flatnonzero(clusters == k)
         likeliest = members[np.argsort(distance[members], kind="stable")]
         ways.append(Cluster(float(weights[members].sum()), tuple(likeliest.tolist())))
     return sorted(ways, key=lambda way: -way.share)
 
 
 def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> tuple[Person, ...]:
-    """The pedestrians of an episode: those who are timed, and the sampled ones."""
+    """The timed and the sampled pedestrians of an episode."""
     given = space.given(z, number)
     arrivals = planned_arrivals(scenario, number, given)
     chance = scenario.perception.detection_probability
