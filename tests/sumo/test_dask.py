@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,23 +16,26 @@ import psutil
 import pytest
 
 from harness.core.errors import InputError
-from harness.scenario import Options
+from harness.scenario import Options, Study
 from harness.studies.batch.experiment import run_study
+from harness.studies.runs.run_data import RunData
 from tests.batches import (
     CHECKOUT,
     QUICK,
-    Inline,
     content,
-    here,
     one_cell,
     options_of,
+    refusal,
+    run_inline,
     shell,
     start,
     sweep,
+    wait_for,
 )
 from tests.faulty import NAME, struck
 
-pytest.importorskip("distributed", reason="the extra `cluster` is not installed")
+Client = pytest.importorskip("distributed", reason="the extra `cluster` is missing").Client
+from harness.studies.workers.cluster import DaskCluster  # noqa: E402
 
 CHANGES = {**QUICK, "experiment.pairs": 120}
 
@@ -81,18 +83,13 @@ def scheduler(launch: Launch, folder: Path) -> "tuple[subprocess.Popen[bytes], s
     file = folder / "scheduler.json"
     options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file"]
     process = launch("scheduler", *options, str(file))
-    end_at = time.monotonic() + 300
     # The file is there before anything is in it.
-    while not (file.exists() and file.stat().st_size):
-        assert time.monotonic() < end_at, "no scheduler"
-        time.sleep(0.1)
+    wait_for(lambda: file.exists() and file.stat().st_size, "a scheduler")
     return process, str(json.loads(file.read_text(encoding="utf-8"))["address"])
 
 
 def worker(launch: Launch, address: str, threads: int = 1) -> "subprocess.Popen[bytes]":
     process = launch("worker", address, "--nthreads", str(threads), "--no-dashboard")
-    from distributed import Client
-
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(1, timeout=300)
     return process
@@ -107,14 +104,25 @@ def cluster(launch: Launch, tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
-def whole(tmp_path: Path, no_simulation: None) -> dict[str, bytes]:  # noqa: ARG001
+def whole(tmp_path: Path) -> dict[str, bytes]:
     """The same run in this process."""
-    from harness.engine.shared import close_engine
+    return content(run_inline(one_cell("cctc", CHANGES), tmp_path / "whole", traces=True).path)
 
-    study = one_cell("cctc", CHANGES)
-    run_study(study, Options(traces=True), out=tmp_path / "whole", make_executor=Inline)
-    close_engine()
-    return content(tmp_path / "whole")
+
+def run_there(study: Study, options: Options, cluster: str, folder: Path) -> RunData:
+    return run_study(study, options, out=folder, make_executor=lambda _: DaskCluster(cluster))
+
+
+def until_a_shard(
+    folder: Path, running: "subprocess.Popen[str]", strike: Callable[[], None]
+) -> str:
+    """What a run says whose cluster or itself is struck when some of its work is finished."""
+    try:
+        wait_for(lambda: list(folder.glob("shards/*.arrows")), "finished work")
+        strike()
+        return running.communicate(timeout=300)[1]
+    finally:
+        running.kill()
 
 
 def test_same_bytes_as_in_one_process(
@@ -129,13 +137,9 @@ def test_same_bytes_as_in_one_process(
 
 
 def test_cells_of_a_sweep_share_the_workers(cluster: str, tmp_path: Path) -> None:
-    from harness.studies.workers.cluster import DaskCluster
-
     study = sweep("cctc", {**CHANGES, "experiment.pairs": 20}, "ego.length_m=4,4.5,5")
     run_study(study, Options(workers=1), out=tmp_path / "here")
-    run_study(
-        study, Options(), out=tmp_path / "there", make_executor=lambda _: DaskCluster(cluster)
-    )
+    run_there(study, Options(), cluster, tmp_path / "there")
     assert content(tmp_path / "there") == content(tmp_path / "here")
 
 
@@ -146,15 +150,7 @@ def test_interrupted_on_the_cluster_resumed_here(
     folder = tmp_path / "run"
     arguments = ["run", "cctc", "--traces", "--dask", cluster, "--out", folder]
     running = start(*arguments, *options_of(CHANGES))
-    try:
-        end_at = time.monotonic() + 300
-        while not list(folder.glob("shards/*.arrows")):
-            assert time.monotonic() < end_at, "no finished work"
-            time.sleep(0.005)
-        os.kill(running.pid, signal.SIGINT)
-        _, errors = running.communicate(timeout=300)
-    finally:
-        running.kill()
+    errors = until_a_shard(folder, running, lambda: os.kill(running.pid, signal.SIGINT))
     if running.returncode != 0:
         assert running.returncode == 130, errors
         assert "harness resume" in errors
@@ -165,6 +161,7 @@ def test_interrupted_on_the_cluster_resumed_here(
 
 STRATEGY = """
 from pathlib import Path
+from typing import Any
 
 class Mine:
     def decide(self, observation):
@@ -213,23 +210,16 @@ def test_a_strategy_in_a_package_with_data_is_uploaded_as_it_is_now(
 
 @pytest.mark.slow
 def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Path) -> None:
-    from distributed import Client
-
-    from harness.studies.workers.cluster import DaskCluster
-
     def workers() -> dict[str, int]:
         with Client(cluster, set_as_default=False) as client:
-            found: dict[str, int] = client.run(os.getpid)
-            return found
+            return dict(client.run(os.getpid))
 
     before = workers()
     changes = {**QUICK, "arms.av": NAME, "experiment.pairs": 6, **struck({"aborts": 2})}
     study = one_cell("cctc", changes)
     options = Options(task_pairs=3, workers=1)
     run_study(study, options, out=tmp_path / "here")
-    finished = run_study(
-        study, options, out=tmp_path / "there", make_executor=lambda _: DaskCluster(cluster)
-    )
+    finished = run_there(study, options, cluster, tmp_path / "there")
     assert [(pair, arm) for _, pair, arm, _ in finished.failures] == [(2, "av"), (2, "human")]
     assert all("died (exit code -6)" in why for *_, why in finished.failures)
     assert content(tmp_path / "there") == content(tmp_path / "here")
@@ -239,17 +229,12 @@ def test_a_task_that_dies_costs_the_cluster_no_worker(cluster: str, tmp_path: Pa
 def test_workers_with_several_threads_are_refused(
     launch: Launch, tmp_path_factory: pytest.TempPathFactory, tmp_path: Path
 ) -> None:
-    from harness.studies.workers.cluster import DaskCluster
-
     _, address = scheduler(launch, tmp_path_factory.mktemp("threads"))
     with pytest.raises(InputError, match="no workers"):
         DaskCluster(address)
     worker(launch, address, threads=2)
-    done = here("run", "cctc", "--dask", address, "--out", tmp_path / "run", "--pairs", "2")
-    assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
-    for word in ("threads", "2", "--nthreads 1"):
-        assert word in line
+    line = refusal("run", "cctc", "--dask", address, "--out", tmp_path / "run", "--pairs", "2")
+    assert all(word in line for word in ("threads", "2", "--nthreads 1"))
 
 
 @pytest.mark.parametrize(
@@ -265,9 +250,7 @@ def test_nobody_there(tmp_path: Path, address: str) -> None:
         # Bound but not listening: whoever calls is turned away.
         free.bind(("127.0.0.1", 0))
         given = address.format(port=free.getsockname()[1])
-        done = here("run", "cctc", "--dask", given, "--out", tmp_path / "run", "--pairs", "2")
-    assert done.returncode == 2, done.stderr
-    (line,) = done.stderr.splitlines()
+        line = refusal("run", "cctc", "--dask", given, "--out", tmp_path / "run", "--pairs", "2")
     assert f"--dask {given}" in line
 
 
@@ -281,15 +264,7 @@ def test_a_cluster_that_goes_away(
     folder = tmp_path / "run"
     changes = {**CHANGES, "experiment.pairs": 4000}
     running = start("run", "cctc", "--dask", address, "--out", folder, *options_of(changes))
-    try:
-        end_at = time.monotonic() + 300
-        while not list(folder.glob("shards/*.arrows")):
-            assert time.monotonic() < end_at, "no finished work"
-            time.sleep(0.005)
-        process.kill()
-        _, errors = running.communicate(timeout=300)
-    finally:
-        running.kill()
+    errors = until_a_shard(folder, running, process.kill)
     assert running.returncode == 1
     assert "Traceback" not in errors
     assert "harness resume" in errors

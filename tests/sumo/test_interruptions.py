@@ -8,13 +8,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import psutil
 import pytest
 
-from tests.batches import CHECKOUT, QUICK, content, here, options_of, shell, start
+from tests.batches import CHECKOUT, QUICK, content, options_of, printed, shell, start, wait_for
 from tests.unit.test_cli_model import made_up
 
 HOOK = """
@@ -46,19 +45,8 @@ if what == "file":
 """
 
 MADE_UP = CHECKOUT / "tests" / "data"
-RUN = [
-    "run",
-    "cctc",
-    "--pairs",
-    6,
-    "--workers",
-    1,
-    "--traces",
-    "-q",
-    "--out",
-    "out",
-    *options_of(QUICK),
-]
+RUN = ["run", "cctc", "--pairs", 6, "--workers", 1, "--traces", "-q", "--out", "out"]
+RUN += options_of(QUICK)
 SWEEP = ["sweep", *RUN[1:], "--vary", "ego.length_m=4,5"]
 COMMANDS: dict[str, list[object]] = {
     "score": ["score", "RUN", "--out", "out"],
@@ -74,8 +62,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An uninterrupted run and sweep."""
     folder = tmp_path_factory.mktemp("whole")
     for name, command in (("run", RUN), ("sweep", SWEEP)):
-        done = here(*[folder / name if word == "out" else word for word in command])
-        assert done.returncode == 0, done.stderr
+        printed(*[folder / name if word == "out" else word for word in command])
     return folder
 
 
@@ -101,21 +88,17 @@ def struck(
     finally:
         running.kill()
     assert [*(tmp_path / "temporary").iterdir()] == []
-    hidden = [path.name for path in (tmp_path / "here").rglob(".*") if path.name != ".lock"]
-    assert hidden == []
-    assert running.returncode == 128 + numbers[0], errors
-    assert output == ""
+    assert not [path.name for path in (tmp_path / "here").rglob(".*") if path.name != ".lock"]
+    assert (running.returncode, output) == (128 + numbers[0], ""), errors
     return subprocess.CompletedProcess([], running.returncode, output, errors)
+
+
+INT, TERM = signal.SIGINT, signal.SIGTERM
 
 
 @pytest.mark.parametrize(
     ("module", "number"),
-    [
-        ("typer", signal.SIGINT),
-        ("numpy", signal.SIGTERM),
-        ("pyarrow", signal.SIGINT),
-        ("rich.progress", signal.SIGTERM),
-    ],
+    [("typer", INT), ("numpy", TERM), ("pyarrow", INT), ("rich.progress", TERM)],
 )
 def test_while_a_command_imports(tmp_path: Path, module: str, number: signal.Signals) -> None:
     done = struck(tmp_path, RUN, f"import:{module}", number)
@@ -123,9 +106,19 @@ def test_while_a_command_imports(tmp_path: Path, module: str, number: signal.Sig
     assert [*(tmp_path / "here").iterdir()] == []
 
 
-def strike_resume_compare(
+ANY_FILE = [
+    pytest.param(name, file, number, marks=pytest.mark.slow)
+    for name in ("run", "sweep")
+    for file in range(1, 13)
+    for number in (INT, TERM)
+]
+
+
+@pytest.mark.parametrize(("name", "file", "number"), [("run", 2, INT), *ANY_FILE])
+def test_while_a_run_writes_any_file(
     tmp_path: Path, whole: Path, name: str, file: int, number: signal.Signals
 ) -> None:
+    """From the first manifest, over shards, tables and summaries, towards the last manifest."""
     command = RUN if name == "run" else SWEEP
     done = struck(tmp_path, command, f"file:{file}", number)
     out = tmp_path / "here" / "out"
@@ -139,21 +132,6 @@ def strike_resume_compare(
     assert content(out) == content(whole / name)
 
 
-def test_while_a_run_writes_a_shard(tmp_path: Path, whole: Path) -> None:
-    strike_resume_compare(tmp_path, whole, "run", 2, signal.SIGINT)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("file", range(1, 13))
-@pytest.mark.parametrize("name", ["run", "sweep"])
-def test_while_a_run_writes_any_file(
-    tmp_path: Path, whole: Path, name: str, file: int, number: signal.Signals
-) -> None:
-    """From the first manifest, over shards, tables and summaries, towards the last manifest."""
-    strike_resume_compare(tmp_path, whole, name, file, number)
-
-
 @pytest.mark.parametrize("name", COMMANDS)
 def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: str) -> None:
     command = [whole / "run" if word == "RUN" else word for word in COMMANDS[name]]
@@ -161,8 +139,7 @@ def test_while_another_command_writes_a_file(tmp_path: Path, whole: Path, name: 
     done = struck(tmp_path, command, "file:1", signal.SIGINT)
     assert done.stderr == "harness: interrupted\n"
     assert content(whole / "run") == before
-    left = [path for path in (tmp_path / "here").rglob("*") if path.is_file()]
-    assert left == []
+    assert not [path for path in (tmp_path / "here").rglob("*") if path.is_file()]
 
 
 def test_a_second_signal_does_not_cut_the_clearing_up_short(tmp_path: Path, whole: Path) -> None:
@@ -202,11 +179,9 @@ def test_ctrl_c_ends_a_fit_and_its_workers(tmp_path: Path) -> None:
     fit = ("fit", rows, "--components", "1..5", "--choose", "bic", "--starts", 10_000)
     running = start(*fit, "--out", out, "--workers", 2, "--quiet")
     try:
-        end = time.monotonic() + 60
-        while len(workers := psutil.Process(running.pid).children(recursive=True)) < 2:
-            assert running.poll() is None
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        command = psutil.Process(running.pid)
+        wait_for(lambda: len(command.children(recursive=True)) >= 2, "two workers", 60)
+        workers = command.children(recursive=True)
         os.killpg(running.pid, signal.SIGINT)
         _, errors = running.communicate(timeout=60)
     finally:

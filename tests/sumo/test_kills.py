@@ -7,16 +7,24 @@ import os
 import random
 import signal
 import time
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 
-from harness.scenario import Options
 from harness.store.reading import read_manifest
-from harness.studies.batch.experiment import run_study
-from tests.batches import QUICK, Inline, content, one_cell, options_of, shell, start, workers_of
+from tests.batches import (
+    QUICK,
+    content,
+    one_cell,
+    options_of,
+    run_inline,
+    shell,
+    start,
+    wait_for,
+    workers_of,
+)
 
 CHANGES = {**QUICK, "pedestrians.flow_per_hour": 1000.0, "experiment.pairs": 400}
 """Long enough to be hit: a second or two of simulation, in tasks of 50 pairs."""
@@ -29,21 +37,8 @@ SECONDS = 120.0
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The uninterrupted run, in this process and without workers."""
-    from harness.engine.shared import close_engine
-    from tests.conftest import close_all
-
-    close_all()
     folder = tmp_path_factory.mktemp("kills") / "whole"
-    run_study(one_cell("cctc", CHANGES), Options(), out=folder, make_executor=Inline)
-    close_engine()
-    return content(folder)
-
-
-def wait_for(condition: Callable[[], object], what: str, seconds: float = SECONDS) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        time.sleep(0.002)
+    return content(run_inline(one_cell("cctc", CHANGES), folder).path)
 
 
 def alive(process: psutil.Process) -> bool:
@@ -95,24 +90,13 @@ def kill_the_parent(folder: Path, seed: int, whole: dict[str, bytes]) -> None:
     assert resumed(folder) == whole
 
 
-def test_a_worker_is_killed(tmp_path: Path, whole: dict[str, bytes]) -> None:
-    kill_a_worker(tmp_path / "run", 0, whole)
+OFTEN = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(100, 120))]
 
 
-def test_the_parent_is_killed(tmp_path: Path, whole: dict[str, bytes]) -> None:
-    kill_the_parent(tmp_path / "run", 0, whole)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 120))
-def test_a_worker_is_killed_often(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
-    kill_a_worker(tmp_path / "run", seed, whole)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(100, 120))
-def test_the_parent_is_killed_often(tmp_path: Path, whole: dict[str, bytes], seed: int) -> None:
-    kill_the_parent(tmp_path / "run", seed, whole)
+@pytest.mark.parametrize("seed", OFTEN)
+@pytest.mark.parametrize("kill", [kill_a_worker, kill_the_parent])
+def test_killed(tmp_path: Path, whole: dict[str, bytes], kill: Any, seed: int) -> None:
+    kill(tmp_path / "run", seed, whole)
 
 
 @pytest.mark.parametrize(
@@ -124,11 +108,7 @@ def test_the_parent_is_killed_often(tmp_path: Path, whole: dict[str, bytes], see
     ],
 )
 def test_interrupted_and_resumed(
-    tmp_path: Path,
-    whole: dict[str, bytes],
-    number: signal.Signals,
-    to_group: bool,
-    after_shards: int,
+    tmp_path: Path, whole: dict[str, bytes], number: int, to_group: bool, after_shards: int
 ) -> None:
     folder = tmp_path / "run"
     running = start(*COMMAND, "--out", folder)
@@ -137,17 +117,13 @@ def test_interrupted_and_resumed(
         workers = workers_of(running.pid)
         # From here on without delay, or a run on a busy machine is finished before the signal.
         wait_for(lambda: len([*folder.glob("shards/*.arrows")]) >= after_shards, "finished work")
-        if to_group:
-            # A terminal sends it to every process of the group.
-            os.killpg(running.pid, number)
-        else:
-            os.kill(running.pid, number)
+        # A terminal sends it to every process of the group.
+        (os.killpg if to_group else os.kill)(running.pid, number)
         output, errors = running.communicate(timeout=SECONDS)
     finally:
         running.kill()
     assert running.returncode == 128 + number, errors
-    assert output == ""
-    assert errors.count("\n") == 1
+    assert (output, errors.count("\n")) == ("", 1)
     if not (folder / "manifest.json").exists():
         # Interrupted while it still started: nothing has begun.
         assert after_shards == 0
