@@ -6,15 +6,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import (
-    JsonOption,
-    QuietOption,
-    ScenarioArgument,
-    SetOption,
-    refuse_without,
-    settings_of,
-)
+from harness.cli.options import refuse_without, settings_of
 from harness.cli.output import emit, print_json, print_line
 from harness.core.errors import InputError
 
@@ -34,11 +28,11 @@ def print_version(wanted: bool) -> None:
 
 
 def network(
-    scenario: ScenarioArgument,
+    scenario: options.ScenarioArgument,
     out: Annotated[Path, typer.Option(help="Folder for the sources and the network.")],
-    settings: SetOption = None,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    settings: options.SetOption = None,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Build the scenario's SUMO network and write its plain-XML sources."""
     from harness.scenario import read_scenario_file
@@ -49,7 +43,7 @@ def network(
 
     with unwinding():
         net = build_network(crossing, out, file.name).net
-    emit({"net": str(net)}, [net], quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, {"net": str(net)}, [net])
 
 
 def strategies(
@@ -64,14 +58,14 @@ def strategies(
         str,
         typer.Option(help="With --check: the scenario that sets crosswalk, ego and parameters."),
     ] = "cctc",
-    settings: SetOption = None,
+    settings: options.SetOption = None,
     limit: Annotated[
         float, typer.Option(help="With --check: time limit for all checks together, in seconds.")
     ] = _LIMIT_S,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print only names, or failed checks.")
     ] = False,
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """List the strategies and their parameters, or check one."""
     refuse_without(
@@ -86,7 +80,7 @@ def strategies(
 
         documents = strategy_documents()
         names = [document.get("problem") or document["name"] for document in documents]
-        emit(documents, names, lambda: _list_strategies(documents), quiet=quiet, as_json=as_json)
+        emit(quiet, as_json, documents, names, lambda: _list_strategies(documents))
         return
     from harness.studies.conformance import check_strategy
 
@@ -111,7 +105,7 @@ def _list_strategies(documents: Iterable[dict[str, Any]]) -> None:
 
 def doctor(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print only failed checks.")] = False,
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Check this installation: versions, SUMO, a network and one pair."""
     from harness.core.versions import versions_of_runs
@@ -151,7 +145,7 @@ def _print_results(name: str, results: "Sequence[RuleResult]", quiet: bool, as_j
     if knows and not quiet:
         lines.append(_line("note", f"it {knows}"))
     checks = [verdict_document(result) for result in results]
-    emit({"checks": checks, "knows": knows}, lines, quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, {"checks": checks, "knows": knows}, lines)
     if any(result.problem for result in results):
         raise typer.Exit(1)
 

@@ -1,32 +1,14 @@
 """The commands ``run`` (also called ``sweep``) and ``resume``."""
 
+from functools import partial
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import typer
 
+from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import (
-    AuditOption,
-    DaskOption,
-    EngineOption,
-    FullOption,
-    JsonOption,
-    OutOption,
-    PairsOption,
-    QuietOption,
-    RunArgument,
-    ScenarioArgument,
-    SeedOption,
-    SetOption,
-    SettleOption,
-    SumoOutputsOption,
-    TracesOption,
-    UntilOption,
-    VaryOption,
-    WorkersOption,
-    not_with,
-    settings_of,
-)
+from harness.cli.options import not_with, settings_of
 from harness.cli.output import emit, progress_bar, say
 from harness.core.errors import InputError, one_line
 
@@ -37,23 +19,23 @@ if TYPE_CHECKING:
 
 
 def run(
-    scenario: ScenarioArgument,
-    vary: VaryOption = None,
-    out: OutOption = None,
-    pairs: PairsOption = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    until: UntilOption = None,
-    settle: SettleOption = False,
-    workers: WorkersOption = None,
-    traces: TracesOption = False,
-    sumo_outputs: SumoOutputsOption = None,
-    engine: EngineOption = "sumo",
-    audit: AuditOption = None,
-    dask: DaskOption = None,
-    full: FullOption = False,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    scenario: options.ScenarioArgument,
+    vary: options.VaryOption = None,
+    out: options.OutOption = None,
+    pairs: options.PairsOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    until: options.UntilOption = None,
+    settle: options.SettleOption = False,
+    workers: options.WorkersOption = None,
+    traces: options.TracesOption = False,
+    sumo_outputs: options.SumoOutputsOption = None,
+    engine: options.EngineOption = "sumo",
+    audit: options.AuditOption = None,
+    dask: options.DaskOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Run every pair twice: once with the AV, once with the human driver.
 
@@ -71,7 +53,7 @@ def run(
     if engine == "sumo" and audit is not None:
         raise InputError("--audit", "needs --engine plain", "--engine plain")
     _refuse_workers_with_dask(workers, dask)
-    options = Options(
+    choices = Options(
         traces,
         _precision(until),
         workers,
@@ -80,29 +62,29 @@ def run(
         audit=AUDIT_SHARE if audit is None else audit,
     )
     if settle:
-        study = _settled(study, options, quiet or as_json)
+        study = _settled(study, choices, quiet or as_json)
     from harness.studies.workers.executors import executor_for
 
     # Local workers import modules while this process still does.  A wrong address is refused before
     # a run folder exists.
-    executor = executor_for(study, options, dask)
+    executor = executor_for(study, choices, dask)
     try:
         from harness.studies.batch.experiment import run_study
 
         with progress_bar("pairs", quiet or as_json) as advance, unwinding():
             finished = run_study(
-                study, options, out=out, progress=advance, make_executor=lambda _: executor
+                study, choices, out=out, progress=advance, make_executor=lambda _: executor
             )
     finally:
         executor.stop()
     _report(finished, full, quiet, as_json)
 
 
-def _settled(study: "Study", options: "Options", quiet: bool) -> "Study":
+def _settled(study: "Study", choices: "Options", quiet: bool) -> "Study":
     from harness.studies.batch.settling import settled
 
     with progress_bar("pilots", quiet) as advance, unwinding():
-        study = settled(study, options, advance)
+        study = settled(study, choices, advance)
     warm_ups = sorted({cell.scenario.known_traffic.warm_up_s for cell in study.cells})
     span = " to ".join(f"{seconds:g}" for seconds in dict.fromkeys([warm_ups[0], warm_ups[-1]]))
     say(f"harness: traffic.warm_up_s = {span}, set by a pilot of each cell")
@@ -110,12 +92,12 @@ def _settled(study: "Study", options: "Options", quiet: bool) -> "Study":
 
 
 def resume(
-    run_folder: RunArgument,
-    workers: WorkersOption = None,
-    dask: DaskOption = None,
-    full: FullOption = False,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    run_folder: options.RunArgument,
+    workers: options.WorkersOption = None,
+    dask: options.DaskOption = None,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Continue an interrupted run or risk estimate."""
     from harness.cli.risk import is_risk, resume_risk
@@ -124,7 +106,6 @@ def resume(
     if is_risk(run_folder):
         resume_risk(run_folder, workers, dask, quiet, as_json, full)
         return
-
     _refuse_workers_with_dask(workers, dask)
     with progress_bar("pairs", quiet or as_json) as advance, unwinding():
         finished = resume_run(
@@ -164,26 +145,19 @@ def _report(finished: "RunData", full: bool, quiet: bool, as_json: bool) -> None
     from harness.report.screens.run_document import run_document
     from harness.report.screens.terminal import print_run
 
-    emit(
-        lambda: run_document(finished),
-        [finished.path],
-        lambda: print_run(finished, full),
-        quiet=quiet,
-        as_json=as_json,
-    )
+    show = partial(print_run, finished, full)
+    emit(quiet, as_json, partial(run_document, finished), [finished.path], show)
+    outputs = "episodes have no SUMO outputs, or outputs that disagree with the record"
     problems = {
         "episodes failed": finished.failures,
-        "episodes have no SUMO outputs, or outputs that disagree with the record": (
-            finished.output_failures
-        ),
+        outputs: finished.output_failures,
         "records of the plain engine disagree with SUMO's": finished.disagreements,
     }
     for problem, failures in problems.items():
         if failures:
-            examples = "; ".join(
-                f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures[:3]
-            )
+            first = (f"cell {cell} pair {pair} {arm}: {why}" for cell, pair, arm, why in failures)
             more = f" and {len(failures) - 3} more (log.jsonl)" if len(failures) > 3 else ""
+            examples = "; ".join(islice(first, 3))
             say(one_line(f"harness: {len(failures)} {problem}: {examples}{more}"))
     if any(problems.values()):
         raise typer.Exit(1)

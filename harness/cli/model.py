@@ -63,8 +63,7 @@ def extract(
     if extraction.rows.empty:
         raise InputError(str(paths[0]), f"no row passes the rules{_most_frequent(extraction)}")
     words = ["harness", "extract", *map(str, paths), "--format", format_]
-    for text in settings or []:
-        words += ["--set", text]
+    words += [word for text in settings or [] for word in ("--set", text)]
     figures = []
     with unwinding():
         trajectories.write_rows(out, extraction, shlex.join([*words, "--out", str(out)]))
@@ -74,13 +73,7 @@ def extract(
             figures = plot_trajectories(clips, extraction.rows, plots)
     summary = trajectories.summary(extraction)
     document = {"out": str(out), "figures": [str(path) for path in figures], **summary}
-    emit(
-        document,
-        [out],
-        lambda: print_extraction(summary, out, figures),
-        quiet=quiet,
-        as_json=as_json,
-    )
+    emit(quiet, as_json, document, [out], lambda: print_extraction(summary, out, figures))
 
 
 def fit(
@@ -169,7 +162,7 @@ def fit(
     with unwinding():
         model = write_model(out, fitted.chosen.mixture, name or out.stem, card)
     document = fit_document(model, out)
-    emit(document, [out], lambda: print_fit(model, out), quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, document, [out], lambda: print_fit(model, out))
 
 
 def show(
@@ -212,13 +205,9 @@ def show(
             sample = make_sample(table, weigh=weigh, lower=lower, upper=upper)
         with unwinding():
             figures = plot_model(loaded, sample, plots)
-    emit(
-        lambda: {**model_document(loaded), "figures": [str(path) for path in figures]},
-        figures or [loaded.name],
-        lambda: print_model(loaded, figures),
-        quiet=quiet,
-        as_json=as_json,
-    )
+    document = {**model_document(loaded), "figures": [*map(str, figures)]}
+    lines = [*map(str, figures)] or [loaded.name]
+    emit(quiet, as_json, document, lines, lambda: print_model(loaded, figures))
 
 
 def _most_frequent(extraction: "Extraction") -> str:

@@ -63,9 +63,8 @@ def _fraction(text: str, whole: str) -> float:
     try:
         return float(above) / float(below) if slash else float(above)
     except (ValueError, ZeroDivisionError):
-        raise InputError(
-            f"--bounds {whole}", f"{text!r} is not a number", "e.g. 0.3 or 1/60"
-        ) from None
+        problem = f"{text!r} is not a number"
+        raise InputError(f"--bounds {whole}", problem, "e.g. 0.3 or 1/60") from None
 
 
 def number(value: float) -> str:

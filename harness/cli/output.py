@@ -8,21 +8,19 @@ from typing import Any
 
 
 def emit(
+    quiet: bool,
+    as_json: bool,
     document: Any,
     lines: Iterable[object],
     show: Callable[[], None] | None = None,
-    *,
-    quiet: bool,
-    as_json: bool,
 ) -> None:
     """Print the result of a command in the format that the user chose.
 
     Args:
+        quiet, as_json: whether the options were given; ``--json`` takes precedence.
         document: output of ``--json``, or a function that returns it.
         lines: output of ``--quiet``, one line each: paths or names.
         show: prints the default output; None: the default output is ``lines``.
-        quiet: whether ``--quiet`` was given.
-        as_json: whether ``--json`` was given; it takes precedence over ``--quiet``.
     """
     if as_json:
         print_json(document() if callable(document) else document)
@@ -50,33 +48,17 @@ def say(text: str) -> None:
 
 @contextmanager
 def progress_bar(unit: str, hidden: bool) -> Iterator[Callable[..., None]]:
-    """Draw a progress bar on stderr.
-
-    Args:
-        unit: the counted things, e.g. pairs.
-        hidden: whether nothing is drawn.
+    """Draw a progress bar on stderr unless it is hidden; ``unit`` names the counted things.
 
     Yields:
         A function that takes the number done, the number planned and, if it changes, the unit.
     """
     from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeRemainingColumn,
-    )
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        disable=hidden,
-    )
+    columns = BarColumn(), MofNCompleteColumn(), "{task.fields[rate]}", TimeRemainingColumn()
+    console = Console(stderr=True)
+    bar = Progress("{task.description}", *columns, console=console, disable=hidden)
     task = bar.add_task(unit, rate="")
 
     def advance(done: int, planned: int, counted: str = unit) -> None:

@@ -35,16 +35,17 @@ def report(
         raise InputError(f"--out {out}", "is not an HTML file", "a file name ending in .html")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
-    from harness.cli.risk import is_risk, report_risk
+    from harness.cli.risk import is_risk
 
     if is_risk(run_folder):
+        from harness.report.pages.risk_page import write_risk_page
+
         if figures is not None:
-            raise InputError(
-                f"--figures {figures}", "a risk estimate has no figures", "no --figures"
-            )
-        page = report_risk(run_folder, out)
+            problem = "a risk estimate has no figures"
+            raise InputError(f"--figures {figures}", problem, "no --figures")
+        page = write_risk_page(run_folder, out)
         text = str(page) if quiet else f"Report: {page}"
-        emit({"page": str(page)}, [text], quiet=quiet, as_json=as_json)
+        emit(quiet, as_json, {"page": str(page)}, [text])
     else:
         page = _report_run(run_folder, out, figures, quiet, as_json)
     if open_page:
@@ -82,7 +83,7 @@ def _report_run(
         if written.figures:
             print_line(f"Figures: {len(written.figures)} files in {figures}")
 
-    emit(document, [written.page], show, quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, document, [written.page], show)
     for difference in written.differing:
         say(one_line(f"harness: a repeated episode differs from its record: {difference}"))
     return written.page

@@ -1,22 +1,14 @@
 """The commands ``replay``, ``score``, ``compare``, ``worst`` and ``export`` for run folders."""
 
-from collections.abc import Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import (
-    ArmOption,
-    FullOption,
-    JsonOption,
-    QuietOption,
-    RunArgument,
-    not_with,
-    refuse_without,
-    settings_of,
-)
+from harness.cli.options import not_with, refuse_without, settings_of
 from harness.cli.output import emit, print_line, progress_bar, say
 from harness.core.errors import InputError, one_line
 
@@ -52,8 +44,8 @@ def replay(
             help="Run in this process without time limits, so that breakpoint() works in decide.",
         ),
     ] = False,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Repeat one episode: with SUMO's outputs, or in sumo-gui."""
     from harness.core.encounter import Arm
@@ -62,80 +54,62 @@ def replay(
     if gui and out is not None:
         raise not_with("--out", "--gui", "--screenshots DIR")
     if gui and in_this_process:
-        allowed = "--gui alone, in which breakpoint() works, too"
-        raise not_with("--debug", "--gui", allowed)
+        raise not_with("--debug", "--gui", "--gui alone, in which breakpoint() works, too")
     if in_this_process and out is not None:
         raise not_with("--out", "--debug", "one of the two")
     refuse_without("--gui", gui, pace=pace, screenshots=screenshots)
     refuse_without("--screenshots DIR", screenshots is not None, every=every)
+    problems, tracebacks = list[str](), list[str | None]()
     if gui:
         from harness.studies.replay.watch import watch
 
         with unwinding():
+            pace, every = 1.0 if pace is None else pace, 0.5 if every is None else every
             watched = watch(
-                run_folder,
-                pair,
-                arms,
-                cell,
-                pace=1.0 if pace is None else pace,
-                screenshots=screenshots,
-                every_s=0.5 if every is None else every,
+                run_folder, pair, arms, cell, pace=pace, screenshots=screenshots, every_s=every
             )
         shown = [(f"pair {pair}, arm {item.arm}", item.differences) for item in watched]
-        _report_replays(shown, [], quiet, as_json)
     elif in_this_process:
         from harness.studies.replay.rerun import debug
 
         repeated = debug(run_folder, pair, arms, cell)
-        _say_tracebacks(item.traceback for item in repeated.values())
+        tracebacks = [item.traceback for item in repeated.values()]
         shown = [(f"pair {pair}, arm {key}", item.differences) for key, item in repeated.items()]
-        _report_replays(shown, [], quiet, as_json)
     elif out is None:
-        allowed = "a new folder for SUMO's files, --gui or --debug"
-        raise InputError("--out", "is missing", allowed)
+        raise InputError("--out", "is missing", "a new folder for SUMO's files, --gui or --debug")
     else:
         from harness.studies.replay.rerun import replay as run_again
 
         with unwinding():
             replayed = run_again(run_folder, pair, arms, cell, out)
-        _say_tracebacks(item.traceback for item in replayed)
+        tracebacks = [item.traceback for item in replayed]
         problems = [f"{item.folder}: {item.problem}" for item in replayed if item.problem]
-        if problems:
-            say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are incomplete"))
         shown = [(str(item.folder), item.differences) for item in replayed if not item.problem]
-        _report_replays(shown, problems, quiet, as_json)
-
-
-def _say_tracebacks(tracebacks: Iterable[str | None]) -> None:
-    """Print on stderr the tracebacks of strategies that raised an exception."""
-    for traceback in tracebacks:
-        if traceback is not None:
-            say(traceback.rstrip())
+    for traceback in filter(None, tracebacks):
+        say(traceback.rstrip())
+    if problems:
+        say(one_line(f"harness: {'; '.join(problems)}; SUMO's files are incomplete"))
+    _report_replays(shown, problems, quiet, as_json)
 
 
 def _report_replays(
-    episodes: Sequence[tuple[str, tuple[str, ...]]],
-    problems: Sequence[str],
-    quiet: bool,
-    as_json: bool,
+    shown: list[tuple[str, tuple[str, ...]]], problems: list[str], quiet: bool, as_json: bool
 ) -> None:
     """Print for each repeated episode whether its record is identical to the stored record."""
 
     def show() -> None:
-        for name, differences in episodes:
+        for name, differences in shown:
             verdict = "differs from" if differences else "is identical to"
             print_line(f"{name}: the record {verdict} the stored record")
             for difference in differences:
                 print_line(f"    {difference}")
 
     document = {
-        "episodes": [
-            {"episode": name, "differences": list(differences)} for name, differences in episodes
-        ],
-        "problems": list(problems),
+        "episodes": [{"episode": name, "differences": [*differing]} for name, differing in shown],
+        "problems": problems,
     }
-    emit(document, [name for name, _ in episodes], show, quiet=quiet, as_json=as_json)
-    if problems or any(differences for _, differences in episodes):
+    emit(quiet, as_json, document, [name for name, _ in shown], show)
+    if problems or any(differences for _, differences in shown):
         raise typer.Exit(1)
 
 
@@ -151,15 +125,15 @@ def score(
             metavar="KEY=VALUE",
         ),
     ] = None,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Recompute measures from traces, or count conflicts with other thresholds."""
     from harness.studies.batch.scoring import score as recompute
 
     with unwinding():
         folder = recompute(run_folder, out, settings_of(settings))
-    emit({"folder": str(folder)}, [folder], quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, {"folder": str(folder)}, [folder])
 
 
 def compare(
@@ -180,9 +154,9 @@ def compare(
         Path | None,
         typer.Option(help="Write the comparisons to a new CSV file.", metavar="FILE"),
     ] = None,
-    full: FullOption = False,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    full: options.FullOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Compare strategies pair by pair, within or between runs.
 
@@ -203,13 +177,8 @@ def compare(
         from harness.core.files import write_csv
 
         write_csv(out, comparison_rows(result))
-    emit(
-        lambda: comparison_document(result),
-        [] if out is None else [out],
-        lambda: print_comparison(result, full),
-        quiet=quiet,
-        as_json=as_json,
-    )
+    written, screen = [out] if out is not None else [], partial(print_comparison, result, full)
+    emit(quiet, as_json, partial(comparison_document, result), written, screen)
 
 
 def worst(
@@ -227,12 +196,12 @@ def worst(
             metavar="RUN_B",
         ),
     ] = None,
-    arm: ArmOption = "av",
+    arm: options.ArmOption = "av",
     cell: Annotated[int | None, typer.Option(help="Only this cell.")] = None,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="Print only the replay commands.")
     ] = False,
-    as_json: JsonOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """List the worst episodes and the commands that replay them."""
     from harness.report.screens.worst_tables import worst_document, worst_tables
@@ -252,14 +221,14 @@ def worst(
             console.print(episode.command, soft_wrap=True)
 
     commands = [episode.command for episode in episodes]
-    emit(lambda: worst_document(episodes, by), commands, show, quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, lambda: worst_document(episodes, by), commands, show)
 
 
 def export(
-    run_folder: RunArgument,
+    run_folder: options.RunArgument,
     csv: Annotated[bool, typer.Option("--csv", help="Write every table as CSV.")] = False,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
 ) -> None:
     """Write the tables of a run folder as CSV next to the originals."""
     from harness.studies.runs.export import export_csv
@@ -268,4 +237,4 @@ def export(
         raise InputError("export", "no format given", "--csv")
     with unwinding():
         files = [str(path) for path in export_csv(run_folder)]
-    emit({"files": files}, files, quiet=quiet, as_json=as_json)
+    emit(quiet, as_json, {"files": files}, files)

@@ -1,30 +1,20 @@
 """``risk``: estimates event probabilities down to one in a hundred million episodes."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from harness.cli import options
 from harness.cli.interruption import unwinding
-from harness.cli.options import (
-    ArmOption,
-    FullOption,
-    JsonOption,
-    OutOption,
-    QuietOption,
-    ScenarioArgument,
-    SeedOption,
-    SetOption,
-    WorkersOption,
-    settings_of,
-)
 from harness.cli.output import emit, progress_bar, say
 from harness.core.errors import InputError
 
 
 def risk(
-    scenario: ScenarioArgument,
-    arm: ArmOption = "av",
+    scenario: options.ScenarioArgument,
+    arm: options.ArmOption = "av",
     event: Annotated[
         str,
         typer.Option(
@@ -45,38 +35,29 @@ def risk(
     most_episodes: Annotated[
         int, typer.Option(help="Maximum number of independent episodes in the estimate.")
     ] = 200_000,
-    out: OutOption = None,
-    seed: SeedOption = None,
-    settings: SetOption = None,
-    workers: WorkersOption = None,
-    quiet: QuietOption = False,
-    as_json: JsonOption = False,
-    full: FullOption = False,
+    out: options.OutOption = None,
+    seed: options.SeedOption = None,
+    settings: options.SetOption = None,
+    workers: options.WorkersOption = None,
+    quiet: options.QuietOption = False,
+    as_json: options.JsonOption = False,
+    full: options.FullOption = False,
 ) -> None:
     """Estimate the probability that a rare event occurs in an episode."""
     from harness.core.encounter import Arm
     from harness.scenario import read_scenario_file, study_of
 
-    study = study_of(read_scenario_file(scenario, settings_of(settings, None, seed)))
+    study = study_of(read_scenario_file(scenario, options.settings_of(settings, None, seed)))
     if len(study.cells) > 1:
-        allowed = (
-            f"one cell: --set {' --set '.join(f'{key}=…' for key in sorted(study.varied_keys))}"
-        )
-        raise InputError(scenario, f"has {len(study.cells)} cells", allowed)
+        settled = "".join(f" --set {key}=…" for key in sorted(study.varied_keys))
+        raise InputError(scenario, f"has {len(study.cells)} cells", f"one cell:{settled}")
     if study.remark is not None:
         say(f"harness: {study.remark}")
     from harness.studies.risk.asking import Settings
     from harness.studies.risk.folder import estimate_risk
 
-    question = Settings(
-        study.name,
-        study.cells[0].scenario,
-        Arm(arm),
-        event,
-        target_cv,
-        most_episodes,
-        engine == "sumo",
-    )
+    scope = target_cv, most_episodes, engine == "sumo"
+    question = Settings(study.name, study.cells[0].scenario, Arm(arm), event, *scope)
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(question, out=out, workers=workers, progress=advance)
     show(folder, quiet, as_json, full)
@@ -96,38 +77,21 @@ def resume_risk(
     from harness.studies.risk.folder import resume_risk as resume
 
     if dask is not None:
-        raise InputError(
-            "--dask", "is not supported with a risk estimate", "this machine's workers"
-        )
+        problem = "is not supported with a risk estimate"
+        raise InputError("--dask", problem, "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume(folder, workers=workers, progress=advance)
     show(folder, quiet, as_json, full)
 
 
-def report_risk(folder: Path, out: Path | None) -> Path:
-    """Write the page of a finished risk estimate."""
-    from harness.report.pages.risk_page import write_risk_page
-
-    return write_risk_page(folder, out)
-
-
 def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
-    """Print the findings of a finished risk estimate.
-
-    Raises:
-        typer.Exit: with code 1 if episodes failed or differed between the engines.
-    """
+    """Print a finished estimate; exit with 1 if episodes failed or differed between engines."""
     from harness.report.screens.risk_terminal import print_risk
     from harness.studies.risk.folder import read_risk
     from harness.studies.risk.writing import risk_document
 
     findings = read_risk(folder)
-    emit(
-        lambda: risk_document(findings),
-        [folder],
-        lambda: print_risk(findings, folder, full),
-        quiet=quiet,
-        as_json=as_json,
-    )
+    screen = partial(print_risk, findings, folder, full)
+    emit(quiet, as_json, partial(risk_document, findings), [folder], screen)
     if findings.failed or findings.differing:
         raise typer.Exit(1)

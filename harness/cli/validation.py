@@ -77,10 +77,5 @@ def validate(
         for path in written:
             print_line(f"Written: {path}")
 
-    emit(
-        findings.document,
-        written or [driver.driver for driver in findings.drivers],
-        show,
-        quiet=quiet,
-        as_json=as_json,
-    )
+    names = [driver.driver for driver in findings.drivers]
+    emit(quiet, as_json, findings.document, written or names, show)
