@@ -129,9 +129,6 @@ def scrub(page: Any, time_s: float) -> None:
     )
 
 
-# --- opening
-
-
 def test_opens_from_disk_without_a_request(opened: Opened, opened_sweep: Opened) -> None:
     for one in (opened, opened_sweep):
         assert one.address.startswith("file://")
@@ -188,9 +185,6 @@ def test_every_button_of_every_page_works_without_a_word(
         button.click()
     assert (page.locator("svg rect.ego").count() > 0) == (make is not of_risk)
     page.close()
-
-
-# --- the player
 
 
 def test_plays_pauses_and_stops_at_the_end(page: Any) -> None:
@@ -311,9 +305,6 @@ def test_the_curves_are_the_trace_and_a_click_moves_the_cursor(page: Any, run: R
     assert float(cursor) == pytest.approx(box["width"] / 2, abs=2)
 
 
-# --- tables
-
-
 def column(page: Any, heading: str) -> list[float]:
     found: list[str] = page.evaluate(
         """heading => { const table = document.getElementById("cells");
@@ -341,8 +332,6 @@ def test_the_table_sorts_by_mouse_and_by_key(opened_sweep: Opened, swept: Path) 
     names = page.locator("#cells tbody tr td:nth-child(3)").all_inner_texts()
     assert names == sorted(names)
 
-
-# --- schemes and sizes
 
 CONTRAST = """() => {
   const parse = (text) => {

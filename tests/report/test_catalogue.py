@@ -40,21 +40,16 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 4}), fate)
 
 
-def test_it_is_in_the_tables(run: Path) -> None:
+def test_it_is_in_the_tables_of_files_terminal_and_page_and_in_the_reference(run: Path) -> None:
     names = ["fastest_s", "fastest_s_human", "fastest_s_difference_ci_high"]
     assert {*names} <= {*pd.read_csv(run / "summary.csv")}
     assert pq.read_schema(run / "summary.parquet").field("fastest_s").type == pa.float64()
     assert harness.load_run(run).summary["fastest_s"].tolist() == [8.0]
-
-
-def test_it_is_in_the_reference_of_columns() -> None:
-    assert reference.reported(ENTRY, "fastest_s") == [
-        "`fastest_s`",
-        "yes",
-        "",
-        "s",
-        "The shortest time to cross. The AV's arm.",
-    ]
+    tables = full_tables(reported(harness.load_run(run)))
+    texts = [cell.text for table in tables for row in table.rows for cell in row]
+    assert "fastest passage, s" in texts
+    words = ["`fastest_s`", "yes", "", "s", "The shortest time to cross. The AV's arm."]
+    assert reference.reported(ENTRY, "fastest_s") == words
 
 
 def test_it_is_in_the_json_document(run: Path) -> None:
@@ -66,13 +61,3 @@ def test_it_is_in_the_json_document(run: Path) -> None:
     limits = [difference[key] for key in ("low", "value", "high")]
     assert limits == pytest.approx([-0.5 - reach, -0.5, -0.5 + reach], abs=1e-3)
     assert cell["summary"]["fastest_s_human"] == 10.0
-
-
-def test_it_is_in_the_full_tables_of_terminal_and_page(run: Path) -> None:
-    texts = [
-        cell.text
-        for table in full_tables(reported(harness.load_run(run)))
-        for row in table.rows
-        for cell in row
-    ]
-    assert "fastest passage, s" in texts

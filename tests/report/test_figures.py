@@ -56,8 +56,6 @@ def bars_of(axes: Axes) -> list[Rectangle]:
     return [bar for bars in axes.containers for bar in bars]
 
 
-# --- τ
-
 TAU = np.array([0.7, np.nan, 0.9, 0.65, 1.4, 0.72, 0.8])
 
 
@@ -127,9 +125,6 @@ def test_a_few_large_values_share_the_last_bar_and_a_spike_is_cut() -> None:
     highest = max(bar.get_height() for bar in bars_of(spiked))
     assert spiked.get_ylim()[1] < highest
     assert f"↑ {int(highest):,} pairs" in [text.get_text() for text in spiked.texts]
-
-
-# --- episodes
 
 
 def test_arrivals_by_side_and_beyond_the_limit(axes: Axes) -> None:
@@ -207,9 +202,6 @@ def test_time_advantage_of_a_run_never_undercuts_its_record(single: str) -> None
     assert equal >= 20
 
 
-# --- safety
-
-
 def test_shares_count_undefined_episodes_among_all(axes: Axes) -> None:
     values = {
         "AV": np.array([1.0, 2.0, np.nan, 4.0]),
@@ -234,8 +226,6 @@ def test_walking_speeds_are_a_density(axes: Axes) -> None:
     assert area == pytest.approx(1)
     assert right_title(axes) == "n = 500"
 
-
-# --- sweeps
 
 SUMMARY = pd.DataFrame(
     [(1.0, 0.9, 1.2), (0.9, 0.8, 1.0), (1.2, 1.0, 1.5), (np.nan,) * 3],
@@ -285,9 +275,6 @@ def test_aggressiveness_marks_limits_and_what_is_allowed(axes: Axes) -> None:
     assert not bare.patches
 
 
-# --- site
-
-
 def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str) -> None:
     scenario = harness.load_run(single).scenario
     place = place_of(scenario)
@@ -301,9 +288,6 @@ def test_site_shows_every_lane_and_the_ego_at_its_range(axes: Axes, single: str)
     assert min(x for x, _ in corners) == pytest.approx(-35)
     assert max(x for x, _ in corners) == pytest.approx(-30)
     assert {round(y, 6) for _, y in corners} == {2.25 - 0.9, 2.25 + 0.9}
-
-
-# --- all of a run
 
 
 def pictures(run: RunData) -> list[Picture]:

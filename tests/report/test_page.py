@@ -314,9 +314,6 @@ def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None
     assert 'id="f-tau-mean"' in found.source or "Running mean of τ" in found.words
 
 
-# --- the command ----------------------------------------------------------------------------------
-
-
 def test_report_writes_page_and_figures(
     single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

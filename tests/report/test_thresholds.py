@@ -25,12 +25,9 @@ def test_other_thresholds_count_other_conflicts(tmp_path: Path) -> None:
     for threshold, expected in ((1.5, 3), (2.5, 5), (0.5, 1)):
         again = score(run, tmp_path / f"{threshold}", [Setting("conflicts.pet_s", threshold)])
         rates = harness.load_run(again).conflicts.set_index(["arm", "conflict"])
-        assert rates.loc[("av", "pet"), "conflicts"] == expected
-        assert rates.loc[("av", "pet"), "threshold"] == threshold
-        assert (rates.loc[("av", "pet"), "episodes"], rates.loc[("av", "ttc"), "conflicts"]) == (
-            10,
-            0,
-        )
+        pet = rates.loc[("av", "pet")]
+        assert (pet["conflicts"], pet["threshold"], pet["episodes"]) == (expected, threshold, 10)
+        assert rates.loc[("av", "ttc"), "conflicts"] == 0
     # Everything that rests on no threshold is as it was.
     one, other = (pd.read_csv(of / "summary.csv") for of in (run, again))
     rest = [name for name in one.columns if not name.startswith("conflict_")]
@@ -44,22 +41,19 @@ def test_other_thresholds_count_other_conflicts(tmp_path: Path) -> None:
         (Setting("conflicts.pets", 1.0), "did you mean 'conflicts.pet_s'"),
         (Setting("ego.initial_speed_mps", 6.0), "other changes need a new simulation"),
         (Setting("conflicts.pet_s", -1.0), "greater than or equal to 0"),
+        (Setting("conflicts.pet_s", 3.0), "varies in this run"),
     ],
 )
-def test_what_is_no_threshold_is_refused(tmp_path: Path, setting: Setting, words: str) -> None:
-    run = made_up(tmp_path / "run", one_cell("cctc", {"experiment.pairs": 2}), near_misses)
+def test_what_is_no_threshold_or_varies_is_refused(
+    tmp_path: Path, setting: Setting, words: str
+) -> None:
+    varied = ["conflicts.pet_s=1.0,2.0"] if "varies" in words else []
+    run = made_up(tmp_path / "run", sweep("cctc", {"experiment.pairs": 2}, *varied), near_misses)
     with pytest.raises(InputError) as caught:
         score(run, tmp_path / "again", [setting])
     assert words in str(caught.value)
     assert str(caught.value).startswith(f"--set {setting.key}")
     assert not (tmp_path / "again").exists()
-
-
-def test_a_threshold_that_varies_is_refused(tmp_path: Path) -> None:
-    study = sweep("cctc", {"experiment.pairs": 2}, "conflicts.pet_s=1.0,2.0")
-    run = made_up(tmp_path / "run", study, near_misses)
-    with pytest.raises(InputError, match="varies in this run"):
-        score(run, tmp_path / "again", [Setting("conflicts.pet_s", 3.0)])
 
 
 def test_a_damaged_run_leaves_nothing_behind(tmp_path: Path) -> None:

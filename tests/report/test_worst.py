@@ -80,11 +80,13 @@ def test_what_got_worse(runs: tuple[Path, Path]) -> None:
     assert [episode.pair for episode in got_worse(runs[1], runs[0], "delay_s")] == [0]
     # A crash has no delay: whoever crashed in one of them is not ranked by it.
     assert [episode.pair for episode in got_worse(runs[0], runs[1], "delay_s")] == [1]
+    # The reference is the same in both.
+    assert worst(runs[0], "delay_s", arm="human") == worst(runs[0], "delay_s", arm=Arm.HUMAN)
+    assert got_worse(runs[1], runs[0], "delay_s", arm=Arm.HUMAN) == []
 
 
 def test_one_cell_named_by_its_keys(tmp_path: Path) -> None:
-    changes = {"experiment.pairs": 2}
-    study = sweep("cctc_flow", changes, "arms.av=gap_yield,hard_yield")
+    study = sweep("cctc_flow", {"experiment.pairs": 2}, "arms.av=gap_yield,hard_yield")
     fates: list[list[Fate]] = [[crash(2.0), crash(3.0)], ["engine_failed", "engine_failed"]]
     run = made_up(tmp_path / "run", study, lambda task, pair: fates[task.cell][pair])
     (first, _) = worst(run)
@@ -95,11 +97,6 @@ def test_one_cell_named_by_its_keys(tmp_path: Path) -> None:
     assert json.loads(printed("worst", run, "--json"))["episodes"][0]["varied"] == first.varied
     # Nothing is known of a strategy that always failed: that is not "no episode to look at".
     assert "cell 1: all 2 episodes of av failed, e.g. " in refusal("worst", run, "--cell", 1)
-
-
-def test_the_reference_is_the_same_in_both(runs: tuple[Path, Path]) -> None:
-    assert worst(runs[0], "delay_s", arm="human") == worst(runs[0], "delay_s", arm=Arm.HUMAN)
-    assert got_worse(runs[1], runs[0], "delay_s", arm=Arm.HUMAN) == []
 
 
 def test_in_the_shell(runs: tuple[Path, Path]) -> None:

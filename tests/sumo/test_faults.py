@@ -19,10 +19,10 @@ from harness.core.encounter import Arrival
 from harness.core.errors import EngineError, HarnessError
 from harness.core.seeding import stream
 from harness.engine.plain import PlainEngine
-from harness.engine.shared import close_engine
 from harness.scenario import Options
 from harness.studies.batch.experiment import resume, run_study
-from tests.batches import QUICK, Inline, content, here, one_cell, options_of, shell
+from harness.studies.batch.scoring import score
+from tests.batches import QUICK, Inline, content, here, one_cell, options_of, run_inline, shell
 from tests.faulty import NAME, struck
 
 CULPRITS = {
@@ -62,13 +62,8 @@ CHANGES: dict[str, object] = {
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One run with every fault (``faulty``) and one with none (``clean``)."""
-    from tests.conftest import close_all
-
-    close_all()
     folder = tmp_path_factory.mktemp("faults")
-    study = one_cell("cctc", CHANGES)
-    run_study(study, Options(), out=folder / "clean", make_executor=Inline)
-    close_engine()
+    run_inline(one_cell("cctc", CHANGES), folder / "clean")
     study = one_cell("cctc", {**CHANGES, **struck(CULPRITS)})
     # Code that keeps the interpreter's lock is seen by the limit of the whole pair alone.
     options = Options(workers=2, task_pairs=4, traces=True, hang_after_s=8.0)
@@ -114,7 +109,7 @@ def test_all_others_keep_their_results(batch: Path) -> None:
     assert len(rows(batch / "faulty", "episodes")) == 24
 
 
-def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
+def test_the_log_has_the_stack_of_a_hung_worker_and_the_strategys_traceback(batch: Path) -> None:
     lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
     events = [json.loads(line) for line in lines]
     given_up = [event for event in events if event["event"] == "episode given up"]
@@ -126,11 +121,6 @@ def test_the_log_has_the_stack_of_a_hung_worker(batch: Path) -> None:
     for what, faults in (("pair", ["aborts"]), ("episode", ["hangs", "hangs_in_c"])):
         named = {event["pair"] for event in events if event["event"] == f"{what} given up"}
         assert named == {CULPRITS[name] for name in faults}
-
-
-def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
-    lines = (batch / "faulty" / "log.jsonl").read_text(encoding="utf-8").splitlines()
-    events = [json.loads(line) for line in lines]
     failed = {event["pair"]: event for event in events if event["event"] == "episode failed"}
     assert set(failed) == {pair for name, pair in CULPRITS.items() if name != "aborts"}
     event = failed[CULPRITS["raises"]]
@@ -138,8 +128,7 @@ def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
     assert REASONS["raises"] in event["reason"]
     first, *_, last = event["traceback"].splitlines()
     assert (first, last) == ("Traceback (most recent call last):", "RuntimeError: on purpose")
-    assert "in decide" in event["traceback"]
-    assert "in raise_error" in event["traceback"]
+    assert all(place in event["traceback"] for place in ("in decide", "in raise_error"))
     assert "episode.py" not in event["traceback"]
     assert failed[CULPRITS["nan"]]["traceback"] is None
 
@@ -148,12 +137,8 @@ def test_the_log_has_the_strategys_own_traceback(batch: Path) -> None:
 @pytest.mark.usefixtures("no_simulation")
 def test_where_both_strategies_hang_both_arms_are_given_up(tmp_path: Path) -> None:
     """Each for itself: the second hang says both reasons, and the run goes on."""
-    changes = {
-        **CHANGES,
-        "arms.human": NAME,
-        "experiment.pairs": 3,
-        "experiment.decide_limit_s": 1.0,
-    }
+    changes = {**CHANGES, "experiment.pairs": 3, "experiment.decide_limit_s": 1.0}
+    changes["arms.human"] = NAME
     # One strategy in both arms draws the same numbers in both.
     number = float(stream(1, "strategy", 1).random())
     study = one_cell("cctc", {**changes, f'strategies."{NAME}".hangs': number})
@@ -172,14 +157,12 @@ def test_an_audit_does_not_ask_again_who_hung(tmp_path: Path) -> None:
     study = one_cell("cctc", changes | {"experiment.decide_limit_s": 0.5})
     options = Options(workers=1, engine="plain", audit=1.0)
     run_study(study, options, out=tmp_path / "run")
-    assert [row["ending"] == "engine_failed" for row in rows(tmp_path / "run", "episodes")[1]] == [
-        True,
-        False,
-    ]
+    av, human = rows(tmp_path / "run", "episodes")[1]
+    assert [arm["ending"] == "engine_failed" for arm in (av, human)] == [True, False]
     assert [row["arm"] for row in rows(tmp_path / "run", "audit")[1]] == ["human"]
 
 
-def test_summary_counts_the_failed_apart(batch: Path) -> None:
+def test_summary_counts_the_failed_apart_and_score_keeps_them(batch: Path) -> None:
     head, line = (batch / "faulty" / "summary.csv").read_text(encoding="utf-8").splitlines()
     summary = dict(zip(head.split(","), line.split(","), strict=True))
     assert (summary["pairs"], summary["failed"]) == ("24", "8")
@@ -187,11 +170,6 @@ def test_summary_counts_the_failed_apart(batch: Path) -> None:
     crashed = [clean[pair][0]["ending"] == "crashed" for pair in clean]
     kept = [crash for pair, crash in enumerate(crashed) if pair not in CULPRITS.values()]
     assert float(summary["kappa"]) == pytest.approx(sum(kept) / 16)
-
-
-def test_score_keeps_the_pairs_that_were_given_up(batch: Path) -> None:
-    from harness.studies.batch.scoring import score
-
     score(batch / "faulty", batch / "scored")
     assert content(batch / "scored") == content(batch / "faulty")
 
@@ -201,8 +179,7 @@ def test_the_command_names_the_culprit(tmp_path: Path) -> None:
     done = here("run", "cctc", "--out", tmp_path / "run", *options_of(changes))
     assert done.returncode == 1
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("harness:")]
-    for word in ("1 episode", "pair 2", "av", "returned nan"):
-        assert word in line
+    assert all(word in line for word in ("1 episode", "pair 2", "av", "returned nan"))
     assert "Traceback" not in done.stderr
 
 
@@ -225,8 +202,7 @@ def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.Monke
         lambda scenario, _name: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
-    run_study(study, Options(traces=True), out=tmp_path / "run", make_executor=Inline)
-    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
+    episodes = run_inline(study, tmp_path / "run", traces=True).episodes.to_dict("records")
     failed = [(row["pair"], row["arm"]) for row in episodes if row["reason"] == "no start"]
     # Episodes come as pair 0 av, 0 human, 1 av, …: the third and the sixth.
     assert failed == [(1, "av"), (2, "human")]
@@ -247,21 +223,16 @@ def longest_file(size: int) -> Iterator[None]:
 @pytest.mark.parametrize(
     ("limit", "task_pairs", "what"), [(4_000, 50, "shards"), (12_000, 5, "parquet")]
 )
+@pytest.mark.usefixtures("no_simulation")
 def test_a_disk_that_is_full_and_then_is_not(
-    tmp_path: Path,
-    no_simulation: None,  # noqa: ARG001
-    limit: int,
-    task_pairs: int,
-    what: str,
+    tmp_path: Path, limit: int, task_pairs: int, what: str
 ) -> None:
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 250})
-    run_study(study, Options(), out=tmp_path / "whole", make_executor=Inline)
-    options = Options(task_pairs=task_pairs)
+    run_inline(study, tmp_path / "whole")
     with longest_file(limit), pytest.raises(HarnessError, match=f"{what}.*File too large"):
-        run_study(study, options, out=tmp_path / "run", make_executor=Inline)
+        run_inline(study, tmp_path / "run", task_pairs=task_pairs)
     assert not list((tmp_path / "run").rglob("*.partial"))
     resume(tmp_path / "run", make_executor=Inline)
-    close_engine()
     assert content(tmp_path / "run") == content(tmp_path / "whole")
 
 

@@ -24,15 +24,10 @@ def random_scenario(seed: int) -> Scenario:
     rest = draw.choice([0.0, 0.0, round(draw.uniform(0.2, 6.0), 3)])
     length = max(4.0, (lanes + oncoming) * lane_width + rest)
     speed = round(draw.uniform(4.0, 20.0), 2)
-    crossing = {
-        "latitude_deg": draw.uniform(-60.0, 60.0),
-        "longitude_deg": draw.uniform(-180.0, 180.0),
-        "bearing_deg": draw.uniform(0.0, 359.9),
-        "lanes": lanes,
-        "oncoming_lanes": oncoming,
-        "length_m": length,
-        "width_m": round(draw.uniform(2.0, 8.0), 3),
-    }
+    place = {"latitude_deg": draw.uniform(-60.0, 60.0), "longitude_deg": draw.uniform(-180, 180)}
+    crossing = {**place, "bearing_deg": draw.uniform(0.0, 359.9), "lanes": lanes}
+    crossing |= {"oncoming_lanes": oncoming, "length_m": length}
+    crossing["width_m"] = round(draw.uniform(2.0, 8.0), 3)
     if length > (lanes + oncoming) * lane_width:
         crossing["lane_width_m"] = lane_width
     if draw.random() < 0.5:
@@ -100,12 +95,10 @@ def compare(seed: int, folder: Path, model) -> int:
     return met
 
 
+@pytest.mark.parametrize(
+    ("seeds", "least"),
+    [(range(10), 20), pytest.param(range(10, 210), 400, marks=pytest.mark.slow)],
+)
 @pytest.mark.usefixtures("no_simulation")
-def test_ten_random_roads(tmp_path: Path, model) -> None:
-    assert sum(compare(seed, tmp_path / str(seed), model) for seed in range(10)) > 20
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("no_simulation")
-def test_two_hundred_random_roads(tmp_path: Path, model) -> None:
-    assert sum(compare(seed, tmp_path / str(seed), model) for seed in range(10, 210)) > 400
+def test_random_roads(tmp_path: Path, model, seeds: range, least: int) -> None:
+    assert sum(compare(seed, tmp_path / str(seed), model) for seed in seeds) > least

@@ -79,9 +79,7 @@ def test_the_same_walks_first_or_last_in_a_simulation(sumo, model) -> None:
     together = [(repr(o.trace.walks), repr(o.record)) for o in runner.run(range(8))]
     again = [(repr(o.trace.walks), repr(o.record)) for pair in (7, 0) for o in runner.run([pair])]
     assert again == together[14:16] + together[0:2]
-
-
-def test_another_engine_says_that_it_has_none() -> None:
+    # Another engine says that it has none.
     trace = play(scene(), PlainEngine(scene().vehicle(), 0.1), Waits(), Side.NEAR, 0.0, 1.3)
     assert trace.ending is Ending.ENGINE_FAILED
     assert trace.reason is not None

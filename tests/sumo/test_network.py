@@ -27,16 +27,10 @@ from tests.scenes import play, scenario
 from tests.sites import NETWORKS, geometries
 
 
-def site(
-    latitude: float, longitude: float, bearing: float, length: float, width: float
-) -> CrossingSection:
-    return CrossingSection(
-        latitude_deg=latitude,
-        longitude_deg=longitude,
-        bearing_deg=bearing,
-        length_m=length,
-        width_m=width,
-    )
+def site(*numbers: float) -> CrossingSection:
+    """Latitude, longitude, bearing, length and width of a crosswalk."""
+    keys = ("latitude_deg", "longitude_deg", "bearing_deg", "length_m", "width_m")
+    return CrossingSection(**dict(zip(keys, numbers, strict=True)))
 
 
 SHIPPED = NETWORKS / "cctc"
@@ -69,13 +63,13 @@ def case(request: pytest.FixtureRequest, nets: dict[str, Path]) -> tuple[Crossin
     return GEOMETRIES[request.param], nets[request.param]
 
 
+OPTIONS = """--step-length 0.1 --step-method.ballistic true --insertion-checks none
+    --no-step-log true --no-warnings true"""
+
+
 @contextmanager
 def simulation(net: Path) -> Iterator[None]:
-    options = (
-        "--step-length 0.1 --step-method.ballistic true --insertion-checks none"
-        " --no-step-log true --no-warnings true"
-    )
-    libsumo.start(["sumo", "--net-file", str(net), *options.split()])
+    libsumo.start(["sumo", "--net-file", str(net), *OPTIONS.split()])
     try:
         yield
     finally:
@@ -107,38 +101,26 @@ def angle_between(a_deg: float, b_deg: float) -> float:
     return abs((a_deg - b_deg + 180) % 360 - 180)
 
 
-# --- where it is ---------------------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("no_simulation")
-def test_crosswalk_centre_is_at_the_coordinates(case: tuple[CrossingSection, Path]) -> None:
+def test_the_centre_is_at_the_coordinates_and_metres_and_north_are_true(
+    case: tuple[CrossingSection, Path],
+) -> None:
     geometry, net = case
+    to_network = read_site(Place(net)).frame.to_network
     # The nodes are metres east and north of the centre.
-    centre = read_site(Place(net)).frame.to_network(0.0, geometry.length_m / 2)
-    assert centre == pytest.approx((0.0, 0.0), abs=1e-6)
+    assert to_network(0.0, geometry.length_m / 2) == pytest.approx((0.0, 0.0), abs=1e-6)
     with simulation(net):
-        place = libsumo.simulation.convertGeo(0.0, 0.0)
+        degrees = libsumo.simulation.convertGeo
+        place = degrees(0.0, 0.0)
+        road = [degrees(*to_network(x, 0.0)) for x in (-20.0, 20.0)]
+        walk = [degrees(*to_network(0.0, y)) for y in (0.0, geometry.length_m)]
     asked = (geometry.longitude_deg, geometry.latitude_deg)
     assert math.hypot(*ground_m(asked, place)) < 0.001
-
-
-@pytest.mark.usefixtures("no_simulation")
-def test_metres_and_north_are_true(case: tuple[CrossingSection, Path]) -> None:
-    geometry, net = case
-    site = read_site(Place(net))
-    with simulation(net):
-        road, walk = (
-            [libsumo.simulation.convertGeo(*site.frame.to_network(*point)) for point in ends]
-            for ends in ([(-20.0, 0.0), (20.0, 0.0)], [(0.0, 0.0), (0.0, geometry.length_m)])
-        )
     assert angle_between(bearing_deg(*road), geometry.bearing_deg) < 0.002
     # The kerb at y = 0 is on the ego's right, so the walk from it leads to the left.
     assert angle_between(bearing_deg(*walk), geometry.bearing_deg - 90) < 0.002
     assert math.hypot(*ground_m(*road)) == pytest.approx(40.0, rel=1e-6)
     assert math.hypot(*ground_m(*walk)) == pytest.approx(geometry.length_m, rel=1e-6)
-
-
-# --- how it is built -----------------------------------------------------------------------------
 
 
 def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None:
@@ -151,9 +133,8 @@ def test_crossing_spans_kerb_to_kerb(case: tuple[CrossingSection, Path]) -> None
     far = (-near[0], -near[1])
     assert site.frame.to_network(0.0, length) == pytest.approx(far, abs=2e-6)
     assert (site.length_m, site.width_m) == pytest.approx((length, geometry.width_m), abs=2e-6)
-    assert [way.centre_m for way in site.ways] == pytest.approx(
-        [length / 4, length * 3 / 4], abs=2e-6
-    )
+    centres = [way.centre_m for way in site.ways]
+    assert centres == pytest.approx([length / 4, length * 3 / 4], abs=2e-6)
     assert [way.width_m for way in site.ways] == pytest.approx([length / 2] * 2)
 
 
@@ -176,9 +157,6 @@ def test_builds_are_equal_bytes_without_dates_or_paths(tmp_path: Path) -> None:
     assert "<!--" not in first.net.read_text()
 
 
-# --- driving and walking in it -------------------------------------------------------------------
-
-
 @pytest.mark.usefixtures("no_simulation")
 @pytest.mark.parametrize(("range_m", "speed_mps"), [(30.0, 5.0), (210.0, 20.0), (300.0, 13.9)])
 def test_drive_is_exact(
@@ -189,13 +167,10 @@ def test_drive_is_exact(
     acceleration, step = 0.3, 0.1
     lanes = set()
     with simulation(net):
-        libsumo.route.add("drive", site.ego.departure(range_m).edges)
-        libsumo.vehicle.add(
-            "ego",
-            "drive",
-            departPos=repr(site.ego.departure(range_m).position_m),
-            departSpeed=repr(speed_mps),
-        )
+        departure = site.ego.departure(range_m)
+        start = {"departPos": repr(departure.position_m), "departSpeed": repr(speed_mps)}
+        libsumo.route.add("drive", departure.edges)
+        libsumo.vehicle.add("ego", "drive", **start)
         libsumo.vehicle.setSpeedMode("ego", 32)
         libsumo.simulationStep()
         steps = 0
@@ -242,7 +217,7 @@ def test_walk_is_straight_and_exact(case: tuple[CrossingSection, Path], near_sid
     assert set(edges) == {site.crossing_edge}
 
 
-def test_mapping_and_its_inverse() -> None:
+def test_mapping_and_its_inverse_and_ranges_off_the_approach() -> None:
     site = read_site(Place(SHIPPED / "cctc.net.xml"))
     for point in ((0.0, 0.0), (-30.0, 2.25), (117.3, -4.0)):
         assert site.frame.to_road(*site.frame.to_network(*point)) == pytest.approx(point, abs=1e-12)
@@ -251,16 +226,9 @@ def test_mapping_and_its_inverse() -> None:
     angle = math.radians(316.5)
     assert there[0] - here[0] == pytest.approx(100 * math.sin(angle), abs=1e-5)
     assert there[1] - here[1] == pytest.approx(100 * math.cos(angle), abs=1e-5)
-
-
-@pytest.mark.parametrize("range_m", [2.0, 301.0, -5.0, math.nan])
-def test_ranges_off_the_approach_are_refused(range_m: float) -> None:
-    site = read_site(Place(SHIPPED / "cctc.net.xml"))
-    with pytest.raises(InputError, match="trigger_range_m"):
-        site.ego.departure(range_m)
-
-
-# --- what is refused, and what is kept -----------------------------------------------------------
+    for range_m in (2.0, 301.0, -5.0, math.nan):
+        with pytest.raises(InputError, match="trigger_range_m"):
+            site.ego.departure(range_m)
 
 
 def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
@@ -269,41 +237,30 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text('<net version="1.20"/>')
     with pytest.raises(InputError, match="cannot be written"):
         build_network(CCTC, tmp_path / "file", "site")
-    with pytest.raises(InputError, match="one of its 0 crossings"):
-        read_site(Place(tmp_path / "file"))
-    with pytest.raises(InputError, match="no such network"):
-        read_site(Place(tmp_path / "missing.net.xml"))
-    (tmp_path / "cut.net.xml").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
-    with pytest.raises(InputError, match="cut off"):
-        read_site(Place(tmp_path / "cut.net.xml"))
+    (tmp_path / "cut").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
+    crossings = {"file": "one of its 0 crossings", "missing": "no such network", "cut": "cut off"}
+    for name, words in crossings.items():
+        with pytest.raises(InputError, match=words):
+            read_site(Place(tmp_path / name))
 
 
-def test_netconvert_failure_is_one_line_and_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('to="far"', 'to="nowhere"', r"^netconvert: .*nowhere"),
+        # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
+        (' spreadType="center"', "", "netconvert: "),
+    ],
+)
+def test_a_network_that_netconvert_does_not_build_as_asked_leaves_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, old: str, new: str, words: str
 ) -> None:
-    edges = sources._TEMPLATES["edg.xml"].replace('to="far"', 'to="nowhere"')
+    edges = sources._TEMPLATES["edg.xml"].replace(old, new)
     monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
-    with pytest.raises(EngineError, match=r"^netconvert: .*nowhere") as caught:
+    with pytest.raises(EngineError, match=words) as caught:
         build_network(CCTC, tmp_path, "site")
     assert "\n" not in str(caught.value)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_network_unlike_its_geometry_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    # Off their axis, the footpaths pull the crosswalk 2 m along the road, away from the node.
-    edges = sources._TEMPLATES["edg.xml"].replace(' spreadType="center"', "")
-    monkeypatch.setitem(sources._TEMPLATES, "edg.xml", edges)
-    with pytest.raises(EngineError, match=r"netconvert: "):
-        build_network(CCTC, tmp_path, "site")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_shipped_geometry_needs_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
-    assert network_for(CCTC.model_copy(), NETWORKS) == SHIPPED / "cctc.net.xml"
-    assert not (tmp_path / "cache").exists()
 
 
 def test_other_geometries_are_built_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -328,10 +285,12 @@ def test_cache_folder_follows_the_environment(monkeypatch: pytest.MonkeyPatch) -
     assert build._cache_dir() == Path.home() / ".cache/crosswalk-harness/networks"
 
 
-def test_changed_shipped_sources_are_not_taken(
+def test_shipped_sources_need_no_cache_unless_they_are_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(build.CACHE_VARIABLE, str(tmp_path / "cache"))
+    assert network_for(CCTC.model_copy(), NETWORKS) == SHIPPED / "cctc.net.xml"
+    assert not (tmp_path / "cache").exists()
     shutil.copytree(SHIPPED, tmp_path / "cctc")
     assert network_for(CCTC, tmp_path) == tmp_path / "cctc" / "cctc.net.xml"
     types = tmp_path / "cctc" / "cctc.typ.xml"
@@ -350,11 +309,8 @@ def test_builders_at_the_same_time(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with ThreadPoolExecutor(8) as pool:
         results = set(pool.map(build_and_read, range(16)))
     assert len(results) == 1
-    folder = results.pop()[0].parent
-    assert {path.name for path in folder.iterdir()} == {
-        "site.net.xml",
-        *plain_sources(geometry, "site"),
-    }
+    files = {path.name for path in results.pop()[0].parent.iterdir()}
+    assert files == {"site.net.xml", *plain_sources(geometry, "site")}
 
 
 def test_an_ego_starts_at_the_nearest_range_there_is(sumo: MakeEngine) -> None:

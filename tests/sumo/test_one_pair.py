@@ -15,8 +15,7 @@ from harness.core.errors import InputError
 from harness.measures.agreement import difference
 from harness.scenario import Options
 from harness.store.episode_tables import episode_rows
-from harness.studies.batch.experiment import run_study
-from tests.batches import Inline, one_cell
+from tests.batches import one_cell, run_inline
 from tests.notebooks import as_main, run_cell, run_notebook
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "compare_strategies.ipynb"
@@ -25,8 +24,7 @@ pytestmark = pytest.mark.usefixtures("no_simulation")
 
 
 def test_the_records_are_those_of_a_run(tmp_path: Path) -> None:
-    study = one_cell("cctc_flow", {"experiment.pairs": 4})
-    run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    run = run_inline(one_cell("cctc_flow", {"experiment.pairs": 4}), tmp_path / "run")
     settings = {"experiment.pairs": 4}
     found = harness.run_pair("cctc_flow", 3, settings=settings)
     rows = episode_rows(0, [found.av.outcome, found.human.outcome]).to_pydict()
@@ -95,11 +93,8 @@ def test_a_debugger_stops_in_decide_and_goes_on(
     monkeypatch.setattr("sys.breakpointhook", stop)
     with as_main() as names:
         run_cell(STOPPING, names)
-        settings = {
-            "arms.av": names["Mine"],
-            "experiment.decide_limit_s": 0.1,
-            "experiment.pairs": 1,
-        }
+        settings = {"experiment.decide_limit_s": 0.1, "experiment.pairs": 1}
+        settings["arms.av"] = names["Mine"]
         found = harness.run_pair("cctc", 0, settings=settings, engine="plain")
         assert found.av.record.ending is not Ending.ENGINE_FAILED
         assert "30.0" in said.getvalue()
@@ -110,7 +105,7 @@ def test_a_debugger_stops_in_decide_and_goes_on(
         assert said.getvalue().count("30.0") == 2
 
 
-def test_what_a_notebook_shows() -> None:
+def test_what_a_notebook_and_a_debugger_show() -> None:
     found = harness.run_pair("cctc", 2, settings={"arms.av": "hard_yield"}, engine="plain")
     for shown in (found._repr_html_(), found.av._repr_html_()):
         document = ET.fromstring(f"<div>{shown}</div>")
@@ -119,10 +114,7 @@ def test_what_a_notebook_shows() -> None:
         assert len(picture.findall(".//*[@id='legend_1']")) == 1
     assert "hard_yield" in shown
     assert {*found.traces["arm"]} == {"av", "human"}
-
-
-def test_what_a_debugger_shows_is_a_line() -> None:
-    found = harness.run_pair("cctc", 2, settings={"arms.av": "hard_yield"}, engine="plain")
+    # What a debugger shows is a line.
     assert repr(found.av) == "<EpisodeOutcome pair 2, av: crossed>"
     assert repr(found).startswith("<PairOutcome pair 2: τ = 1.")
     assert len(repr(found)) < 200
@@ -137,25 +129,16 @@ def test_a_strategy_that_raises_says_where() -> None:
     ET.fromstring(f"<div>{shown}</div>")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
+def test_refused() -> None:
+    for arguments, said in (
         (("cctc", -1), "pair: -1; allowed: 0 or more"),
         (("traffic", 0), r"has a \[traffic\] table"),
         (("cctcc", 0), "did you mean 'cctc"),
-    ],
-)
-def test_refused(arguments: tuple[Any, ...], said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        harness.run_pair(*arguments)
-
-
-def test_an_engine_that_there_is_not_is_refused() -> None:
+    ):
+        with pytest.raises(InputError, match=said):
+            harness.run_pair(*arguments)
     with pytest.raises(InputError, match="unknown engine 'plan'; allowed: plain, sumo"):
         harness.run_pair("cctc", engine="plan")  # type: ignore[arg-type]
-
-
-def test_no_run_is_no_comparison() -> None:
     with pytest.raises(InputError, match="no run"):
         harness.compare()
 

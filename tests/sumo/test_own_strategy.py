@@ -12,16 +12,22 @@ import pyarrow.parquet as pq
 import pytest
 
 from harness.core.errors import InputError
-from harness.engine.shared import close_engine
 from harness.report.pages.page import write_report
-from harness.scenario import Options
-from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.experiment import resume
 from harness.studies.runs.compare import compare
 from harness.studies.runs.export import export_csv
 from harness.studies.runs.opening import load_run
-from tests.batches import QUICK, Inline, here, one_cell, options_of, shell, sweep
-
-CHECKOUT = Path(__file__).parents[2]
+from tests.batches import (
+    CHECKOUT,
+    QUICK,
+    Inline,
+    here,
+    one_cell,
+    options_of,
+    run_inline,
+    shell,
+    sweep,
+)
 
 MODULE = """
 import os
@@ -49,16 +55,9 @@ class Mine:
 
 
 def harness(*arguments: object, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    script = Path(sysconfig.get_path("scripts")) / "harness"
-    return subprocess.run(
-        [str(script), *map(str, arguments)],
-        cwd=cwd,
-        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    command = [str(Path(sysconfig.get_path("scripts")) / "harness"), *map(str, arguments)]
+    env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
+    return subprocess.run(command, cwd=cwd, env=env, capture_output=True, text=True, timeout=300)
 
 
 def test_from_the_console_script_in_two_workers(tmp_path: Path) -> None:
@@ -111,8 +110,7 @@ def test_a_run_is_not_resumed_with_another_strategy_of_that_name(
     monkeypatch.syspath_prepend(tmp_path)
     name = "steady_or_not:Steady"
     study = one_cell("cctc", {**QUICK, "arms.av": name, "experiment.pairs": 2})
-    run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
-    close_engine()
+    run_inline(study, tmp_path / "run")
     manifest = json.loads((tmp_path / "run" / "manifest.json").read_text())
     assert len(manifest["simulated_with"]["strategies"][name]) == 64
     resume(tmp_path / "run", make_executor=Inline)
@@ -139,7 +137,7 @@ def test_to_look_at_a_run_imports_no_strategy_that_its_manifest_names(
 ) -> None:
     run, module = tmp_path / "run", "named_in_a_manifest"
     study = sweep("cctc_flow", {"experiment.pairs": 2}, "arms.av=soft_yield,gap_yield")
-    run_study(study, Options(traces=True), out=run, make_executor=Inline)
+    run_inline(study, run, traces=True)
     manifest = run / "manifest.json"
     text = manifest.read_text(encoding="utf-8")
     assert '"gap_yield"' in text

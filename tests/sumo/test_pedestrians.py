@@ -50,12 +50,8 @@ SITE = read_site(Place(shipped_directory("networks") / "cctc" / "cctc.net.xml"))
 KERB_BAND_M = 0.011
 """Within a centimetre of a kerb SUMO moves a person by up to 11 mm (docs/sumo.md)."""
 
-WALKERS = [
-    (0.0, Side.NEAR, 1.2),
-    (0.234, Side.FAR, 0.9),
-    (1.05, Side.NEAR, 1.61),
-    (3.0, Side.FAR, 1.337),
-]
+WALKERS = [(0.0, Side.NEAR, 1.2), (0.234, Side.FAR, 0.9)]
+WALKERS += [(1.05, Side.NEAR, 1.61), (3.0, Side.FAR, 1.337)]
 
 
 @pytest.mark.parametrize("strategy", [ConstantSpeed, HardYield])
@@ -99,18 +95,11 @@ def test_engine_starts_exactly_at_the_trigger(sumo) -> None:
 
 
 def test_timed_pedestrians_walk_as_planned_before_the_kerb_too(sumo) -> None:
-    timed = {
-        "side": "near",
-        "start_lateral_m": 4.0,
-        "acceleration_distance_m": 1.0,
-        "speed_mps": 25 / 18,
-        "impact_share": 0.25,
-    }
+    walk = {"start_lateral_m": 4.0, "acceleration_distance_m": 1.0, "speed_mps": 25 / 18}
+    timed = {"side": "near", "impact_share": 0.25, **walk}
     scene = scenario(pedestrians={"flow_per_hour": 0.0, "timed": [timed]})
-    engine = Watched(sumo(scene))
-    trace = run_episode(
-        engine, ConstantSpeed(), planned_arrivals(scene, 0), lambda *_: 1.0, constants_of(scene)
-    )
+    engine, planned = Watched(sumo(scene)), planned_arrivals(scene, 0)
+    trace = run_episode(engine, ConstantSpeed(), planned, lambda *_: 1.0, constants_of(scene))
     # Contact at 29.75/5 = 5.95 s; 1 m from rest in 1.44 s, 2.55 m in 1.836 s before it.
     start = 5.95 - 1.44 - 1.836
     for step, positions in enumerate(engine.seen):

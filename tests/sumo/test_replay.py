@@ -4,10 +4,10 @@ import os
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -15,36 +15,42 @@ import sumo as sumo_package
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
-from harness.engine.shared import close_engine
 from harness.scenario import Options
 from harness.site import Place, read_site
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.replay.rerun import SUMO_FILES, replay
-from tests.batches import CHECKOUT, FLOW, QUICK, Inline, here, one_cell, options_of, shell, sweep
+from tests.batches import (
+    CHECKOUT,
+    FLOW,
+    HARNESS,
+    QUICK,
+    Inline,
+    here,
+    one_cell,
+    options_of,
+    printed,
+    refusal,
+    run_inline,
+    run_stopped,
+    shell,
+    sweep,
+)
 from tests.faulty import NAME, struck
 
 HOME = Path(sumo_package.SUMO_HOME)
 FLOW_PER_HOUR = "pedestrians.flow_per_hour"
 
 
-@pytest.fixture(autouse=True)
-def own_simulation(no_simulation: None) -> Iterator[None]:  # noqa: ARG001
-    """Replay starts a SUMO of its own, and only one can run in a process."""
-    yield
-    close_engine()
+# Replay starts a SUMO of its own, and only one can run in a process.
+pytestmark = pytest.mark.usefixtures("no_simulation")
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep of two flows with traces and with SUMO's outputs of every episode."""
-    from tests.conftest import close_all
-
-    close_all()
     folder = tmp_path_factory.mktemp("replay") / "run"
     study = sweep("cctc_flow", {**FLOW, "experiment.pairs": 8}, f"{FLOW_PER_HOUR}=200,1000")
-    options = Options(traces=True, sumo_outputs="all", workers=2)
-    finished = run_study(study, options, out=folder, make_executor=Inline)
-    close_engine()
+    finished = run_inline(study, folder, traces=True, sumo_outputs="all", workers=2)
     # Each record came out as it is stored.
     assert finished.output_failures == ()
     return folder
@@ -64,11 +70,6 @@ def busiest(run: Path, cell: int) -> int:
     rows = pq.read_table(run / "episodes.parquet").to_pylist()
     met = {r["pair"]: r["pedestrians"] for r in rows if (r["arm"], r["cell"]) == ("av", cell)}
     return max(met, key=lambda pair: met[pair])
-
-
-def test_every_episode_has_its_outputs(run: Path) -> None:
-    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(8) for arm in Arm}
-    assert set(inodes(run / "sumo")) == names
 
 
 def test_a_stored_record_that_was_changed_is_noticed(run: Path, tmp_path: Path) -> None:
@@ -130,13 +131,12 @@ def test_fcd_agrees_with_the_trace(run: Path, arm: Arm) -> None:
     assert compared["pedestrian"] > 50
 
 
-def test_every_file_is_whole_and_time_lost_is_the_delay(run: Path) -> None:
-    episodes = pq.read_table(run / "episodes.parquet").to_pylist()
-    pair = next(
-        row["pair"]
-        for row in episodes
-        if (row["cell"], row["arm"], row["ending"]) == (1, "av", "crossed") and row["delay_s"] > 1
-    )
+def test_every_episode_has_whole_files_and_time_lost_is_the_delay(run: Path) -> None:
+    names = {f"{cell}-{pair}-{arm}" for cell in range(2) for pair in range(8) for arm in Arm}
+    assert set(inodes(run / "sumo")) == names
+    rows = pd.read_parquet(run / "episodes.parquet")
+    rows = rows.query("cell == 1 and arm == 'av' and ending == 'crossed' and delay_s > 1")
+    pair = int(rows["pair"].iloc[0])
     folder = outputs(run, pair, Arm.AV, 1)
     roots = {name: ET.parse(folder / name).getroot() for name in SUMO_FILES.values()}
     (trip,) = roots["tripinfo.xml"]
@@ -151,11 +151,9 @@ def test_sumos_own_plot_of_the_trajectories(run: Path, tmp_path: Path) -> None:
     folder = outputs(run, 0, Arm.AV, 0)
     picture = tmp_path / "plot.png"
     tool = HOME / "tools" / "plot_trajectories.py"
-    command = [sys.executable, tool, "-t", "td", "-o", picture, folder / "fcd.xml"]
+    command = [*map(str, (sys.executable, tool, "-t", "td", "-o", picture, folder / "fcd.xml"))]
     env = {**os.environ, "MPLBACKEND": "agg", "SUMO_HOME": str(HOME)}
-    done = subprocess.run(
-        [*map(str, command)], capture_output=True, text=True, env=env, timeout=120, check=False
-    )
+    done = subprocess.run(command, capture_output=True, text=True, env=env, timeout=120)
     assert done.returncode == 0, done.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
 
@@ -176,16 +174,14 @@ def test_refused(run: Path, tmp_path: Path) -> None:
             replay(run, pair, [Arm.AV], cell, out)
     with pytest.raises(InputError, match="not a run folder"):
         replay(tmp_path, 0, [Arm.AV], 0, tmp_path / "out")
-    wrong = here("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
-    assert "'ego' is not one of 'av', 'human', 'both'" in wrong.stderr
+    wrong = refusal("replay", run, "--pair", "0", "--arm", "ego", "--out", tmp_path / "out")
+    assert "'ego' is not one of 'av', 'human', 'both'" in wrong
     assert not (tmp_path / "out").exists()
 
 
 def test_both_arms_from_the_command_line(run: Path, tmp_path: Path) -> None:
-    done = here("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.count("identical") == 2
+    text = printed("replay", run, "--pair", "3", "--cell", "1", "--out", tmp_path / "out")
+    assert text.count("identical") == 2
     names = {"site.net.xml", *SUMO_FILES.values()}
     for arm in ("av", "human"):
         assert {path.name for path in (tmp_path / "out" / arm).iterdir()} == names
@@ -194,21 +190,22 @@ def test_both_arms_from_the_command_line(run: Path, tmp_path: Path) -> None:
 def test_outputs_of_the_crashed_episodes(tmp_path: Path) -> None:
     changes = options_of({**QUICK, "experiment.pairs": 20})
     folder = tmp_path / "run"
-    done = here("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
-    assert done.returncode == 0, done.stderr
-    episodes = pq.read_table(folder / "episodes.parquet").to_pylist()
-    crashed = {f"0-{r['pair']}-{r['arm']}" for r in episodes if r["ending"] == "crashed"}
-    assert crashed
-    assert {path.name for path in (folder / "sumo").iterdir()} == crashed
-    for row in episodes:
-        if row["ending"] != "crashed":
-            continue
-        file = folder / "sumo" / f"0-{row['pair']}-{row['arm']}" / "collisions.xml"
-        hits = [hit.get("collider") for hit in ET.parse(file).getroot().iter("collision")]
+    printed("run", "cctc", "--sumo-outputs", "crashed", "--out", folder, *changes)
+    crashed = crashed_in(folder)
+    assert set(inodes(folder / "sumo")) == set(crashed)
+    for name, row in crashed.items():
+        root = ET.parse(folder / "sumo" / name / "collisions.xml").getroot()
+        hits = [hit.get("collider") for hit in root.iter("collision")]
         # SUMO's own verdict, which misses some contacts.
         assert ("ego-0" in hits) == row["sumo_collision"]
-    wrong = here("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
-    assert (wrong.returncode, wrong.stderr.count("\n")) == (2, 1)
+    refusal("run", "cctc", "--sumo-outputs", "some", "--out", tmp_path / "other")
+
+
+def crashed_in(run: Path) -> dict[str, dict[str, Any]]:
+    """The crashed episodes of one cell, of which there are some, by the names of their folders."""
+    rows = pq.read_table(run / "episodes.parquet", filters=[("ending", "=", "crashed")]).to_pylist()
+    assert rows
+    return {f"0-{row['pair']}-{row['arm']}": row for row in rows}
 
 
 def test_an_episode_that_kills_its_process_ends_in_one_line(tmp_path: Path) -> None:
@@ -254,7 +251,6 @@ def test_outputs_that_were_interrupted_are_remembered(
 
     with pytest.raises(InterruptedRunError, match="harness resume"):
         run_study(study, options, out=tmp_path / "run", progress=stop, make_executor=Inline)
-    close_engine()
     first, tables = inodes(tmp_path / "run" / "sumo"), tables_of(tmp_path / "run")
     # Those under way may have ended with it.
     assert 3 <= len(first) < 8
@@ -283,19 +279,10 @@ def tables_of(run: Path) -> dict[str, bytes]:
 
 def test_outputs_of_an_interrupted_run_come_with_its_end(tmp_path: Path) -> None:
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 6})
-
-    def stop(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    options = Options(workers=1, sumo_outputs="crashed", task_pairs=2)
-    with pytest.raises(InterruptedRunError):
-        run_study(study, options, out=tmp_path / "run", progress=stop)
+    run_stopped(study, tmp_path / "run", 2, sumo_outputs="crashed", task_pairs=2)
     assert not (tmp_path / "run" / "sumo").exists()
     resume(tmp_path / "run", workers=2)
-    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
-    crashed = {f"0-{r['pair']}-{r['arm']}" for r in episodes if r["ending"] == "crashed"}
-    assert crashed
-    assert set(inodes(tmp_path / "run" / "sumo")) == crashed
+    assert set(inodes(tmp_path / "run" / "sumo")) == set(crashed_in(tmp_path / "run"))
 
 
 RAISES = """
@@ -314,15 +301,8 @@ def test_debug_has_standard_input_and_the_traceback(tmp_path: Path) -> None:
     again = shell("replay", "run", "--pair", 0, "--arm", "av", "--out", "o", cwd=tmp_path, env=env)
     assert "ArithmeticError: on purpose" in again.stderr
     (tmp_path / "raising.py").write_text(RAISES, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "-m", "harness", "replay", "run", "--pair", "0", "--arm", "av", "--debug"],
-        input="p 6 * 7\nc\n",
-        cwd=tmp_path,
-        env=env,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    command = [*HARNESS, "replay", "run", "--pair", "0", "--arm", "av", "--debug"]
+    pipes: Any = {"input": "p 6 * 7\nc\n", "capture_output": True, "text": True}
+    done = subprocess.run(command, cwd=tmp_path, env=env, timeout=300, **pipes)
     assert "42" in done.stdout
     assert "ArithmeticError: on purpose" in done.stderr

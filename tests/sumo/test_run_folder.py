@@ -4,8 +4,6 @@ import csv
 import json
 import math
 import shutil
-import subprocess
-import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -18,7 +16,7 @@ from harness.engine.sumo import libsumo_engine
 from harness.episode.pairing import PairRunner
 from harness.scenario import validate
 from harness.store.episode_tables import episode_rows, pedestrian_rows, trace_rows
-from tests.batches import here
+from tests.batches import content, here, shell
 
 FLOW = [
     "--set=pedestrians.flow_per_hour=700",
@@ -53,13 +51,6 @@ SUMMARY = [
 ]
 
 
-def harness(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "harness", *map(str, arguments)]
-    result = subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300)
-    assert result.returncode == 0, result.stderr
-    return result
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Three runs: the paper's twice into runs/, and one of a flow with crashes and time-outs."""
@@ -75,22 +66,12 @@ def rows(folder: Path, table: str) -> list[dict[str, object]]:
     return found
 
 
-def test_default_folders_are_numbered(runs: Path) -> None:
-    assert sorted(path.name for path in (runs / "runs").iterdir()) == ["cctc-1", "cctc-2"]
-
-
-def test_the_same_seed_gives_the_same_bytes(runs: Path) -> None:
-    first, second = runs / "runs" / "cctc-1", runs / "runs" / "cctc-2"
-    names = sorted(path.name for path in first.iterdir())
-    assert names == sorted(path.name for path in second.iterdir())
-    assert "manifest.json" in names
-    for name in names:
-        if name != "log.jsonl":  # the one file with a clock in it
-            assert (first / name).read_bytes() == (second / name).read_bytes(), name
-
-
-def test_nothing_half_written_is_left(runs: Path) -> None:
-    for folder in (runs / "runs" / "cctc-1", runs / "flow"):
+def test_default_folders_are_numbered_and_the_same_seed_gives_the_same_bytes(runs: Path) -> None:
+    """Nothing half-written is left."""
+    first, second = folders = sorted((runs / "runs").iterdir())
+    assert [folder.name for folder in folders] == ["cctc-1", "cctc-2"]
+    assert content(first) == content(second)
+    for folder in (*folders, runs / "flow"):
         assert {path.name for path in folder.iterdir()} == {
             *("manifest.json", "log.jsonl", "summary.csv", "cells.parquet", "episodes.parquet"),
             *("pedestrians.parquet", "pairs.parquet", "traces.parquet", "summary.parquet"),
@@ -108,26 +89,13 @@ def test_columns(runs: Path, table: str) -> None:
         assert pa.types.is_integer(found) if kind == WHOLE else found == kind, name
 
 
-def test_cells_of_a_single_run(runs: Path) -> None:
-    assert rows(runs / "flow", "cells") == [{"cell": 0}]
-
-
-def test_every_pair_and_arm_has_one_row(runs: Path) -> None:
-    for folder, pairs in ((runs / "flow", 12), (runs / "runs" / "cctc-1", 12)):
-        keys = [(row["cell"], row["pair"], row["arm"]) for row in rows(folder, "episodes")]
-        assert keys == [(0, pair, arm) for pair in range(pairs) for arm in ("av", "human")]
-        assert [row["pair"] for row in rows(folder, "pairs")] == list(range(pairs))
-
-
 def test_undefined_is_null(runs: Path) -> None:
     folder = runs / "flow"
     for table in COLUMNS:
         for row in rows(folder, table):
             for name, value in row.items():
                 assert not (isinstance(value, float) and not math.isfinite(value)), (table, name)
-    endings = set()
     for row in rows(folder, "episodes"):
-        endings.add(row["ending"])
         crossed, hit = row["ending"] == "crossed", row["ending"] == "crashed"
         assert (row["pass_time_s"] is not None) is crossed
         assert (row["delay_s"] is not None) is crossed
@@ -138,7 +106,7 @@ def test_undefined_is_null(runs: Path) -> None:
         assert (row["min_gap_m"] is None) is nobody
         for name in ("min_ttc_s", "min_time_advantage_s", "pet_s"):
             assert row[name] is None or (row[name] >= 0 and not nobody)
-    assert {"crossed", "crashed"} <= endings
+    assert {"crossed", "crashed"} <= {row["ending"] for row in rows(folder, "episodes")}
     for row in rows(folder, "pedestrians"):
         went = row["start_s"] is not None
         for name in ("speed_mps", "range_m", "vehicle_speed_mps"):
@@ -149,23 +117,22 @@ def test_undefined_is_null(runs: Path) -> None:
             assert row["cleared_s"] == pytest.approx(walk, abs=1e-9)
 
 
-def test_pairs_follow_from_episodes(runs: Path) -> None:
+def test_pairs_and_summary_follow_from_the_episodes(runs: Path) -> None:
     for folder in (runs / "flow", runs / "runs" / "cctc-1"):
-        times = {(row["pair"], row["arm"]): row["pass_time_s"] for row in rows(folder, "episodes")}
-        for row in rows(folder, "pairs"):
-            av, human = times[row["pair"], "av"], times[row["pair"], "human"]
-            assert (row["av_time_s"], row["human_time_s"]) == (av, human)
-            assert row["tau"] == (None if av is None or human is None else av / human)
-
-
-def test_summary_follows_from_the_tables(runs: Path) -> None:
-    for folder in (runs / "flow", runs / "runs" / "cctc-1"):
-        with (folder / "summary.csv").open(encoding="utf-8", newline="") as file:
-            (row,) = csv.DictReader(file)
+        episodes, pairs = rows(folder, "episodes"), rows(folder, "pairs")
+        assert rows(folder, "cells") == [{"cell": 0}]
+        keys = [(row["cell"], row["pair"], row["arm"]) for row in episodes]
+        assert keys == [(0, pair, arm) for pair in range(12) for arm in ("av", "human")]
+        assert [row["pair"] for row in pairs] == list(range(12))
+        times = {(row["pair"], row["arm"]): row["pass_time_s"] for row in episodes}
+        for row in pairs:
+            own, human = times[row["pair"], "av"], times[row["pair"], "human"]
+            assert (row["av_time_s"], row["human_time_s"]) == (own, human)
+            assert row["tau"] == (None if own is None or human is None else own / human)
+        (row,) = csv_rows(folder, "summary")
         assert {*SUMMARY} <= {*row}
-        episodes = rows(folder, "episodes")
         av = [episode for episode in episodes if episode["arm"] == "av"]
-        tau = [pair["tau"] for pair in rows(folder, "pairs") if pair["tau"] is not None]
+        tau = [pair["tau"] for pair in pairs if pair["tau"] is not None]
         assert int(row["pairs"]) == len(av)
         assert int(row["defined_pairs"]) == len(tau)
         assert int(row["fallbacks"]) == sum(episode["fallback"] for episode in av)
@@ -181,7 +148,7 @@ def test_summary_follows_from_the_tables(runs: Path) -> None:
             assert (row["mu"], row["mu_ci_low"], row["cv"]) == ("", "", "")
 
 
-def test_manifest(runs: Path) -> None:
+def test_manifest_and_log(runs: Path) -> None:
     manifest = json.loads((runs / "flow" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["seed"] == 1
     assert manifest["scenario"]["pedestrians"]["flow_per_hour"] == 700
@@ -196,9 +163,6 @@ def test_manifest(runs: Path) -> None:
     counts = manifest["counts"]
     endings = ("crossed", "crashed", "timed_out", "engine_failed")
     assert sum(counts[ending] for ending in endings) == counts["episodes"] == 24
-
-
-def test_log_is_json_lines(runs: Path) -> None:
     lines = (runs / "flow" / "log.jsonl").read_text(encoding="utf-8").splitlines()
     assert lines
     assert all({"time", "event"} <= set(json.loads(line)) for line in lines)
@@ -237,19 +201,14 @@ def test_traces_show_the_walks_and_the_drive(runs: Path) -> None:
             assert now["acceleration_mps2"] == pytest.approx(gain, abs=1e-9)
 
 
-def test_without_traces_there_is_no_table_of_them(tmp_path: Path) -> None:
-    result = harness("run", "cctc", "--pairs", 1, "--json", "--out", "here", cwd=tmp_path)
+def test_json_and_quiet_print_nothing_else(tmp_path: Path) -> None:
+    """Without traces there is no table of them."""
+    words = ("run", "cctc", "--pairs", 1)
+    done = shell(*words, "--json", "--out", "here", cwd=tmp_path)
     assert not (tmp_path / "here" / "traces.parquet").exists()
-    # Nothing but JSON on stdout, nothing at all on stderr.
-    document = json.loads(result.stdout)
-    assert document["folder"] == "here"
-    assert result.stderr == ""
-
-
-def test_quiet_prints_the_path_alone(tmp_path: Path) -> None:
-    result = harness("run", "cctc", "--pairs", 1, "--quiet", cwd=tmp_path)
-    assert result.stdout == "runs/cctc-1\n"
-    assert result.stderr == ""
+    assert (json.loads(done.stdout)["folder"], done.stderr) == ("here", "")
+    done = shell(*words, "--quiet", cwd=tmp_path)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "runs/cctc-1\n", "")
 
 
 def test_export_to_csv(runs: Path, tmp_path: Path) -> None:
@@ -259,8 +218,7 @@ def test_export_to_csv(runs: Path, tmp_path: Path) -> None:
     printed = {Path(line).name for line in result.stdout.splitlines()}
     assert printed == {f"{name}.csv" for name in (*COLUMNS, "cells")}
     for name, columns in COLUMNS.items():
-        with (folder / f"{name}.csv").open(encoding="utf-8", newline="") as file:
-            written = list(csv.DictReader(file))
+        written = csv_rows(folder, name)
         assert list(written[0]) == pq.read_schema(folder / f"{name}.parquet").names
         for text, row in zip(written, rows(folder, name), strict=True):
             for column, value in row.items():
@@ -274,18 +232,12 @@ def test_export_to_csv(runs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_simulation")
 def test_sumos_own_seed_decides_nothing(model) -> None:
-    scenario = validate(
-        {
-            "pedestrians": {"flow_per_hour": 700.0, "kerb_wait_s": 0.0},
-            "arms": {"av": "constant_speed"},
-        },
-        "test",
-    )
+    people = {"flow_per_hour": 700.0, "kerb_wait_s": 0.0}
+    scenario = validate({"pedestrians": people, "arms": {"av": "constant_speed"}}, "test")
 
-    def content(sumo_seed: int) -> list[object]:
-        engine = libsumo_engine(
-            place_of(scenario), scenario.vehicle(), scenario.crosswalk(), 0.1, sumo_seed
-        )
+    def simulated(sumo_seed: int) -> list[object]:
+        car, crosswalk = scenario.vehicle(), scenario.crosswalk()
+        engine = libsumo_engine(place_of(scenario), car, crosswalk, 0.1, sumo_seed)
         try:
             outcomes = list(PairRunner(scenario, model, lambda: engine).run(range(12)))
         finally:
@@ -293,7 +245,7 @@ def test_sumos_own_seed_decides_nothing(model) -> None:
         tables = (episode_rows, pedestrian_rows, trace_rows)
         return [repr(make(0, outcomes).to_pydict()) for make in tables]
 
-    assert content(1) == content(987_654)
+    assert simulated(1) == simulated(987_654)
 
 
 def csv_rows(folder: Path, name: str) -> list[dict[str, str]]:
@@ -314,14 +266,9 @@ def test_measures_and_conflicts_follow_from_the_episodes(runs: Path) -> None:
     for row in csv_rows(folder, "conflicts"):
         if row["conflict"] == "ttc":
             own = [e for e in episodes if e["arm"] == row["arm"]]
-            found = [
-                e
-                for e in own
-                if e["contact"] or (e["min_ttc_s"] is not None and e["min_ttc_s"] < 1.5)
-            ]
-            assert (int(row["conflicts"]), int(row["episodes"])) == (len(found), len(own))
+            near = [e["min_ttc_s"] is not None and e["min_ttc_s"] < 1.5 for e in own]
+            found = [e["contact"] is not None or close for e, close in zip(own, near, strict=True)]
+            assert (int(row["conflicts"]), int(row["episodes"])) == (sum(found), len(own))
     (summary,) = csv_rows(folder, "summary")
-    avoidable = [e for e in episodes if e["arm"] == "av" and e["avoidable"]]
-    assert float(summary["kappa_avoidable"]) == pytest.approx(
-        len(avoidable) / sum(e["arm"] == "av" for e in episodes)
-    )
+    avoidable = [bool(e["avoidable"]) for e in episodes if e["arm"] == "av"]
+    assert float(summary["kappa_avoidable"]) == pytest.approx(sum(avoidable) / len(avoidable))

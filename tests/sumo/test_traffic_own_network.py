@@ -1,8 +1,9 @@
 """Hours of traffic in a network of one's own give what one of the same geometry gives anywhere."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import pytest
 from harness.core.encounter import Arm, Arrival, Side
 from harness.core.errors import InputError
 from harness.engine.network.build import run_netconvert
-from harness.engine.shared import close_engine, road_for
+from harness.engine.shared import road_for
 from harness.episode.traffic.hour import Hour
 from harness.episode.traffic.lanes import Direction
 from harness.episode.traffic.pairing import HourOutcome, HourRunner
@@ -26,12 +27,6 @@ pytestmark = pytest.mark.usefixtures("no_simulation")
 
 STRAIGHT = Road(straight_m=200.0, precision=9)
 """320 m of road before the crosswalk, of two edges, and 130 m beyond it."""
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _closed_afterwards() -> Iterator[None]:
-    yield
-    close_engine()
 
 
 def scenario_of(crossing: Mapping[str, Any], **sections: Mapping[str, Any]) -> Scenario:
@@ -52,8 +47,7 @@ def at(net: Path) -> dict[str, Any]:
 
 
 def hour_in(scenario: Scenario) -> HourOutcome:
-    runner = HourRunner(scenario, MODEL, lambda: road_for(scenario), paths=True)
-    outcome = runner.run_arm(0, Arm.AV)
+    outcome = HourRunner(scenario, MODEL, lambda: road_for(scenario), paths=True).run_arm(0, Arm.AV)
     assert outcome.reason is None
     return outcome
 
@@ -64,10 +58,9 @@ def assert_same_passages(one: HourOutcome, other: HourOutcome) -> None:
     for own, made in zip(one.passages, other.passages, strict=True):
         assert own.vehicle.plan.number == made.vehicle.plan.number
         assert own.vehicle.inserted_step == made.vehicle.inserted_step
-        assert own.trace.x_m == pytest.approx(made.trace.x_m, abs=1e-6)
-        assert own.trace.speed_mps == pytest.approx(made.trace.speed_mps, abs=1e-6)
-        assert own.delay_s == pytest.approx(made.delay_s, abs=1e-6)
-        assert own.control_delay_s == pytest.approx(made.control_delay_s, abs=1e-6)
+        for name in ("trace.x_m", "trace.speed_mps", "delay_s", "control_delay_s"):
+            value = attrgetter(name)
+            assert value(own) == pytest.approx(value(made), abs=1e-6), name
         waited += min(own.trace.speed_mps) == 0
     assert waited >= 2, "or there is nothing to be the same in"
 
@@ -198,20 +191,18 @@ def test_nobody_upstream_disturbs_a_stream(tmp_path: Path) -> None:
         '<edge id="side_in" from="side" to="bend" speed="13.89" priority="9"/>'
         '<edge id="side_out" from="bend" to="side" speed="13.89" priority="9"/></edges>'
     )
-    for number, light in enumerate((False, True)):
-        folder = tmp_path / f"{number}"
-        built(replace(STRAIGHT, straight_m=100.0), folder)
+    road = replace(STRAIGHT, straight_m=100.0)
+    for light in (False, True):
+        folder = tmp_path / f"{light}"
+        built(road, folder)
         bend = re.search(r'<node id="bend".*?/>', (folder / "nodes.xml").read_text())
         assert bend is not None
-        nodes = side.replace("</nodes>", bend[0].replace("priority", "traffic_light") + "</nodes>")
-        net = with_edges(
-            folder, replace(STRAIGHT, straight_m=100.0), "</edges>", arms, nodes if light else side
-        )
-        outcome = hour_in(scenario_of(at(net), arms={"av": "constant_speed"}))
-        assert [passage.delay_s for passage in outcome.passages] == pytest.approx(
-            [0.0] * len(outcome.passages), abs=1e-6
-        )
-        assert len(outcome.passages) > 10
+        lit = side.replace("</nodes>", bend[0].replace("priority", "traffic_light") + "</nodes>")
+        net = with_edges(folder, road, "</edges>", arms, lit if light else side)
+        passages = hour_in(scenario_of(at(net), arms={"av": "constant_speed"})).passages
+        delays_s = [passage.delay_s for passage in passages]
+        assert delays_s == pytest.approx([0.0] * len(passages), abs=1e-6)
+        assert len(passages) > 10
 
 
 def try_road(seed: int, folder: Path) -> bool:
@@ -226,13 +217,12 @@ def try_road(seed: int, folder: Path) -> bool:
     return True
 
 
-def test_a_few_random_roads_lose_nobody(tmp_path: Path) -> None:
-    assert sum(try_road(seed, tmp_path / f"{seed}") for seed in range(302, 306)) >= 3
-
-
-@pytest.mark.slow
-def test_sixty_random_roads_lose_nobody(tmp_path: Path) -> None:
-    assert sum(try_road(seed, tmp_path / f"{seed}") for seed in range(400, 460)) >= 50
+@pytest.mark.parametrize(
+    ("seeds", "least"),
+    [(range(302, 306), 3), pytest.param(range(400, 460), 50, marks=pytest.mark.slow)],
+)
+def test_random_roads_lose_nobody(tmp_path: Path, seeds: range, least: int) -> None:
+    assert sum(try_road(seed, tmp_path / f"{seed}") for seed in seeds) >= least
 
 
 def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
@@ -242,10 +232,8 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path) -> None:
     one_way = built(Road(oncoming=0, lane_m=3.0), tmp_path / "one")
     with pytest.raises(InputError, match="600 vehicles per hour, but no lane for them; allowed: 0"):
         scenario_of(at(one_way))
-    scenario = scenario_of(at(one_way), traffic={"oncoming_per_hour": 0.0})
-    assert {passage.vehicle.plan.lane.name for passage in hour_in(scenario).passages} == {
-        "forward-0"
-    }
+    outcome = hour_in(scenario_of(at(one_way), traffic={"oncoming_per_hour": 0.0}))
+    assert {passage.vehicle.plan.lane.name for passage in outcome.passages} == {"forward-0"}
 
 
 def test_lanes_that_do_not_lead_straight_over_are_told(tmp_path: Path) -> None:

@@ -26,11 +26,9 @@ from benchmarks.verdicts import (
 )
 from harness.core.encounter import Side, Trace
 from harness.measures import has_contact
-from harness.scenario import Options
 from harness.store.reading import read_table
 from harness.strategies.constant_speed import ConstantSpeed
-from harness.studies.batch.experiment import run_study
-from tests.batches import one_cell
+from tests.batches import one_cell, run_inline
 from tests.scenes import drive, play, scenario
 
 
@@ -85,13 +83,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """300 pairs without anybody who yields in time."""
     arms = {"arms.av": "constant_speed", "arms.human": "emergency_brake"}
     study = one_cell("cctc", {**arms, "experiment.pairs": 300})
-    folder = tmp_path_factory.mktemp("verdicts") / "run"
-    run_study(study, Options(workers=1), out=folder)
-    return folder
+    return run_inline(study, tmp_path_factory.mktemp("verdicts") / "run").path
 
 
 @pytest.mark.usefixtures("no_simulation")
-def test_every_disagreement_of_a_run_is_explained(run: Path) -> None:
+def test_every_disagreement_of_a_run_is_explained_and_a_wrong_rule_found_out(
+    run: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = verdicts_of(run)
     episodes = read_table(run, "episodes").to_pandas()
     for arm in ("av", "human"):
@@ -102,10 +100,6 @@ def test_every_disagreement_of_a_run_is_explained(run: Path) -> None:
         assert sum(judged.reasons[why] for why in REASONS) == 300
         assert judged.unexplained == []
     assert found[0, "av"].reasons[AGREE] < 300
-
-
-@pytest.mark.usefixtures("no_simulation")
-def test_a_wrong_rule_is_found_out(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # A box three times as long would be hit more often than SUMO says.
     monkeypatch.setattr(verdicts, "BEHIND_M", 3 * verdicts.BEHIND_M)
     assert verdicts_of(run)[0, "av"].unexplained

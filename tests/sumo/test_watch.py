@@ -11,13 +11,11 @@ from PIL import Image
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.engine.shared import close_engine
 from harness.engine.starting import Following, vehicle_types
 from harness.engine.view import view_settings
-from harness.scenario import Options, Scenario
-from harness.studies.batch.experiment import run_study
+from harness.scenario import Scenario
 from harness.studies.replay.watch import watch
-from tests.batches import FLOW, HARNESS, Inline, one_cell
+from tests.batches import FLOW, HARNESS, one_cell, run_inline
 
 needs_xvfb = pytest.mark.skipif(
     shutil.which("xvfb-run") is None, reason="needs a virtual display: Debian's package xvfb"
@@ -29,14 +27,9 @@ PEDESTRIAN = (197, 27, 125)
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    from tests.conftest import close_all
-
-    close_all()
-    folder = tmp_path_factory.mktemp("watch") / "run"
     changes = {**FLOW, "experiment.pairs": 4, "pedestrians.flow_per_hour": 1500.0}
-    run_study(one_cell("cctc_flow", changes), Options(), out=folder, make_executor=Inline)
-    close_engine()
-    return folder
+    folder = tmp_path_factory.mktemp("watch") / "run"
+    return run_inline(one_cell("cctc_flow", changes), folder).path
 
 
 def pixels(path: Path, colour: tuple[int, int, int]) -> int:
@@ -45,26 +38,25 @@ def pixels(path: Path, colour: tuple[int, int, int]) -> int:
     return int((np.abs(picture - colour).max(axis=2) < 40).sum())
 
 
+def watched(*words: object) -> str:
+    """What a command prints that shows sumo-gui, under a virtual display."""
+    display = ["xvfb-run", "-a", "-s", "-screen 0 1280x900x24"]
+    command = [*display, *HARNESS, *map(str, words), "--gui"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
 @needs_xvfb
 def test_the_record_is_the_stored_one_and_pictures_show_ego_and_people(
     run: Path, tmp_path: Path
 ) -> None:
-    shots = tmp_path / "shots"
-    command = [*HARNESS, "replay", str(run), "--pair", "2", "--arm", "both", "--gui"]
-    options = ["--pace", "100", "--screenshots", str(shots), "--every", "1"]
-    found = subprocess.run(
-        ["xvfb-run", "-a", "-s", "-screen 0 1280x900x24", *command, *options],
-        capture_output=True,
-        text=True,
-        timeout=180,
-    )
-    assert found.returncode == 0, found.stderr
-    assert found.stdout.splitlines() == [
-        f"pair 2, arm {arm}: the record is identical to the stored record"
-        for arm in ("av", "human")
-    ]
+    options = ("--pace", "100", "--screenshots", tmp_path / "shots", "--every", "1")
+    text = watched("replay", run, "--pair", "2", "--arm", "both", *options)
+    same = "the record is identical to the stored record"
+    assert text.splitlines() == [f"pair 2, arm {arm}: {same}" for arm in ("av", "human")]
     for arm in ("av", "human"):
-        pictures = sorted((shots / arm).glob("*.png"))
+        pictures = sorted((tmp_path / "shots" / arm).glob("*.png"))
         assert len(pictures) >= 5
         assert pictures[0].name == "t-000.100-s.png"
         # A car of 5 x 1.8 m at 16 pixels a metre has about 2,300; a fifth of it is its windows.
@@ -82,21 +74,17 @@ def test_without_a_display_it_says_so(run: Path, monkeypatch: pytest.MonkeyPatch
     ("arguments", "told"),
     [
         ({"pair": 4}, "--pair"),
-        ({"pair": 0, "cell": 1}, "--cell"),
-        ({"pair": 0, "pace": 0.0}, "--pace"),
-        ({"pair": 0, "pace": float("nan")}, "--pace"),
-        ({"pair": 0, "every_s": -1.0}, "--every"),
-        ({"pair": 0, "screenshots": Path(__file__)}, "--screenshots"),
+        ({"cell": 1}, "--cell"),
+        ({"pace": 0.0}, "--pace"),
+        ({"pace": float("nan")}, "--pace"),
+        ({"every_s": -1.0}, "--every"),
+        ({"screenshots": Path(__file__)}, "--screenshots"),
+        ({"run": Path(__file__).parent}, "not a run folder"),
     ],
 )
 def test_bad_input_is_refused(run: Path, arguments: dict, told: str) -> None:
     with pytest.raises(InputError, match=told):
-        watch(run, arguments.pop("pair"), [Arm.AV], **arguments)
-
-
-def test_a_folder_that_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not a run folder"):
-        watch(tmp_path, 0, [Arm.AV])
+        watch(**{"run": run, "pair": 0, "arms": [Arm.AV]} | arguments)
 
 
 def test_in_hours_a_colour_tells_avs_from_others() -> None:
