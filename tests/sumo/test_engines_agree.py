@@ -26,40 +26,26 @@ def random_scene(rng: np.random.Generator, seed: int) -> Scenario:
     """Each strategy in turn against any, any of a few egos, flows from one walker to many."""
     first = bool(rng.random() < 0.5)
     speed = float(rng.choice([3.0, 5.0, 8.3]))
-    return validate(
-        {
-            "ego": {
-                "initial_speed_mps": speed,
-                "trigger_range_m": float(rng.choice([30.0, 42.5])),
-                # Never exactly where a step ends: the last bit would decide what is seen.
-                "detection_range_m": float(rng.choice([20.03, 60.0])),
-            },
-            "pedestrians": {
-                "flow_per_hour": float(rng.choice([150, 600, 1500])),
-                "first_at_trigger": first,
-                "near_side_share": float(rng.random()),
-                "kerb_wait_s": float(rng.choice([0.0, 2.0])),
-            }
-            | ({"max_count": 1} if rng.random() < 0.3 else {}),
-            "model": {"extrapolate": True},
-            "arms": {
-                "av": STRATEGIES[seed % len(STRATEGIES)],
-                "human": str(rng.choice(STRATEGIES)),
-            },
-            "strategies": {
-                "human_gmm": {
-                    "reading": str(rng.choice(["marginal", "given_time_advantage"])),
-                    "speed": str(rng.choice(["mode", "sampled"])),
-                }
-            },
-            "experiment": {
-                "seed": seed,
-                "timeout_s": 40.0,
-                "step_s": float(rng.choice([0.1, 0.1, 0.05])),
-            },
-        },
-        "test",
-    )
+    ego = {
+        "initial_speed_mps": speed,
+        "trigger_range_m": float(rng.choice([30.0, 42.5])),
+        # Never exactly where a step ends: the last bit would decide what is seen.
+        "detection_range_m": float(rng.choice([20.03, 60.0])),
+    }
+    pedestrians = {
+        "flow_per_hour": float(rng.choice([150, 600, 1500])),
+        "first_at_trigger": first,
+        "near_side_share": float(rng.random()),
+        "kerb_wait_s": float(rng.choice([0.0, 2.0])),
+    } | ({"max_count": 1} if rng.random() < 0.3 else {})
+    arms = {"av": STRATEGIES[seed % len(STRATEGIES)], "human": str(rng.choice(STRATEGIES))}
+    human = {"reading": str(rng.choice(["marginal", "given_time_advantage"]))}
+    human["speed"] = str(rng.choice(["mode", "sampled"]))
+    step_s = float(rng.choice([0.1, 0.1, 0.05]))
+    tree = {"ego": ego, "pedestrians": pedestrians, "arms": arms, "model": {"extrapolate": True}}
+    tree["strategies"] = {"human_gmm": human}
+    tree["experiment"] = {"seed": seed, "timeout_s": 40.0, "step_s": step_s}
+    return validate(tree, "test")
 
 
 def same(one: object, other: object) -> bool:

@@ -14,34 +14,29 @@ from harness.episode.pairing import PairRunner
 from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.report.one_pair import run_pair
-from harness.scenario import Options, Scenario, Study
+from harness.scenario import Scenario
 from harness.store.run_folder import RunFolder
-from harness.studies.batch.experiment import resume, run_study
+from harness.studies.batch.experiment import resume
 from harness.studies.replay.rerun import debug
 from harness.studies.runs.opening import load_run
 from harness.studies.runs.reported import audit_lines
 from harness.studies.runs.run_data import RunData
 from harness.studies.workers.audit import audit_of
 from tests import planner
-from tests.batches import FLOW, Inline, one_cell, sweep
+from tests.batches import FLOW, Inline, one_cell, run_inline, sweep
 from tests.conftest import close_all
 
 CRASHES = {**FLOW, "arms.av": "constant_speed", "experiment.pairs": 24}
-PLAIN = Options(engine="plain", audit=0.25)
-
-
-def run_in(folder: Path, study: Study, options: Options) -> RunData:
-    return run_study(study, options, out=str(folder), make_executor=Inline)
+PLAIN: dict[str, Any] = {"engine": "plain", "audit": 0.25}
 
 
 @pytest.fixture(scope="module")
 def both(tmp_path_factory: pytest.TempPathFactory) -> tuple[RunData, RunData]:
-    close_all()
     folder, study = tmp_path_factory.mktemp("both"), one_cell("cctc_flow", CRASHES)
-    return run_in(folder / "plain", study, PLAIN), run_in(folder / "sumo", study, Options())
+    return run_inline(study, folder / "plain", **PLAIN), run_inline(study, folder / "sumo")
 
 
-def test_every_record_is_sumos(both: tuple[RunData, RunData]) -> None:
+def test_every_record_is_sumos_and_is_replayed_there(both: tuple[RunData, RunData]) -> None:
     plain, sumo = (run.episodes for run in both)
     assert (plain["ending"] == "crashed").sum() > 3
     for name in plain.columns.drop("sumo_collision"):
@@ -52,6 +47,9 @@ def test_every_record_is_sumos(both: tuple[RunData, RunData]) -> None:
         else:
             assert plain[name].equals(sumo[name]), name
     assert plain["sumo_collision"].isna().all()
+    close_all()
+    repeated = debug(both[0].path, 3, [*Arm])
+    assert [one.differences for one in repeated.values()] == [(), ()]
 
 
 def test_a_share_and_every_crash_are_repeated(both: tuple[RunData, RunData]) -> None:
@@ -71,8 +69,7 @@ def test_a_share_and_every_crash_are_repeated(both: tuple[RunData, RunData]) -> 
 def test_how_many_pairs_are_chosen(pairs: int, share: float, count: int) -> None:
     chosen = set()
     for seed in range(20):
-        experiment = {"pairs": pairs, "seed": seed}
-        scenario = Scenario.model_validate({"experiment": experiment})
+        scenario = Scenario.model_validate({"experiment": {"pairs": pairs, "seed": seed}})
         own = [pair for pair in range(pairs) if audit_of(share, scenario).repeats(pair)]
         assert len(own) == count
         chosen.add(tuple(own))
@@ -93,7 +90,7 @@ def test_a_record_that_is_not_sumos_is_named(
 
     monkeypatch.setattr(PlainEngine, "step", drifting)
     study = one_cell("cctc", {"experiment.pairs": 3, "arms.av": planner.NAME})
-    run = run_in(tmp_path / "run", study, Options(engine="plain", audit=1.0))
+    run = run_inline(study, tmp_path / "run", engine="plain", audit=1.0)
     assert len(run.disagreements) == 6
     assert run.ties == ()
     assert "0 of 6 records repeated in SUMO agree" in audit_lines(run)[0]
@@ -104,7 +101,7 @@ def test_a_record_that_is_not_sumos_is_named(
 def test_a_tie_of_the_strategy_is_counted_and_named_and_no_failure(tmp_path: Path) -> None:
     changes = {**FLOW, "arms.av": planner.NAME, "experiment.pairs": 8}
     study = one_cell("cctc_flow", changes)
-    run = run_in(tmp_path / "run", study, Options(engine="plain", audit=1.0))
+    run = run_inline(study, tmp_path / "run", engine="plain", audit=1.0)
     assert run.disagreements == ()
     assert {arm for _, _, arm, _ in run.ties} == {"av"}
     # What is stored of the first: until the tie SUMO drives the same, then it does not.
@@ -135,11 +132,10 @@ def test_a_resumed_run_is_audited_as_a_whole_one(
             raise KeyboardInterrupt
 
     study = one_cell("cctc_flow", CRASHES)
-    options = Options(engine="plain", audit=0.25, task_pairs=6)
     with monkeypatch.context() as patch:
         patch.setattr(RunFolder, "write_shard", interrupted)
         with pytest.raises(InterruptedRunError):
-            run_in(tmp_path / "run", study, options)
+            run_inline(study, tmp_path / "run", **PLAIN, task_pairs=6)
     assert not load_run(tmp_path / "run").finished
     assert len(load_run(tmp_path / "run").audit) > 0
     resume(str(tmp_path / "run"), make_executor=Inline)
@@ -162,8 +158,8 @@ def test_an_arm_that_cells_share_is_repeated_and_counted_once(
     monkeypatch.setattr(PairRunner, "run_arm", counted)
     humans = ["human_gmm", "human_yield"]
     study = sweep("cctc_flow", CRASHES, f"arms.human={','.join(humans)}")
-    options = Options(engine="plain", audit=0.5)
-    run = run_in(tmp_path / "run", study, options)
+    half: dict[str, Any] = {"engine": "plain", "audit": 0.5}
+    run = run_inline(study, tmp_path / "run", **half)
 
     # Every second pair, and every crash; the AV's arm is the same in both cells.
     first = audit_of(0.5, run.scenario).first
@@ -173,25 +169,17 @@ def test_an_arm_that_cells_share_is_repeated_and_counted_once(
     pd.testing.assert_frame_equal(run.audit[["cell", "pair", "arm"]], rows)
     av = rows[(rows["arm"] == "av") & (rows["cell"] == 0)]
     human = rows[rows["arm"] == "human"]
-    assert sorted(repeated) == sorted(
-        [(Arm.AV, pair) for pair in av["pair"]] + [(Arm.HUMAN, pair) for pair in human["pair"]]
-    )
+    expected = {Arm.AV: av["pair"], Arm.HUMAN: human["pair"]}
+    assert sorted(repeated) == sorted((arm, pair) for arm in Arm for pair in expected[arm])
     count = len(av) + len(human)
     assert f"{count} of {count} records repeated in SUMO agree" in audit_lines(run)[0]
 
     # Each cell's rows are those of the cell run alone.
     for number, name in enumerate(humans):
-        alone = run_in(
-            tmp_path / name, one_cell("cctc_flow", {**CRASHES, "arms.human": name}), options
-        )
+        own = one_cell("cctc_flow", {**CRASHES, "arms.human": name})
+        alone = run_inline(own, tmp_path / name, **half)
         rows = run.audit[run.audit["cell"] == number].drop(columns="cell").reset_index(drop=True)
         pd.testing.assert_frame_equal(rows, alone.audit.drop(columns="cell"))
-
-
-@pytest.mark.usefixtures("no_simulation")
-def test_its_episodes_are_replayed_in_sumo(both: tuple[RunData, RunData]) -> None:
-    repeated = debug(both[0].path, 3, [*Arm])
-    assert [one.differences for one in repeated.values()] == [(), ()]
 
 
 @pytest.mark.parametrize(
@@ -208,5 +196,5 @@ def test_refused(
 ) -> None:
     study = one_cell("cctc_flow", changes)
     with pytest.raises(InputError, match=said):
-        run_in(tmp_path / "run", study, Options(engine="plain", **options))  # type: ignore[arg-type]
+        run_inline(study, tmp_path / "run", engine="plain", **options)
     assert not (tmp_path / "run").exists()

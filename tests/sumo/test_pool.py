@@ -8,6 +8,7 @@ import sys
 import time
 from multiprocessing.connection import Pipe
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,56 +19,40 @@ from harness.studies.workers import pool as pools
 from harness.studies.workers.executors import executor_for
 from harness.studies.workers.pool import LocalPool
 from harness.studies.workers.tasks import ExecutorLostError, TaskFailedError, WorkerDiedError
-from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell
+from tests.batches import CHECKOUT, QUICK, one_cell, options_of, shell, wait_for
 
 
-def test_a_death_costs_its_own_call_alone() -> None:
+def test_a_death_costs_its_own_call_alone_and_between_two_calls_none(
+    request: pytest.FixtureRequest,
+) -> None:
     pool = LocalPool(1)
-    try:
-        assert pool.submit(abs, -3).result() == 3
-        died, after = pool.submit(os._exit, 7), pool.submit(abs, -4)
-        with pytest.raises(WorkerDiedError, match="exit code 7"):
-            died.result()
-        assert after.result() == 4
-        with pytest.raises(TaskFailedError, match="TypeError"):
-            pool.submit(abs, "text").result()
-    finally:
-        pool.stop()
-
-
-def test_a_death_between_two_calls_costs_none() -> None:
-    pool = LocalPool(1)
-    try:
-        assert pool.submit(abs, -1).result() == 1
-        (process,) = pool._alive
-        os.kill(process.pid, signal.SIGKILL)
-        end = time.monotonic() + 60
-        while process.poll() is None:
-            assert time.monotonic() < end
-            time.sleep(0.01)
-        assert pool.submit(abs, -2).result() == 2
-    finally:
-        pool.stop()
+    request.addfinalizer(pool.stop)
+    assert pool.submit(abs, -3).result() == 3
+    died, after = pool.submit(os._exit, 7), pool.submit(abs, -4)
+    with pytest.raises(WorkerDiedError, match="exit code 7"):
+        died.result()
+    assert after.result() == 4
+    with pytest.raises(TaskFailedError, match="TypeError"):
+        pool.submit(abs, "text").result()
+    assert pool.submit(abs, -1).result() == 1
+    (process,) = pool._alive
+    os.kill(process.pid, signal.SIGKILL)
+    wait_for(lambda: process.poll() is not None, "its end", 60.0)
+    assert pool.submit(abs, -2).result() == 2
 
 
 def test_workers_that_never_get_ready_blame_no_pair(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
 ) -> None:
     monkeypatch.setattr(pools, "_START", "raise SystemExit(3)")
     pool = LocalPool(1)
-    try:
-        with pytest.raises(ExecutorLostError, match="exit code 3"):
-            pool.submit(abs, -1).result()
-    finally:
-        pool.stop()
+    request.addfinalizer(pool.stop)
+    with pytest.raises(ExecutorLostError, match="exit code 3"):
+        pool.submit(abs, -1).result()
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})
     with pytest.raises(HarnessError, match=r"exit code 3.*harness resume"):
         run_study(study, Options(workers=2, task_pairs=1), out=tmp_path / "run")
     assert "given up" not in (tmp_path / "run" / "log.jsonl").read_text(encoding="utf-8")
-
-
-def processes_of(pool: LocalPool) -> int:
-    return len(pool._alive)
 
 
 def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -80,13 +65,13 @@ def test_few_pairs_that_are_slow_get_every_worker(monkeypatch: pytest.MonkeyPatc
         assert pool.workers == 2
         for nap in naps:
             nap.result()
-        assert processes_of(pool) == 2
+        assert len(pool._alive) == 2
     finally:
         pool.stop()
     monkeypatch.setattr(pools, "LATER_S", 60.0)
     pool = executor_for(study, Options(workers=2))
     pool.submit(time.sleep, 0.0).result()
-    assert processes_of(pool) == 1
+    assert len(pool._alive) == 1
     begin = time.monotonic()
     pool.stop()
     assert time.monotonic() - begin < 30
@@ -151,14 +136,9 @@ run_study(study, Options(workers=1))
 def test_a_script_needs_no_guard(tmp_path: Path) -> None:
     """multiprocessing's workers would run it again, and begin another run each."""
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, "script.py"],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(CHECKOUT)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    env = {**os.environ, "PYTHONPATH": str(CHECKOUT)}
+    command = [sys.executable, "script.py"]
+    pipes: Any = {"capture_output": True, "text": True, "timeout": 300}
+    done = subprocess.run(command, cwd=tmp_path, env=env, **pipes)
     assert (done.returncode, done.stdout) == (0, "main module\n"), done.stderr
     assert [path.name for path in (tmp_path / "runs").iterdir()] == ["cctc-1"]

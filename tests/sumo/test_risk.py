@@ -2,8 +2,6 @@
 
 import json
 import shutil
-import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,23 +10,21 @@ import pytest
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
-from harness.scenario import read_scenario_file, validate
+from harness.scenario import Setting, read_scenario_file, validate
 from harness.statistics.findings import Rank
 from harness.studies.risk.asking import Settings, question_of
 from harness.studies.risk.folder import estimate_risk, read_risk, resume_risk
 from harness.studies.risk.running import Evaluation
 from harness.studies.risk.writing import RESULT
 from tests import planner
-from tests.batches import CHECKOUT, HARNESS, Inline, here, printed, refusal
+from tests.batches import CHECKOUT, Inline, here, printed, refusal, shell
 
 FILES = ("result.json", "failures.parquet", "critical.toml")
 
 
-def settings(**changes: object) -> Settings:
-    scenario = read_scenario_file("cctc").scenario().model_copy(deep=True)
-    tree = scenario.model_dump()
-    tree["arms"]["av"] = "constant_speed"
-    return Settings("cctc", type(scenario).model_validate(tree), target_cv=0.3, **changes)
+def settings(av: str = "constant_speed", **changes: object) -> Settings:
+    scenario = read_scenario_file("cctc", [Setting("arms.av", av)]).scenario()
+    return Settings("cctc", scenario, target_cv=0.3, **changes)
 
 
 class Counting(Inline):
@@ -46,33 +42,33 @@ class Counting(Inline):
         return super().submit(function, argument)
 
 
-@pytest.fixture(scope="module")
-def counting() -> Counting:
-    return Counting()
+COUNTING = Counting()
 
 
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory, counting: Counting) -> Path:
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("risk") / "whole"
-    return estimate_risk(settings(), out=out, make_executor=lambda _: counting)
+    return estimate_risk(settings(), out=out, make_executor=lambda _: COUNTING)
 
 
-def test_the_interval_holds_the_quadrature(finished: Path) -> None:
+def test_the_interval_holds_the_quadrature(finished: Path, tmp_path: Path) -> None:
+    """Its critical episodes crash again in SUMO."""
     result = json.loads((finished / RESULT).read_text())
     # docs/audits.md: κ of constant_speed by quadrature.
     assert result["ci_low"] <= 0.2146 <= result["ci_high"]
     assert result["failed"] == 0
     assert result["compared_with_other_engine"] >= result["events"]
     assert result["differences"] == []
+    words = ("run", finished / "critical.toml", "--out", tmp_path / "run", "--quiet")
+    assert shell(*words, cwd=CHECKOUT).returncode == 0
+    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
+    assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
+    assert len(episodes) >= 2
 
 
 @pytest.mark.usefixtures("no_simulation")
 def test_ties_of_the_strategy_are_counted_apart(tmp_path: Path) -> None:
-    asked = settings()
-    tree = asked.scenario.model_dump()
-    tree["arms"]["av"] = planner.NAME
-    asked = replace(asked, scenario=type(asked.scenario).model_validate(tree))
-    question = question_of(asked)
+    question = question_of(settings(planner.NAME))
     z = np.random.default_rng(1).standard_normal((4, question.space.layout.width))
     evaluation = Evaluation(question, tmp_path, Inline(1), lambda *_: None)
     evaluation.compare(z, np.arange(4))
@@ -83,12 +79,10 @@ def test_ties_of_the_strategy_are_counted_apart(tmp_path: Path) -> None:
     assert ": tie at " in compared.ties[0]
 
 
-def test_same_bytes_after_interruptions_and_in_processes(
-    finished: Path, counting: Counting, tmp_path: Path
-) -> None:
+def test_same_bytes_after_interruptions_and_in_processes(finished: Path, tmp_path: Path) -> None:
     """Issue: a batch was kept when it was whole, and the last stage of a risk is one batch."""
     # In the first look's batch of 40 tasks, in the estimate, and in the checks in SUMO.
-    again, estimate, last = tmp_path / "again", Counting(counting.tasks // 2), Counting(5)
+    again, estimate, last = tmp_path / "again", Counting(COUNTING.tasks // 2), Counting(5)
     first = Counting(30)
     with pytest.raises(InterruptedRunError, match="harness resume"):
         estimate_risk(settings(), out=again, make_executor=lambda _: first)
@@ -102,39 +96,23 @@ def test_same_bytes_after_interruptions_and_in_processes(
     resume_risk(shutil.copytree(again, tmp_path / "one"), make_executor=lambda _: rest)
     run = sum(executor.episodes for executor in (first, estimate, last, rest))
     # An interruption loses the tasks that are under way: at most two of 25 episodes.
-    assert counting.episodes <= run <= counting.episodes + 3 * 2 * 25
+    assert COUNTING.episodes <= run <= COUNTING.episodes + 3 * 2 * 25
     resume_risk(again, workers=2)
     for name in FILES:
         assert (again / name).read_bytes() == (finished / name).read_bytes()
     assert not (again / "batches").exists()
 
 
-def test_its_critical_episodes_crash_again_in_sumo(finished: Path, tmp_path: Path) -> None:
-    command = ["run", str(finished / "critical.toml"), "--out", str(tmp_path / "run"), "--quiet"]
-    subprocess.run([*HARNESS, *command], cwd=CHECKOUT, check=True, timeout=300)
-    episodes = pq.read_table(tmp_path / "run" / "episodes.parquet").to_pandas()
-    assert set(episodes[episodes["arm"] == "av"]["ending"]) == {"crashed"}
-    assert len(episodes) >= 2
-
-
-def test_its_page_says_the_estimate_and_how_to_play(finished: Path, tmp_path: Path) -> None:
-    page = tmp_path / "risk.html"
-    printed("report", finished, "--out", page)
-    text = page.read_text()
-    result = json.loads((finished / RESULT).read_text())
-    assert f" {result['probability']:.3g} " in text
-    assert "harness run" in text
-    assert "critical.toml" in text
-    assert text.count('<table id="way-') == len(result["ways"])
-
-
 def test_what_failed_or_differed_ends_with_exit_code_1(finished: Path, tmp_path: Path) -> None:
+    """A damaged result is one line."""
     folder = tmp_path / "risk"
     shutil.copytree(finished, folder)
     result = json.loads((finished / RESULT).read_text())
     for wrong, code in (({}, 0), ({"failed": 1}, 1), ({"differing": 1}, 1)):
         (folder / RESULT).write_text(json.dumps({**result, **wrong}))
         assert here("resume", folder).returncode == code
+    (folder / RESULT).write_text("{}")
+    assert "result.json: scenario: is missing" in refusal("resume", folder)
 
 
 def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
@@ -147,31 +125,23 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     opened: list[str] = []
     monkeypatch.setattr("webbrowser.open", opened.append)
     page = tmp_path / "page.html"
-    assert json.loads(printed("report", finished, "--out", page, "--open", "--json")) == {
-        "page": str(page)
-    }
-    assert opened == [page.as_uri()]
-
-
-def test_what_a_risk_cannot_do_is_refused(finished: Path, tmp_path: Path) -> None:
-    assert "--dask: is not supported with a risk estimate" in refusal(
-        "resume", finished, "--dask", "tcp://nowhere:1"
-    )
+    document = json.loads(printed("report", finished, "--out", page, "--open", "--json"))
+    assert (document, opened) == ({"page": str(page)}, [page.as_uri()])
+    # The page says the estimate and how to play.
+    text = page.read_text()
+    for words in (f" {stored['probability']:.3g} ", "harness run", "critical.toml"):
+        assert words in text
+    assert text.count('<table id="way-') == len(stored["ways"])
+    # What a risk cannot do is refused.
+    cluster = refusal("resume", finished, "--dask", "tcp://nowhere:1")
+    assert "--dask: is not supported with a risk estimate" in cluster
     assert "a risk estimate has no figures" in refusal("report", finished, "--figures", tmp_path)
-
-
-def test_a_damaged_result_is_one_line(finished: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "risk"
-    shutil.copytree(finished, folder)
-    (folder / RESULT).write_text("{}")
-    assert "result.json: scenario: is missing" in refusal("resume", folder)
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:
     asked = settings(arm=Arm.HUMAN, event="min_gap_m<1000", most_episodes=60)
-    result = json.loads(
-        (estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline) / RESULT).read_text()
-    )
+    folder = estimate_risk(asked, out=tmp_path / "risk", make_executor=Inline)
+    result = json.loads((folder / RESULT).read_text())
     # Everybody who steps off is nearer than a kilometre.
     assert result["probability"] == 1.0
     assert result["strategy"] == "human_gmm"
@@ -198,7 +168,7 @@ def test_draws_that_are_not_sampled_are_said(finished: Path, tmp_path: Path) -> 
         (["cctc", "--target-cv", "0"], "--target-cv"),
         (["euro_ncap_vru"], "--set ego.initial_speed_mps=… --set pedestrians.timed_case=…"),
         (["euro_ncap_vru", "--set", "pedestrians.timed_case=CPNA-25"], "ego.initial_speed_mps=…"),
-        (["cctc_flow", "--set", "traffic.flow_per_hour=300"], "no [traffic]"),
+        (["cctc_flow", "--set", "traffic.flow_per_hour=300"], "without [traffic]"),
         (["cctc", "--set", "arms.av=sumo_driver"], "--engine sumo"),
         (["cctc_flow", "--set", 'pedestrians.behaviour="sumo"'], "cannot be sampled"),
     ],

@@ -43,13 +43,10 @@ def test_arrives_at_the_centre_line_as_the_pedestrian_leaves(sumo, walking_speed
         assert coasting[0] == pytest.approx(V0 + A * t1, abs=0.02)
 
 
-@pytest.mark.parametrize(("walking_speed", "fallback"), [(0.975, True), (0.977, False)])
-def test_window_of_answers(sumo, walking_speed, fallback) -> None:
-    trace = play(SoftYield(), [(0.0, Side.NEAR, walking_speed)], engine=sumo(scenario()))
-    assert trace.fallback is fallback
-
-
-def test_edge_of_the_window_is_where_the_root_turns_negative() -> None:
+def test_edge_of_the_window_is_where_the_root_turns_negative(sumo) -> None:
+    for walking_speed, fallback in ((0.975, True), (0.977, False)):
+        trace = play(SoftYield(), [(0.0, Side.NEAR, walking_speed)], engine=sumo(scenario()))
+        assert trace.fallback is fallback
     # t_L² = 2 (R − v t_L)/a has the root 0.97565 m/s.
     t_l = np.roots([1, 2 * V0 / A, -2 * R0 / A])
     assert L0 / min(t for t in t_l if t > R0 / V0) == pytest.approx(0.97565, abs=5e-6)
@@ -79,13 +76,10 @@ def test_never_brakes_for_a_fast_walker(sumo, walking_speed) -> None:
     np.testing.assert_allclose(trace.speed_mps, V0, atol=1e-12)
 
 
-def test_plans_for_the_last_to_leave() -> None:
+def test_plans_for_the_last_to_leave_and_resumes_at_a0_up_to_v0() -> None:
     # 1.4 m/s leaves at 6.43 s; 1.2 m/s, half a second later, at 8 s: arrival then.
     trace = play(SoftYield(), [(0.0, Side.NEAR, 1.4), (0.5, Side.FAR, 1.2)])
     assert crossing_time(trace, 0.0) == pytest.approx(0.5 + 9 / 1.2, abs=1e-6)
-
-
-def test_resumes_at_a0_up_to_v0() -> None:
     trace = play(SoftYield(), [(0.0, Side.NEAR, 1.1)])
     gains = np.diff(trace.speed_mps) / 0.1
     assert gains.max() == pytest.approx(1.0)

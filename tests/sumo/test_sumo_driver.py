@@ -25,12 +25,9 @@ def stop_of(trace) -> tuple[float, float, float]:
     return -trace.x_m[braking], -trace.x_m[standing[0]], float(standing[-1]) * STEP
 
 
-def test_alone_it_drives_at_v0(sumo) -> None:
+def test_alone_it_drives_at_v0_else_within_the_scenarios_limits(sumo) -> None:
     trace = play(SumoDriver(), [], scene(), sumo(scene()))
     np.testing.assert_allclose(trace.speed_mps, 5.0, atol=1e-9)
-
-
-def test_within_the_scenarios_limits(sumo) -> None:
     trace = play(SumoDriver(), [(3.0, Side.NEAR, 0.6)], scene(), sumo(scene()))
     changes = np.diff(trace.speed_mps) / STEP
     assert trace.speed_mps.min() == 0.0
@@ -45,9 +42,8 @@ def test_stops_for_whoever_walks_from_either_side(sumo, priority: bool) -> None:
     past = {}
     for side, to_centre in ((Side.NEAR, 2.25), (Side.FAR, 6.75)):
         for start in (3.5, 4.5):
-            trace = play(
-                SumoDriver(), [(start, side, WALKING)], scene(priority), sumo(scene(priority))
-            )
+            engine = sumo(scene(priority))
+            trace = play(SumoDriver(), [(start, side, WALKING)], scene(priority), engine)
             assert trace.walks[0].start_s == start
             braking, standing, again = stop_of(trace)
             assert 5.0 < braking < 7.0  # late: v²/2b before its stop
@@ -66,9 +62,8 @@ def test_those_who_are_held_are_to_it_as_sumos_own(sumo, side: Side) -> None:
     start = native.walks[0].start_s
     assert start is not None
     held = play(SumoDriver(), [(start, side, WALKING)], scene(), sumo(scene()))
-    for one, other, within in zip(
-        stop_of(native), stop_of(held), (0.01, 0.01, STEP + 1e-9), strict=True
-    ):
+    limits = (0.01, 0.01, STEP + 1e-9)
+    for one, other, within in zip(stop_of(native), stop_of(held), limits, strict=True):
         assert one == pytest.approx(other, abs=within)
 
 
@@ -130,13 +125,9 @@ def test_it_is_still_noticed_when_sumo_does_not_keep_to_a_speed(sumo, monkeypatc
     monkeypatch.setattr(type(engine), "step", step)
     timeout = scenario(experiment={"timeout_s": 1.5})
     trace = play(Last(), [], timeout, engine)
-    assert (trace.ending, trace.reason) == (
-        Ending.ENGINE_FAILED,
-        "SUMO did not drive at the speed it was told",
-    )
-
-
-def test_the_plain_engine_cannot() -> None:
+    failed = (Ending.ENGINE_FAILED, "SUMO did not drive at the speed it was told")
+    assert (trace.ending, trace.reason) == failed
+    # The plain engine cannot.
     trace = play(SumoDriver(), [], scene())
     assert trace.ending is Ending.ENGINE_FAILED
     assert trace.reason is not None
@@ -164,10 +155,8 @@ def test_a_pair_is_the_same_first_last_or_alone_and_on_either_arm(sumo, model) -
 def test_both_networks_have_the_right_of_way_they_should() -> None:
     with_priority, without = (network_of(scene(priority)).read_text() for priority in (True, False))
     # netconvert: m, the connection yields; M, it has right of way.
-    assert (
-        'from="approach" to="exit" fromLane="0" toLane="0" via=":crosswalk_0_0" dir="s" state="m"'
-        in with_priority
-    )
+    ends = 'from="approach" to="exit" fromLane="0" toLane="0" via=":crosswalk_0_0"'
+    assert f'{ends} dir="s" state="m"' in with_priority
     assert 'via=":crosswalk_0_0" dir="s" state="M"' in without
     cctc = scenario(crossing={"latitude_deg": 42.278415, "longitude_deg": -83.735580})
     assert network_of(cctc).name == "cctc.net.xml"

@@ -1,8 +1,7 @@
 """A run of hours as a user sees it: tables, bytes on any number of workers, page, refusals."""
 
 import json
-import subprocess
-import time
+from collections import Counter
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,15 @@ from harness.episode.traffic.lanes import lanes_of
 from harness.report.drawing.hour_figures import _is_automated, time_space
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
-from harness.scenario import Options, Precision, parse_setting, read_scenario_file, study_of
+from harness.scenario import (
+    Options,
+    Precision,
+    Setting,
+    Study,
+    parse_setting,
+    read_scenario_file,
+    study_of,
+)
 from harness.store.tables import HOUR_TABLES
 from harness.studies.batch.experiment import resume, run_study
 from harness.studies.batch.plan import plan_of
@@ -30,8 +37,8 @@ from harness.studies.replay.rerun import replay
 from harness.studies.runs.reported import reported
 from harness.studies.runs.shown import shown_pairs
 from harness.studies.workers.pool import LocalPool
-from tests.batches import HARNESS, Inline, here, printed, shell, start
-from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels
+from tests.batches import Inline, printed, run_inline, shell, start, wait_for
+from tests.sumo.test_watch import PEDESTRIAN, needs_xvfb, pixels, watched
 
 AV = (0, 114, 178)
 """The colour of its type: no ego is followed in an hour."""
@@ -72,11 +79,14 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     study = study_of(file, [])
     found = []
     for workers in (1, 2):
-        out = folder / f"run-{workers}"
         options = Options(traces=workers == 2, workers=workers)
-        run_study(study, options, out=out, make_executor=LocalPool)
-        found.append(out)
+        out = folder / f"run-{workers}"
+        found.append(run_study(study, options, out=out, make_executor=LocalPool).path)
     return found
+
+
+def study_again(runs: list[Path], *changes: Setting, varied: Any = ()) -> Study:
+    return study_of(read_scenario_file(runs[0].parent / "busy.toml", changes), varied)
 
 
 def same_bytes(one: Path, other: Path) -> None:
@@ -84,28 +94,21 @@ def same_bytes(one: Path, other: Path) -> None:
         assert (one / name).read_bytes() == (other / name).read_bytes()
 
 
-def test_bytes_do_not_depend_on_workers(runs: list[Path]) -> None:
+def test_bytes_do_not_depend_on_workers_nor_on_interruptions(
+    runs: list[Path], tmp_path: Path
+) -> None:
     same_bytes(*runs)
-
-
-def test_json_has_every_cell(runs: list[Path]) -> None:
-    (cell,) = json.loads(here("resume", runs[0], "--json").stdout)["cells"]
-    assert (cell["varied"], cell["summary"]["pairs"]) == ({}, 2)
-
-
-def test_an_interrupted_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: Path) -> None:
-    out = tmp_path / "run"
 
     def stop(done: int, _planned: int, _what: str) -> None:
         if done == 1:
             raise KeyboardInterrupt
 
-    file = read_scenario_file(runs[0].parent / "busy.toml")
+    options: dict[str, Any] = {"progress": stop, "make_executor": Inline}
     with pytest.raises(InterruptedRunError):
-        run_study(study_of(file, []), Options(), out=out, progress=stop, make_executor=Inline)
-    assert len(list((out / "shards").iterdir())) == 1
-    resume(out, make_executor=Inline)
-    same_bytes(runs[0], out)
+        run_study(study_again(runs), Options(), out=tmp_path / "run", **options)
+    assert len(list((tmp_path / "run" / "shards").iterdir())) == 1
+    resume(tmp_path / "run", make_executor=Inline)
+    same_bytes(runs[0], tmp_path / "run")
 
 
 @pytest.mark.slow
@@ -113,38 +116,33 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(runs: list[Path], tmp_path: P
     """SIGKILL as soon as a pair is there; its workers end by themselves."""
     out = tmp_path / "run"
     file = runs[0].parent / "busy.toml"
-    running = start("run", str(file), "--workers", "2", "--quiet", "--out", str(out))
-    shards, end = out / "shards", time.monotonic() + 60.0
-    while not (shards.exists() and list(shards.glob("*.arrows"))):
-        assert time.monotonic() < end
-        assert running.poll() is None
-        time.sleep(0.002)
+    running = start("run", file, "--workers", "2", "--quiet", "--out", out)
+    wait_for(lambda: list(out.glob("shards/*.arrows")), "a shard", 60.0)
+    assert running.poll() is None
     running.kill()
     running.communicate()
     assert shell("resume", out, "--workers", "2", "--quiet").returncode == 0
     same_bytes(runs[0], out)
 
 
-def test_what_the_queues_let_through_is_the_throughput(runs: list[Path]) -> None:
-    """The last minute is cut short by the hour's end."""
+def test_throughput_is_what_queues_let_through_and_levels_are_of_control_delay(
+    runs: list[Path],
+) -> None:
+    """The last minute is cut short by the hour's end.
+
+    HCM 2010, exhibit 19-1: A to 10 s, B to 15 s, C to 25 s; F where the road is saturated.
+    """
     hours = pd.read_parquet(runs[0] / "hours.parquet").set_index(["pair", "arm"])
     queues = pd.read_parquet(runs[0] / "queues.parquet")
     through = queues.groupby(["pair", "arm"])["let_through"].sum()
     assert (queues["minute"].max(), through.sum() > 0) == (1, True)
     # Each passage is one in 70 s.
-    assert hours["throughput_per_hour"].to_numpy() == pytest.approx(
-        through.reindex(hours.index).to_numpy() * 3600 / 70
-    )
-
-
-def test_vehicles_have_the_level_of_their_control_delay(runs: list[Path]) -> None:
-    """HCM 2010, exhibit 19-1: A to 10 s, B to 15 s, C to 25 s; F where the road is saturated."""
+    expected = through.reindex(hours.index).to_numpy() * 3600 / 70
+    assert hours["throughput_per_hour"].to_numpy() == pytest.approx(expected)
     row = pd.read_csv(runs[0] / "summary.csv").iloc[0]
     for end in ("", "_human"):
         longest_s = max(row[f"control_delay_s{end}"], row[f"vehicle_delay_s{end}"])
-        level = next(
-            of for of, limit in zip("ABC", (10, 15, 25), strict=True) if longest_s <= limit
-        )
+        level = next(of for of, limit in {"A": 10, "B": 15, "C": 25}.items() if longest_s <= limit)
         assert row[f"los_vehicles{end}"] == ("F" if row[f"saturated{end}"] else level)
 
 
@@ -166,13 +164,20 @@ def test_what_a_run_says(runs: list[Path], tmp_path: Path) -> None:
     assert row["crashes_per_1000_ci_high"] == pytest.approx(1000 * row["kappa_ci_high"])
     assert row["kappa_ci_high"] > 1 - 0.025 ** (1 / run.hours["reached"].sum())
     assert pd.isna(row["crashes_per_1000_difference_ci_high"])
+    (cell,) = json.loads(printed("resume", runs[0], "--json"))["cells"]
+    assert (cell["varied"], cell["summary"]["pairs"]) == ({}, 2)
     page = tmp_path / "report.html"
     written = write_report(run, page, missing=write_shown(run, page))
     text = written.page.read_text(encoding="utf-8")
-    assert "Each hour of traffic is simulated twice" in text
-    assert "Simulated again for the page; the record is identical to the stored record." in text
-    assert 'id="figure-time-space"' in text
+    again = "Simulated again for the page; the record is identical to the stored record."
+    for words in ("Each hour of traffic is simulated twice", again, 'id="figure-time-space"'):
+        assert words in text
     assert written.differing == ()
+    # What hours do not have is refused.
+    with pytest.raises(InputError, match="--until: is not supported with"):
+        plan_of(run.study, Options(until=Precision("mu", 0.1)))
+    with pytest.raises(InputError, match="is a run of hours of traffic"):
+        harness.compare(runs[0])
 
 
 def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
@@ -182,9 +187,7 @@ def test_the_player_shows_every_vehicle_where_it_was(runs: list[Path]) -> None:
     assert (hour.begin_s, hour.end_s) == (0.0, 70.0)
     (episode,) = json.loads(run_player(run, [hour]).json)["episodes"]
     for arm in episode["arms"]:
-        vehicles = {
-            int(vehicle["name"].split()[1].rstrip(",")): vehicle for vehicle in arm["vehicles"]
-        }
+        vehicles = {int(of["name"].split()[1].rstrip(",")): of for of in arm["vehicles"]}
         rows = rows_of(runs[1], "passages", arm["arm"], hour.pair)
         through = [row for row in rows if row["passed_s"] < 70.0]
         assert len(through) >= 1
@@ -263,19 +266,23 @@ def test_the_diagram_tells_avs_and_lanes_apart(runs: list[Path]) -> None:
 
 def rows_of(run: Path, table: str, arm: str, pair: int = 0) -> list[dict[str, Any]]:
     rows = getattr(harness.load_run(run), table)
-    found: list[dict[str, Any]] = rows[(rows["arm"] == arm) & (rows["pair"] == pair)].to_dict(
-        "records"
-    )
-    return found
+    return [*rows[(rows["arm"] == arm) & (rows["pair"] == pair)].to_dict("records")]
 
 
 @pytest.mark.parametrize("arm", ["av", "human"])
-def test_sumos_trips_agree_with_the_passages(runs: list[Path], again: Path, arm: str) -> None:
-    """Delay to the road's end: timeLoss + inserted − scheduled, each to a step, all to 1 %."""
+def test_sumos_trips_agree_with_the_passages_and_its_places_with_the_queues(
+    runs: list[Path], again: Path, arm: str
+) -> None:
+    """Delay to the road's end: timeLoss + inserted − scheduled, each to a step, all to 1 %.
+
+    In the queue is who is slower than 5 km/h and has not passed, at each second of the minute.  E2
+    detectors count who enters their lane as often as SUMO's places have somebody new there.
+    """
     file = ElementTree.parse(again / arm / "tripinfo.xml")
     trips = {trip.get("id"): trip for trip in file.iter("tripinfo")}
-    ours, sumos = [], []
+    ours, sumos, passed = [], [], {}
     for row in rows_of(runs[0], "passages", arm):
+        passed[f"vehicle-1-{row['vehicle']}"] = row["passed_s"]
         trip = trips[f"vehicle-1-{row['vehicle']}"]
         assert trip.get("vType") == ("av" if row["strategy"] == "gap_yield" else "vehicle")
         delayed_s = row["inserted_s"] - row["scheduled_s"]
@@ -288,17 +295,6 @@ def test_sumos_trips_agree_with_the_passages(runs: list[Path], again: Path, arm:
     assert sum(ours) > 10.0
     assert ours == pytest.approx(sumos, abs=STEP_S + 1e-6)
     assert sum(ours) == pytest.approx(sum(sumos), rel=0.01)
-
-
-@pytest.mark.parametrize("arm", ["av", "human"])
-def test_sumos_places_agree_with_the_queues(runs: list[Path], again: Path, arm: str) -> None:
-    """Who is slower than 5 km/h and has not passed, at each second of the minute.
-
-    E2 detectors count who enters their lane as often as SUMO's places have somebody new there.
-    """
-    passed = {
-        f"vehicle-1-{row['vehicle']}": row["passed_s"] for row in rows_of(runs[0], "passages", arm)
-    }
     slow, seen = 0, set()
     for step in ElementTree.parse(again / arm / "fcd.xml").iter("timestep"):
         time_s = float(step.get("time", "")) - WARM_UP_S
@@ -313,11 +309,9 @@ def test_sumos_places_agree_with_the_queues(runs: list[Path], again: Path, arm: 
     means = [row["mean"] for row in rows_of(runs[0], "queues", arm)]
     assert sum(means) * 60 == pytest.approx(slow)
     assert slow > 0
-    e2 = ElementTree.parse(again / arm / "e2.xml")
-    entered = {}
-    for interval in e2.iter("interval"):
-        lane = interval.get("id")
-        entered[lane] = entered.get(lane, 0) + int(interval.get("nVehEntered"))
+    entered: Counter[str] = Counter()
+    for interval in ElementTree.parse(again / arm / "e2.xml").iter("interval"):
+        entered[interval.get("id", "")] += int(interval.get("nVehEntered", ""))
     assert entered == {lane: sum(lane == other for other, _ in seen) for lane in entered}
 
 
@@ -326,16 +320,13 @@ def test_sumos_places_agree_with_the_queues(runs: list[Path], again: Path, arm: 
     [('raise ValueError("a vehicle that fails")', "fails"), ("return None", "returned None")],
 )
 def test_one_vehicle_that_fails_fails_its_arm(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
+    runs: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, does: str, said: str
 ) -> None:
     """None, too: SUMO drives for sumo_driver alone, who is shown people as its drivers need it."""
     (tmp_path / "faulty.py").write_text(FAULTY.replace("DOES", does), encoding="utf-8")
-    (tmp_path / "busy.toml").write_text(
-        SCENARIO.replace('"gap_yield"', '"faulty:Faulty"'), encoding="utf-8"
-    )
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    study = study_of(read_scenario_file(tmp_path / "busy.toml"), [])
+    study = study_again(runs, Setting("arms.av", "faulty:Faulty"))
     run = run_study(study, Options(workers=1), out=tmp_path / "run", make_executor=LocalPool)
     assert {arm for _, _, arm, _ in run.failures} == {"av"}
     assert all("vehicle " in reason and said in reason for *_, reason in run.failures)
@@ -349,18 +340,10 @@ def test_an_hour_in_sumo_gui_is_the_stored_one(runs: list[Path], tmp_path: Path)
 
     At the first picture the road is empty; the first vehicle needs half a minute to come.
     """
-    shots = tmp_path / "shots"
-    command = [*HARNESS, "replay", str(runs[0]), "--pair", "1", "--arm", "av", "--gui"]
-    options = ["--pace", "1000", "--screenshots", str(shots), "--every", "5"]
-    found = subprocess.run(
-        ["xvfb-run", "-a", "-s", "-screen 0 1280x900x24", *command, *options],
-        capture_output=True,
-        text=True,
-        timeout=180,
-    )
-    assert found.returncode == 0, found.stderr
-    assert found.stdout == "pair 1, arm av: the record is identical to the stored record\n"
-    pictures = sorted(shots.glob("*.png"))
+    options = ("--pace", "1000", "--screenshots", tmp_path / "shots", "--every", "5")
+    text = watched("replay", runs[0], "--pair", "1", "--arm", "av", *options)
+    assert text == "pair 1, arm av: the record is identical to the stored record\n"
+    pictures = sorted((tmp_path / "shots").glob("*.png"))
     assert len(pictures) >= 16
     assert [picture.name for picture in pictures[:2]] == ["t-00000.100-s.png", "t-00005.100-s.png"]
     assert pixels(pictures[0], AV) == 0
@@ -381,8 +364,7 @@ def test_a_pilot_gives_each_cell_its_warm_up(
 
     monkeypatch.setattr("harness.studies.batch.settling.longest_queue_s", longest_queue_s)
     monkeypatch.setattr("harness.studies.batch.settling.ROUND_S", 5.0)
-    file = read_scenario_file(runs[0].parent / "busy.toml")
-    study = study_of(file, [("arms.av", ["gap_yield", "hard_yield"])])
+    study = study_again(runs, varied=[("arms.av", ["gap_yield", "hard_yield"])])
     found = settled(study, Options(workers=0))
     assert [cell.varied["traffic.warm_up_s"] for cell in found.cells] == [50.0, WARM_UP_S]
     assert [cell.scenario.known_traffic.warm_up_s for cell in found.cells] == [50.0, WARM_UP_S]
@@ -391,11 +373,11 @@ def test_a_pilot_gives_each_cell_its_warm_up(
     assert looked_at[0][1] == 140.0
     assert looked_at[0][0] > 2
     looked_at.clear()
-    (one,) = settled(study_of(file), Options(workers=0)).cells
+    (one,) = settled(study_again(runs), Options(workers=0)).cells
     assert (one.varied, one.scenario.known_traffic.warm_up_s) == ({}, 50.0)
     # All else is as it was, the seed too.
     back = {"traffic": one.scenario.known_traffic.model_copy(update={"warm_up_s": WARM_UP_S})}
-    assert one.scenario.model_copy(update=back) == study_of(file).cells[0].scenario
+    assert one.scenario.model_copy(update=back) == study_again(runs).cells[0].scenario
 
 
 @pytest.mark.parametrize(
@@ -409,14 +391,6 @@ def test_what_does_not_settle_is_refused(settings: dict[str, Any], said: str) ->
     file = read_scenario_file("capacity", {"traffic.saturated": False, **settings})
     with pytest.raises(InputError, match=said):
         settled(study_of(file), Options(workers=0))
-
-
-def test_what_hours_have_not(runs: list[Path]) -> None:
-    study = harness.load_run(runs[0]).study
-    with pytest.raises(InputError, match="--until: is not supported with"):
-        plan_of(study, Options(until=Precision("mu", 0.1)))
-    with pytest.raises(InputError, match="is a run of hours of traffic"):
-        harness.compare(runs[0])
 
 
 @pytest.mark.parametrize(
@@ -448,9 +422,8 @@ def test_bad_input_is_one_line(tmp_path: Path, line: str, said: str) -> None:
 
 
 def test_crashes_are_said_before_any_delay(runs: list[Path], tmp_path: Path) -> None:
-    changes = [parse_setting("arms.av=constant_speed"), parse_setting("experiment.pairs=1")]
-    study = study_of(read_scenario_file(runs[0].parent / "busy.toml", changes), [])
-    run = run_study(study, Options(), out=tmp_path / "run", make_executor=Inline)
+    changes = (Setting("arms.av", "constant_speed"), Setting("experiment.pairs", 1))
+    run = run_inline(study_again(runs, *changes), tmp_path / "run")
     hit = int(run.passages[run.passages["arm"] == "av"]["contact"].notna().sum())
     assert hit > 0, "or there is nothing to say"
     (cell,) = reported(run).cells
