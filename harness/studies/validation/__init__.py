@@ -1,4 +1,4 @@
-"""Compares driver models with recorded passages of vehicles through groups of pedestrians."""
+"""Takes recorded passages and driver models and returns how close each model is to the record."""
 
 from harness.studies.validation.figures import ENTRIES
 from harness.studies.validation.finding import find_passages

@@ -20,7 +20,7 @@ def drive(passage: Passage, strategy: Strategy) -> Trace:
 
     Args:
         passage: the recorded passage.
-        strategy: a fresh strategy object.
+        strategy: a new strategy object.
     """
     steps = len(passage.x_m) - 1 + round(BEYOND_S / passage.step_s)
     # An engine begins at v0, but here the start speed differs from v0, except for the driver at

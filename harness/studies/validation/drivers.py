@@ -87,13 +87,13 @@ class FoldModels:
     """Models that were each fitted without a fold of vehicles, and the model fitted to all."""
 
     whole: InteractionModel
-    of_fold: Sequence[InteractionModel]
-    fold_of: Mapping[tuple[str, ...], int]
+    fold_models: Sequence[InteractionModel]
+    vehicle_fold: Mapping[tuple[str, ...], int]
 
     def __call__(self, passage: Passage) -> InteractionModel:
         """Return the model that was fitted without the passage's vehicle."""
-        fold = self.fold_of.get(passage.vehicle_id)
-        return self.whole if fold is None else self.of_fold[fold]
+        fold = self.vehicle_fold.get(passage.vehicle_id)
+        return self.whole if fold is None else self.fold_models[fold]
 
 
 def refit_without_folds(
@@ -119,12 +119,12 @@ def refit_without_folds(
     whole = model.mixture
     rows = extract(list(paths), format_, **options).rows
     code = independent_vehicles(rows)
-    assert code is not None  # rows of tracks say which vehicle they are of
+    assert code is not None  # rows from tracks always identify their vehicle
     number = min(folds, int(code.max()) + 1)
-    fold_of = vehicle_folds(code, row_weights(rows, "encounter"), number, seed)
+    row_folds = vehicle_folds(code, row_weights(rows, "encounter"), number, seed)
     models = []
     for fold in range(number):
-        sample = make_sample(rows[fold_of != fold], lower=whole.lower, upper=whole.upper)
+        sample = make_sample(rows[row_folds != fold], lower=whole.lower, upper=whole.upper)
         fit = fit_mixture(
             sample.data,
             len(whole.weights),
@@ -138,4 +138,4 @@ def refit_without_folds(
         models.append(InteractionModel(fit.mixture, f"{model.name}, fold {fold}", {}, ""))
         progress(fold + 1)
     names = rows[list(VEHICLE_KEY)].itertuples(index=False, name=None)
-    return FoldModels(model, models, dict(zip(names, fold_of.tolist(), strict=True)))
+    return FoldModels(model, models, dict(zip(names, row_folds.tolist(), strict=True)))

@@ -1,4 +1,4 @@
-"""A driver's outcome in a passage, measured on its trace."""
+"""Takes a trace of a passage and returns the driver's outcome: times, positions and contacts."""
 
 from dataclasses import dataclass
 
@@ -10,28 +10,29 @@ from harness.measures.ego import crossing_time, ego_state
 from harness.studies.validation.passages import Passage
 
 HORIZONS_S = (1.0, 2.0, 4.0)
-"""When positions are compared."""
+"""Times after the start at which positions are compared."""
 
 _STANDING_MPS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class DriverOutcome:
-    """One passage as one driver drove it, recorded or simulated.
+    """The outcome of one driver, recorded or simulated, in one passage.
 
     Attributes:
-        trace: of the passage.
-        pass_time_s: from the start until the rear has left the crosswalk; the time that was
-            given where it had not (``timed_out``).
-        x_m: (3,) the bumper after ``HORIZONS_S``; NaN once it has passed.
-        first: (n,) whether it was at the pedestrian's conflict point before they passed it, for
-            each pedestrian of the passage who had not passed at the start.
-        least_speed_mps: of the whole passage.
-        pet_s, time_advantage_s: as in docs/measures.md; None where undefined.
-        contact: whether it touched anybody.
-        contact_explained: whether only a pedestrian who cannot react explains it: they walked
-            into its flank or into a standing vehicle, or full braking since they came would not
-            have helped.
+        trace: the trace of the passage.
+        pass_time_s: time from the start until the rear has left the crosswalk; the time limit if
+            ``timed_out``.
+        timed_out: whether the time limit ended the passage.
+        x_m: (3,) position of the front bumper after ``HORIZONS_S``; NaN after the passage.
+        first: (n,) whether the vehicle was at the conflict point before the pedestrian, for each
+            pedestrian who had not passed it at the start.
+        least_speed_mps: lowest speed of the passage.
+        pet_s, time_advantage_s: the measures of docs/measures.md; None if undefined.
+        contact: whether the vehicle touched a pedestrian.
+        contact_explained: whether the contact happened only because recorded pedestrians cannot
+            react.  They walked into its flank or into a standing vehicle, or full braking since
+            their arrival would not have avoided the contact.
     """
 
     trace: Trace
@@ -72,16 +73,16 @@ def outcome_of(passage: Passage, trace: Trace) -> DriverOutcome:
 
 
 def pass_time_of(passage: Passage, trace: Trace) -> tuple[float, bool]:
-    """(pass time in s, whether it is the time that was given because the vehicle did not pass)."""
+    """The pass time in s, and whether it is the time limit because the vehicle did not pass."""
     passed = crossing_time(trace, passage.crossing.width_m / 2 + passage.vehicle.length_m)
     if passed is not None:
         return passed, False
-    # Reaching the edge is decided with a tolerance of 1 nm, which may leave it just short.
+    # An engine ends the passage within 1 nm of the edge, so the rear may be just before it.
     return (len(trace.x_m) - 1) * trace.step_s, trace.ending is Ending.TIMED_OUT
 
 
 def order_of(passage: Passage, trace: Trace) -> np.ndarray:
-    """(n,) bool: whether it was first, for each pedestrian who had not passed at the start."""
+    """See ``DriverOutcome.first``; bool of shape (n,)."""
     counts = passage.passing_s > 0
     places, passing_s = passage.conflict_x_m[counts], passage.passing_s[counts]
     times = [crossing_time(trace, place) for place in places.tolist()]

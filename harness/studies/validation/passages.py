@@ -1,4 +1,4 @@
-"""Recorded passages: one vehicle's way through one group of people who cross its path."""
+"""Holds recorded passages: one vehicle's way through one group of crossing pedestrians."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,20 +6,20 @@ from dataclasses import dataclass
 from harness.core.encounter import Arrival, Crossing, FloatArray, Vehicle
 
 BEYOND_S = 30.0
-"""How much later than the recorded vehicle a simulated one may pass before its time is up."""
+"""A simulated vehicle times out this long after the recorded vehicle has passed."""
 
 LEFT_OUT: Mapping[str, str] = {
-    "parked_vehicle": "vehicle that never gets away from where it was first seen",
-    "no_pedestrian": "nobody was recorded together with the vehicle",
-    "nobody_crosses": "no path of a walker crosses the vehicle's path at 50 to 130°",
-    "only_standing_pedestrians": "everybody recorded together with the vehicle stood",
-    "begins_too_near": "the record begins less than 6 m before the group, or among it",
-    "gap": "a gap in the record of the vehicle, or of someone on the crossing",
-    "pass_not_recorded": "the record ends before the front bumper is at x = 0, or with the "
-    "vehicle standing, or more than 12 m before its rear has left the crosswalk",
-    "nobody_left": "everybody of the group had crossed when the passage begins",
+    "parked_vehicle": "the vehicle stays near its first position",
+    "no_pedestrian": "no pedestrian is recorded at the same time as the vehicle",
+    "nobody_crosses": "no pedestrian's path crosses the vehicle's path at 50 to 130°",
+    "only_standing_pedestrians": "all pedestrians recorded with the vehicle stand",
+    "begins_too_near": "the vehicle's record begins less than 6 m before the conflict points",
+    "gap": "the record of the vehicle or of a pedestrian on the crosswalk has a gap",
+    "pass_not_recorded": "the record ends before the front bumper reaches x = 0, while the "
+    "vehicle stands, or more than 12 m before its rear leaves the crosswalk",
+    "nobody_left": "all pedestrians of the group crossed before the passage begins",
 }
-"""Why a vehicle, or its way through a group, is no passage: the first reason that applies."""
+"""Reasons why a vehicle, or its way through a group, is excluded; the first one counts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,18 +28,20 @@ class Passage:
 
     Attributes:
         source, clip, vehicle_key, group: identify the passage; ``group`` counts along the path.
-        vehicle: the ego's constants; ``initial_speed_mps`` is its free speed v0, which it goes
-            back to: the highest of its speed at the start and its mean speeds over one second.
-        start_speed_mps: its speed at the start, of a parabola through the first 0.5 s.
-        crossing: as wide as the conflict points are apart, kerbs 4.5 m either side of the path.
-        step_s: of ``x_m``, and of the simulations.
-        x_m: (n,) the recorded front bumper at every step, until its rear has left the crosswalk.
-        recorded_s: when the record ends; from then on it keeps its last speed.
-        arrivals: the people who are there during the passage, with their walks.
-        passing_s: for each of them, when they pass the vehicle's path; −inf for those who had
-            passed it at the start, inf for those who never do.
-        conflict_x_m: where they do.
-        extended: for each of them, whether a part of the walk was not recorded.
+        vehicle: the ego's constants.  ``initial_speed_mps`` is the free speed v0: the maximum of
+            the start speed and of the mean speeds over one second.
+        start_speed_mps: the speed at the start, from a parabola through the first 0.5 s.
+        crossing: the crosswalk.  Its width is the spread of the conflict points; its kerbs are
+            4.5 m from the vehicle's path on either side.
+        step_s: time step of ``x_m`` and of the simulations.
+        x_m: (n,) recorded position of the front bumper at every step, until the rear has left the
+            crosswalk.
+        recorded_s: end of the record; after it the vehicle keeps its last speed.
+        arrivals: the pedestrians who are present during the passage, with their walks.
+        passing_s: (pedestrians,) time at which they pass the vehicle's path; −inf if they passed
+            it before the start, inf if they never pass it.
+        conflict_x_m: (pedestrians,) place along the road at which they pass the vehicle's path.
+        extended: (pedestrians,) whether a part of the walk was not recorded.
     """
 
     source: str
@@ -59,28 +61,28 @@ class Passage:
 
     @property
     def vehicle_id(self) -> tuple[str, str, str]:
-        """The vehicle, whose passages resampling and folds keep together."""
+        """The vehicle; resampling and folds keep its passages together."""
         return self.source, self.clip, self.vehicle_key
 
     @property
     def name(self) -> str:
-        """Clip, vehicle and group in one word."""
+        """Clip, vehicle and group as one name."""
         return f"{self.clip}/{self.vehicle_key}#{self.group}"
 
 
 @dataclass(frozen=True, eq=False)
 class Passages:
-    """The passages of a set, and how many were left out for which reason of ``LEFT_OUT``."""
+    """The passages of a data set, and the number excluded for each reason of ``LEFT_OUT``."""
 
     used: tuple[Passage, ...]
     left_out: Mapping[str, int]
 
     @property
     def vehicles(self) -> int:
-        """Vehicles with a passage."""
+        """Number of vehicles with a passage."""
         return len({passage.vehicle_id for passage in self.used})
 
     @property
     def encounters(self) -> int:
-        """Pedestrians who pass a vehicle's path after its passage began, over all passages."""
+        """Number of pedestrians who pass a vehicle's path after its passage began."""
         return sum(int((passage.passing_s > 0).sum()) for passage in self.used)

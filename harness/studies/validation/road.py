@@ -1,4 +1,4 @@
-"""The road of a recorded passage: the vehicle's own path, straightened, and who walks across it."""
+"""Takes a recorded path and tracks and returns the straightened road and pedestrians' courses."""
 
 from dataclasses import dataclass
 
@@ -9,23 +9,23 @@ from harness.model.trajectories.paths import TravelPath
 from harness.model.trajectories.tracks import Track
 
 KERB_M = 4.5
-"""From the vehicle's path to either kerb: the crossing is 9 m long, as the paper's."""
+"""Distance from the vehicle's path to either kerb; the crosswalk is 9 m long, as in the paper."""
 
 FOOTPATH_M = 1.5
-"""A pedestrian is there from so far before the kerb on, as those of SUMO's own model are."""
+"""A pedestrian is present from this distance before the kerb on, as in SUMO's own model."""
 
 LEG_S = 0.1
-"""Shortest leg of a walk, s: neighbouring records of faster cameras are taken together."""
+"""Shortest leg of a walk; records of faster cameras are thinned to it."""
 
 VELOCITY_S = 0.5
-"""Before and after the record people go on at their mean velocity over this time."""
+"""Before and after the record a pedestrian walks at their mean velocity over this time."""
 
 _EXTENSION_M = 60.0
 
 
 @dataclass(frozen=True, eq=False)
 class Road:
-    """A path as a chain of pieces with their lengths, extended straight at both ends."""
+    """A path as a chain of straight pieces, extended straight at both ends."""
 
     start_m: FloatArray
     piece_m: FloatArray
@@ -33,7 +33,7 @@ class Road:
     arc_m: FloatArray
 
     def coordinates(self, position_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(path length, distance to the left of the path) of positions, each of shape (n,)."""
+        """Path length and distance to the left of the path in m, (n,) each, of positions (n, 2)."""
         away = position_m[:, None, :] - self.start_m[None]
         share = np.clip((away * self.piece_m).sum(axis=2) / self.length_m**2, 0.0, 1.0)
         foot = away - share[:, :, None] * self.piece_m
@@ -49,21 +49,21 @@ class Road:
 
 
 def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -> Road:
-    """The road that a path is within ``reach_m`` of a place on it.
+    """The part of a path within ``reach_m`` of a place on it, as a road.
 
-    Pieces farther away are left out, so that a path that comes back on itself has one road here.
+    Farther pieces are left out, so that a path that returns to the place has only one road there.
 
     Args:
-        path: of the vehicle's centre.
-        arc_m: the place.
-        reach_m: how much of the path counts, either way.
-        chord_m: over which the ends' directions are taken.
+        path: path of the vehicle's centre.
+        arc_m: path length of the place.
+        reach_m: length of the path before and after the place.
+        chord_m: length of the chords that give the directions of the extensions.
     """
     corners = path.arc_m[np.abs(path.arc_m - arc_m) < reach_m]
     first, last = max(0.0, arc_m - reach_m), min(float(path.arc_m[-1]), arc_m + reach_m)
     arcs = np.unique(np.concatenate([[first], corners, [last]]))
     points = np.array([path.at(arc) for arc in arcs.tolist()])
-    # A corner that a rounding puts beside an end would be a piece without a direction.
+    # A corner at almost the same place as an end would give a piece without a direction.
     kept = np.concatenate([[True], np.diff(arcs) > 1e-6])
     arcs, points = arcs[kept], points[kept]
     ahead = path.direction(last - chord_m / 2, chord_m / 2)
@@ -78,13 +78,13 @@ def road_about(path: TravelPath, arc_m: float, reach_m: float, chord_m: float) -
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A pedestrian's places in the road's frame: a polyline in time, also around the record.
+    """A pedestrian's positions in the road's frame, extended before and after the record.
 
     Attributes:
-        side: the kerb they come from.
-        time_s: (n,) from the passage's start, increasing; the first is 0 or earlier.
-        x_m, y_m: (n,).
-        recorded_s: first and last moment of the record itself.
+        side: the kerb from which they come.
+        time_s: (n,) increasing times from the passage's start; the first is 0 or negative.
+        x_m, y_m: (n,) positions along and across the road.
+        recorded_s: first and last time of the record.
     """
 
     side: Side
@@ -95,11 +95,11 @@ class Course:
 
     @property
     def progress_m(self) -> FloatArray:
-        """(n,) distance from their kerb, along their direction; negative on the footpath."""
+        """(n,) distance from their kerb in walking direction; negative on the footpath."""
         return self.y_m if self.side is Side.NEAR else 2 * KERB_M - self.y_m
 
     def reaches_s(self, progress_m: float, since_s: float = -np.inf) -> float:
-        """When they first are that far or farther, from a time on; infinite if never."""
+        """First time in s, from ``since_s`` on, with at least this progress; infinite if never."""
         progress = self.progress_m
         if since_s > self.time_s[0]:
             here = np.interp(since_s, self.time_s, progress)
@@ -118,13 +118,13 @@ class Course:
         return float(times[at - 1] + share * (times[at] - times[at - 1]))
 
     def x_at(self, time_s: float) -> float:
-        """Where along the road they are at a time."""
+        """Position along the road in m at a time."""
         return float(np.interp(time_s, self.time_s, self.x_m))
 
     def legs(self, until_s: float) -> tuple[Leg, ...]:
-        """Their walk from the footpath before their kerb, or t = 0, to the other kerb.
+        """Their walk from the footpath before their kerb, or from t = 0, to the other kerb.
 
-        Empty for someone who is past that kerb at t = 0, or not there before ``until_s``.
+        It is empty if they are past the other kerb at t = 0 or not present before ``until_s``.
         """
         begin = self.reaches_s(-FOOTPATH_M, since_s=0.0)
         end = min(self.reaches_s(2 * KERB_M, since_s=0.0), until_s)
@@ -133,7 +133,7 @@ class Course:
         inner = self.time_s[(self.time_s > begin + 1e-9) & (self.time_s < end - 1e-9)]
         times = np.concatenate([[begin], inner, [end]])
         x, y = (np.interp(times, self.time_s, values) for values in (self.x_m, self.y_m))
-        # Legs are straight: the last one leads past its end, so that they leave at the kerb.
+        # A leg has no end, so the last one also leads them over the kerb.
         step = np.diff(times)
         columns = np.column_stack(
             (times[:-1], x[:-1], y[:-1], np.diff(x) / step, np.diff(y) / step, 0.0 * step)
@@ -144,16 +144,16 @@ class Course:
 def course_of(
     track: Track, road: Road, origin_m: float, start_s: float, until_s: float, side: Side, flip: int
 ) -> Course:
-    """Someone's course in a passage.
+    """A pedestrian's course in a passage.
 
     Args:
-        track: as recorded.
-        road: the vehicle's.
+        track: their recorded track.
+        road: the vehicle's road.
         origin_m: path length of x = 0.
-        start_s: the passage's start on the clip's clock.
-        until_s: the end of what is needed, from that start.
-        side: the kerb they come from.
-        flip: −1 where the clip's y points down, else 1.
+        start_s: start of the passage on the clip's clock.
+        until_s: end of the course, from the start of the passage.
+        side: the kerb from which they come.
+        flip: −1 if the clip's y axis points down, else 1.
     """
     kept = _thinned(track.time_s)
     time_s = rounded(track.time_s[kept] - start_s)
@@ -175,13 +175,13 @@ def course_of(
 
 
 def rounded(values: FloatArray) -> FloatArray:
-    """To 1e-9, so that the last bits of another clock or another axis decide nothing."""
+    """Values rounded to 1e-9, so that results do not depend on the last bits."""
     result: FloatArray = np.round(values, 9)
     return result
 
 
 def _thinned(time_s: FloatArray) -> list[int]:
-    """Records at least a leg apart; the last one counts."""
+    """Indices of records at least ``LEG_S`` apart, including the first and the last record."""
     kept = [0]
     for index, time in enumerate(time_s.tolist()):
         if time - time_s[kept[-1]] >= LEG_S - 1e-6:
@@ -194,12 +194,12 @@ def _thinned(time_s: FloatArray) -> list[int]:
 def _velocity(
     time_s: FloatArray, x_m: FloatArray, y_m: FloatArray, *, last: bool
 ) -> tuple[float, float]:
-    """Mean velocity at the beginning or the end of a record, m/s along and across the road."""
+    """Mean velocity in m/s along and across the road, at the beginning or end of a record."""
     if last:
-        one, other = max(0, int(np.searchsorted(time_s, time_s[-1] - VELOCITY_S - 1e-9))), -1
-        one = min(one, len(time_s) - 2)
+        begin, end = max(0, int(np.searchsorted(time_s, time_s[-1] - VELOCITY_S - 1e-9))), -1
+        begin = min(begin, len(time_s) - 2)
     else:
-        one = 0
-        other = max(1, int(np.searchsorted(time_s, time_s[0] + VELOCITY_S + 1e-9)) - 1)
-    elapsed = time_s[other] - time_s[one]
-    return float((x_m[other] - x_m[one]) / elapsed), float((y_m[other] - y_m[one]) / elapsed)
+        begin = 0
+        end = max(1, int(np.searchsorted(time_s, time_s[0] + VELOCITY_S + 1e-9)) - 1)
+    elapsed = time_s[end] - time_s[begin]
+    return float((x_m[end] - x_m[begin]) / elapsed), float((y_m[end] - y_m[begin]) / elapsed)

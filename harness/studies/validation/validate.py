@@ -103,10 +103,10 @@ def validate(
     model_of: ModelOf = lambda _: model  # noqa: E731
     refitted = 0
     if known and folds > 1:
-        of_folds = refit_without_folds(
+        fold_models = refit_without_folds(
             model, paths, format_, given, folds, seed, lambda done: progress(done, folds, "folds")
         )
-        model_of, refitted = of_folds, len(of_folds.of_fold)
+        model_of, refitted = fold_models, len(fold_models.fold_models)
     in_sample = {
         *(with_model if known and not refitted else ()),
         *(
@@ -123,7 +123,7 @@ def validate(
     drives = {name: drives_of(driven, recorded) for name, driven in outcomes.items()}
     samples, doubt = resamples(passages.used, seed), few_vehicles(passages.vehicles)
     ranked = ranking({name: drives[name].score_s for name in drivers}, samples)
-    found = tuple(
+    driver_findings = tuple(
         DriverFindings(
             driver=name,
             rank=rank,
@@ -147,8 +147,8 @@ def validate(
         contacts_recorded=sum(drive.contact for drive in recorded),
         left_out=passages.left_out,
         remarks=(*tally.remarks(), *filter(None, (unknown, doubt))),
-        notes=tuple(_notes(passages, found, tally.remarks(), unknown, doubt)),
-        drivers=found,
+        notes=tuple(_notes(passages, driver_findings, tally.remarks(), unknown, doubt)),
+        drivers=driver_findings,
     )
     return Validation(passages, recorded, outcomes, findings)
 
@@ -195,7 +195,7 @@ def _notes(
 
 
 def _check_drivers(drivers: Sequence[str], scenario: Scenario) -> None:
-    """Refuse unknown drivers and parameters, and SUMO's own driver, before anything is read."""
+    """Raise for unknown drivers and parameters, and for SUMO's driver, before data are read."""
     if not drivers:
         raise InputError("--drivers", "names no driver", "e.g. human_gmm,human_yield")
     for name in drivers:
