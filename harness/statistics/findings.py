@@ -13,6 +13,7 @@ from harness.statistics.entries import Catalogue, Findings, Plain
 class Rank(IntEnum):
     """The subject of a note; notes are shown in this order."""
 
+    UNFINISHED = -1
     NOTHING_TESTED = 0
     FAILURES = 1
     TIME_OUTS = 2
@@ -60,7 +61,7 @@ class RunFindings:
 
     ``catalogue`` is the catalogue of the run's kind.  ``scope`` says what the run consists of
     besides its pairs, such as its seed and its audit.  ``paper`` says whether the run's only cell
-    is the paper's experiment.
+    is the paper's experiment.  ``site`` says where the run takes place and who comes.
     """
 
     catalogue: Catalogue
@@ -71,3 +72,4 @@ class RunFindings:
     paper: bool
     cells: tuple[CellFindings, ...]
     notes: tuple[Note, ...] = ()
+    site: str = ""

@@ -25,7 +25,8 @@ from harness.statistics import (
 from harness.store.hour_catalogue import HOURS
 from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
-from harness.studies.runs.reported import is_the_papers, walker_lines
+from harness.studies.runs.reported import _run_notes, is_the_papers, walker_lines
+from harness.studies.runs.site_words import site_words
 
 FEW = "unreliable below 1,000 informative pairs (has 50)"
 CALM: dict[str, Finding] = {
@@ -199,13 +200,13 @@ def test_a_sweep_has_a_row_for_each_cell() -> None:
         "\n".join(screen_lines(run_with(calm, crashed, notes=(note,))))
         == """\
 cctc: 2 cells; two numbers: AV / human_gmm                                     50 pairs each, seed 1
-                                                   worst                          people's
-cell  av              ratio of times      crashes  case   μ      c_v   delay, s   wait, s
+                                          crashes  worst                          people's
+cell  av              ratio of times      of 50    case   μ      c_v   delay, s   wait, s
 0     soft_yield      0.75 (0.71 … 0.80)  0 / 0           0.755  21 %  1.5 / 4.5  0.0 / 0.0
 1     constant_speed  0.75 (0.71 … 0.80)  5 / 0    3.40   0.755  21 %  1.5 / 4.5  0.0 / 0.0
 Not shown here: PET below 1.5 s.
 ! 2 of 9 records differ.
-! Cell 1: The ratio of times uses 45 of 50 pairs, μ and c_v use 45 (crashes: AV 5, human_gmm 0).
+! Cell 1: The ratio of times, μ and c_v use 45 of 50 pairs (crashes: AV 5, human_gmm 0).
 ! Cell 0: Against human_recorded soft_yield is slower: the result depends on the reference
   (docs/study.md).
 ! Few pairs: intervals are unreliable below 1,000 informative pairs (ratio of times and μ), 4,000
@@ -215,8 +216,9 @@ All measures: --full. Page: harness report runs/cctc-1"""
     # What does not fit is named; the number of pairs is that of a cell where it differs.
     longer = cell_with(1, {"arms.av": "hard_yield"}, {"arms.av": "hard_yield"}, pairs=Finding(90))
     narrow = screen_lines(run_with(calm, longer), 60)
-    assert narrow[2:6] == [
-        "cell  av          pairs  ratio of times      crashes  μ",
+    assert narrow[2:7] == [
+        "                                             crashes",
+        "cell  av          pairs  ratio of times      of 50    μ",
         "0     soft_yield  50     0.75 (0.71 … 0.80)  0 / 0    0.755",
         "1     hard_yield  90     0.75 (0.71 … 0.80)  0 / 0    0.755",
         "Not shown here: c_v; delay, s; people's wait, s; PET below",
@@ -225,8 +227,77 @@ All measures: --full. Page: harness report runs/cctc-1"""
     narrow = screen_lines(run_with(calm, longer), 40)
     assert max(map(len, narrow[:-1])) <= 40
     table = [line.split() for line in narrow]
-    assert ["cell", "av", "pairs", "times", "crashes"] in table
+    assert ["cell", "av", "pairs", "times", "of", "50"] in table
     assert ["0", "soft_", "50", "0.75", "0", "/", "0"] in table
+
+
+def test_the_site_and_an_unfinished_run_stand_before_everything_else() -> None:
+    cell = cell_with(failed=Finding(1), time_ratio_pairs=Finding(49))
+    run: Any = SimpleNamespace(
+        finished=False,
+        results=[SimpleNamespace(findings={"pairs": Finding(50)})],
+        planned_pairs=80,
+        path="runs/c",
+        disagreements=(),
+        varied_keys=(),
+    )
+    monkeypatched = pytest.MonkeyPatch()
+    monkeypatched.setattr("harness.studies.runs.reported.missed_targets", lambda _: [])
+    notes = tuple(_run_notes(run))
+    monkeypatched.undo()
+    site = site_words([load_scenario("cctc")])
+    findings = RunFindings(ENCOUNTERS, "c", "runs/c", "seed 1", 0.95, False, (cell,), notes, site)
+    lines = screen_lines(screen_of(findings))
+    assert lines[1] == "Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; one pedestrian, at the trigger."
+    first = next(line for line in lines if line.startswith("!"))
+    assert first == (
+        "! The run is not finished: 50 of 80 pairs are done; harness resume runs/c continues it."
+    )
+
+
+def test_a_site_names_its_flows_and_what_is_varied() -> None:
+    hours = [
+        load_scenario("penetration", {"traffic.av_share": share, "ego.initial_speed_mps": 8})
+        for share in (0.25, 0.5)
+    ]
+    traffic, people = hours[0].known_traffic, hours[0].pedestrians.flow_per_hour
+    flows = f"{traffic.flow_per_hour:g} + {traffic.oncoming_per_hour:g} vehicles per hour"
+    ends = f"{flows}; {people:g} people per hour."
+    assert site_words(hours[:1]).endswith(f"lanes; v0 8 m/s; 25 % AVs; {ends}")
+    assert site_words(hours).endswith(f"lanes; v0 8 m/s; share of AVs varied; {ends}")
+
+
+def test_nobody_met_shows_neither_a_bound_nor_a_spread() -> None:
+    alike = "unreliable: all values are equal"
+    cell = cell_with(
+        met_nobody=Finding(50),
+        met_someone=Finding(0),
+        mu=Finding(1.0, 1.0, 1.0, 0, None, False, alike),
+        cv=Finding(0.0, 0.0, 0.0, 0, None, False, alike),
+    )
+    rows = {line[:7]: line for line in screen_lines(run_with(cell))}
+    assert rows["crashes"].split() == ["crashes", "0", "of", "50", "0", "of", "50"]
+    assert rows["c_v, sp"].endswith("–")
+    assert rows["μ, mean"].endswith("1.000")
+
+
+def test_the_trials_of_crashes_are_a_range_where_they_differ() -> None:
+    hours = [
+        replace(
+            hour_with({}, kappa=Finding(0, 0, 0.004, 1_000 + number, 0)),
+            cell=number,
+            varied={"arms.av": "hard_yield"},
+        )
+        for number in range(2)
+    ]
+    run = RunFindings(HOURS, "hours", "runs/h", "seed 1", 0.95, False, tuple(hours))
+    assert "crashes of 1,000 … 1,001" in screen_of(run).headings
+
+
+def test_few_pairs_of_hours_are_counted() -> None:
+    three = hour_with({}, pairs=Finding(4), failed=Finding(1))
+    assert three.notes[-1].text == "Few pairs: each interval rests on 3 pairs of hours."
+    assert not any("rests on" in note.text for note in hour_with({}).notes)
 
 
 def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
@@ -241,7 +312,8 @@ def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
     lines = screen_lines(run_with(*cells))
     assert "50 pairs each (60 of 100 met nobody), seed 1" in "".join(lines[:2])
     headings = next(line for line in lines if line.startswith("cell")).split()
-    assert "crashes" in headings
+    assert headings.count("50") == 1
+    assert any("crashes" in line for line in lines)
     assert "5 / 0" in next(line for line in lines if line.startswith("1 "))
     assert "50 pairs (30 met nobody), seed 1" in "".join(
         screen_lines(run_with(cell_with(**drove)))[:2]
@@ -485,7 +557,7 @@ def test_hours_say_what_went_wrong_of_each_arm() -> None:
     assert texts[0] == "1 of 5 pairs failed; no row counts them."
     # A fifth of the arrivals stayed on the road.
     for text in (
-        "hard_yield's arm: 2 of 1,000 vehicles crashed, and traffic continued as if nobody had",
+        "hard_yield's arm: after a crash traffic continued as if nobody had been hit, so",
         "human_yield: 7 vehicles never passed",
         "human_yield: 3 pedestrians never started to cross.",
         "human_yield: the road was saturated. The number of vehicles on it grew by 20 % of the "

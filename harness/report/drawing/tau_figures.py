@@ -1,4 +1,4 @@
-"""Figures of τ, the AV's pass time over the human's: its running mean, its distribution.
+"""Figures of τ, the AV's pass time over the reference's: its running mean, its distribution.
 
 After the paper's figure "Mean value and distribution of τ".  Each function draws into the given
 axes and neither saves nor shows the figure.
@@ -22,7 +22,9 @@ _FIRST_BAND = 5
 _SETTLED = 30
 
 
-def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = None) -> None:
+def draw_running_mean(
+    axes: Axes, tau: FloatArray, reference: float | None = None, driver: str = "reference"
+) -> None:
     """The mean of the first n values of τ over n, its band, and the values themselves.
 
     The band is Student's t interval of the first n values: mean ± t · s/√n, drawn from n = 5 on.
@@ -30,6 +32,7 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
     Args:
         tau: (n,), in order of the pairs; NaN where undefined, which are left out.
         reference: the paper's μ, drawn as a line; None leaves it out.
+        driver: the name of the reference driver.
     """
     tau = tau[~np.isnan(tau)]
     total = len(tau)
@@ -56,7 +59,7 @@ def draw_running_mean(axes: Axes, tau: FloatArray, reference: float | None = Non
         ends = [low[_SETTLED:].min(), high[_SETTLED:].max(), reference or high[-1]]
         room = 0.08 * (max(ends) - min(ends))
         axes.set_ylim(min(ends) - room, max(ends) + room)
-    finish(axes, "number of pairs n", "τ = AV time / human time", f"n = {total:,}")
+    finish(axes, "number of pairs n", f"τ = AV time / {driver} time", f"n = {total:,}")
 
 
 def running_mean(tau: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -83,6 +86,7 @@ def draw_tau_distribution(
     fallback: "np.ndarray | None" = None,
     mu: tuple[float, float, float] | None = None,
     confidence: float = CONFIDENCE,
+    driver: str = "reference",
 ) -> None:
     """A histogram of τ; pairs in which the AV fell back are hatched.
 
@@ -91,6 +95,7 @@ def draw_tau_distribution(
         fallback: (n,) whether the AV fell back; None draws all bars alike.
         mu: mean with its interval, drawn as a line and a band; None leaves them out.
         confidence: of that interval.
+        driver: the name of the reference driver.
     """
     defined = ~np.isnan(tau)
     fell = np.zeros(len(tau), dtype=bool) if fallback is None else np.asarray(fallback, dtype=bool)
@@ -118,9 +123,9 @@ def draw_tau_distribution(
         axes.axvspan(
             low, high, color=GREEN, alpha=0.2, lw=0, label=f"its {level(confidence)} interval"
         )
-    axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label="as fast as the human")
+    axes.axvline(1.0, color=MUTED, lw=1.0, ls=":", label=f"as fast as {driver}")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-    finish(axes, "τ = AV time / human time", "pairs", f"n = {len(values):,}")
+    finish(axes, f"τ = AV time / {driver} time", "pairs", f"n = {len(values):,}")
 
 
 def _edges(values: FloatArray) -> tuple[FloatArray, int]:

@@ -73,16 +73,17 @@ def pictures_of(
 def _tau_pictures(run: RunData) -> Iterator[Picture]:
     tau = run.pairs["tau"].to_numpy(dtype=float)
     scenario = run.scenario_of(0)
+    driver = scenario.arms.human
     defined = int(np.count_nonzero(~np.isnan(tau)))
     count = f"n = {defined:,} of {counted(len(tau), 'pair')}"
     figure, (axes,) = style.new_figure()
     reference = PAPER_MU if is_the_papers(scenario) else None
-    tau_figures.draw_running_mean(axes, tau, reference)
+    tau_figures.draw_running_mean(axes, tau, reference, driver)
     yield Picture(
         "tau-mean",
         "Running mean of τ",
-        "Mean of the first n values of τ = AV time / human time, with its 95 % band (Student's t): "
-        f"{count}.",
+        f"Mean of the first n values of τ = AV time / {driver} time, with its 95 % band "
+        f"(Student's t): {count}.",
         figure,
     )
     figure, (axes,) = style.new_figure()
@@ -90,7 +91,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     interval = float(row["mu"]), float(row["mu_ci_low"]), float(row["mu_ci_high"])
     mu = interval if np.isfinite(interval).all() else None
     fallback = _of_arm(run.episodes, Arm.AV)["fallback"].to_numpy(dtype=bool)
-    tau_figures.draw_tau_distribution(axes, tau, fallback, mu, run.confidence)
+    tau_figures.draw_tau_distribution(axes, tau, fallback, mu, run.confidence, driver)
     yield Picture(
         "tau-distribution",
         "Distribution of τ",
@@ -186,11 +187,11 @@ def _site(run: RunData, place: Place) -> Picture:
 def _safety(run: RunData) -> Picture:
     ran = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
     av, human = (_of_arm(ran, arm) for arm in (Arm.AV, Arm.HUMAN))
+    driver = run.scenario.arms.human
     figure, axes = style.new_figure(3, 1, height=9.0)
     for panel, (column, label) in zip(axes, _SAFETY, strict=True):
         values = {
-            name: rows[column].to_numpy(dtype=float)
-            for name, rows in (("AV", av), ("human", human))
+            name: rows[column].to_numpy(dtype=float) for name, rows in (("AV", av), (driver, human))
         }
         safety_figures.draw_shares(panel, values, label, _SAFETY_UP_TO_S)
     return Picture(
@@ -198,7 +199,7 @@ def _safety(run: RunData) -> Picture:
         "TTC, PET and time advantage",
         "Share of episodes whose smallest TTC, post-encroachment time and smallest time advantage "
         "are at most x. A curve ends below 1 if the measure is undefined in some episodes. "
-        f"n = {len(av):,} AV and {len(human):,} human episodes.",
+        f"n = {len(av):,} AV and {len(human):,} {driver} episodes.",
         figure,
     )
 

@@ -22,10 +22,10 @@ from harness.studies.runs.strategy_groups import (
 )
 
 _FLOW = "pedestrians.flow_per_hour"
-_RATIO = "ratio of times, Σ AV / Σ human (below 1: the AV is faster)"
+_RATIO = "ratio of times, Σ AV / Σ reference (below 1: the AV is faster)"
 _MEASURES = (
-    ("time_ratio", "AV times / human times", _RATIO),
-    ("mu", "μ: AV time / human time", "μ, mean of AV time / human time"),
+    ("time_ratio", "AV times / reference times", _RATIO),
+    ("mu", "μ: AV time / reference time", "μ, mean of AV time / reference time"),
     ("kappa", "κ, crash rate of the AV", "κ, crash rate of the AV"),
     ("delay_s", "delay of the AV (s)", "mean delay of the AV"),
     ("pedestrian_delay_s", "delay of pedestrians (s)", "delay of pedestrians in the AV's arm"),
@@ -86,12 +86,12 @@ def _over(run: RunData, key: str, measures: tuple[tuple[str, str, str], ...]) ->
         if summary[measure].isna().all():
             continue
         figure, (axes,) = style.new_figure()
-        level = (1.0, "as fast as the human") if measure == "time_ratio" else None
+        level = (1.0, "as fast as the reference") if measure == "time_ratio" else None
         lines = draw.lines_of(summary, x, labels, measure)
         # If cells differ in the AV alone, they have the same reference arm.
         if measure == "pedestrian_delay_s" and others in ([], ["arms.av"]):
             one_av = np.array(labels) == labels[0]
-            label = f"{run.scenario.arms.human} (human's arm)"
+            label = f"{run.scenario.arms.human} (reference)"
             rows, places = summary[one_av], summary[key][one_av].tolist()
             lines += draw.lines_of(rows, places, [label] * len(rows), "pedestrian_delay_human_s")
         draw.draw_over(axes, lines, axis_label(key), up, counted, level)

@@ -54,6 +54,7 @@ def _one_cell(run: RunFindings, cell: CellFindings, footer: str) -> Screen:
         rows=tuple(rows),
         notes=tuple(sorted((*run.notes, *cell.notes), key=lambda note: note.rank)),
         footer=footer,
+        site=run.site,
         aside=True,
     )
 
@@ -73,9 +74,10 @@ def with_limits(entry: Entry[Any], both: Finding) -> str:
     """A number of both arms with its interval."""
     value = entry_value(entry, both, entry.paired_digits)
     limits = entry_limits(entry, both, entry.paired_digits)
-    # Too few pairs that are all the same do not make a number certain.
-    certain = both.reliable or both.low != both.high
-    return f"{value} ({limits})" if limits and certain else value
+    if both.reliable or both.low != both.high:
+        return f"{value} ({limits})" if limits else value
+    # Too few pairs that are all the same do not make a number certain, and they have no spread.
+    return DASH if entry.form is Form.SHARE else value
 
 
 def _both(
@@ -83,6 +85,8 @@ def _both(
 ) -> str:
     """The intervals of both arms' shares, or the one-sided bound where neither has an event."""
     if av is None or reference is None or entry.form not in (Form.EVENTS, Form.SHARE):
+        return ""
+    if any(note.rank is Rank.NOTHING_TESTED for note in cell.notes):
         return ""
     limits = [entry_limits(entry, finding) or DASH for finding in (av, reference)]
     if limits == [DASH, DASH]:
@@ -168,6 +172,8 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
             name = (
                 entry.title_of(both, shown[0].thresholds) if entry.names[0] else short_name(entry)
             )
+        if entry.form is Form.EVENTS:
+            name += _trials(entry, shown)
         headings.append(name)
         columns.append([_sweep_text(entry, cell, both, limits=place == 0) for cell in shown])
         if len(headings) == always and worst:
@@ -189,6 +195,7 @@ def _sweep(run: RunFindings, footer: str) -> Screen:
             )
         ),
         footer=footer,
+        site=run.site,
         always=always,
         most_lines=None,
     )
@@ -227,6 +234,13 @@ def _sweep_text(entry: Entry[Any], cell: CellFindings, both: str | None, limits:
     if all(text.endswith(" %") for text in texts):
         texts[0] = texts[0].removesuffix(" %")
     return " / ".join(texts)
+
+
+def _trials(entry: Entry[Any], cells: Sequence[CellFindings]) -> str:
+    """The trials of a column of events: " of 50", or their range over cells and arms."""
+    names = [name for name in entry.names[:2] if name is not None]
+    trials = {cell.findings[name].n or 0 for cell in cells for name in names}
+    return f" of {' … '.join(dict.fromkeys(f'{n:,}' for n in (min(trials), max(trials))))}"
 
 
 def _first_worst(run: RunFindings, cell: CellFindings) -> str:

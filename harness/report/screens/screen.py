@@ -45,6 +45,7 @@ class Screen:
         rows: as many texts as there are columns; the last text of a shorter row may run on.
         notes: in the order of their ranks.
         footer: where everything else is.
+        site: where the result holds and who comes; a line below the title.
         conclusions: sentences between the rows and the notes.
         aside: whether the last column goes below the rows where the terminal is narrow.
             Otherwise as many of the last columns are left out as do not fit.
@@ -59,6 +60,7 @@ class Screen:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[Note, ...]
     footer: str
+    site: str = ""
     conclusions: tuple[str, ...] = ()
     aside: bool = False
     always: int = 1
@@ -90,9 +92,10 @@ def screen_lines(screen: Screen, width: int = WIDEST) -> list[str]:
 def _head(screen: Screen, width: int) -> list[str]:
     gap = width - len(screen.title) - len(screen.scope)
     if gap >= len(_GAP):
-        return [f"{screen.title}{' ' * gap}{screen.scope}".rstrip()]
-    parts = (screen.title, screen.scope)
-    return [line for part in parts for line in textwrap.wrap(part, width)]
+        parts = [f"{screen.title}{' ' * gap}{screen.scope}".rstrip()]
+    else:
+        parts = [screen.title, screen.scope]
+    return [line for part in (*parts, screen.site) for line in textwrap.wrap(part, width)]
 
 
 def _rows(screen: Screen, width: int) -> list[str]:

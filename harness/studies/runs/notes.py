@@ -20,6 +20,13 @@ Catalogue = Sequence[Entry[Any]]
 MOSTLY = 0.5
 """From this share of fallbacks on, the AV's label also names the fallback strategy."""
 
+FEW_HOURS = 5
+"""Below this number of pairs of hours a note says how many there are.
+
+Student's t covers normally distributed hours with any number of them, and skewed hours less with
+any number up to 20 (docs/method.md), so no number makes its intervals reliable.
+"""
+
 _ENDS = ("", "_human")
 
 
@@ -107,11 +114,11 @@ def _crashes_left_out(scenario: Scenario, findings: Findings) -> list[Note]:
     if not av and not human:
         return []
     counted, defined = findings["time_ratio_pairs"].count, findings["defined_pairs"].count
-    text = (
-        f"The ratio of times uses {counted:,} of "
-        f"{_counted(findings['pairs'].count, 'pair')}, μ and c_v use {defined:,} "
-        f"(crashes: AV {av:,}, {scenario.arms.human} {human:,})."
-    )
+    pairs = _counted(findings["pairs"].count, "pair")
+    uses = f"The ratio of times uses {counted:,} of {pairs}, μ and c_v use {defined:,}"
+    if counted == defined:
+        uses = f"The ratio of times, μ and c_v use {counted:,} of {pairs}"
+    text = f"{uses} (crashes: AV {av:,}, {scenario.arms.human} {human:,})."
     return [Note(Rank.LEFT_OUT, text)]
 
 
@@ -245,7 +252,8 @@ def _reference(scenario: Scenario, findings: Findings) -> list[Note]:
 def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> tuple[Note, ...]:
     """Return the notes of a cell of hours, sorted by rank."""
     notes, traffic = [], scenario.known_traffic
-    if failed := findings["failed"].count:
+    failed = findings["failed"].count
+    if failed:
         pairs = _counted(findings["pairs"].count, "pair")
         notes.append(Note(Rank.FAILURES, f"{failed:,} of {pairs} failed; no row counts them."))
     if traffic.saturated:
@@ -255,6 +263,10 @@ def hour_notes(scenario: Scenario, findings: Findings, catalogue: Catalogue) -> 
     if findings["pairs"].count - failed == 1:
         text = "One pair of hours has no intervals: nothing says how far another hour would differ."
         notes.append(Note(Rank.FEW_PAIRS, text))
+    elif 1 < (ran := findings["pairs"].count - failed) < FEW_HOURS:
+        notes.append(
+            Note(Rank.FEW_PAIRS, f"Few pairs: each interval rests on {ran} pairs of hours.")
+        )
     for who, end in zip((f"{scenario.arms.av}'s arm", scenario.arms.human), _ENDS, strict=True):
         strategy = scenario.arms.human if end else scenario.arms.av
         notes += _hour_notes_of_arm(scenario, findings, who, end, strategy)
@@ -270,12 +282,11 @@ def _hour_notes_of_arm(
     def note(rank: Rank, text: str) -> None:
         notes.append(Note(rank, f"{who}: {text}"))
 
-    if crashes := findings[f"kappa{end}"].events:
+    if findings[f"kappa{end}"].events:
         note(
             Rank.LEFT_OUT,
-            f"{crashes:,} of {_counted(findings[f'kappa{end}'].n or 0, 'vehicle')} crashed, and "
-            "traffic continued as if nobody had been hit, so the delays do not include the cost of "
-            "a crash.",
+            "after a crash traffic continued as if nobody had been hit, so the delays do not "
+            "include the cost of a crash.",
         )
     if count := findings[f"not_through{end}"].count:
         note(

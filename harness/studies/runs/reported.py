@@ -1,12 +1,14 @@
 """Collects the findings and notes that a run reports from its folder."""
 
-from harness.scenario import Scenario, as_written
+from harness.core.errors import resume_command
+from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
 from harness.store.hour_catalogue import HOURS
 from harness.studies.runs.model_use import given_the_model
 from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.studies.runs.run_data import CellResult, RunData
+from harness.studies.runs.site_words import site_words
 from harness.studies.runs.targets import missed_targets
 from harness.studies.workers.tasks import Failure
 
@@ -29,11 +31,12 @@ def reported(run: RunData) -> RunFindings:
         catalogue=run.kind.catalogue,
         name=run.name,
         folder=str(run.path),
-        scope=", ".join([*_who_comes(run), f"seed {run.manifest['seed']}", *_audit_scope(run)]),
+        scope=", ".join([f"seed {run.manifest['seed']}", *_audit_scope(run)]),
         confidence=run.confidence,
         paper=not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario),
         cells=tuple(map(_cell_findings, run.results)),
         notes=tuple(_run_notes(run)),
+        site=site_words([cell.scenario for cell in run.study.cells]),
     )
 
 
@@ -56,30 +59,6 @@ def _cell_findings(result: CellResult) -> CellFindings:
     )
 
 
-def _who_comes(run: RunData) -> list[str]:
-    """Describe flows and share of AVs in hours of traffic; varied values are not listed."""
-    if not run.in_traffic:
-        return []
-    scenarios = [cell.scenario for cell in run.study.cells]
-
-    def common(texts: list[str]) -> str:
-        return texts[0] if len({*texts}) == 1 else "a varied number of"
-
-    traffic = [scenario.known_traffic for scenario in scenarios]
-    shares = {f"{100 * section.av_share:.4g} %" for section in traffic}
-    vehicles = common(
-        [
-            "queued"
-            if section.saturated
-            else f"{as_written(section.flow_per_hour)} + {as_written(section.oncoming_per_hour)}"
-            for section in traffic
-        ]
-    )
-    people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
-    share = shares.pop() if len(shares) == 1 else "a varied share of"
-    return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
-
-
 def is_the_papers(scenario: Scenario) -> bool:
     """Return whether a scenario is the paper's: Table II, arms and pedestrian, any N and seed."""
     ego, pedestrians = scenario.ego, scenario.pedestrians
@@ -96,8 +75,15 @@ def is_the_papers(scenario: Scenario) -> bool:
 
 
 def _run_notes(run: RunData) -> list[Note]:
-    """Return the notes about all cells together: engines, references and missed targets."""
+    """Return the notes about the run as a whole, such as its engine and its missed targets."""
     notes = []
+    if not run.finished:
+        done = sum(result.findings["pairs"].count for result in run.results)
+        text = (
+            f"The run is not finished: {done:,} of {run.planned_pairs:,} pairs are done; "
+            f"{resume_command(run.path)} continues it."
+        )
+        notes.append(Note(Rank.UNFINISHED, text))
     if run.disagreements:
         text = (
             f"{len(run.disagreements):,} of {len(run.audited):,} records of the plain engine that "

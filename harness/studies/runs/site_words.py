@@ -1,0 +1,56 @@
+"""Where a run takes place and who comes, in one line."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from harness.scenario import Scenario, as_written
+
+
+def site_words(scenarios: Sequence[Scenario]) -> str:
+    """Return the site, the speed of arrival, and who comes; values that differ are "varied".
+
+    >>> site_words([Scenario()])
+    'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people per hour.'
+    """
+
+    def common(words: Callable[[Scenario], str], name: str) -> str:
+        texts = {words(scenario) for scenario in scenarios}
+        return texts.pop() if len(texts) == 1 else f"{name} varied"
+
+    parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
+    if scenarios[0].traffic is not None:
+        parts[2:2] = [common(_share, "share of AVs"), common(_vehicles, "vehicles per hour")]
+    return f"Site: {'; '.join(parts)}."
+
+
+def _road(scenario: Scenario) -> str:
+    crossing = scenario.crossing
+    if crossing.net is not None:
+        return f"crosswalk {crossing.edge} of {Path(crossing.net).name}"
+    lanes = f"{crossing.lanes} + {crossing.oncoming_lanes} lanes"
+    return f"road {as_written(crossing.length_m)} m wide, {lanes}"
+
+
+def _speed(scenario: Scenario) -> str:
+    return f"v0 {as_written(scenario.ego.initial_speed_mps)} m/s"
+
+
+def _share(scenario: Scenario) -> str:
+    return f"{100 * scenario.known_traffic.av_share:.4g} % AVs"
+
+
+def _vehicles(scenario: Scenario) -> str:
+    traffic = scenario.known_traffic
+    if traffic.saturated:
+        return "vehicles queued"
+    flows = (traffic.flow_per_hour, traffic.oncoming_per_hour)
+    return f"{' + '.join(map(as_written, flows))} vehicles per hour"
+
+
+def _people(scenario: Scenario) -> str:
+    people = scenario.pedestrians
+    if people.timed or people.drawn:
+        return "timed pedestrians" if people.timed else "selected pedestrians"
+    if people.first_at_trigger and people.max_count == 1:
+        return "one pedestrian, at the trigger"
+    return f"{as_written(people.flow_per_hour)} people per hour"
