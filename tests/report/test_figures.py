@@ -324,7 +324,7 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
 ) -> None:
     (axes,) = of_sweep[4].figure.axes
     drawn = {bars.get_label(): bars.lines[0].get_ydata() for bars in axes.containers}
-    assert list(drawn) == ["soft_yield", "constant_speed", "human_gmm (human's arm)"]
+    assert list(drawn) == ["soft_yield", "constant_speed", "human_gmm (reference)"]
     # Σ waits / Σ people, from the table of those who came; whoever still stood at the end of the
     # record waited until then.
     run = harness.load_run(swept)
@@ -338,7 +338,7 @@ def test_the_delay_of_pedestrians_is_drawn_for_both_arms(
     for label, cells, arm in (
         ("soft_yield", (0, 2), "av"),
         ("constant_speed", (1, 3), "av"),
-        ("human_gmm (human's arm)", (0, 2), "human"),
+        ("human_gmm (reference)", (0, 2), "human"),
     ):
         assert list(drawn[label]) == pytest.approx([delay_s[cell, arm] for cell in cells])
 
