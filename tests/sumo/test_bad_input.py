@@ -5,8 +5,6 @@ few in a process of their own, to see what a user sees.
 """
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -15,9 +13,7 @@ from typing import Any
 import pytest
 
 from harness.model.interaction.file import SHIPPED
-from harness.scenario import Options, Setting, parse_variation, read_scenario_file, study_of
-from harness.studies.batch.experiment import run_study
-from tests.batches import here, printed, refusal
+from tests.batches import here, printed, refusal, run_stopped, shell, sweep
 
 Refuse = Callable[..., str]
 
@@ -45,81 +41,101 @@ def says(line: str, *parts: str) -> None:
         assert part in line, line
 
 
-# --- scenario ------------------------------------------------------------------------------------
+PEOPLE = "run cctc --set pedestrians"
+PARAMETER, REPLAY = "run cctc --pairs 2 --set strategies", "replay run --pair 0"
+LONG, NINES = "x" * 300, "9" * 400
+"""A name longer than a file's may be, and a number beyond any."""
+
+REFUSED = [
+    # Keys and values of a scenario.
+    ("run cctc --set pedestrians.flow=3", "pedestrians.flow", "unknown key", "flow_per_hour"),
+    ("run mine.toml", "mine.toml", "ego.speed_mps", "unknown key"),
+    (f"{PEOPLE}.flow_per_hour=many", "pedestrians.flow_per_hour", "'many'", "number"),
+    ("run cctc --pairs some", "--pairs", "integer"),
+    (
+        "run cctc --set pedestrians.near_side_share=1.5",
+        "near_side_share",
+        "1.5",
+        "than or equal to 1",
+    ),
+    ("run cctc --set ego.initial_speed_mps=-3", "ego.initial_speed_mps", "-3", "greater than 0"),
+    ("run cctc --set ego.trigger_range_m=2", "ego.trigger_range_m", "2 m", "3.5 m"),
+    ("run cctc --set experiment.step_s=0.00015", "experiment.step_s", "0.00015", "0.001"),
+    ("run cctc --set experiment.timeout_s=inf", "experiment.timeout_s", "inf", "finite"),
+    (f"run cctc --set ego.length_m={NINES}", "ego.length_m", "number"),
+    # Options are named as the user wrote them.
+    ("run cctc --pairs 0", "--pairs", "0"),
+    ("run cctc --seed -1", "--seed", "-1"),
+    ("run none.toml", "none.toml", "no such scenario"),
+    ("run ccct", "did you mean 'cctc'"),
+    ("run .", "is a folder"),
+    (f"run {LONG}", "xxx"),
+    ("run broken.toml", "broken.toml", "not a TOML file"),
+    # Strategies and their parameters.
+    ("run cctc --set arms.av=soft_yeild", "arms.av", "'soft_yeild'", "did you mean 'soft_yield'"),
+    (
+        *("run cctc --set strategies.nobody.x=1", "--set strategies.nobody.x"),
+        *("drives in no cell", "soft_yield or human_gmm"),
+    ),
+    (f"{PARAMETER}.soft_yield.p4=1", "strategies.soft_yield.p4", "unknown parameter"),
+    (f"{PARAMETER}.soft_yield.p1=fast", "strategies.soft_yield.p1", "'fast'", "number"),
+    (f"{PARAMETER}.soft_yield.p1=true", "strategies.soft_yield.p1", "True", "number"),
+    (f"{PARAMETER}.soft_yield.p1=inf", "strategies.soft_yield.p1", "inf"),
+    (f"{PARAMETER}.soft_yield.p1={NINES}", "strategies.soft_yield.p1"),
+    (f"{PARAMETER}.constant_speed.gap=1", "strategies.constant_speed.gap", "drives in no"),
+    (f"{PARAMETER}.human_gmm.reading=both", "'both'", "'marginal'", "given_time_advantage"),
+    (f"{PARAMETER}.human_gmm.decision_interval_s=-1", "decision_interval_s", "-1"),
+    (f"{PARAMETER}.human_gmm.decision_interval_s=0.25", "decision_interval_s", "0.25"),
+    (f"{PARAMETER}.human_gmm.model=x", "strategies.human_gmm.model"),
+    # Files and folders.
+    ("run cctc --set model.path=none.json", "none.json", "cannot be read"),
+    ("run cctc --set model.path=.", "cannot be read"),
+    ("run cctc --set model.name=best", "model.name", "'best'"),
+    ("run cctc --pairs 1 --out file", "--out", "file", "is a file"),
+    # Not even root can make a folder under a file, or under a link that leads to itself.
+    ("run cctc --pairs 1 --out file/run", "--out", "cannot be written"),
+    ("run cctc --pairs 1 --out loop/run", "--out", "cannot be written"),
+    (f"run cctc --pairs 1 --out {LONG}", "--out"),
+    ("run cctc --pairs 1 --out mine", "--out", "already holds a run"),
+    # A bad scenario does not even make the folder.
+    ("run cctc --set arms.av=nobody --out new/one", "nobody"),
+    ("export . --csv", "is not a run folder"),
+    ("export nowhere --csv", "nowhere"),
+    (f"export {LONG} --csv", "xxx"),
+    ("export .", "--csv"),
+    ("export mine --csv", "manifest.json", "format version None"),
+    ("network cctc --out file", "file"),
+    ("network cctc --out file/net-of-mine", "file/net-of-mine"),
+    # The command line itself.
+    ("run cctc --colour", "--colour"),
+    ("rum cctc", "rum"),
+    ("run", "Missing", "'scenario'"),
+    ("run cctc --set x", "--set x", "not of the form key=value"),
+    ("run cctc extra", "extra"),
+    ("run cctc --engine plan", "'--engine': 'plan' is not one of 'sumo', 'plain'"),
+    ("replay run --pair 0 --arm mine", "'mine'", "'av', 'human', 'both'"),
+    ("network cctc", "--out"),
+    # No option of a replay or of a check is ignored.
+    (f"{REPLAY} --gui --debug", "--debug: cannot be combined with --gui", "breakpoint()"),
+    (f"{REPLAY} --gui --out x", "--out: cannot be combined with --gui", "--screenshots"),
+    (f"{REPLAY} --debug --out x", "--out: cannot be combined with --debug"),
+    (f"{REPLAY} --pace 2", "--pace: needs --gui"),
+    (f"{REPLAY} --gui --every 1", "--every: needs --screenshots"),
+    ("strategies --set ego.lane=0", "--set: needs --check"),
+    ("strategies --scenario cctc_flow", "--scenario: needs --check"),
+]
 
 
-def test_unknown_key(refused: Refuse, tmp_path: Path) -> None:
-    line = refused("run", "cctc", "--set", "pedestrians.flow=3")
-    says(line, "pedestrians.flow", "unknown key", "flow_per_hour")
+@pytest.mark.parametrize("case", REFUSED, ids=lambda case: case[0][:60])
+def test_refused(refused: Refuse, tmp_path: Path, case: tuple[str, ...]) -> None:
     (tmp_path / "mine.toml").write_text("[ego]\nspeed_mps = 5.0\n")
-    says(refused("run", "mine.toml"), "mine.toml", "ego.speed_mps", "unknown key")
-
-
-def test_wrong_type(refused: Refuse) -> None:
-    line = refused("run", "cctc", "--set", "pedestrians.flow_per_hour=many")
-    says(line, "pedestrians.flow_per_hour", "'many'", "number")
-    says(refused("run", "cctc", "--pairs", "some"), "--pairs", "integer")
-
-
-@pytest.mark.parametrize(
-    ("setting", "parts"),
-    [
-        ("pedestrians.near_side_share=1.5", ["1.5", "less than or equal to 1"]),
-        ("ego.initial_speed_mps=-3", ["-3", "greater than 0"]),
-        ("ego.trigger_range_m=2", ["2 m", "3.5 m"]),
-        ("experiment.step_s=0.00015", ["0.00015", "0.001"]),
-        ("experiment.timeout_s=inf", ["inf", "finite"]),
-        ("ego.length_m=" + "9" * 400, ["number"]),
-    ],
-)
-def test_value_out_of_range(refused: Refuse, setting: str, parts: list[str]) -> None:
-    says(refused("run", "cctc", "--set", setting), setting.split("=")[0], *parts)
-
-
-def test_options_are_named_as_the_user_wrote_them(refused: Refuse) -> None:
-    says(refused("run", "cctc", "--pairs", 0), "--pairs", "0")
-    says(refused("run", "cctc", "--seed", -1), "--seed", "-1")
-
-
-def test_missing_or_broken_file(refused: Refuse, tmp_path: Path) -> None:
-    says(refused("run", "none.toml"), "none.toml", "no such scenario")
-    says(refused("run", "ccct"), "did you mean 'cctc'")
-    says(refused("run", tmp_path), "is a folder")
-    says(refused("run", "x" * 300), "xxx")  # longer than a file's name can be
     (tmp_path / "broken.toml").write_text("[ego\nlength")
-    says(refused("run", "broken.toml"), "broken.toml", "not a TOML file")
-
-
-# --- strategies ----------------------------------------------------------------------------------
-
-
-def test_unknown_strategy(refused: Refuse) -> None:
-    line = refused("run", "cctc", "--set", "arms.av=soft_yeild")
-    says(line, "arms.av", "'soft_yeild'", "did you mean 'soft_yield'")
-    line = refused("run", "cctc", "--set", "strategies.nobody.x=1")
-    says(line, "--set strategies.nobody.x", "drives in no cell", "soft_yield or human_gmm")
-
-
-@pytest.mark.parametrize(
-    ("setting", "parts"),
-    [
-        ("strategies.soft_yield.p4=1", ["strategies.soft_yield.p4", "unknown parameter"]),
-        ("strategies.soft_yield.p1=fast", ["strategies.soft_yield.p1", "'fast'", "number"]),
-        ("strategies.soft_yield.p1=true", ["strategies.soft_yield.p1", "True", "number"]),
-        ("strategies.soft_yield.p1=inf", ["strategies.soft_yield.p1", "inf"]),
-        ("strategies.soft_yield.p1=" + "9" * 400, ["strategies.soft_yield.p1"]),
-        ("strategies.constant_speed.gap=1", ["strategies.constant_speed.gap", "drives in no"]),
-        ("strategies.human_gmm.reading=both", ["'both'", "'marginal'", "given_time_advantage"]),
-        ("strategies.human_gmm.decision_interval_s=-1", ["decision_interval_s", "-1"]),
-        ("strategies.human_gmm.decision_interval_s=0.25", ["decision_interval_s", "0.25"]),
-        ("strategies.human_gmm.model=x", ["strategies.human_gmm.model"]),
-    ],
-)
-def test_wrong_strategy_parameter(refused: Refuse, setting: str, parts: list[str]) -> None:
-    says(refused("run", "cctc", "--pairs", 2, "--set", setting), *parts)
-
-
-# --- model ---------------------------------------------------------------------------------------
+    (tmp_path / "file").write_text("kept")
+    (tmp_path / "loop").symlink_to("loop")
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "manifest.json").write_text("{}")
+    (tmp_path / "mine" / "episodes.parquet").write_bytes(b"kept")
+    says(refused(*case[0].split()), *case[1:])
 
 
 def shipped_model() -> dict[str, Any]:
@@ -191,65 +207,11 @@ def test_model_file_that_is_none(refused: Refuse, tmp_path: Path) -> None:
         (tmp_path / "model.json").write_bytes(content)
         line = refused("run", "cctc", "--set", "model.path=model.json")
         says(line, "model.json", "model.json: not a JSON" if content != b"[]" else "not accepted")
-    says(refused("run", "cctc", "--set", "model.path=none.json"), "none.json", "cannot be read")
-    says(refused("run", "cctc", "--set", "model.path=."), "cannot be read")
-    says(refused("run", "cctc", "--set", "model.name=best"), "model.name", "'best'")
 
 
-# --- folders -------------------------------------------------------------------------------------
-
-
-def test_out_that_is_no_folder(refused: Refuse, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("kept")
-    says(refused("run", "cctc", "--pairs", 1, "--out", "file"), "--out", "file", "is a file")
-    (tmp_path / "loop").symlink_to("loop")
-    # Not even root can make a folder under a file, or under a link that leads to itself.
-    says(refused("run", "cctc", "--pairs", 1, "--out", "file/run"), "--out", "cannot be written")
-    says(refused("run", "cctc", "--pairs", 1, "--out", "loop/run"), "--out", "cannot be written")
-    says(refused("run", "cctc", "--pairs", 1, "--out", "x" * 300), "--out")
-
-
-def test_a_folder_that_holds_a_run(refused: Refuse, tmp_path: Path) -> None:
-    folder = tmp_path / "mine"
-    folder.mkdir()
-    (folder / "manifest.json").write_text("{}")
-    (folder / "episodes.parquet").write_bytes(b"kept")
-    says(refused("run", "cctc", "--pairs", 1, "--out", folder), "--out", "already holds a run")
-
-
-def test_a_bad_scenario_does_not_even_make_the_folder(refused: Refuse, tmp_path: Path) -> None:
-    refused("run", "cctc", "--set", "arms.av=nobody", "--out", "new/one")
-    assert not (tmp_path / "new").exists()
-
-
-def test_export_of_what_is_no_run(refused: Refuse, tmp_path: Path) -> None:
-    says(refused("export", tmp_path, "--csv"), "is not a run folder")
-    says(refused("export", "nowhere", "--csv"), "nowhere")
-    says(refused("export", "x" * 300, "--csv"), "xxx")
-    says(refused("export", tmp_path), "--csv")
-
-
-def test_export_of_a_damaged_run(refused: Refuse, tmp_path: Path) -> None:
-    (tmp_path / "manifest.json").write_text("{}")
-    says(refused("export", tmp_path, "--csv"), "manifest.json", "format version None")
-
-
-def test_a_run_that_was_broken_off(
-    refused: Refuse, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    class BrokenOffError(Exception):
-        pass
-
-    def interrupt(*_: object) -> None:
-        raise BrokenOffError
-
-    monkeypatch.chdir(tmp_path)
-    file = read_scenario_file("cctc", [Setting("experiment.pairs", 3)])
-    study = study_of(file, [parse_variation("arms.av=constant_speed,hard_yield")])
-    with pytest.raises(BrokenOffError):
-        run_study(
-            study, Options(traces=True, workers=1), out=Path("broken off"), progress=interrupt
-        )
+def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
+    study = sweep("cctc", {"experiment.pairs": 3}, "arms.av=constant_speed,hard_yield")
+    run_stopped(study, tmp_path / "broken off", 1, traces=True)
     before = sorted(tmp_path.rglob("*"))
     for command in (
         ["score", "broken off", "--out", "new"],
@@ -261,40 +223,14 @@ def test_a_run_that_was_broken_off(
         assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_network_into_a_file(refused: Refuse, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("kept")
-    says(refused("network", "cctc", "--out", "file"), "file")
-    says(refused("network", "cctc", "--out", "file/net-of-mine"), "file/net-of-mine")
-
-
-# --- the command line itself ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("group", [[], ["model"]])
-def test_a_command_with_commands_of_its_own_alone_says_its_help(group: list[str]) -> None:
-    done = here(*group)
-    assert (done.returncode, done.stdout) == (2, "")
-    lines = [line.strip() for line in done.stderr.splitlines()]
-    assert "Commands:" in lines
-    assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
-
-
-def test_version() -> None:
+def test_a_command_with_commands_of_its_own_alone_says_its_help_and_version() -> None:
+    for group in ([], ["model"]):
+        done = here(*group)
+        assert (done.returncode, done.stdout) == (2, "")
+        lines = [line.strip() for line in done.stderr.splitlines()]
+        assert "Commands:" in lines
+        assert lines[0].endswith("[OPTIONS] COMMAND [ARGS]...")
     assert printed("--version") == version("crosswalk-harness") + "\n"
-
-
-def test_unknown_options_and_commands(refused: Refuse) -> None:
-    says(refused("run", "cctc", "--colour"), "--colour")
-    says(refused("rum", "cctc"), "rum")
-    says(refused("run").lower(), "scenario", "missing")
-    says(refused("run", "cctc", "--set", "x"), "--set x", "not of the form key=value")
-    says(refused("run", "cctc", "extra"), "extra")
-    says(
-        refused("run", "cctc", "--engine", "plan"),
-        "'--engine': 'plan' is not one of 'sumo', 'plain'",
-    )
-    says(refused("replay", "run", "--pair", 0, "--arm", "mine"), "'mine'", "'av', 'human', 'both'")
-    says(refused("network", "cctc"), "--out")
 
 
 @pytest.mark.parametrize(
@@ -310,37 +246,9 @@ def test_in_a_process_of_its_own(arguments: list[str], tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     here = tmp_path / "here"
     here.mkdir()
-    result = subprocess.run(
-        [sys.executable, "-m", "harness", *arguments],
-        cwd=here,
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
-    assert result.returncode == 2
-    assert result.stdout == ""
-    assert len(result.stderr.splitlines()) == 1, result.stderr
-    assert result.stderr.startswith("harness: ")
+    done = shell(*arguments, cwd=here)
+    assert (done.returncode, done.stdout) == (2, "")
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("harness: ")
     assert list(here.iterdir()) == []
     assert (tmp_path / "file").read_text() == "kept"
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--gui", "--debug"), ("--debug: cannot be combined with --gui", "breakpoint()")),
-        (("--gui", "--out", "x"), ("--out: cannot be combined with --gui", "--screenshots")),
-        (("--debug", "--out", "x"), ("--out: cannot be combined with --debug",)),
-        (("--pace", "2"), ("--pace: needs --gui",)),
-        (("--gui", "--every", "1"), ("--every: needs --screenshots",)),
-    ],
-)
-def test_no_option_of_a_replay_is_ignored(
-    refused: Refuse, options: tuple[str, ...], words: tuple[str, ...]
-) -> None:
-    says(refused("replay", "run", "--pair", "0", *options), *words)
-
-
-def test_options_of_a_check_are_not_ignored_without_one(refused: Refuse) -> None:
-    says(refused("strategies", "--set", "ego.lane=0"), "--set: needs --check")
-    says(refused("strategies", "--scenario", "cctc_flow"), "--scenario: needs --check")
