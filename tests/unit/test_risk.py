@@ -19,6 +19,7 @@ from harness.report.screens.risk_terminal import person_words, risk_screen
 from harness.report.screens.screen import screen_lines
 from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
+from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.estimation import estimate_probability
 from harness.studies.risk.event import parse_event
 from harness.studies.risk.findings import RiskFindings
@@ -151,7 +152,19 @@ def findings_in(name: str, **changes: object) -> RiskFindings:
 
 @pytest.mark.parametrize("name", ["weighted", "brute_force", "no_way"])
 def test_the_first_screen_of_a_risk(name: str) -> None:
-    lines = screen_lines(risk_screen(findings_in(name), Path("my runs")))
+    settings = SettingsDocument(
+        name="cctc",
+        scenario=load_scenario("cctc").model_dump(mode="json"),
+        arm=Arm.AV,
+        event="crashed",
+        target_cv=0.1,
+        most_episodes=1,
+        in_sumo=False,
+        seed=7,
+        versions={},
+        model={},
+    )
+    lines = screen_lines(risk_screen(findings_in(name), Path("my runs"), settings))
     assert lines == (DATA / f"{name}.txt").read_text(encoding="utf-8").splitlines()
 
 

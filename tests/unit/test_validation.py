@@ -170,7 +170,7 @@ def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path
     assert first["pass_time_error_median_s"] < 0.05
     assert {"pass_time_error_mean_s", "pass_time_error_p90_s", "order_right"} <= first.keys()
     page = (tmp_path / "out" / "validation.html").read_text(encoding="utf-8")
-    assert "Drivers held against dut, nearest first" in page
+    assert "Drivers compared with recordings of dut, nearest first" in page
     assert "was fitted on these passages" not in page
     assert page.count("<svg") == 2
     assert json.loads((tmp_path / "out" / "validation.json").read_text()) == told
@@ -214,7 +214,7 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
     means = values[:, rng.integers(0, 5, (400, 5))].mean(axis=-1)
     low, high = np.quantile(means, [0.025, 0.975], axis=1)
     held_0 = float(np.mean((low <= 0) & (high >= 0)))
-    words = "Intervals from 5 vehicles are too narrow: they cover a mean in at most 85 %, not 95 %."
+    words = "Intervals from 5 vehicles are unreliable: they cover a mean in at most 85 %, not 95 %."
     assert few_vehicles(5) == words
     assert held_0 == pytest.approx(0.83, abs=0.03)
 

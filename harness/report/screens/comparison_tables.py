@@ -131,7 +131,7 @@ def _difference_table(result: GroupResult, name: str, caption: str) -> Table:
         "crashed in A / B alone", "p (Holm)", "missed in A / B alone", "missed, p (Holm)",
     )  # fmt: skip
     words = f"{caption}: differences, A − B (negative: A takes less time), over the pairs both have"
-    headings = (*front, "crashed, p", "pairs of μ")
+    headings = (*front, "crashed, p", "pairs in μ")
     shown = tuple(range(len(front)))
     return Table(name, words, headings, tuple(rows), sortable=True, terminal=shown)
 

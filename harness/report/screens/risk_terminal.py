@@ -7,7 +7,10 @@ from pathlib import Path
 from harness.report.screens.console import make_console, print_table
 from harness.report.screens.screen import Screen, screen_lines
 from harness.report.screens.tables import Table, TableCell, counted, level, per_cent
+from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.findings import ENTRIES, Person, RiskFindings
+from harness.studies.risk.folder import read_settings
+from harness.studies.runs.site_words import site_words
 
 _PEOPLE_SHOWN = 2
 
@@ -15,24 +18,29 @@ _PEOPLE_SHOWN = 2
 def print_risk(findings: RiskFindings, folder: Path, full: bool = False) -> None:
     """Print the first screen; with ``full`` every note and number."""
     console = make_console()
-    for line in screen_lines(risk_screen(findings, folder, full=full), console.width):
+    screen = risk_screen(findings, folder, read_settings(folder), full=full)
+    for line in screen_lines(screen, console.width):
         console.print(line)
     for table in risk_tables(findings) if full else ():
         print_table(console, table)
 
 
-def risk_screen(findings: RiskFindings, folder: Path, *, full: bool = False) -> Screen:
+def risk_screen(
+    findings: RiskFindings, folder: Path, settings: SettingsDocument, *, full: bool = False
+) -> Screen:
     """The first screen of a risk; ``full`` lifts its limit of lines."""
     footer = f"All numbers: --full. Page: harness report {shlex.quote(str(folder))}"
     if findings.ways:
         footer += f"; its episodes: harness run {shlex.quote(str(folder / 'critical.toml'))}"
     return Screen(
         title=heading(findings),
-        scope=counted(findings.episodes, "episode"),
+        scope=f"{counted(findings.episodes, 'episode')}, seed {settings.seed}",
         headings=("", "estimate", f"{level(findings.confidence)} interval"),
         rows=tuple(_rows(findings)),
         notes=findings.notes,
         footer=footer,
+        site=site_words([settings.settings(str(folder)).scenario]),
+        always=3,
         most_lines=None if full else 16,
     )
 
@@ -63,8 +71,16 @@ def _rows(findings: RiskFindings) -> Iterator[tuple[str, ...]]:
     yield (
         "episodes that brute force would need",
         number(findings.brute_force_episodes),
-        f"this risk ran {findings.episodes:,}",
+        "for the same standard error",
     )
+    other = findings.episodes - findings.draws
+    yield (
+        "episodes run",
+        f"{other:,} to explore, {findings.draws:,} to estimate, {findings.timed_out:,} timed out",
+    )
+    if findings.failed or findings.timed_out:
+        worst = number(findings.probability_worst)
+        yield ("worst case", f"{worst} (failed episodes count as events)")
     if findings.compared_with_other_engine:
         yield ("episodes run in both engines", agreement(findings))
     for way in findings.ways:

@@ -48,7 +48,7 @@ def validation_screen(findings: ValidationFindings, *, full: bool = False) -> Sc
         score += f" ({interval})" if interval else ""
         rows.append((driver.driver, score, *others, _contacts(driver)))
     return Screen(
-        title=f"Drivers held against {', '.join(findings.sources)}, nearest first",
+        title=f"Drivers compared with recordings of {', '.join(findings.sources)}, nearest first",
         scope=scope(findings),
         headings=("", *(entry_heading(entry, {}) for entry in _RANKED), "contacts"),
         rows=tuple(rows),
@@ -95,7 +95,7 @@ def validation_tables(findings: ValidationFindings) -> list[Table]:
     return [
         Table(
             "validation",
-            "Pass time, simulated less recorded; who passes first",
+            "Pass time, simulated minus recorded; who passes first",
             ("", "driver", *names[0], "contacts", "not told apart from"),
             tuple(ranking),
             sortable=True,

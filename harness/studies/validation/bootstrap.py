@@ -12,7 +12,7 @@ RESAMPLES = 1_000
 """Number of bootstrap resamples of vehicles."""
 
 _TRUSTED = 0.935
-"""Intervals with a lower coverage are called too narrow, as in a run."""
+"""Intervals with a lower coverage are called unreliable, as in a run."""
 
 
 def resamples(passages: Sequence[Passage], seed: int) -> list[np.ndarray]:
@@ -38,7 +38,7 @@ def few_vehicles(vehicles: int) -> str | None:
     degrees of freedom, and lower for skewed values.
 
     >>> few_vehicles(5)
-    'Intervals from 5 vehicles are too narrow: they cover a mean in at most 85 %, not 95 %.'
+    'Intervals from 5 vehicles are unreliable: they cover a mean in at most 85 %, not 95 %.'
     >>> few_vehicles(30)
     """
     if vehicles < 2:
@@ -48,7 +48,7 @@ def few_vehicles(vehicles: int) -> str | None:
     if coverage >= _TRUSTED:
         return None
     return (
-        f"Intervals from {vehicles} vehicles are too narrow: they cover a mean in at most "
+        f"Intervals from {vehicles} vehicles are unreliable: they cover a mean in at most "
         f"{100 * coverage:.0f} %, not 95 %."
     )
 
