@@ -300,6 +300,29 @@ def test_few_pairs_of_hours_are_counted() -> None:
     assert not any("rests on" in note.text for note in hour_with({}).notes)
 
 
+def test_failures_of_many_cells_fit_and_name_each_cell() -> None:
+    failures = [
+        Note(Rank.FAILURES, f"Cell {number}: {number} of 50 pairs failed, for one of many reasons.")
+        for number in range(1, 11)
+    ]
+    time_outs = [
+        Note(Rank.TIME_OUTS, f"Cell {number}: {number} timed out.") for number in (3, 4, 7)
+    ]
+    few = Note(Rank.FEW_PAIRS, "Few pairs.")
+    rows = tuple((str(number), "1") for number in range(6))
+    notes = (*failures, *time_outs, few)
+    screen = Screen("many", "50 pairs", ("cell", "AV"), rows, notes, "All: --full.")
+    assert screen_lines(screen)[8:] == [
+        "! Cell 1: 1 of 50 pairs failed, for one of many reasons.",
+        "! Cells 2, 3, 4, 5, 6, 7, 8, 9, 10: failures (--full).",
+        "! Cell 3: 3 timed out.",
+        "! Cells 4, 7: time-outs (--full).",
+        "! More to know (--full): few pairs.",
+        "All: --full.",
+    ]
+    assert len(screen_lines(replace(screen, most_lines=None))) == 8 + len(notes) + 1
+
+
 def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
     drove = {"fallback_share": Finding(0.98), "met_nobody": Finding(30), "fallbacks": Finding(20)}
     varied = {"perception.detection_probability": 0.2, "perception.latency_s": 1.0}

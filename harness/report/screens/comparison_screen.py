@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from harness.report.screens.comparison_tables import allowed_lines, best_lines, comparison_notes
 from harness.report.screens.result_screen import with_limits
 from harness.report.screens.screen import Screen
-from harness.report.screens.tables import counted, entry_value
+from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written
 from harness.statistics import ENCOUNTERS, Place
 from harness.statistics.entries import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
+from harness.studies.runs.site_words import site_words
 
 _MOST_CELLS = 6
 """Rows of the screen; the tables of ``--full`` have every cell."""
@@ -29,7 +30,8 @@ def comparison_screen(result: RunComparison) -> Screen:
     rows = [row for group in groups for row in _group_rows(group, each)]
     several = len(result.groups) > 1
     shared = ", ".join(key.split(".")[-1] for key in result.groups[0].group.shared)
-    cells = sum(len(group.summaries) for group in result.groups)
+    scenarios = [member.cell.scenario for group in result.groups for member in group.group.cells]
+    cells = len(scenarios)
     hidden = cells - len(rows)
     footer = "All cells, differences and tests: --full. Page: harness report "
     footer += shlex.quote(str(result.folders[0]))
@@ -43,6 +45,7 @@ def comparison_screen(result: RunComparison) -> Screen:
         conclusions=tuple(_sentences(result, hidden)),
         notes=comparison_notes(result),
         footer=footer,
+        site=site_words(scenarios),
         always=6 + several,
     )
 
@@ -104,4 +107,14 @@ def _sentences(result: RunComparison, hidden: int) -> list[str]:
     if len(lines) > _MOST_SENTENCES:
         lines = best if best and len(best) <= _MOST_SENTENCES else lines[: _MOST_SENTENCES - 1]
         lines = [*lines, "More on what the limits allow: --full."]
-    return [*([f"Not shown here: {counted(hidden, 'cell')}."] if hidden else []), *lines]
+    return [*_hidden(result, hidden), *lines]
+
+
+def _hidden(result: RunComparison, hidden: int) -> list[str]:
+    """How many cells the screen leaves out, and which groups as a whole."""
+    if not hidden:
+        return []
+    groups = [named_values(group.group.shared) for group in result.groups[_MOST_CELLS:]]
+    more = f" and {len(groups) - _NAMED} more groups" if len(groups) > _NAMED else ""
+    whole = f", among them all of {'; '.join(groups[:_NAMED])}{more}" if groups else ""
+    return [f"Not shown here: {counted(hidden, 'cell')}{whole}."]

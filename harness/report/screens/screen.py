@@ -22,6 +22,12 @@ _LEAST = 8
 
 _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.MISSED_TARGETS
+_KEPT_NAMES = {
+    Rank.NOTHING_TESTED: "nothing was tested",
+    Rank.FAILURES: "failures",
+    Rank.TIME_OUTS: "time-outs",
+    Rank.MISSED_TARGETS: "missed targets",
+}
 _NAMES = {
     Rank.LEFT_OUT: "pairs left out",
     Rank.UNDEFINED: "undefined numbers",
@@ -162,14 +168,35 @@ def _side_by_side(
 
 def _note_lines(notes: Sequence[Note], width: int, room: int | None) -> list[str]:
     """A line or more for each note; the last notes share one where they do not fit."""
-    wrapped = [textwrap.wrap(f"! {note.text}", width, subsequent_indent="  ") for note in notes]
-    shown, rest = len(notes), list[str]()
-    if room is not None and sum(map(len, wrapped)) > room:
-        while shown and notes[shown - 1].rank > _NEVER_MERGED:
-            shown -= 1
-            names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
-            text = f"! More to know (--full): {', '.join(names)}."
-            rest = textwrap.wrap(text, width, subsequent_indent="  ")
-            if sum(map(len, wrapped[:shown])) + len(rest) <= room:
-                break
-    return [line for note in wrapped[:shown] for line in note] + rest
+
+    def wrapped(notes: Sequence[Note]) -> list[str]:
+        texts = [f"! {note.text}" for note in notes]
+        return [line for of in texts for line in textwrap.wrap(of, width, subsequent_indent="  ")]
+
+    lines = wrapped(notes)
+    if room is None or len(lines) <= room:
+        return lines
+    kept = [note for note in notes if note.rank <= _NEVER_MERGED]
+    for shown in range(len(notes) - 1, len(kept) - 1, -1):
+        names = dict.fromkeys(_NAMES[note.rank] for note in notes[shown:])
+        rest = Note(Rank.FEW_PAIRS, f"More to know (--full): {', '.join(names)}.")
+        lines = wrapped([*notes[:shown], rest])
+        if len(lines) <= room:
+            return lines
+    more = [rest] if kept != [*notes] else []
+    return wrapped([*_by_rank(kept), *more])
+
+
+def _by_rank(notes: Sequence[Note]) -> list[Note]:
+    """The first note of each rank, and one that names the cells of the others of that rank."""
+    short = []
+    for rank in dict.fromkeys(note.rank for note in notes):
+        first, *others = (note for note in notes if note.rank is rank)
+        short.append(first)
+        if cells := [
+            name for note in others for name in re.findall(r"^Cells? ([^:]*):", note.text)
+        ]:
+            text = f"Cells {', '.join(cells)}: {_KEPT_NAMES.get(rank, 'likewise')} (--full)."
+            others = [Note(rank, text)]
+        short += others
+    return short
