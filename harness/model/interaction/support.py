@@ -1,4 +1,4 @@
-"""The box of the interaction model's data, and how often the model is used outside of it."""
+"""Takes states of the ego and returns how often the interaction model is used outside its box."""
 
 from harness.core.encounter import NO_MODEL_USE, ModelUse
 from harness.core.errors import InputError
@@ -11,10 +11,9 @@ _ROUNDING = 1e-9
 class ModelUseCounter:
     """Counts the uses of the model in an episode by the state of the ego.
 
-    The model's conditions are clamped to its box: for an ego that is farther away or faster, its
-    answer is that for another ego.  An ego that stands, or is nearer than any in the data, is
-    clamped, too.  This is counted separately, because there the answer for the slowest or nearest
-    ego is the wanted one.
+    The model's conditions are clamped to its box, so for a farther or faster ego the answer belongs
+    to another state.  An ego that stands, or that is nearer than any in the data, is clamped too
+    but counted separately: there the answer for the slowest or nearest ego is the right one.
     """
 
     def __init__(self, model: InteractionModel) -> None:
@@ -42,10 +41,10 @@ class ModelUseCounter:
 
 
 def check_support(model: InteractionModel, range_m: float, speed_mps: float) -> None:
-    """Refuse a state of the ego at the trigger for which the model has no data.
+    """Raise if the model has no data for the state of the ego at the trigger.
 
     Raises:
-        InputError: v0 or R0 lies outside the model's box.
+        InputError: v0 or R0 is outside the model's box.
     """
     support = ModelUseCounter(model)
     for key, value, unit, (low, high) in (

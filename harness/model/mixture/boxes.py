@@ -1,9 +1,10 @@
-"""Probabilities of boxes under normal distributions of one to four variables.
+"""Takes normal distributions of one to four variables and returns the probabilities of boxes.
 
-One and two variables are closed forms (the normal distribution function and Owen's T). Three and
-four follow Plackett's identity: the derivative of the probability in a correlation is a bivariate
-density at the corners times the probability of the remaining variables, so one integral over a
-path of correlation matrices does it. Everything is batched over the leading axis.
+One and two variables have closed forms (the normal distribution function and Owen's T). Three and
+four variables use Plackett's identity: the derivative of the probability with respect to a
+correlation is a bivariate density at the corners times the probability of the other variables. The
+probability is then one integral along a path of correlation matrices. All functions are batched
+over the leading axis.
 
 Sources: Owen (1956); Plackett (1954); Gassmann, Deák, Szántai (2002).
 """
@@ -14,26 +15,26 @@ from scipy.special import ndtr, owens_t
 
 Array = NDArray[np.float64]
 
-# A standardised bound further out than this cuts nothing that double precision can see.
+# The tail beyond this standardised bound is below double precision.
 FAR = 30.0
-# Corners with a smaller weight change no probability by more than rounding.
+# Corners with a smaller weight change a probability by less than rounding.
 _NEGLIGIBLE = 1e-17
-# Up to each correlation: the Gauss-Legendre rule that gives a rectangle to 1e-12, then Owen's T.
+# The Gauss-Legendre rule for correlations up to each limit, accurate to 1e-12; then Owen's T.
 _RULES = (
     (0.3, np.polynomial.legendre.leggauss(5)),
     (0.6, np.polynomial.legendre.leggauss(8)),
     (0.85, np.polynomial.legendre.leggauss(12)),
     (np.inf, None),
 )
-# Up to each canonical correlation: the Gauss-Legendre nodes that give a box of three or four
-# variables to 1e-11.
+# The number of Gauss-Legendre nodes for canonical correlations up to each limit; boxes of three or
+# four variables are accurate to 1e-11.
 _PATH_LIMITS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.95])
 _PATH_SIZES = np.array([4, 5, 7, 9, 11, 13, 24])
 _PATH_STARTS = np.cumsum(_PATH_SIZES) - _PATH_SIZES
 _PATH_NODES, _PATH_WEIGHTS = np.concatenate(
     [np.polynomial.legendre.leggauss(int(size)) for size in _PATH_SIZES], axis=1
 )
-# Boxes handled at once; more would need much memory.
+# Number of boxes in a batch, which limits the memory.
 _CHUNK = 2048
 _TINY = 1e-30
 
@@ -49,8 +50,8 @@ def interval(a: Array, b: Array) -> Array:
 def rectangle(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
     """P(a1 < X < b1, a2 < Y < b2) for standard normals of correlation rho, all (N,).
 
-    Weak correlations by Plackett's integral, which needs few nodes there; strong ones by Owen's
-    T. Bounds must be finite (cut at ±FAR).
+    Weak correlations use Plackett's integral, which then needs few nodes; strong correlations use
+    Owen's T. Bounds must be finite (cut at ±FAR).
     """
     result = np.empty(rho.shape)
     size = np.abs(rho)
@@ -67,7 +68,7 @@ def rectangle(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
 def _weak(
     a1: Array, b1: Array, a2: Array, b2: Array, rho: Array, nodes: Array, weights: Array
 ) -> Array:
-    """The product of the intervals plus the integral over correlations from 0 to rho = sin θ."""
+    """Product of the intervals plus Plackett's integral over correlations from 0 to rho = sin θ."""
     angle = np.arcsin(rho)
     sine = np.sin(0.5 * angle * (nodes + 1.0)[:, None])
     inverse = 0.5 / (1.0 - sine * sine)
@@ -84,7 +85,7 @@ def _weak(
 
 
 def _owen(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
-    """Owen's T at the four corners, where the univariate parts cancel."""
+    """Signed sum of Owen's T at the four corners; the univariate terms cancel."""
     root = np.sqrt(1.0 - rho * rho)
     upper = _corner(b1, b2, rho, root) - _corner(a1, b2, rho, root)
     return upper - _corner(b1, a2, rho, root) + _corner(a1, a2, rho, root)
@@ -92,7 +93,7 @@ def _owen(a1: Array, b1: Array, a2: Array, b2: Array, rho: Array) -> Array:
 
 def _corner(h: Array, k: Array, rho: Array, root: Array) -> Array:
     """Φ2(h, k; rho) − (Φ(h) + Φ(k))/2, from Owen (1956)."""
-    # Owen's formula divides by h and k; a bound at the very centre is moved by nothing visible.
+    # Owen's formula divides by h and k, so a bound of 0 is replaced by a negligible number.
     h = np.where(h == 0.0, _TINY, h)
     k = np.where(k == 0.0, _TINY, k)
     ratio = k / h
@@ -106,11 +107,11 @@ def box_probability(covariances: Array, lower: Array, upper: Array) -> Array:
 
     Args:
         covariances: (N, d, d), d from 0 to 4, positive definite.
-        lower, upper: (N, d), measured from the centre; may be infinite.
+        lower, upper: (N, d), relative to the centre; may be infinite.
 
     Returns:
-        (N,) in [0, 1]; absolute error about 1e-9 at condition numbers up to 100 and usually far
-        less; small probabilities keep few digits when d ≥ 2.
+        (N,) in [0, 1]. The absolute error is at most about 1e-9 at condition numbers up to 100.
+        Small probabilities have few correct digits if d ≥ 2.
     """
     spread = np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))
     a = np.clip(lower / spread, -FAR, FAR)
@@ -132,7 +133,7 @@ def standard_box(correlations: Array, a: Array, b: Array) -> Array:
 
 
 def _by_paths(correlations: Array, a: Array, b: Array) -> Array:
-    """Boxes of three or four variables, each with as many nodes as its path needs."""
+    """Probabilities of boxes of three or four variables; each path has its own number of nodes."""
     parts = []
     for at in range(0, a.shape[0], _CHUNK):
         part = correlations[at : at + _CHUNK], a[at : at + _CHUNK], b[at : at + _CHUNK]
@@ -141,7 +142,7 @@ def _by_paths(correlations: Array, a: Array, b: Array) -> Array:
 
 
 def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Array]:
-    """The same boxes with variables permuted so that the path leaves the least to integrate."""
+    """The same boxes, with variables permuted so that the correlations between blocks are least."""
     if a.shape[1] == 3:
         orders = np.array([[0, 1, 2], [0, 2, 1], [1, 2, 0]])
     else:
@@ -157,7 +158,7 @@ def _ordered(correlations: Array, a: Array, b: Array) -> tuple[Array, Array, Arr
 
 
 def _largest_canonical(correlations: Array) -> Array:
-    """Largest canonical correlation (N,) between the two blocks, just above 0 to just below 1."""
+    """Largest canonical correlation (N,) between the two blocks, strictly between 0 and 1."""
     cross = correlations[:, :2, 2:]
     first = np.linalg.solve(correlations[:, :2, :2], cross).astype(np.float64)
     second = np.linalg.solve(correlations[:, 2:, 2:], np.swapaxes(cross, 1, 2)).astype(np.float64)
@@ -178,34 +179,36 @@ def _determinant(matrices: Array) -> Array:
 
 
 def _path(canonical: Array) -> tuple[NDArray[np.intp], Array, Array]:
-    """Nodes along the path that joins the two blocks: their boxes, positions t in [0, 1], weights.
+    """Index of the box, position t in [0, 1] and weight of every node of the joining paths.
 
-    The integrand is singular beyond t = 1/c with c the largest canonical correlation of the
-    blocks; t = sin(θ)/c removes that singularity, as r = sin(θ) does for two variables.
+    The integrand is singular at t = 1/c, where c is the largest canonical correlation of the two
+    blocks.  The substitution t = sin(θ)/c removes the singularity, as r = sin(θ) does for two
+    variables.
     """
     rule = np.searchsorted(_PATH_LIMITS, canonical, side="right")
     sizes = _PATH_SIZES[rule]
-    owner = np.repeat(np.arange(canonical.size), sizes)
-    within = np.arange(owner.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    node = _PATH_STARTS[rule][owner] + within
-    scale = canonical[owner]
+    box = np.repeat(np.arange(canonical.size), sizes)
+    within = np.arange(box.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    node = _PATH_STARTS[rule][box] + within
+    scale = canonical[box]
     angle = 0.5 * np.arcsin(scale)
     theta = angle * (_PATH_NODES[node] + 1.0)
-    return owner, np.sin(theta) / scale, angle * _PATH_WEIGHTS[node] * np.cos(theta) / scale
+    return box, np.sin(theta) / scale, angle * _PATH_WEIGHTS[node] * np.cos(theta) / scale
 
 
 def _plackett(
     correlations: Array,
     a: Array,
     b: Array,
-    owner: NDArray[np.intp],
+    box: NDArray[np.intp],
     t: Array,
     weights: Array,
 ) -> Array:
-    """Blocks (1, 2) and (3) or (3, 4): their product plus the integral over the joining path.
+    """Probability of the blocks (1, 2) and (3) or (3, 4): product plus integral over the path.
 
-    The terms of the integral: every pair (i, j) across the blocks, corner of i and j and node;
-    each a bivariate density at the corner times the probability of the other variables there.
+    The integral has a term for every pair (i, j) across the blocks, every corner of i and j, and
+    every node.  A term is the bivariate density at the corner times the probability of the other
+    variables given the corner.
     """
     dimension = a.shape[1]
     total = standard_box(correlations[:, :2, :2], a[:, :2], b[:, :2]) * standard_box(
@@ -213,9 +216,9 @@ def _plackett(
     )
     i, j = (at.ravel() for at in np.meshgrid([0, 1], range(2, dimension), indexing="ij"))
     others = [1 - i] if dimension == 3 else [1 - i, 5 - j]
-    # Variables first, nodes last.
-    along = np.ascontiguousarray(np.moveaxis(correlations, 0, 2)[:, :, owner])
-    edges = np.ascontiguousarray(np.stack((a.T, b.T), axis=1)[:, :, owner])
+    # The first axes are the variables, the last axis is the nodes.
+    along = np.ascontiguousarray(np.moveaxis(correlations, 0, 2)[:, :, box])
+    edges = np.ascontiguousarray(np.stack((a.T, b.T), axis=1)[:, :, box])
     factor = _joining(along, edges, t, weights, i, j)
     pair, at_i, at_j, node = np.unravel_index(
         np.flatnonzero(np.abs(factor) > _NEGLIGIBLE), factor.shape
@@ -234,7 +237,7 @@ def _plackett(
     else:
         inner = rectangle(bounds[0], bounds[1], bounds[2], bounds[3], rho[pair, node])
     terms = factor[pair, at_i, at_j, node] * inner
-    result: Array = total + np.bincount(owner[node], terms, minlength=a.shape[0])
+    result: Array = total + np.bincount(box[node], terms, minlength=a.shape[0])
     return result
 
 
@@ -246,7 +249,7 @@ def _joining(
     i: NDArray[np.intp],
     j: NDArray[np.intp],
 ) -> Array:
-    """Weights times signed densities of the pairs (i, j) at their corners, (pairs, 2, 2, T)."""
+    """Weight times signed density of each pair (i, j) at each corner, (pairs, 2, 2, nodes)."""
     full = along[i, j]
     r = (full * t)[:, None, None, :]
     rest = 1.0 - r * r
@@ -264,14 +267,15 @@ def _given_pair(
     j: NDArray[np.intp],
     others: list[NDArray[np.intp]],
 ) -> tuple[list[Array], list[Array], list[Array], Array]:
-    """Regression of the other variables on the pairs (i, j) along the path, all (pairs, T).
+    """Regression of the other variables on each pair (i, j) along the path, all (pairs, nodes).
 
-    Slopes on i and on j and the spreads that remain, one array for each of the others, and the
-    correlation that remains between two of them.
+    Returns:
+        Slopes on i, slopes on j and residual spreads, one array for each other variable, and the
+        residual correlation of two other variables.
     """
     r = along[i, j] * t
     rest = 1.0 - r * r
-    # The first of the others is in the block of i, the second in that of j.
+    # The first other variable is in the block of i, the second in the block of j.
     with_i = [along[p, i] * t if at else along[p, i] for at, p in enumerate(others)]
     with_j = [along[p, j] if at else along[p, j] * t for at, p in enumerate(others)]
     on_i = [(u - r * v) / rest for u, v in zip(with_i, with_j, strict=True)]

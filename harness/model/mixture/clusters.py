@@ -1,4 +1,7 @@
-"""Weighted k-means from k-means++ centres (Arthur and Vassilvitskii 2007)."""
+"""Takes weighted rows and returns clusters: k-means from k-means++ centres.
+
+Source: Arthur and Vassilvitskii (2007).
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +15,11 @@ def k_means(
     """Cluster rows around centres that move to the means of their clusters.
 
     Args:
-        rows: (n, d).
-        weights: of the rows, (n,), ≥ 0.
-        count: number of centres; a cluster may end up empty.
-        rounds: most assignments of rows to centres, ≥ 1; fewer where nothing changes any more.
-        rng: of the first centres.
+        rows: the rows, (n, d).
+        weights: weights of the rows, (n,), ≥ 0.
+        count: number of centres; a cluster may become empty.
+        rounds: maximum number of assignments of rows to centres, ≥ 1.
+        rng: generator for the first centres.
 
     Returns:
         The centres (count, d), and the cluster of each row (n,).
@@ -24,7 +27,7 @@ def k_means(
     centres = _first_centres(rows, weights, count, rng)
     cluster = np.full(rows.shape[0], -1, dtype=np.intp)
     for _ in range(rounds):
-        # Squared distances, less the same number in each row.
+        # Squared distances minus the squared norm of the row.
         distances = (centres**2).sum(axis=1) - 2.0 * rows @ centres.T
         nearest = distances.argmin(axis=1)
         if np.array_equal(nearest, cluster):
@@ -38,7 +41,7 @@ def k_means(
 
 
 def _first_centres(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Array:
-    """Rows drawn in turn, with probability by squared distance to the rows drawn before."""
+    """Rows drawn one by one, by weight times squared distance to the nearest row drawn before."""
     chance = weights
     centres = []
     nearest = np.full(rows.shape[0], np.inf)

@@ -1,4 +1,4 @@
-"""The parameters of a truncated mixture, and its components given some variables."""
+"""Takes the parameters of a truncated mixture and returns its components given some variables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ class Given(NamedTuple):
     """The components at n given points.
 
     Attributes:
-        log_weights: log of π_k N_k(y)/α_k, less the largest over the components, (K, n).
-        means: of the target and then of the integrated variables, (K, 1 + r, n).
+        log_weights: log of π_k N_k(y)/α_k minus its maximum over the components, (K, n).
+        means: means of the target and of the integrated variables, (K, 1 + r, n).
     """
 
     log_weights: Array
@@ -45,20 +45,20 @@ class Regression:
     """Each untruncated component's distribution given some variables: the paper's (a1) and (a2).
 
     Args:
-        components: of the joint distribution.
-        target: the variable that is asked for.
-        given: the g variables that are known, in the order of y's columns.
-        rest: the r variables that are neither.
+        components: components of the joint distribution.
+        target: index of the target variable.
+        given: indices of the g known variables, in the order of y's columns.
+        rest: indices of the r other variables.
 
     Attributes:
-        matrix, offset: (K (g + 1 + r), g) and (K (g + 1 + r),).  For each component the rows of
-            ``matrix @ y + offset`` are g independent numbers whose squares sum to minus the
-            exponent of N_k(y), then the means of the target and of the rest.
-        log_constant: log of the factor before that exponential, (K,), up to a common constant.
-        covariances: of the target and the rest given y, (K, 1 + r, 1 + r).
-        spread: of the target given y, (K,).
-        rest_slopes: regression of the rest on the target given y, (K, r).
-        rest_covariances: of the rest given y and the target, (K, r, r).
+        matrix, offset: (K (g + 1 + r), g) and (K (g + 1 + r),).  ``matrix @ y + offset`` has for
+            each component g numbers, whose sum of squares is minus the exponent of N_k(y), and
+            then the means of the target and of the rest.
+        log_constant: log of the factor of that exponential, (K,), up to a common constant.
+        covariances: covariances of the target and the rest given y, (K, 1 + r, 1 + r).
+        spread: standard deviation of the target given y, (K,).
+        rest_slopes: slopes of the rest on the target given y, (K, r).
+        rest_covariances: covariances of the rest given y and the target, (K, r, r).
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class Regression:
         ordered = components.scale_matrices[:, order][:, :, order]
         factors = np.asarray(np.linalg.cholesky(ordered), dtype=np.float64)
         centre = components.locations[:, order]
-        # The inverse is triangular too, but for rounding.
+        # The inverse is triangular except for rounding.
         whitening = np.tril(np.linalg.inv(factors[:, :known, :known]))
         # With L the factor of the given block, S21 S11^-1 = L21 L11^-1.
         slopes = factors[:, known:, :known] @ whitening
@@ -92,7 +92,7 @@ class Regression:
 
     def at(self, y: Array) -> Given:
         """The components given y (n, g)."""
-        # No matrix product: its last bits may depend on the number of threads.
+        # The last bits of a matrix product may depend on the number of threads; einsum's do not.
         rows = np.einsum("rg,ng->rn", self.matrix, y) + self.offset[:, None]
         parts = rows.reshape(*self._shape, -1)
         log_weights = self.log_constant[:, None] - (parts[:, : self.known] ** 2).sum(axis=1)

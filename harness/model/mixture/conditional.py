@@ -1,4 +1,4 @@
-"""One variable of a truncated mixture, given some of the others."""
+"""Takes a truncated mixture and returns the distribution of one variable given others."""
 
 from collections.abc import Iterable, Sequence
 from itertools import count
@@ -16,34 +16,34 @@ from harness.model.mixture.tabulated import TabulatedDensity, panel_edges
 
 Array = NDArray[np.float64]
 
-# An infinite bound of the target is replaced by one this many spreads beyond every component.
+# An infinite bound of the target is replaced by this many spreads beyond every component.
 _BEYOND = 12.0
-# A total probability below this has lost its digits: of one variable, and of several.
+# A smaller total probability has too few digits, without and with integrated variables.
 _SMALLEST_TOTAL = (1e-200, 1e-7)
 _LOWEST = 1e-300
-# A mode is found on ever finer grids about the highest node of a table, which are at most a fifth
-# of the narrowest part's spread apart.
+# A mode is searched on finer and finer grids around the highest node of a table. Nodes are at most
+# a fifth of the narrowest component's spread apart.
 _LOOKS = np.linspace(-1.0, 1.0, 33)
 _NARROWING = 0.2 * 16.0 ** -np.arange(4)
-# Tables that are kept for states that come again, such as the one at the trigger.
+# Number of cached tables, for states that repeat, such as the state at the trigger.
 _KEPT = 64
 
 
 class Conditional:
-    """Distribution of variable ``target`` given the values of variables ``given``.
+    """Distribution of variable ``target`` given the values y of variables ``given``.
 
-    With y the given values, component k has weight π_k N_k(y)/α_k, the target is normal with the
-    paper's (a1) and (a2) inside its bounds, and every remaining variable is integrated out over
-    its bounds: the density is multiplied by the probability that it lies inside them.
+    Component k has weight π_k N_k(y)/α_k. Inside its bounds the target is normal with the paper's
+    (a1) and (a2). The other variables are integrated out: the density is multiplied by the
+    probability that they lie inside their bounds.
 
-    The methods take y of shape (n, len(given)), columns in the order of ``given``, and one value
-    per point (n,); a single row of y, or a single value, is used for all. y outside its bounds is
-    not refused: the formula is simply evaluated there. ``ppf`` and ``mode`` of a point are the
-    same to the last bit whatever else is in the batch.
+    The methods take y of shape (n, len(given)), with columns in the order of ``given``, and one
+    value per point (n,). A single row of y, or a single value, applies to all points. For y outside
+    its bounds the same formula is evaluated. ``ppf`` and ``mode`` of a point do not depend on the
+    other points of the batch, to the last bit.
 
     Args:
-        components: of the joint distribution.
-        target: index of the wanted variable.
+        components: components of the joint distribution.
+        target: index of the target variable.
         given: indices of the known variables, in the order of y's columns; may be empty.
     """
 
@@ -53,7 +53,7 @@ class Conditional:
         self.lower, self.upper = float(components.lower[target]), float(components.upper[target])
         self._rest_lower, self._rest_upper = components.lower[rest], components.upper[rest]
         self._regression = Regression(components, target, given, rest)
-        # The narrowest part of the density: a component at known values of everything else.
+        # The narrowest part of the density is a component given all other variables.
         precisions = np.linalg.inv(components.scale_matrices)[:, target, target]
         self._narrowest = float(precisions.max() ** -0.5)
         spread = self._regression.spread
@@ -136,7 +136,7 @@ class Conditional:
         return x
 
     def _normals(self, y: Array) -> list[Normal]:
-        """The components given y."""
+        """The components given y, as normal densities of the target."""
         numbers = (self._regression.matrix @ y + self._regression.offset).tolist()
         step = len(self.given) + 1
         return [
@@ -154,7 +154,7 @@ class Conditional:
         return self.ppf(rng.random(points.shape[0]), points)
 
     def _table(self, y: Array) -> TabulatedDensity:
-        """The density given one y (g,)."""
+        """The tabulated density given one y (g,)."""
         key = tuple(y.tolist())
         if key not in self._tables:
             if len(self._tables) >= _KEPT:
@@ -203,7 +203,7 @@ class Conditional:
     def _total(self, given: Given) -> tuple[Array, NDArray[np.intp]]:
         """Integral over the target's bounds, (n,), and the points that need a table instead.
 
-        Those are where the integral has lost its digits, and all where nothing is given.
+        A point needs a table if the integral has too few digits, or if no variable is given.
         """
         if not self.given:
             points = np.arange(given.means.shape[2])

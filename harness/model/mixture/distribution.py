@@ -1,4 +1,4 @@
-"""A mixture of normal distributions, each truncated to the same box."""
+"""Takes weights, locations and scale matrices and returns a truncated Gaussian mixture."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -21,23 +21,23 @@ _WHERE = "mixture"
 class TruncatedGaussianMixture(Components):
     """Density Σ π_k N(x; m_k, S_k) / α_k inside a box, 0 outside.
 
-    α_k is the mass of the untruncated component k inside the box, so the weights π_k are those of
-    the truncated components. Locations m_k and scale matrices S_k are those before truncation:
-    the mean of a truncated component is another number, and m_k may lie outside the box. With
-    infinite bounds this is an ordinary Gaussian mixture. Immutable; the arrays are read-only.
+    α_k is the mass of the untruncated component k inside the box, so π_k is the weight of the
+    truncated component. Locations m_k and scale matrices S_k are those before truncation: m_k is
+    not the mean of the truncated component, and may lie outside the box. With infinite bounds this
+    is an ordinary Gaussian mixture. The object is immutable; its arrays are read-only.
 
     Args:
-        weights: (K,), > 0, summing to 1 within 1e-6 (then divided by their sum).
+        weights: (K,), > 0, with a sum of 1 within 1e-6; they are divided by their sum.
         locations: (K, d), d from 1 to 4.
         scale_matrices: (K, d, d), symmetric positive definite.
         lower, upper: (d,), lower < upper, may be infinite.
 
     Attributes:
-        weights, locations, scale_matrices, lower, upper: as given, copied.
+        weights, locations, scale_matrices, lower, upper: copies of the arguments.
         masses: α_k, (K,) in (0, 1].
 
     Raises:
-        InputError: any of the above is violated, or a component has no mass inside the box.
+        InputError: an argument is invalid, or a component has no mass inside the box.
     """
 
     _factors: Array
@@ -95,9 +95,9 @@ class TruncatedGaussianMixture(Components):
     def sample(self, n: int, rng: np.random.Generator) -> Array:
         """n independent draws, (n, d), all inside the box.
 
-        Components are drawn first. Where a component's mass is large, normal values are drawn
-        until they fall inside the box; where it is small, its variables are drawn one by one from
-        their conditional distributions.
+        The components are drawn first. If a component has a large mass, normal vectors are drawn
+        until enough are inside the box. If its mass is small, its variables are drawn one by one
+        from their conditional distributions.
         """
         counts = rng.multinomial(n, self.weights)
         parts = [self._component(k, int(count), rng) for k, count in enumerate(counts)]
@@ -110,25 +110,25 @@ class TruncatedGaussianMixture(Components):
         if self.masses[k] < 1e-3:
             return self._one_by_one(k, count, rng)
         dimension = self.lower.size
-        found = [np.empty((0, dimension))]
+        accepted = [np.empty((0, dimension))]
         missing = count
         while missing > 0:
-            wanted = int(missing / self.masses[k] * 1.1) + 16
-            z = rng.standard_normal((min(wanted, 1_000_000), dimension))
+            tries = int(missing / self.masses[k] * 1.1) + 16
+            z = rng.standard_normal((min(tries, 1_000_000), dimension))
             rows = self.locations[k] + z @ self._factors[k].T
             rows = rows[((rows >= self.lower) & (rows <= self.upper)).all(axis=1)][:missing]
-            found.append(rows)
+            accepted.append(rows)
             missing -= rows.shape[0]
-        return np.concatenate(found)
+        return np.concatenate(accepted)
 
     def _one_by_one(self, k: int, count: int, rng: np.random.Generator) -> Array:
-        """Draws (count, d) by the chain of conditional distributions."""
-        alone = TruncatedGaussianMixture(
+        """Draws (count, d) from component k by the chain of its conditional distributions."""
+        component = TruncatedGaussianMixture(
             [1.0], self.locations[[k]], self.scale_matrices[[k]], self.lower, self.upper
         )
         rows = np.empty((count, self.lower.size))
         for i in range(self.lower.size):
-            rows[:, i] = alone.conditional(i, range(i)).sample(rows[:, :i], rng)
+            rows[:, i] = component.conditional(i, range(i)).sample(rows[:, :i], rng)
         return rows
 
     def mean(self) -> Array:
@@ -172,16 +172,16 @@ def _check_shapes(parts: dict[str, Array]) -> None:
         raise InputError(
             f"{_WHERE}: locations", f"{dimension} variables", f"1 to {_MOST_VARIABLES}"
         )
-    wanted = {
+    expected_shapes = {
         "weights": (count,),
         "scale_matrices": (count, dimension, dimension),
         "lower": (dimension,),
         "upper": (dimension,),
     }
-    for name, shape in wanted.items():
-        found = parts[name].shape
-        if found != shape or count == 0:
-            raise InputError(f"{_WHERE}: {name}", f"shape {found}", f"shape {shape}, K ≥ 1")
+    for name, shape in expected_shapes.items():
+        actual = parts[name].shape
+        if actual != shape or count == 0:
+            raise InputError(f"{_WHERE}: {name}", f"shape {actual}", f"shape {shape}, K ≥ 1")
 
 
 def _check_values(parts: dict[str, Array]) -> None:
@@ -207,7 +207,7 @@ def _check_values(parts: dict[str, Array]) -> None:
 
 
 def _factors(scale_matrices: Array) -> Array:
-    """Lower Cholesky factors (K, d, d), or an error."""
+    """Lower Cholesky factors (K, d, d)."""
     factors = np.empty_like(scale_matrices)
     for k, matrix in enumerate(scale_matrices):
         try:

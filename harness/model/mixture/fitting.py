@@ -1,4 +1,4 @@
-"""Fitting a truncated Gaussian mixture to rows inside a box."""
+"""Takes weighted rows inside a box and returns the fitted truncated Gaussian mixture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from harness.model.mixture.em import Problem
 Array = NDArray[np.float64]
 
 _WHERE = "fit"
-# A column that the others predict to this share of its variance adds nothing but rounding.
+# Columns are collinear if an eigenvalue of their correlation matrix is below this.
 _COLLINEAR = 1e-10
 
 
@@ -25,13 +25,14 @@ class FitResult:
     Attributes:
         mixture: the truncated mixture, in the units of the data.
         converged: whether `gradient_norm` is below `tol`.
-        gradient_norm: largest component of the gradient of the penalised log-likelihood at the end,
-            per unit of weight, in units of each component's own information (see `Coordinates`).
-        n_iter: steps taken from the start that was kept.
-        log_likelihoods: (n_iter + 1,), the penalised log-likelihood after each step, in the units
-            of the data; never falls.
-        log_likelihood: final log-likelihood without the penalty, weighted.
-        bic: −2 log_likelihood + p log n, p = K − 1 + K d + K d (d + 1)/2, n the sum of weights.
+        gradient_norm: largest component of the final gradient of the penalised log-likelihood, per
+            unit of weight, in the scaled parameters of `Coordinates`.
+        n_iter: number of steps from the best start.
+        log_likelihoods: (n_iter + 1,) penalised log-likelihood after each step, in the units of the
+            data; it never decreases.
+        log_likelihood: final weighted log-likelihood without the penalty.
+        bic: −2 log_likelihood + p log n with p = K − 1 + K d + K d (d + 1)/2; n is the sum of the
+            weights.
     """
 
     mixture: TruncatedGaussianMixture
@@ -60,31 +61,29 @@ def fit_mixture(
 ) -> FitResult:
     """Maximum penalised likelihood: EM for truncated Gaussians (Lee and Scott 2012), then BFGS.
 
-    Maximises Σ w_i log f(x_i) + λ Σ log α_k with α_k the mass of component k inside the box:
-    without the prior a location can run away from the box for ever, its mass going to 0. Scale
-    matrices whose smallest eigenvalue, with all columns at unit spread, is under `scale_floor`
-    are not allowed: rows that repeat would make a component singular.
+    The fit maximises Σ w_i log f(x_i) + λ Σ log α_k, where α_k is the mass of component k inside
+    the box. Without the penalty a location could diverge, with a mass that tends to 0. Scale
+    matrices have no eigenvalue below `scale_floor`, in columns of unit spread. Otherwise repeated
+    rows could make a component singular.
 
-    The same seed gives the same numbers on one machine and one set of versions.
+    The same seed gives the same numbers on one machine with the same versions.
 
     Args:
         data: (n, d) finite rows inside the box, d from 1 to 4; values on a bound are inside.
         n_components: K ≥ 1.
         lower, upper: (d,), may be infinite.
-        seed: of the starts; an integer or a SeedSequence.
-        sample_weight: (n,) ≥ 0; 1 each when not given. Their sum counts as the number of rows.
-        tol: stop where `gradient_norm` is below this.
-        n_init: number of k-means++ starts; the highest penalised likelihood is kept.
-        max_iter: most steps from each start.
+        seed: seed of the starts; an integer or a SeedSequence.
+        sample_weight: (n,) ≥ 0; by default 1. The sum counts as the number of rows.
+        tol: the fit stops when `gradient_norm` is below this.
+        n_init: number of k-means++ starts; the one with the highest penalised likelihood is used.
+        max_iter: maximum number of steps from each start.
         mass_penalty: λ ≥ 0.
-        scale_floor: ≥ 0.
-        names: of the columns, for messages.
-
-    Returns:
-        A `FitResult`; see there.
+        scale_floor: smallest eigenvalue, ≥ 0.
+        names: names of the columns, for messages.
 
     Raises:
-        InputError: fewer rows than components; constant or collinear columns; no start that works.
+        InputError: there are fewer rows than components, columns are constant or collinear, or no
+            start has a finite likelihood.
     """
     rows = np.array(data, dtype=np.float64)
     labels = list(names) if names is not None else [f"column {i}" for i in range(rows.shape[1])]
@@ -98,11 +97,11 @@ def fit_mixture(
             _WHERE, f"{rows.shape[0]} rows for {n_components} components", "at least one row each"
         )
     root = seed if isinstance(seed, np.random.SeedSequence) else np.random.SeedSequence(seed)
-    # Imported here: episodes load this package too and fit nothing.
+    # Imported here, because episodes load this package without fitting.
     from threadpoolctl import threadpool_limits
 
-    # More threads would change the last digits of each step, and on matrices of this size they
-    # wait for each other: on a busy machine ten times as long as one takes.
+    # Several threads would change the last digits of each step. With matrices of this size they
+    # also wait for each other, on a busy machine ten times as long as one thread takes.
     with threadpool_limits(1, user_api="blas"):
         centre, spread = _standards(rows, weights, labels)
         rows = (rows - centre) / spread
@@ -121,15 +120,15 @@ def _highest(
     tol: float,
     max_iter: int,
 ) -> Climb:
-    """The climb with the highest end."""
+    """The climb with the highest penalised likelihood."""
     best: Climb | None = None
-    # Children made by hand, so that a SeedSequence can be used again with the same result.
+    # ``SeedSequence.spawn`` would change the caller's sequence, so a second fit would differ.
     for i in range(n_init):
         child = np.random.SeedSequence(root.entropy, spawn_key=(*root.spawn_key, i))
         first = start(rows, problem.weights, n_components, np.random.default_rng(child))
-        found = climb(problem, first, tol, max_iter)
-        if found is not None and (best is None or found.best.objective > best.best.objective):
-            best = found
+        climbed = climb(problem, first, tol, max_iter)
+        if climbed is not None and (best is None or climbed.best.objective > best.best.objective):
+            best = climbed
     if best is None:
         raise InputError(_WHERE, "no start has a finite likelihood", "fewer components")
     return best
@@ -138,13 +137,13 @@ def _highest(
 def _result(
     climbed: Climb, centre: Array, spread: Array, lower: Array, upper: Array, total: float
 ) -> FitResult:
-    """The end of a climb in the units of the data."""
-    found = climbed.best.parameters
-    count, dimension = found.locations.shape
+    """The result of a climb in the units of the data."""
+    standardised = climbed.best.parameters
+    count, dimension = standardised.locations.shape
     mixture = TruncatedGaussianMixture(
-        found.weights,
-        centre + spread * found.locations,
-        found.scales * spread[:, None] * spread,
+        standardised.weights,
+        centre + spread * standardised.locations,
+        standardised.scales * spread[:, None] * spread,
         lower,
         upper,
     )
@@ -165,7 +164,7 @@ def _result(
 
 
 def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, Array]:
-    """Mean and spread of each column; columns without information are refused."""
+    """Mean and spread of each column; constant and collinear columns raise an error."""
     share = weights / weights.sum()
     centre = share @ rows
     spread = np.sqrt(share @ (rows - centre) ** 2)
@@ -184,6 +183,6 @@ def _standards(rows: Array, weights: Array, labels: list[str]) -> tuple[Array, A
         raise InputError(
             f"{_WHERE}: {involved[-1]}",
             f"collinear with {', '.join(involved[:-1])} in all {rows.shape[0]} rows",
-            "columns that are no linear combination of the others",
+            "columns that are not linear combinations of others",
         )
     return centre, spread

@@ -1,6 +1,7 @@
-"""A density on an interval as polynomials on panels: its integral and the inverse of that.
+"""Takes a log density on an interval and returns its distribution function and quantiles.
 
-Chebyshev interpolation: Trefethen, Approximation Theory and Approximation Practice (2013).
+The density is interpolated by Chebyshev polynomials on panels (Trefethen, Approximation Theory and
+Approximation Practice, 2013).
 """
 
 from bisect import bisect_right
@@ -14,39 +15,39 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _DEGREE = 15
-# Panels of two spreads leave an interpolation error of 1e-11 of a normal density's peak.
+# With panels of two spreads the interpolation error is 1e-11 of a normal density's peak.
 _SPREADS = 2.0
 _MOST_PANELS = 1000
-# Panels whose last coefficients are above this are halved, so many times at most.
+# Panels whose last coefficients exceed the tolerance are halved, for at most this many rounds.
 _TOLERANCE = 1e-9
 _MOST_ROUNDS = 6
 _MOST_STEPS = 60
 _NODES = np.cos(np.pi * (np.arange(_DEGREE + 1) + 0.5) / (_DEGREE + 1))
-# From values at the nodes to coefficients of the density, and of its integral from −1 on.
+# Matrices from values at the nodes to coefficients of the density and of its integral from −1.
 _DENSITY = np.linalg.inv(chebyshev.chebvander(_NODES, _DEGREE))
 _INTEGRAL = chebyshev.chebint(_DENSITY, lbnd=-1.0)
 _WHOLE, _LAST = _INTEGRAL.sum(axis=0), np.ascontiguousarray(_DENSITY[-3:].T)
 
 
 def panel_edges(lower: float, upper: float, spread: float) -> Array:
-    """Edges of first panels for a density whose narrowest normal part has this spread.
+    """Edges of the first panels for a density whose narrowest normal component has this spread.
 
-    Parts narrower than 1/2000 of the interval may be missed.
+    Components narrower than 1/2000 of the interval may be missed.
     """
-    wanted = min(max(ceil((upper - lower) / (_SPREADS * spread)), 1), _MOST_PANELS)
-    return np.linspace(lower, upper, wanted + 1)
+    panels = min(max(ceil((upper - lower) / (_SPREADS * spread)), 1), _MOST_PANELS)
+    return np.linspace(lower, upper, panels + 1)
 
 
 class TabulatedDensity:
-    """Piecewise polynomial density, normalised on [lower, upper].
+    """A piecewise polynomial density, normalised on [lower, upper].
 
     Args:
-        log_density: maps positions (m,) to the log of the density up to a constant (m,).
-        edges: (p + 1,), increasing, from the lower to the upper bound: of the first panels, which
-            must be narrow enough to see every part of the density (``panel_edges``).
+        log_density: maps positions (m,) to the log density (m,), up to a constant.
+        edges: (p + 1,) increasing edges of the first panels, from the lower to the upper bound.
+            The panels must be narrow enough to resolve every component (``panel_edges``).
 
     Attributes:
-        highest: where the density is highest of all nodes.
+        highest: the node with the highest density.
         log_total: log of the integral of exp(log_density) over the interval.
     """
 
@@ -62,7 +63,7 @@ class TabulatedDensity:
         self._masses = masses / reached[-1]
         self._reached: list[float] = [0.0, *(reached / reached[-1]).tolist()]
         self._edges: list[float] = edges.tolist()
-        # Of panels that were asked for: coefficients of the integral and of the density.
+        # Cache by panel: coefficients of the integral and of the density.
         self._series: dict[int, tuple[list[float], list[float]]] = {}
 
     def cdf(self, x: float) -> float:
@@ -74,7 +75,7 @@ class TabulatedDensity:
         return min(max(reached, 0.0), 1.0)
 
     def ppf(self, u: float) -> float:
-        """Inverse of ``cdf`` at u in [0, 1], by Newton inside the panel that holds u."""
+        """Inverse of ``cdf`` at u in [0, 1], by Newton's method inside the panel with u."""
         panel = bisect_right(self._reached, u, 1, len(self._reached) - 1) - 1
         integral, density = self._panel(panel)
         target = u - self._reached[panel]
@@ -90,8 +91,8 @@ class TabulatedDensity:
             else:
                 hi = z
             slope = _series(density, z)
-            wanted = z - excess / slope if slope > 0.0 else lo
-            moved = wanted if lo < wanted < hi else 0.5 * (lo + hi)
+            newton = z - excess / slope if slope > 0.0 else lo
+            moved = newton if lo < newton < hi else 0.5 * (lo + hi)
             change, z = abs(moved - z), moved
             if change <= 1e-13:
                 break
@@ -106,19 +107,19 @@ class TabulatedDensity:
 
 
 def _refined(log_density: Callable[[Array], Array], edges: Array) -> tuple[Array, Array]:
-    """Edges (p + 1,) of panels on which polynomials agree with the density, its log (p, nodes)."""
+    """Edges (p + 1,) of panels that resolve the density, and the log density (p, nodes)."""
     half = 0.5 * (edges[1:] - edges[:-1])[:, None]
     logs = log_density((edges[:-1, None] + half * (1.0 + _NODES)).ravel()).reshape(half.size, -1)
     for _ in range(_MOST_ROUNDS):
         sizes = np.abs(np.exp(logs - logs.max()) @ _LAST).max(axis=1)
-        rough = np.flatnonzero(sizes > _TOLERANCE)
-        if not rough.size:
+        coarse = np.flatnonzero(sizes > _TOLERANCE)
+        if not coarse.size:
             break
-        middles = 0.5 * (edges[rough] + edges[rough + 1])
-        edges = np.insert(edges, rough + 1, middles)
-        # Both halves of each: a panel's index moves by one for each that was split before it.
-        split = (rough + np.arange(rough.size))[:, None] + np.array([0, 1])
-        logs = np.insert(logs, rough + 1, 0.0, axis=0)
+        middles = 0.5 * (edges[coarse] + edges[coarse + 1])
+        edges = np.insert(edges, coarse + 1, middles)
+        # Indices of both halves; every panel that is split shifts the later panels by one.
+        split = (coarse + np.arange(coarse.size))[:, None] + np.array([0, 1])
+        logs = np.insert(logs, coarse + 1, 0.0, axis=0)
         half = 0.5 * (edges[split + 1] - edges[split])[:, :, None]
         x = edges[split][:, :, None] + half * (1.0 + _NODES)
         logs[split.ravel()] = log_density(x.ravel()).reshape(split.size, -1)

@@ -1,8 +1,8 @@
-"""Mass and first two moments of normal distributions truncated to a box, batched.
+"""Takes normal distributions and a box and returns masses and moments of the truncated ones.
 
-With α(m) the mass inside the box as a function of the location, the moments are derivatives of
-log α: E = m + S ∇log α and V = S + S (∇² log α) S. The derivatives are probabilities on the faces
-and edges of the box. Sources: Tallis (1961); Manjunath and Wilhelm (2012), eqs. (11) and (16).
+Let α(m) be the mass inside the box as a function of the location m. The moments are
+E = m + S ∇log α and V = S + S (∇² log α) S. The derivatives are probabilities on the faces and
+edges of the box. Sources: Tallis (1961); Manjunath and Wilhelm (2012), eqs. (11) and (16).
 """
 
 import numpy as np
@@ -12,8 +12,8 @@ from harness.model.mixture.boxes import FAR, box_probability, interval, standard
 
 Array = NDArray[np.float64]
 
-# Below this the closed forms have lost their digits to cancellation; a sum of positive terms has
-# not, at many times the cost.
+# For smaller masses the closed forms lose their digits by cancellation. A sum of positive terms
+# does not, but is much slower.
 _SMALL = 1e-6
 _NEGLIGIBLE = 1e-17
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
@@ -28,8 +28,8 @@ def masses(locations: Array, scale_matrices: Array, lower: Array, upper: Array) 
         lower, upper: (d,), may be infinite.
 
     Returns:
-        (K,) in [0, 1]; absolute error below 1e-8 at condition numbers up to 100. Masses down to
-        about 1e-100 keep a few digits; beyond that the answer may be 0.
+        (K,) in [0, 1]. The absolute error is below 1e-8 at condition numbers up to 100. Masses
+        above about 1e-100 have a few correct digits; smaller ones may be 0.
     """
     correlations, a, b, _ = _standardised(locations, scale_matrices, lower, upper)
     return _masses(correlations, a, b)
@@ -40,13 +40,13 @@ def moments(
 ) -> tuple[Array, Array, Array]:
     """Masses (K,), means (K, d) and covariances (K, d, d) of the truncated components.
 
-    Arguments as for `masses`. Means and covariances are right to 1e-7 of the component's spread
-    at condition numbers up to 100; undefined (nan, inf) where the mass is 0 or nearly.
+    The arguments are those of `masses`. The error of means and covariances is below 1e-7 of the
+    component's spread at condition numbers up to 100. They are nan or inf if the mass is nearly 0.
     """
     correlations, a, b, spread = _standardised(locations, scale_matrices, lower, upper)
     mass = _masses(correlations, a, b)
     gradient, hessian = _derivatives(correlations, a, b)
-    # A mass near 0 has no moments to speak of; callers look at the mass.
+    # Moments are undefined for a mass near 0; callers check the mass.
     with np.errstate(all="ignore"):
         slope = gradient / mass[:, None]
         curvature = hessian / mass[:, None, None] - slope[:, :, None] * slope[:, None, :]
@@ -70,7 +70,7 @@ def _standardised(
 
 
 def _masses(correlations: Array, a: Array, b: Array) -> Array:
-    """Closed forms; if they are too small to be accurate, sums of positive terms."""
+    """Masses by closed forms, or by sums of positive terms if the closed forms are inaccurate."""
     mass = standard_box(correlations, a, b)
     if a.shape[1] > 1:
         for k in np.flatnonzero(mass < _SMALL):
@@ -79,7 +79,7 @@ def _masses(correlations: Array, a: Array, b: Array) -> Array:
 
 
 def _positive_mass(covariance: Array, a: Array, b: Array) -> float:
-    """Mass of a small box: variables integrated one by one, every term positive."""
+    """Mass of a small box, by integrating one variable after the other; all terms are positive."""
     centre = np.zeros((1, a.size))
     weights = np.ones(1)
     for i in range(a.size - 1):
@@ -97,7 +97,7 @@ def _positive_mass(covariance: Array, a: Array, b: Array) -> float:
 
 
 def _window(lo: Array, hi: Array) -> tuple[Array, Array]:
-    """Nodes and weights (N, M) for φ over [lo, hi], cut where φ has fallen by e^-40."""
+    """Nodes and weights (N, M) for the integral of φ over [lo, hi], cut where φ is e^-40 lower."""
     nearest = np.clip(0.0, lo, hi)
     reach = np.sqrt(nearest**2 + 80.0)
     lo, hi = np.maximum(lo, -reach), np.minimum(hi, reach)
@@ -121,7 +121,7 @@ def _derivatives(correlations: Array, a: Array, b: Array) -> tuple[Array, Array]
 
 
 def _faces(correlations: Array, a: Array, b: Array, edges: Array) -> Array:
-    """φ at both bounds of each variable times the probability of the others there, (K, d, 2)."""
+    """φ at both bounds of each variable times the others' probability given it, (K, d, 2)."""
     dimension = a.shape[1]
     others = np.array([[p for p in range(dimension) if p != i] for i in range(dimension)], int)
     result: Array = np.exp(-0.5 * edges * edges) / np.sqrt(2.0 * np.pi)

@@ -1,4 +1,4 @@
-"""Reading tables of numbers that other people wrote."""
+"""Takes the user's files and returns checked tables of numbers and identifiers."""
 
 import difflib
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,7 +12,7 @@ import pyarrow as pa
 from harness.core.errors import InputError
 from harness.model.trajectories.counting import Tally
 
-# No coordinate, speed or clock reading of such data is larger; what is would only overflow later.
+# No coordinate, speed or time of such data is larger; larger numbers would overflow later.
 LARGEST_NUMBER = 1e12
 
 
@@ -20,31 +20,35 @@ Content = TypeVar("Content")
 
 
 class EmptyTableError(InputError):
-    """A file that is missing or has no record; its clip is skipped, and the counts say so."""
+    """A file is missing or has no record; its clip is skipped and counted."""
 
 
 def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
-    """The user's paths, each of which must exist."""
-    given = [paths] if isinstance(paths, str | Path) else list(paths)
-    if not given:
+    """The user's paths.
+
+    Raises:
+        InputError: there is no path, or a path does not exist.
+    """
+    names = [paths] if isinstance(paths, str | Path) else list(paths)
+    if not names:
         raise InputError("paths", "no file or folder given", "at least one")
-    found = [Path(path) for path in given]
-    for path in found:
+    existing = [Path(name) for name in names]
+    for path in existing:
         try:
             exists = path.exists()
         except (OSError, ValueError):
-            # A name that no file can have: too long, or with a NUL in it.
+            # No file can have this name: it is too long or contains a NUL.
             exists = False
         if not exists:
             raise InputError(str(path), "no such file or folder")
-    return found
+    return existing
 
 
 def files_in(path: Path, *patterns: str) -> list[Path]:
-    """The file itself, or the files of a folder whose names match, sorted.
+    """The file itself, or the matching files of a folder, sorted by name.
 
     Raises:
-        InputError: the folder has none.
+        InputError: the folder has no such file.
     """
     if not path.is_dir():
         return [path]
@@ -60,16 +64,16 @@ def contents_of(
     tally: Tally,
     what: str,
 ) -> Iterator[Content]:
-    """What is in named files, one after the other; empty files are skipped and counted.
+    """Yield the contents of files one by one; empty files are skipped and counted.
 
     Args:
-        files: name for the counts, and path.
-        read: gives the clips or tables of a file.
-        tally: counts the files that are skipped.
-        what: a clip, a trip or a row, for the message.
+        files: name (for the counts) and path of each file.
+        read: returns the clips or tables of a file.
+        tally: counts the skipped files.
+        what: clip, trip or row, for the message.
 
     Raises:
-        InputError: nothing in any of the files can be used.
+        InputError: no file has usable contents.
     """
     where, used = "", False
     for name, file in files:
@@ -77,8 +81,8 @@ def contents_of(
         try:
             contents = read(name, file)
         except EmptyTableError as problem:
-            culprit = Path(problem.where).name
-            tally.skipped[name] = f"{culprit}: " * (culprit != name) + problem.problem
+            file_name = Path(problem.where).name
+            tally.skipped[name] = f"{file_name}: " * (file_name != name) + problem.problem
             continue
         used = used or bool(contents)
         yield from contents
@@ -88,11 +92,11 @@ def contents_of(
 
 
 def read_table(path: Path) -> pd.DataFrame:
-    """A csv or parquet file as it is, column names stripped.
+    """The table of a csv or parquet file, with stripped column names.
 
     Raises:
-        EmptyTableError: the file holds no record.
-        InputError: it cannot be read as a table.
+        EmptyTableError: the file has no record.
+        InputError: the file cannot be read as a table.
     """
     try:
         if path.suffix.lower() == ".parquet":
@@ -111,15 +115,15 @@ def read_table(path: Path) -> pd.DataFrame:
 
 
 def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> None:
-    """Refuse a table that lacks a column, naming the one in the file that comes nearest."""
+    """Raise if a column is missing; the message names the most similar column of the file."""
     present = list(table.columns)
     for name in needed:
         if name not in present:
-            taken = set(needed)
+            known = set(needed)
             near = difflib.get_close_matches(
-                name.lower(), [have.lower() for have in present if have not in taken], 1, 0.6
+                name.lower(), [other.lower() for other in present if other not in known], 1, 0.6
             )
-            nearest = next((have for have in present if near and have.lower() == near[0]), None)
+            nearest = next((other for other in present if near and other.lower() == near[0]), None)
             raise InputError(
                 str(path),
                 f"column {name!r} is missing" + (f" (the file has {nearest!r})" if nearest else ""),
@@ -133,15 +137,15 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
 
     Args:
         path: the file, for messages.
-        table: as read.
-        names: columns that must hold numbers.
+        table: the table of ``read_table``.
+        names: columns that must contain numbers.
         tally: counts ``not_a_number``, ``missing_value`` and ``out_of_scale``.
 
     Returns:
-        The remaining records, other columns unchanged, original order and index.
+        The remaining records, with unchanged other columns, order and index.
 
     Raises:
-        InputError: a column holds not a single number.
+        InputError: a column contains no number at all.
     """
     values = pd.DataFrame({name: as_numbers(path, table[name]) for name in names})
     text = (values.isna() & table[list(names)].notna()).any(axis=1)
@@ -155,15 +159,15 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
 
 
 def as_numbers(path: Path, column: pd.Series) -> pd.Series:
-    """A column as floats, NaN where a cell is no number.
+    """A column as floats; cells that are not numbers become NaN.
 
     Raises:
-        InputError: not a single cell is a number.
+        InputError: no cell is a number.
     """
     try:
         values = pd.to_numeric(column, errors="coerce")
     except OverflowError:
-        # A whole number beyond a float's range; as text it becomes infinite.
+        # An integer beyond the range of floats becomes infinite if it is parsed as text.
         values = pd.to_numeric(column.astype(str), errors="coerce")
     if values.isna().all() and column.notna().any():
         sample = column.dropna().iloc[0]
@@ -172,7 +176,7 @@ def as_numbers(path: Path, column: pd.Series) -> pd.Series:
 
 
 def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
-    """Records in the order of their clock, the first of each instant; the others are counted."""
+    """Records sorted by time, only the first of each instant; repeated ones are counted."""
     tally.out_of_order += int((records[clock].diff() < 0).sum())
     records = records.sort_values(clock, kind="stable")
     repeated = records[clock].duplicated()
@@ -181,12 +185,12 @@ def once_each(records: pd.DataFrame, clock: str, tally: Tally) -> pd.DataFrame:
 
 
 def identifiers(column: pd.Series) -> pd.Series:
-    """Identifiers as text; whole numbers lose the ``.0`` that an odd cell elsewhere gives them.
+    """Identifiers as text; a missing identifier stays missing.
 
-    A missing identifier stays missing.
+    Whole numbers lose the ``.0`` that a missing cell elsewhere in the column adds.
 
     Raises:
-        InputError: they are bytes that are no text.
+        InputError: the column has bytes that are not text.
     """
     try:
         text = column.astype("str")

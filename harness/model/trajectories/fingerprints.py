@@ -1,10 +1,10 @@
-"""Which recorded track this is, whatever it and its file are called.
+"""Takes recorded tracks and returns fingerprints that do not depend on their names.
 
-A track is told by its mean place over the first and over the second half of its time, in cells of
-1 mm: four numbers that depend on no name, no order of the records, no clock's zero and no frame
-rate. Noise of less than 1 mm in every record moves each of them by one cell at most, so a track is
-looked for in its own cell and in those beside it. Only hashes of cells are kept: nobody's way can
-be read from them.
+A fingerprint is the hash of the track's mean position over the first and over the second half of
+its time, in cells of 1 mm. These four numbers do not depend on names, the order of the records, the
+origin of the clock or the frame rate. Noise below 1 mm changes each number by at most one cell, so
+a track is searched in its own cell and in the neighbouring cells. Positions cannot be recovered
+from a hash.
 """
 
 import hashlib
@@ -21,12 +21,12 @@ _DIGITS = 16
 
 
 def fingerprint(track: Track) -> str:
-    """The track's hash, 16 hexadecimal digits."""
+    """The hash of the track's cell, 16 hexadecimal digits."""
     return _hash(_cell(track))
 
 
 def fingerprints_of(clips: Iterable[Clip]) -> frozenset[str]:
-    """What a card may call the vehicles of these clips: their own cells and those beside."""
+    """The fingerprints of the vehicles' own and neighbouring cells, for a search in a card."""
     return frozenset(
         _hash(cell)
         for clip in clips

@@ -1,11 +1,12 @@
-"""Reader of rows a user already has: csv or parquet, one row per encounter and instant.
+"""Takes the user's own rows (csv or parquet) and returns candidate rows of the model's variables.
 
-Needed columns, SI units: ``range_m`` (R), ``vehicle_speed_mps`` (v), ``pedestrian_speed_mps``
-(v_p), and ``time_advantage_s`` (T_adv) or ``lateral_m`` (L) to compute it from. Optional:
-``source``, ``clip``, ``vehicle``, ``pedestrian`` (without them rows cannot be weighted by encounter
-or vehicle), ``time_s``, ``crossing_angle_deg``, ``passed_first`` (vehicle, pedestrian or empty),
-``pet_s``, ``track`` (as ``harness extract`` writes it). Other columns are ignored and named in the
-counts. Rows are taken as they are, not resampled; the bounds on R, L, v, v_p and T_adv apply.
+A file has one row per encounter and instant, in SI units. It needs the columns ``range_m`` (R),
+``vehicle_speed_mps`` (v), ``pedestrian_speed_mps`` (v_p), and ``time_advantage_s`` (T_adv) or
+``lateral_m`` (L), from which T_adv is computed. Optional columns are ``source``, ``clip``,
+``vehicle`` and ``pedestrian`` (rows cannot be weighted by encounter or vehicle without them),
+``time_s``, ``crossing_angle_deg``, ``passed_first`` (vehicle, pedestrian or empty), ``pet_s``, and
+``track`` (from ``harness extract``). Other columns are ignored and listed in the counts. Rows are
+not resampled; the bounds on R, L, v, v_p and T_adv apply.
 """
 
 from collections.abc import Sequence
@@ -33,33 +34,34 @@ from harness.model.trajectories.extraction_rules import (
 )
 
 NEEDED = ("range_m", "vehicle_speed_mps", "pedestrian_speed_mps")
-# A given T_adv may have been rounded, or computed from speeds of another window.
+# The file's T_adv may be rounded, or computed from speeds over another window.
 RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE_S = 0.05, 0.05
 
 
 class TableOptions(Options):
-    """Nothing but a name.
+    """Options of ready-made rows.
 
     Attributes:
-        source: name of the data set for rows that have none; by default the file's name.
+        source: name of the data set for rows without a source; by default the file's name.
     """
 
     source: str | None = None
 
 
 def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.DataFrame:
-    """The candidate rows of the given files, in the files' order.
+    """Read the candidate rows of files, in their order.
 
     Args:
-        paths: csv or parquet files, or folders whose csv and parquet files are read by name.
+        paths: csv or parquet files, or folders, whose csv and parquet files are sorted by name.
         options: name of the data set.
-        tally: counts what is left out.
+        tally: counts the rows and files that are left out.
 
     Returns:
-        A frame with ``ROW_COLUMNS``; an optional column that is not there is null.
+        A frame with ``ROW_COLUMNS``; a missing optional column is null.
 
     Raises:
-        InputError: no file, an unreadable one, a needed column missing or without any number.
+        InputError: there is no file, a file is unreadable, or a needed column is missing or has no
+            number.
     """
 
     def read(_: str, file: Path) -> list[pd.DataFrame]:
@@ -71,7 +73,7 @@ def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.
 
 
 def _read_file(path: Path, source: str, tally: Tally) -> pd.DataFrame:
-    """The rows of one file with all columns of the common form."""
+    """The rows of one file, with all of ``ROW_COLUMNS``."""
     table = read_table(path)
     require_columns(path, table, NEEDED)
     if "lateral_m" not in table and "time_advantage_s" not in table:
@@ -99,13 +101,13 @@ def _read_file(path: Path, source: str, tally: Tally) -> pd.DataFrame:
 
 
 def _complete(rows: pd.DataFrame, tally: Tally) -> pd.DataFrame:
-    """Rows with arrival time and time advantage; incomplete or contradictory ones are counted."""
-    given = rows["time_advantage_s"]
+    """Rows with arrival time and time advantage; incomplete and contradictory rows are dropped."""
+    recorded = rows["time_advantage_s"]
     rows = with_times(rows)
     computed = rows["time_advantage_s"]
     tolerance = ABSOLUTE_TOLERANCE_S + RELATIVE_TOLERANCE * computed
-    contradictory = (given - computed).abs() > tolerance
-    rows["time_advantage_s"] = given.fillna(computed)
+    contradictory = (recorded - computed).abs() > tolerance
+    rows["time_advantage_s"] = recorded.fillna(computed)
     incomplete = rows[[*NEEDED, "time_advantage_s"]].isna().any(axis=1) & ~contradictory
     tally.candidates += int((incomplete | contradictory).sum())
     tally.drop("candidates", "incomplete", int(incomplete.sum()))
