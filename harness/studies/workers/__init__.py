@@ -1,1 +1,1 @@
-"""Tasks, and the processes that carry them out: on this machine or on a cluster."""
+"""Takes tasks and returns their results, from processes on this machine or on a cluster."""

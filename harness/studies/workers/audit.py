@@ -1,4 +1,4 @@
-"""Episodes of the plain engine repeated in SUMO: a share of the pairs, and every crash."""
+"""Takes episodes of the plain engine and returns how a sample of them differs in SUMO."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -16,22 +16,22 @@ from harness.studies.workers.watchdog import Watch
 
 @dataclass(frozen=True)
 class Audit:
-    """Which pairs are repeated whole: one of ``every`` from ``first`` on, none where it is None."""
+    """The pairs that are repeated: every ``every``-th from ``first`` on; no pair if it is None."""
 
     every: int | None
     first: int
 
     def repeats(self, pair: int) -> bool:
-        """Whether both arms of a pair are repeated, however they ended."""
+        """Whether both arms of a pair are repeated; crashed episodes are always repeated."""
         return self.every is not None and pair % self.every == self.first
 
 
 def audit_of(share: float, scenario: Scenario) -> Audit:
-    """A systematic sample of a cell's pairs, at least one, with a start that the seed chooses.
+    """A systematic sample of at least one of a cell's pairs; the seed chooses its start.
 
     Args:
-        share: of the pairs, 0 to 1; 0: only crashes are repeated.
-        scenario: the cell.
+        share: share of the pairs, 0 to 1; with 0 only crashed episodes are repeated.
+        scenario: the cell's scenario.
     """
     if share == 0:
         return Audit(None, 0)
@@ -41,7 +41,7 @@ def audit_of(share: float, scenario: Scenario) -> Audit:
 
 
 class Finding(NamedTuple):
-    """What differs in SUMO's record, None where nothing does; by a tie of the strategy when."""
+    """The difference of SUMO's record, None if there is none, and the time of a tie behind it."""
 
     difference: str | None
     tie_s: float | None
@@ -55,16 +55,15 @@ def repeated_in_sumo(
     watch: Watch,
     repeated: dict[EpisodeKey, Finding],
 ) -> Iterator[tuple[Outcome, Finding]]:
-    """The chosen episodes, each with what was found.
+    """Yield each repeated episode with its finding.
 
     Args:
-        outcomes: of the plain engine.
-        audit: which pairs are repeated beside the crashes.
-        runner: of the same cell, in SUMO.
-        plain: of the same cell, which made the outcomes.
-        watch: told of every episode.
-        repeated: what came of the episodes that another cell shares; those that are repeated now
-            are added.
+        outcomes: outcomes of the plain engine.
+        audit: the pairs to repeat; crashed episodes are repeated too.
+        runner: runs the same cell in SUMO.
+        plain: runs the same cell on the plain engine.
+        watch: notified of every episode.
+        repeated: findings by episode; cells may share episodes.  New findings are added.
     """
     for outcome in outcomes:
         if audit.repeats(outcome.pair) or outcome.record.ending is Ending.CRASHED:
@@ -75,7 +74,7 @@ def repeated_in_sumo(
 
 
 def _finding(outcome: Outcome, runner: PairRunner, plain: PairRunner, watch: Watch) -> Finding:
-    """Repeat an episode in SUMO and, where the records differ, on the plain engine once more."""
+    """Repeat an episode in SUMO and, if the records differ, once more on the plain engine."""
     pair, arm = outcome.pair, outcome.arm
     sumo_decisions: list[Decision] = []
     again = runner.run_arm(pair, arm, watch.begins, decisions=sumo_decisions)

@@ -1,4 +1,4 @@
-"""The same tasks on an existing Dask cluster (extra ``cluster``)."""
+"""Takes tasks and runs them on an existing Dask cluster (extra ``cluster``)."""
 
 import logging
 from collections.abc import Callable
@@ -15,14 +15,14 @@ from harness.studies.workers.upload import archive_of, top_modules
 
 
 class DaskCluster:
-    """Submits tasks to a Dask scheduler; results come back as ordinary futures.
+    """Submits tasks to a Dask scheduler and returns ordinary futures.
 
     Args:
-        address: of the scheduler, e.g. ``tcp://127.0.0.1:8786``.
+        address: address of the scheduler, e.g. ``tcp://127.0.0.1:8786``.
 
     Raises:
-        InputError: the extra is not installed, nobody answers, there are no workers, or one has
-            several threads (libsumo runs one simulation per process).
+        InputError: the extra is not installed, the scheduler does not answer, there is no worker,
+            or a worker has several threads (libsumo runs one simulation per process).
     """
 
     def __init__(self, address: str) -> None:
@@ -34,22 +34,22 @@ class DaskCluster:
             raise InputError(
                 where, "Dask is not installed", "pip install crosswalk-harness[cluster]"
             ) from None
-        # What they have to say of a lost scheduler is said here, in one line.
+        # The harness reports a lost scheduler in one line, so Dask's own messages are suppressed.
         for name in ("distributed", "distributed.client", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         self._address = address
         try:
-            # A client that cannot even read its address complains once more when it is deleted.
+            # A client with an invalid address would print a second error when it is deleted.
             get_address_host_port(address, strict=True)
             self._client = Client(address, timeout=10, set_as_default=False)
         except (OSError, ValueError) as error:
             raise InputError(where, f"no scheduler answers ({error})", "host:port of one") from None
         threads = self._client.nthreads()
         if not threads or any(count != 1 for count in threads.values()):
-            found = ", ".join(str(count) for count in threads.values()) or "no workers"
+            counts = ", ".join(str(count) for count in threads.values()) or "no workers"
             self._client.close()
             raise InputError(
-                where, f"threads of its workers: {found}", "dask worker --nthreads 1 (one or more)"
+                where, f"threads of its workers: {counts}", "dask worker --nthreads 1 (one or more)"
             )
         self.workers = len(threads)
         self._modules: frozenset[str] = frozenset()
@@ -58,13 +58,13 @@ class DaskCluster:
     def submit(
         self, function: Callable[[Argument], Result], argument: Argument
     ) -> "Future[Result]":
-        """See ``Executor.submit``; Dask's own retries are off, so that culprits are counted."""
+        """See ``Executor.submit``; Dask does not retry, because the harness counts failures."""
         lost = ExecutorLostError(f"the Dask cluster at {self._address} is gone")
         if self._client.status != "running":
             raise lost
         result: Future[Result] = Future()
         result.set_running_or_notify_cancel()
-        # A retry is a new computation, not a look at the old one's failure: hence pure=False.
+        # With pure=True a retry would return the failure of the first call.
         remote = self._client.submit(
             call_apart, function, argument, self._uploaded(argument), pure=False, retries=0
         )
@@ -82,11 +82,11 @@ class DaskCluster:
         return result
 
     def stop(self) -> None:
-        """See ``Executor.stop``; the cluster itself goes on."""
+        """See ``Executor.stop``; the cluster itself keeps running."""
         self._client.close()
 
     def _uploaded(self, argument: object) -> str | None:
-        """The archive with a task's own strategies, once every worker has it."""
+        """The archive with the user's strategies of a task, after its upload to every worker."""
         if not isinstance(argument, Task):
             return None
         modules = self._modules | top_modules(argument.scenario.arms.model_dump().values())
@@ -96,35 +96,35 @@ class DaskCluster:
                 with TemporaryDirectory(prefix="crosswalk-harness-") as folder:
                     file = Path(folder) / archive.name
                     file.write_bytes(archive.content)
-                    # Workers that join later get it too.  Nothing is imported in their own process.
+                    # Workers that join later get it too.  The Dask worker does not import it.
                     self._client.upload_file(str(file), load=False)
                 self._archive = archive.name
             self._modules = modules
         return self._archive
 
 
-_beside: tuple[str | None, LocalPool] | None = None
+_apart: tuple[str | None, LocalPool] | None = None
 
 
 def call_apart(function: Callable[[Any], Any], argument: Any, archive: str | None) -> Any:
-    """Call in a process beside this Dask worker's own.
+    """Call a function in a process apart from the Dask worker.
 
-    A task that dies then costs the cluster no worker.  Dask would hand it to another one, four in
-    all, and suspect whatever else they were about to do.
+    A task that kills its process then does not kill a worker of the cluster.  Dask would give such
+    a task to up to four workers, and would blame the other tasks of these workers too.
 
     Args:
         function: see ``Executor.submit``.
-        argument: see there.
-        archive: the uploaded file with the user's own strategies; another one means another
-            process, so that no module of an earlier run is used again.
+        argument: see ``Executor.submit``.
+        archive: the uploaded file with the user's strategies.  A new archive starts a new process,
+            so that no module of an earlier run is used again.
     """
-    global _beside
-    if _beside is not None and _beside[0] != archive:
-        _beside[1].stop()
-        _beside = None
-    if _beside is None:
-        _beside = (archive, LocalPool(1, None if archive is None else _unpacked(archive)))
-    return _beside[1].submit(function, argument).result()
+    global _apart
+    if _apart is not None and _apart[0] != archive:
+        _apart[1].stop()
+        _apart = None
+    if _apart is None:
+        _apart = (archive, LocalPool(1, None if archive is None else _unpacked(archive)))
+    return _apart[1].submit(function, argument).result()
 
 
 def _unpacked(archive: str) -> Path:
@@ -133,7 +133,7 @@ def _unpacked(archive: str) -> Path:
 
     file = Path(get_worker().local_directory) / archive
     folder = file.with_suffix("")
-    # The name stands for the content: what is there from an earlier run is the same.
+    # The name has a digest of the content, so files of an earlier run are the same.
     with ZipFile(file) as content:
         content.extractall(folder)
     return folder

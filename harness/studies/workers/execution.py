@@ -1,8 +1,7 @@
-"""Tasks on executors: retries, culprits, a bounded number under way.
+"""Takes an executor and tasks and yields their results, with retries after failures.
 
-One code path for every executor: tasks are futures.  A worker that dies costs its task a retry; a
-task that fails twice is run pair by pair, and a pair that fails twice again gets the ending
-``engine_failed`` with the reason, so that everything else keeps its results.
+A task whose worker dies is run again.  A task that fails twice is run pair by pair.  A pair that
+fails twice gets the ending ``engine_failed`` with the reason, and all others keep their results.
 """
 
 import time
@@ -28,10 +27,10 @@ from harness.studies.workers.watchdog import begun_in, hang_of
 from harness.studies.workers.worker import run_task
 
 ATTEMPTS = 2
-"""How often a task may fail before it is taken apart, or a single pair before it is given up."""
+"""Number of failures after which a task is split into pairs, or a single pair is abandoned."""
 
 SILENT_S = 2.0
-"""After so long without news the progress says what is waited for."""
+"""After this time without a finished task the progress names the episodes it waits for."""
 
 Note = Callable[..., None]
 """Writes an event with its details to the log."""
@@ -43,16 +42,15 @@ def run_tasks(
     note: Note,
     waits_for: Callable[[str], None] = lambda _what: None,
 ) -> Iterator[tuple[Task, TaskResult]]:
-    """Run all tasks; yields each as it finishes, in whatever order.
+    """Run all tasks and yield each with its result, in the order in which they finish.
 
-    A task with twins comes out as ``task.each``, one that had to be taken apart as its single
-    pairs.
+    A task with twins is yielded as ``task.each``, and a split task as its single pairs.
 
     Args:
-        executor: where they run.
-        tasks: read as needed: only a few per worker are under way at a time.
-        note: told of retries and of pairs given up.
-        waits_for: told which episodes nothing is heard of, while nothing else finishes.
+        executor: runs the tasks.
+        tasks: the tasks; only a few per worker are taken at a time.
+        note: called with retries and abandoned pairs.
+        waits_for: called with the episodes without progress if no task finishes.
     """
     waiting = iter(tasks)
     again: list[Task] = []
@@ -79,7 +77,7 @@ def run_tasks(
                 again += task.each
                 continue
             if hang is not None and hang.in_decide and hang.episode is not None:
-                # Its pair is known, and another attempt would wait as long: the others go on.
+                # The pair is known, and another attempt would take as long, so only others go on.
                 pair, arm = hang.episode
                 limit_s = task.scenario.experiment.decide_limit_s
                 reason = f"decide gave no answer within {limit_s:g} s (arm {arm.value})"
@@ -88,7 +86,7 @@ def run_tasks(
                 what = "episode given up" if task.hung is None else "pair given up"
                 note(what, cell=task.cell, pair=pair, reason=reason, stack=_stack(task))
                 if task.hung is None:
-                    # The other arm has done nothing wrong.
+                    # The other arm still runs.
                     again.append(alone)
                 else:
                     yield alone, _given_up(alone, f"{task.hung[1]}; {reason}", "strategy")
@@ -111,16 +109,16 @@ def call_each(
     take: Callable[[], Argument | None],
     waits: Callable[[Iterable[Argument]], None] = lambda _running: None,
 ) -> "Iterator[tuple[Argument, Future[Result]]]":
-    """Call a function with one argument after another, a few per worker at a time.
+    """Call a function with each argument, with only a few calls per worker at a time.
 
     Args:
-        executor: where.
+        executor: runs the calls.
         function: see ``Executor.submit``.
-        take: gives the next argument; None if there is none at present.
-        waits: told what is under way whenever nothing has finished for a while.
+        take: returns the next argument; None if there is none at present.
+        waits: called with the running arguments if no call finishes for a while.
 
     Yields:
-        Each argument with its finished future, in whatever order.
+        Each argument with its finished future, in the order in which they finish.
     """
     running: dict[Future[Result], Argument] = {}
     while True:
@@ -140,7 +138,7 @@ def _part(task: Task, pair: int) -> Task:
 
 
 def _named(part: Task) -> Task:
-    """A part of a task, with a stack file of its own."""
+    """The part of a task with its own stack file."""
     if part.stack_file is None:
         return part
     return replace(part, stack_file=part.stack_file.with_name(f"stack-{part.name}.txt"))
@@ -154,7 +152,7 @@ def _around(task: Task, pair: int) -> tuple[Task, Task]:
 
 
 def _silent(task: Task) -> str | None:
-    """The episode of a task of which nothing has been heard for a while."""
+    """The present episode of a task without recent progress; None if there is none."""
     path = task.stack_file
     try:
         if path is None or time.time() - path.stat().st_mtime < SILENT_S:
@@ -166,7 +164,7 @@ def _silent(task: Task) -> str | None:
 
 
 def reason_of(error: BaseException, hang_after_s: float, stack_file: Path | None) -> str:
-    """Why there is no result, in one line."""
+    """The reason why there is no result, in one line."""
     if isinstance(error, WorkerDiedError) and hang_of(stack_file) is not None:
         return f"the worker was ended: no pair finished within {hang_after_s:g} s"
     text = " ".join(str(error).split())
@@ -182,7 +180,7 @@ def _stack(task: Task) -> str | None:
 
 
 def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
-    """Rows of a pair that no worker survived."""
+    """The rows of a pair that was abandoned."""
     which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
     known: dict[str, list[dict[str, Any]]]
     if task.scenario.traffic is not None:

@@ -1,4 +1,4 @@
-"""The one place that chooses where the tasks of a study run."""
+"""Takes a study and its options and returns the executor of its tasks."""
 
 from harness.scenario import Options, Study
 from harness.store.kinds import kind_of_study
@@ -8,12 +8,15 @@ from harness.studies.workers.tasks import Executor
 
 
 def executor_for(study: Study, options: Options, dask: str | None = None) -> Executor:
-    """What runs the tasks of a study.
+    """Return the executor for the tasks of a study.
+
+    Tasks run in this process if ``options.workers`` is 0, or if a strategy is a class of the
+    running script.
 
     Args:
-        study: what is run.
-        options: ``workers`` 0 is this process, as is a strategy that is a class of this script.
-        dask: the address of a Dask scheduler; None: processes on this machine.
+        study: the study.
+        options: give the number of workers.
+        dask: address of a Dask scheduler; None means processes on this machine.
 
     Raises:
         InputError: see ``DaskCluster``.
@@ -27,6 +30,6 @@ def executor_for(study: Study, options: Options, dask: str | None = None) -> Exe
 
         return ThisProcess()
     pairs = sum(cell.scenario.experiment.pairs for cell in study.cells)
-    # With few pairs, which may be quick, not all workers start at once.
+    # A few quick pairs do not need all workers, so not all start at once.
     at_once = pairs if kind_of_study(study).long_pairs else -(-pairs // options.task_pairs)
     return LocalPool(workers_for(pairs, options), at_once=at_once)

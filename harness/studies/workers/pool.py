@@ -1,7 +1,7 @@
-"""Worker processes on this machine.
+"""Takes tasks and runs them in worker processes on this machine.
 
-Each has a pipe of its own and a thread here that waits for it.  Nothing is shared between workers:
-one that is killed in the middle of a message takes no other, and no lock, with it.
+Each worker has its own pipe, and a thread of this process waits for it.  Workers share nothing, so
+a worker that is killed in the middle of a message affects no other worker and holds no lock.
 """
 
 import os
@@ -36,16 +36,17 @@ from multiprocessing.connection import Connection
 from harness.studies.workers.worker import serve
 serve(Connection(int(sys.argv[1])), sys.argv[2])
 """
-"""What a worker runs.  A fresh interpreter, as a libsumo simulation does not survive a fork, not
-multiprocessing's, which would run the main module of the caller in each worker again.  From its
-first lines on it ends with its parent, whom nothing it would print could still reach."""
+"""The program of a worker.  It is a new interpreter, because a libsumo simulation does not survive
+a fork.  It is not multiprocessing's interpreter, which would run the caller's main module again in
+each worker.  From its first lines on it ends when its parent ends."""
 
 _STANDARD_ERROR = 2
 
 LATER_S = 3.0
+"""Delay after which further workers start if there are still tasks."""
 
 _STARTS = 3
-"""How often in a row a worker may die before it is ready; what kills it then is no task."""
+"""A worker may die this many times before it is ready; no task is to blame for these deaths."""
 
 
 class _Job(NamedTuple):
@@ -60,16 +61,17 @@ class _Worker(NamedTuple):
 
 
 class LocalPool:
-    """See ``Executor``; the first workers start and import while the caller goes on.
+    """See ``Executor``; the first workers start in the background.
 
     Args:
-        workers: how many processes.
-        at_once: so many of them start at once, the others where there is still work to do after
-            ``LATER_S``: a start costs what some hundred quick pairs take.  None: all.
-        folder: their working directory, where a user's own strategies are found; None: this
-            process's.
-        imports: the module of what they will run, imported before they take their first job.
-        environment: variables that they have and this process has not.
+        workers: number of processes.
+        folder: working directory of the workers, in which they find the user's own strategies;
+            None means that of this process.
+        at_once: number of workers that start at once.  The others start if there is still work
+            after ``LATER_S``, because a start takes as long as some hundred quick pairs.  None
+            means all.
+        imports: module of the functions to run, imported before the first job.
+        environment: further environment variables of the workers.
     """
 
     def __init__(
@@ -117,7 +119,7 @@ class LocalPool:
             thread.join()
 
     def _keep_busy(self, at_once: bool) -> None:
-        """Give one worker job after job, and another worker the next if it dies."""
+        """Give one job after the other to a worker; if it dies, a new worker gets the next job."""
         worker = None
         if at_once:
             worker = self._ready()
@@ -125,7 +127,7 @@ class LocalPool:
             self._stopped.wait(LATER_S)
         while (job := self._queue.get()) is not None:
             if worker is not None and worker.process.poll() is not None:
-                # It died of nothing; this job is not to blame.
+                # It died between two jobs, so no job is to blame.
                 self._bury(worker)
                 worker = None
             worker = worker or self._ready()
@@ -138,7 +140,7 @@ class LocalPool:
             self._bury(worker)
 
     def _survives(self, worker: _Worker, job: _Job) -> bool:
-        """Let a worker do a job; returns whether it is still there afterwards."""
+        """Run a job in a worker; return whether the worker is still alive."""
         try:
             worker.connection.send((job.function, job.argument))
             done, answer = worker.connection.recv()
@@ -148,7 +150,7 @@ class LocalPool:
             job.future.set_exception(error)
             return False
         except Exception as error:
-            # A thread that ended here would leave the run waiting for ever.
+            # If this thread ended here, the run would wait for ever.
             job.future.set_exception(error)
             return True
         if done:
@@ -158,7 +160,7 @@ class LocalPool:
         return True
 
     def _ready(self) -> _Worker | None:
-        """A new worker that has imported everything; None if there can be none any more."""
+        """Return a new worker after its imports; None if no worker can be started."""
         for _ in range(_STARTS):
             worker = self._start()
             if worker is None:
@@ -171,7 +173,7 @@ class LocalPool:
             else:
                 if problem is None:
                     return worker
-                # Another would say the same.
+                # A second worker would have the same problem.
                 self._bury(worker)
                 self._problem = f"no worker process gets ready ({problem})"
                 return None
@@ -183,9 +185,9 @@ class LocalPool:
                 return None
             ours, theirs = Pipe()
             try:
-                # The end of its standard input tells a worker that its parent is gone, however
-                # that died.  What it prints is no result: it goes where errors go.  In a group of
-                # its own it does not hear Ctrl-C, which is the parent's business.
+                # A worker ends when its standard input ends, which happens however its parent dies.
+                # Its standard output goes to standard error, because it is not a result.  It has
+                # its own process group, so that only the parent receives Ctrl-C.
                 process = subprocess.Popen(
                     [sys.executable, "-P", "-c", _START, str(theirs.fileno()), *self._words],
                     stdin=subprocess.PIPE,
@@ -200,13 +202,13 @@ class LocalPool:
                 self._problem = f"no worker process can be started ({error.strerror})"
                 return None
             finally:
-                # Held by the worker alone from here on, its death closes the pipe.
+                # Only the worker holds this end now, so its death closes the pipe.
                 theirs.close()
             self._alive.add(process)
             return _Worker(process, ours)
 
     def _bury(self, worker: _Worker) -> int:
-        """Clear away a worker that is dead or about to die; returns its exit code."""
+        """Clean up after a worker that is dead or dying; return its exit code."""
         worker.connection.close()
         try:
             worker.process.wait(timeout=10)
@@ -214,19 +216,19 @@ class LocalPool:
             worker.process.kill()
         with self._lock:
             self._alive.discard(worker.process)
-        # Closes its standard input too.
+        # This also closes its standard input.
         worker.process.communicate()
-        # Killed while its SUMO started.
+        # A worker that is killed while SUMO starts leaves these folders.
         for folder in Path(gettempdir()).glob(f"{scratch_prefix(worker.process.pid)}*"):
             shutil.rmtree(folder, ignore_errors=True)
         return worker.process.returncode
 
 
 def default_workers() -> int:
-    """All cores this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def workers_for(pairs: int, options: Options) -> int:
-    """How many workers some pairs may keep busy, at most as many as asked for."""
+    """Number of workers for some pairs: at most one for each pair, and at most the option."""
     return max(1, min(options.workers or default_workers(), pairs))

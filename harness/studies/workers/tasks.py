@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from harness.studies.workers.audit import Audit
 
 Failure = tuple[int, int, str, str]
-"""(cell, pair, arm, reason) of an episode that came to nothing."""
+"""Cell, pair, arm and reason of an episode that has no result."""
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
@@ -30,15 +30,15 @@ Result = TypeVar("Result")
 class Task:
     """Some pairs of one cell.
 
-    ``twins`` are tasks of the same pairs of cells that differ in their arms alone: an episode that
-    several of them have is simulated once.  ``engine`` moves the egos; with an ``audit`` some
-    episodes are repeated in SUMO.
+    ``twins`` are tasks of the same pairs in cells that differ only in their arms; an episode that
+    they share is simulated once.  ``engine`` moves the egos; with an ``audit`` some episodes are
+    repeated in SUMO.
 
-    ``hung``, of a task of one pair: the arm whose strategy gave no answer, and how that is said;
-    only the other one is simulated.
+    ``hung`` belongs to a task of one pair: it is the arm whose strategy gave no answer, and the
+    reason.  Only the other arm is then simulated.
 
-    ``stack_file`` is where a worker that hangs for ``hang_after_s`` in one pair leaves its Python
-    stack before it ends itself; None, or a path it cannot open, drops the stack.
+    A worker that hangs for ``hang_after_s`` in one pair writes its Python stack to ``stack_file``
+    and ends itself.  If the path is None or cannot be opened, the stack is lost.
     """
 
     cell: int
@@ -72,9 +72,9 @@ class Task:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """The tables by name, and what the log says of failed episodes.
+    """The tables by name, and the log's details of failed episodes.
 
-    ``took_s`` is how long its worker was busy with it.
+    ``took_s`` is the wall time of the task in its worker.
     """
 
     tables: "dict[str, pa.Table]"
@@ -83,7 +83,7 @@ class TaskResult:
 
 
 class Executor(Protocol):
-    """Runs calls somewhere, each in a process that may die of it."""
+    """Runs calls, each in a process that the call may kill."""
 
     workers: int
 
@@ -93,8 +93,8 @@ class Executor(Protocol):
         """Start a call; the future raises if the call raised or its worker died.
 
         Args:
-            function: a function of a module, by which it is found in the worker.
-            argument: what it is called with; pickled.
+            function: a function at the top level of a module, so that the worker can import it.
+            argument: its argument, which must be picklable.
         """
         ...
 
@@ -104,12 +104,12 @@ class Executor(Protocol):
 
 
 class ExecutorLostError(HarnessError):
-    """Whatever runs the tasks is gone; no task is to blame."""
+    """The executor is gone; no task is to blame."""
 
 
 class WorkerDiedError(HarnessError):
-    """The process that worked on a task is gone."""
+    """The process that ran a task is gone."""
 
 
 class TaskFailedError(HarnessError):
-    """A task raised in its worker, which goes on; the message says what."""
+    """A task raised the exception in the message; its worker continues."""

@@ -1,4 +1,4 @@
-"""Tasks run where they are submitted: in this process, with its input and without time limits."""
+"""Takes tasks and runs them in this process, with its standard input and without time limits."""
 
 import math
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from harness.studies.workers.tasks import Argument, Result, Task, TaskFailedErro
 class ThisProcess:
     """See ``Executor``; ``breakpoint()`` in a strategy stops there.
 
-    Whatever kills an episode's process kills this one, and a strategy that hangs, hangs.
+    A strategy that kills its process kills this process, and a strategy that hangs is not ended.
     """
 
     workers = 1

@@ -1,4 +1,4 @@
-"""A user's own strategies as one archive, for machines that do not have them."""
+"""Takes names of strategies and returns the user's own modules as one archive."""
 
 import hashlib
 import importlib.util
@@ -12,25 +12,25 @@ from pathlib import Path
 from harness.strategies.program import is_program
 
 _WRITTEN = (1980, 1, 1, 0, 0, 0)
-"""The time in the archive: equal files give an equal archive."""
+"""Time stamp of all files in the archive, so that equal files give equal archives."""
 
 
 @dataclass(frozen=True)
 class Archive:
-    """Modules and packages, zipped; ``name`` is a file name that stands for the content."""
+    """A zip file of modules and packages."""
 
     content: bytes
 
     @property
     def name(self) -> str:
-        """File name with a digest in it."""
+        """File name with a digest of the content."""
         return f"strategies-{hashlib.sha256(self.content).hexdigest()[:16]}.zip"
 
 
 def top_modules(strategies: Iterable[str]) -> frozenset[str]:
-    """The top-level modules of the strategies that are a user's own: ``package.module:Class``.
+    """The top-level modules of the user's own strategies (``package.module:Class``).
 
-    Programs are not among them: every machine must have its own.
+    Programs are excluded, because every machine must have them installed.
     """
     return frozenset(
         name.partition(":")[0].partition(".")[0]
@@ -40,13 +40,13 @@ def top_modules(strategies: Iterable[str]) -> frozenset[str]:
 
 
 def archive_of(modules: Iterable[str]) -> Archive | None:
-    """Modules, each a file or a package with all its files, as they lie on this machine.
+    """Zip modules; a package is zipped with all its files.
 
     Args:
-        modules: top-level modules that can be imported here.
+        modules: top-level modules that can be imported on this machine.
 
     Returns:
-        The archive; None if all of them are installed packages, which every machine must have.
+        The archive; None if all modules are installed packages, which every machine must have.
     """
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -1,4 +1,4 @@
-"""Ends a worker that makes no progress, and reports afterwards what it was doing."""
+"""Ends a worker that makes no progress, and returns its last episode and Python stack."""
 
 import faulthandler
 import math
@@ -14,29 +14,29 @@ from harness.core.encounter import Arm
 from harness.episode.loop import Episode
 
 _HEAD = 64
-"""Bytes at the beginning of a stack file: the episode that was begun last."""
+"""Size in bytes of the head of a stack file, which names the latest episode."""
 
 
 class Watch:
-    """What the watchdog looks at; being looked at costs an episode next to nothing.
+    """The progress that the watchdog observes; it costs an episode almost no time.
 
     Args:
-        file: where the episode that is under way is noted.
+        file: the stack file, which names the present episode.
     """
 
     def __init__(self, file: IO[str]) -> None:
         self._file = file
         self.finished = 0
         self.states: Sized = ()
-        """One more whenever a strategy has answered; empty between two episodes."""
+        """Grows with every answer of a strategy; empty between two episodes."""
 
     def alive(self) -> None:
-        """Something is finished, and no strategy is asked for the moment."""
+        """Note that something is finished and that no strategy is called at present."""
         self.finished += 1
         self.states = ()
 
     def begins(self, pair: int, arm: Arm, episode: Episode) -> None:
-        """From here on the strategy of this episode is asked."""
+        """Note that the strategy of this episode is called from now on."""
         os.pwrite(self._file.fileno(), f"{pair} {arm.value}".ljust(_HEAD).encode(), 0)
         self.finished += 1
         self.states = episode.x_m
@@ -46,16 +46,16 @@ class Watch:
 def watchdog(
     hang_after_s: float, stack_file: Path | None, decide_limit_s: float = math.inf
 ) -> Iterator[Watch]:
-    """Ends the process when nothing is finished for too long, hung C code included.
+    """End the process if nothing is finished for too long, even if C code hangs.
 
-    A thread of this process looks ten times within the limit whether anything went on, and winds
-    up faulthandler's watchdog if so.  That one needs no interpreter lock: it writes the Python
-    stack and exits the process, which the parent then sees as a dead worker.
+    A thread checks for progress ten times within the limit and then restarts faulthandler's timer.
+    This timer needs no interpreter lock.  If it runs out, it writes the Python stack and exits the
+    process, and the parent sees a dead worker.
 
     Args:
-        hang_after_s: how long one thing may take; infinite: there is no watchdog.
-        stack_file: for the stack; None, or a path that cannot be opened, drops it.
-        decide_limit_s: how long one answer of a strategy may take.
+        hang_after_s: limit for one episode or hour; infinite means no watchdog.
+        stack_file: file for the stack; None, or a path that cannot be opened, means no file.
+        decide_limit_s: limit for one answer of a strategy.
     """
     if math.isinf(hang_after_s):
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere:
@@ -68,13 +68,13 @@ def watchdog(
         watch = Watch(file)
 
         def look() -> None:
-            seen = None
+            last_progress = None
             while True:
-                now = (watch.finished, len(watch.states))
-                if now != seen:
-                    limit_s = min(hang_after_s, decide_limit_s) if now[1] else hang_after_s
+                progress = (watch.finished, len(watch.states))
+                if progress != last_progress:
+                    limit_s = min(hang_after_s, decide_limit_s) if progress[1] else hang_after_s
                     faulthandler.dump_traceback_later(limit_s + pause_s, exit=True, file=file)
-                    seen = now
+                    last_progress = progress
                 if over.wait(pause_s):
                     return
 
@@ -91,7 +91,7 @@ def watchdog(
 
 
 def _open_for_writing(path: Path | None) -> IO[str]:
-    """The file, or nowhere: a worker on another machine may not see the run folder."""
+    """Open the file, or the null device if a worker on another machine cannot see the folder."""
     try:
         return (path or Path(os.devnull)).open("w", encoding="utf-8")
     except OSError:
@@ -99,7 +99,7 @@ def _open_for_writing(path: Path | None) -> IO[str]:
 
 
 class Hang(NamedTuple):
-    """The work of a worker when its watchdog ended it."""
+    """The state of a worker when its watchdog ended it."""
 
     episode: tuple[int, Arm] | None
     in_decide: bool
@@ -107,14 +107,14 @@ class Hang(NamedTuple):
 
 
 def hang_of(stack_file: Path | None) -> Hang | None:
-    """The content of a stack file; None without one, or where the worker died of something else."""
+    """The content of a stack file; None if the watchdog did not end the worker."""
     if stack_file is None or not stack_file.is_file():
         return None
     episode = begun_in(stack_file)
     stack = stack_file.read_text(encoding="utf-8", errors="replace")[_HEAD:]
     if not stack:
         return None
-    # The innermost call comes first: whatever `_drive` called last, unless it was the simulation.
+    # The innermost call is first.  A strategy hangs if `_drive` called something outside the loop.
     calls = pairwise(stack.splitlines())
     in_decide = any(
         outer.endswith(" in _drive") and "episode/loop.py" not in inner for inner, outer in calls
@@ -123,7 +123,7 @@ def hang_of(stack_file: Path | None) -> Hang | None:
 
 
 def begun_in(stack_file: Path) -> tuple[int, Arm] | None:
-    """The episode that was begun last by the worker of this file; None before the first."""
+    """The latest episode that the worker of this file began; None before the first."""
     head = stack_file.read_bytes()[:_HEAD].strip(b"\0 ").decode()
     if not head:
         return None
