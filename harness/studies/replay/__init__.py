@@ -1,1 +1,1 @@
-"""Repeats episodes of a stored run: with SUMO's own outputs, or visibly in sumo-gui."""
+"""Takes a stored run and repeats its episodes, with SUMO's own outputs or in sumo-gui."""

@@ -1,4 +1,4 @@
-"""Runs single episodes of a stored run again, in a fresh SUMO with SUMO's own outputs on."""
+"""Takes episodes of a stored run and runs each again in a new SUMO that writes its own outputs."""
 
 import math
 import os
@@ -42,20 +42,20 @@ _FURTHER_OPTIONS = {
     "--fcd-output.acceleration": "true",
     "--tripinfo-output.write-unfinished": "true",
     "--precision": "6",
-    # Pedestrians are held where they are told to be: what SUMO makes of their walks is no trip.
+    # The harness moves the pedestrians, so SUMO's trips of persons are meaningless.
     "--personinfo-output": os.devnull,
 }
 
 _HOUR_PERIOD_S = "1"
-"""How often SUMO writes places and queues of an hour; at every step they would be too long."""
+"""Period of positions and queues of an hour in s; files with every step would be too large."""
 
 
 @dataclass(frozen=True)
 class Replayed:
-    """One episode or hour run again: its folder, and how its record differs from the stored one.
+    """One repeated episode or hour: its folder, and how its record differs from the stored record.
 
-    ``problem`` says why there is no record; SUMO's files are then cut off.  ``traceback`` is that
-    of a strategy that raised.
+    ``problem`` is the reason if there is no record; SUMO's files are then incomplete.
+    ``traceback`` is the strategy's traceback if it raised an exception.
     """
 
     arm: Arm
@@ -66,7 +66,7 @@ class Replayed:
 
 
 class Repeated(NamedTuple):
-    """How an episode run again differs from its record, and the traceback of its strategy."""
+    """How a repeated episode differs from its record, and the traceback of its strategy."""
 
     differences: tuple[str, ...]
     traceback: str | None
@@ -74,7 +74,7 @@ class Repeated(NamedTuple):
 
 @dataclass(frozen=True)
 class Repetition:
-    """A stored episode, or arm of an hour, to be run again in a worker: all that it needs."""
+    """The input of a worker that repeats a stored episode or arm of an hour."""
 
     cell: Cell
     model: InteractionModel
@@ -87,7 +87,7 @@ class Repetition:
 
     @property
     def stack_file(self) -> Path:
-        """The file in which a worker that hangs leaves its Python stack."""
+        """The file for the Python stack of a worker that hangs."""
         return self.folder / "stack.txt"
 
 
@@ -99,24 +99,24 @@ def replay(
     out: Path,
     hang_after_s: float = HANG_AFTER_S,
 ) -> list[Replayed]:
-    """Run one pair's arms again; each gets a folder with SUMO's outputs.
+    """Run the arms of a pair again; each arm gets a folder with SUMO's outputs.
 
-    Times in SUMO's files are the episode's plus one step: SUMO inserts the ego in its second step.
-    Those of an hour count from the beginning of the warm-up.
+    Times in SUMO's files are one step later than in the episode, because SUMO inserts the ego in
+    its second step.  Times of an hour count from the beginning of the warm-up.
 
     Args:
         run: a finished run folder.
         pair: index of the pair.
-        arms: which arms; with two, each gets a folder named after it inside ``out``.
+        arms: the arms; with two arms, each gets a folder with its name inside ``out``.
         cell: number of the cell.
         out: a new or empty folder.
         hang_after_s: see ``Options``.
 
     Raises:
-        InputError: no such run, cell or pair, or ``out`` is not empty.
+        InputError: the run, cell or pair does not exist, or ``out`` is not empty.
     """
     check_packages()
-    # An episode may kill its process: that is then not this one.
+    # Episodes run in other processes, because an episode may kill its process.
     pool = LocalPool(len(arms))
     folders: list[Path] = []
     try:
@@ -139,18 +139,18 @@ def replay(
 
 
 def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm, Repeated]:
-    """Run one pair's arms again in this process: with its input, and without a watchdog.
+    """Run the arms of a pair again in this process, so that ``breakpoint()`` works in a strategy.
 
-    ``breakpoint()`` in a strategy stops there.
+    Standard input is that of this process, and there is no time limit.
 
     Args:
         run: a finished run folder.
         pair: index of the pair.
-        arms: which arms.
+        arms: the arms.
         cell: number of the cell.
 
     Raises:
-        InputError: no such run, cell or pair.
+        InputError: the run, cell or pair does not exist.
     """
     check_packages()
     stored = StoredCell(run, cell, pair)
@@ -171,7 +171,7 @@ def debug(run: Path, pair: int, arms: Sequence[Arm], cell: int = 0) -> dict[Arm,
 
 
 def refuse_in_use(folder: Path, option: str) -> None:
-    """Refuse a place for new files that is a file, or a folder that holds any."""
+    """Raise if a folder for new files is a file or is not empty."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{option} {folder}", "is not empty", "a new or empty folder")
 
@@ -192,7 +192,7 @@ def _replayed(stored: StoredCell, job: Repetition, future: "Future[Repeated]") -
 def repetition(
     stored: StoredCell, pair: int, arm: Arm, folder: Path, hang_after_s: float
 ) -> Repetition:
-    """Prepare an episode's folder and all that ``run_again`` needs.
+    """Make an episode's folder and return the input of ``run_again``.
 
     Raises:
         InputError: the folder cannot be written.
@@ -210,7 +210,7 @@ def repetition(
 
 
 def run_again(job: Repetition) -> Repeated:
-    """Run an episode, or one arm of an hour, in a fresh SUMO, in this process."""
+    """Run an episode, or one arm of an hour, in a new SUMO in this process."""
     from harness.engine.sumo import libsumo_engine, libsumo_road
 
     close_engine()

@@ -1,4 +1,4 @@
-"""The stored rows of one cell of a run, with which a repetition is compared."""
+"""Takes a cell of a stored run and returns its rows, and how repeated episodes differ from them."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import repeat
@@ -25,7 +25,7 @@ from harness.store.reading import MANIFEST, read_finished_manifest, read_table
 
 Row = dict[str, Any]
 Rows = dict[str, list[Row]]
-"""By table."""
+"""Rows by the name of their table."""
 
 
 class StoredCell:
@@ -33,11 +33,12 @@ class StoredCell:
 
     Args:
         run: the run folder.
-        number: of the cell.
-        pair: one that must be there; None asks for none.
+        number: number of the cell.
+        pair: a pair that the run must have; None means that no pair is checked.
 
     Raises:
-        InputError: no finished run, no such cell or pair, or its tables or model cannot be read.
+        InputError: the run is not finished, the cell or pair does not exist, or its tables or
+            model cannot be read.
     """
 
     def __init__(self, run: Path, number: int, pair: int | None = None) -> None:
@@ -69,12 +70,12 @@ class StoredCell:
         return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
     def differences(self, outcome: Outcome | HourOutcome) -> tuple[str, ...]:
-        """How an episode or an hour run again in SUMO is not as stored, in words."""
+        """The differences of a repeated episode or hour from its stored record, in words."""
         rows = self.rows_of(outcome.pair, outcome.arm)
         return self.explained(record_differences(outcome, self.cell.number, rows, self.engine))
 
     def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
-        """The same, led by what is no longer as it was in the run: its strategy, say."""
+        """The same, after what changed since the run, such as the code of a strategy."""
         return explained(differences, self._document, self.cell.scenario, self.model)
 
 
@@ -86,7 +87,7 @@ def run_arm(
     arm: Arm,
     begins: Begins = lambda _pair, _arm, _episode: None,
 ) -> Outcome | HourOutcome:
-    """Run one arm of a pair on an open engine, or of an hour on an open road; it is then closed."""
+    """Run one arm of a pair on an open engine, or of an hour on an open road, and close it."""
     try:
         if isinstance(engine, SumoRoad):
             return HourRunner(scenario, model, lambda: engine).run_arm(pair, arm)
@@ -103,16 +104,16 @@ def record_differences(
     stored: Mapping[str, Sequence[Row]],
     engine: EngineName,
 ) -> Iterator[str]:
-    """How an episode or an hour run again in SUMO is not as stored, in words.
+    """Yield the differences between an outcome in SUMO and its stored rows, in words.
 
-    A record of SUMO's own is repeated to the last bit.  One of the plain engine is repeated within
-    ``TOLERANCE``, and has no verdict of SUMO's to compare.
+    If SUMO made the stored record, all values must be equal.  If the plain engine made it, numbers
+    must agree within ``TOLERANCE``, and it has no collision verdict of SUMO.
 
     Args:
-        outcome: what came out.
-        cell: its cell.
+        outcome: the repeated episode or hour.
+        cell: number of its cell.
         stored: its stored rows by table.
-        engine: what moved the stored one.
+        engine: the engine that made the stored record.
     """
     if isinstance(outcome, HourOutcome):
         tables = hour_rows(cell, [outcome])
@@ -131,9 +132,9 @@ def record_differences(
 def differences_of(
     name: str, now: Sequence[Row], stored: Sequence[Row], near: float = 0.0
 ) -> Iterator[str]:
-    """How new rows of a table are not as its stored ones, in words.
+    """Yield the differences between new and stored rows of a table, in words.
 
-    Numbers that differ by at most ``near``, absolutely or relatively, are the same.
+    Numbers are equal if they differ by at most ``near``, absolutely or relatively.
     """
     if len(stored) != len(now):
         yield f"{name}: {len(now)} rows instead of {len(stored)}"

@@ -1,8 +1,8 @@
-"""SUMO's own outputs for a whole run: ``--sumo-outputs``.
+"""Takes a finished run and writes SUMO's own outputs of its episodes (``--sumo-outputs``).
 
-Each episode, or arm of an hour, that is asked for runs again, one SUMO for each, into
-``RUN/sumo/CELL-PAIR-ARM/``.  A folder appears complete or not at all, so what is there after an
-interruption is not done again.
+Each selected episode, or arm of an hour, runs again in its own SUMO and writes into
+``RUN/sumo/CELL-PAIR-ARM/``.  A folder is either complete or missing, so after an interruption only
+the missing ones are written.
 """
 
 import shutil
@@ -24,32 +24,32 @@ from harness.studies.workers.tasks import ExecutorLostError, Failure
 def write_outputs(
     folder: RunFolder, study: Study, options: Options, progress: Callable[[int, int], None]
 ) -> tuple[Failure, ...]:
-    """Write what is missing of the outputs that were asked for.
+    """Write the selected outputs that are missing.
 
     Args:
-        folder: of a run whose tables are finished.
-        study: what was run.
-        options: how; ``sumo_outputs`` says whose outputs.
-        progress: told (done, planned).
+        folder: folder of a run with finished tables.
+        study: the study of the run.
+        options: options of the run; ``sumo_outputs`` selects episodes.
+        progress: called with the numbers of done and planned episodes.
 
     Returns:
-        Every episode that has none after two attempts, or whose record came out another one.
+        Every episode without outputs after two attempts, or with a different record.
     """
-    wanted = _wanted(folder.path, study, options.sumo_outputs)
+    selected = _selected(folder.path, study, options.sumo_outputs)
     missing = {
         cell: [key for key in keys if not _place(folder.path, cell, *key).is_dir()]
-        for cell, keys in wanted.items()
+        for cell, keys in selected.items()
     }
-    total, left = sum(map(len, wanted.values())), sum(map(len, missing.values()))
+    total, left = sum(map(len, selected.values())), sum(map(len, missing.values()))
     if not left:
         return ()
     folder.note("SUMO outputs", episodes=left)
     failures, tries = [], dict[Path, int]()
-    again: list[Repetition] = []
+    retries: list[Repetition] = []
     waiting = _repetitions(folder.path, missing, options.hang_after_s)
 
     def take() -> Repetition | None:
-        return again.pop() if again else next(waiting, None)
+        return retries.pop() if retries else next(waiting, None)
 
     pool = LocalPool(min(options.workers or default_workers(), left))
     try:
@@ -63,7 +63,7 @@ def write_outputs(
                 folder.note("SUMO outputs failed", episode=_name(job), reason=reason)
                 tries[job.folder] = tries.get(job.folder, 0) + 1
                 if tries[job.folder] < ATTEMPTS:
-                    again.append(job)
+                    retries.append(job)
                     continue
             else:
                 job.folder.replace(_place(folder.path, job.cell.number, job.pair, job.arm))
@@ -77,10 +77,10 @@ def write_outputs(
     return tuple(failures)
 
 
-def _wanted(run: Path, study: Study, whose: str | None) -> dict[int, list[tuple[int, Arm]]]:
-    """Pair and arm of every episode whose outputs are asked for, by cell.
+def _selected(run: Path, study: Study, whose: str | None) -> dict[int, list[tuple[int, Arm]]]:
+    """Pair and arm of every selected episode, by cell.
 
-    An episode that failed is never among them: SUMO's files are complete only after a good end.
+    Failed episodes are never selected, because SUMO completes its files only at a regular end.
     """
     ran = _hours_that_ran if study.in_traffic else _episodes_that_ran
     return {cell.number: list(ran(run, cell.number, whose)) for cell in study.cells}
@@ -96,7 +96,7 @@ def _episodes_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tupl
 
 
 def _hours_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tuple[int, Arm]]:
-    """Hours with a crash, or all."""
+    """Pair and arm of every selected hour: those with a crash, or all."""
     hours = read_table(run, "hours", cell)
     columns = (hours[name].to_pylist() for name in ("pair", "arm", "reason", "crashes"))
     for pair, arm, reason, crashes in zip(*columns, strict=True):
@@ -114,7 +114,7 @@ def _repetitions(
         for pair, arm in episodes:
             place = _place(run, cell, pair, arm)
             partial = place.with_name(f".{place.name}.partial")
-            # Of an attempt that was interrupted.
+            # An interrupted attempt may have left this folder.
             shutil.rmtree(partial, ignore_errors=True)
             yield repetition(stored, pair, arm, partial, hang_after_s)
 

@@ -1,4 +1,4 @@
-"""Shows a stored episode or hour in sumo-gui: the same loop through TraCI, at a chosen pace."""
+"""Takes a stored episode or hour and shows it in sumo-gui, by the same loop through TraCI."""
 
 import os
 import sys
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Watched:
-    """One episode or hour that was shown, and how its record differs from the stored one."""
+    """An episode or hour that was shown, and how its record differs from the stored record."""
 
     arm: Arm
     differences: tuple[str, ...]
@@ -39,19 +39,20 @@ def watch(
     screenshots: Path | None = None,
     every_s: float = 0.5,
 ) -> list[Watched]:
-    """Run a pair's arms again in sumo-gui, one after the other.
+    """Run the arms of a pair again in sumo-gui, one after the other.
 
     Args:
         run: a finished run folder.
         pair: index of the pair.
-        arms: which arms.
+        arms: the arms.
         cell: number of the cell.
-        pace: 1 is real time, 2 twice as fast; infinite waits for nothing.
-        screenshots: a new or empty folder for PNGs, one folder for each arm if there are two.
-        every_s: simulated time between two of them.
+        pace: speed of the display: 1 is real time, infinite is without pauses.
+        screenshots: a new or empty folder for PNG files; with two arms, each gets a folder in it.
+        every_s: simulated time between two screenshots.
 
     Raises:
-        InputError: no such run, cell or pair, no display, or the folder is refused.
+        InputError: the run, cell or pair does not exist, there is no display, or the folder is not
+            empty.
         EngineError: sumo-gui did not start, or its window was closed.
     """
     check_packages()
@@ -100,7 +101,7 @@ def _watched(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome | H
 
 
 def _require_display() -> None:
-    """On Linux a window needs an X server; elsewhere it comes with the desktop."""
+    """Raise if there is no X server on Linux; other systems need none."""
     if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
         raise InputError(
             "--gui",
