@@ -1,7 +1,7 @@
 """Judges an automated vehicle's strategy at an unsignalized crosswalk, in SUMO.
 
 What is named in ``__init__.pyi`` is the public interface (docs/python.md); everything else may
-change.  A name is imported when it is first asked for: ``harness --help`` waits for no pandas.
+change.  A name is imported when it is first used, so ``harness --help`` does not wait for pandas.
 """
 
 import lazy_loader

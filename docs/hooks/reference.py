@@ -1,4 +1,4 @@
-"""The pages of the site that follow from the code: keys, columns, commands, Python."""
+"""The pages of the site that are generated from the code: keys, columns, commands, Python."""
 
 import ast
 import inspect
@@ -28,7 +28,7 @@ UNITS = {
     "_s": "s",
     "_h": "h",
 }
-"""Units by how a name ends, the longer endings first."""
+"""Units by the ending of a name; longer endings come first."""
 
 TYPES = {"number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
 BOUNDS = {
@@ -50,7 +50,7 @@ COLUMN_TYPES = {
 
 
 def unit_of(name: str) -> str:
-    """The unit that a key or column says by its ending; nothing where it says none."""
+    """The unit in the ending of a key or column; empty if the ending has none."""
     base = name.removesuffix("_ci_low").removesuffix("_ci_high").removesuffix("_human")
     return next((unit for ending, unit in UNITS.items() if base.endswith(ending)), "")
 
@@ -63,7 +63,7 @@ def table(head: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 
 
 def in_cell(text: str) -> str:
-    """Text in which nothing but code in backticks means anything to Markdown or HTML."""
+    """Text for a cell of a Markdown table; only code in backticks keeps its markup."""
     parts = text.replace("|", "\\|").split("`")
     return "`".join(part if at % 2 else part.replace("<", "&lt;") for at, part in enumerate(parts))
 
@@ -73,11 +73,11 @@ def keys_page() -> str:
     lines = [
         "# Keys of a scenario",
         "",
-        "Every key has a default, and a scenario file says only what differs; unknown keys are",
-        "refused. A key that ends in `_mps` also takes text with a unit, in files, `--set` and",
-        '`--vary`: `"50 km/h"`, `"30 mph"`, `"12 ft/s"`, `"8 m/s"`. How files and `--set` are',
-        "read: [Files](../files.md#scenario-toml). The keys of `[strategies]` are the parameters",
-        "of [strategies](../strategies.md).",
+        "Every key has a default, so a scenario file has only the keys that differ. Unknown keys",
+        "are refused. A key that ends in `_mps` also takes text with a unit, in files, `--set` and",
+        '`--vary`: `"50 km/h"`, `"30 mph"`, `"12 ft/s"`, `"8 m/s"`.',
+        "[Files](../files.md#scenario-toml) says how files and `--set` are read. The keys of",
+        "`[strategies]` are the parameters of [strategies](../strategies.md).",
     ]
     documented = meanings_of_keys()
     for path, section in sections_of(Scenario):
@@ -95,28 +95,28 @@ def keys_page() -> str:
 
 
 def sections_of(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
-    """Every section of a scenario by the heading its table has in a file."""
+    """Every section of a scenario with the heading of its table in a file."""
     for name, schema in properties(model).items():
-        found = section_in(schema)
-        if found is None:
+        section = section_in(schema)
+        if section is None:
             continue
-        own = f"{path}.{name}" if path else name
+        heading = f"{path}.{name}" if path else name
         many = "items" in schema
-        yield (f"[[{own}]]" if many else f"[{own}]"), found
-        yield from sections_of(found, own)
+        yield (f"[[{heading}]]" if many else f"[{heading}]"), section
+        yield from sections_of(section, heading)
 
 
 def properties(model: type[BaseModel]) -> dict[str, dict[str, Any]]:
-    """The JSON schemas of a section's keys, what is optional without its null."""
-    found = {}
+    """The JSON schemas of a section's keys; an optional key has the schema without null."""
+    schemas = {}
     for name, schema in model.model_json_schema()["properties"].items():
         choices = [choice for choice in schema.get("anyOf", []) if choice != {"type": "null"}]
-        found[name] = choices[0] if len(choices) == 1 else schema
-    return found
+        schemas[name] = choices[0] if len(choices) == 1 else schema
+    return schemas
 
 
 def section_in(schema: Mapping[str, Any]) -> type[BaseModel] | None:
-    """The section that a key holds, or a list of which it holds."""
+    """The section that a key holds, alone or as a list."""
     name = schema.get("items", schema).get("$ref", "").rpartition("/")[2]
     return getattr(sections, name, None) or getattr(people, name) if name else None
 
@@ -127,7 +127,7 @@ def is_section(schema: Mapping[str, Any]) -> bool:
 
 
 def values_of(schema: Mapping[str, Any]) -> str:
-    """What a key takes, in words."""
+    """The values that a key takes, in words."""
     if "anyOf" in schema:
         return ", or ".join(values_of(choice) for choice in schema["anyOf"])
     if "enum" in schema:
@@ -140,7 +140,7 @@ def values_of(schema: Mapping[str, Any]) -> str:
 
 
 def number(bound: float) -> str:
-    """A bound in digits."""
+    """The text of a bound."""
     return "2⁶³" if bound == 2**63 else f"{bound:,}".removesuffix(".0")
 
 
@@ -148,7 +148,7 @@ def default_of(section: type[BaseModel], name: str) -> str:
     """A key's default as a file would write it."""
     field = section.model_fields[name]
     if field.is_required():
-        return "needed"
+        return "required"
     value = field.get_default(call_default_factory=True)
     if value in (None, (), ""):
         return "none"
@@ -156,27 +156,27 @@ def default_of(section: type[BaseModel], name: str) -> str:
 
 
 def meanings_of_keys() -> dict[tuple[str, str], str]:
-    """The docstring below each key, by its section's class and its name."""
-    found = {}
+    """The docstring below each key, by the name of its section's class and its own name."""
+    meanings = {}
     for node in ast.parse(inspect.getsource(sections) + inspect.getsource(people)).body:
         if not isinstance(node, ast.ClassDef):
             continue
         for key, text in zip(node.body, node.body[1:], strict=False):
             if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr):
                 name, value = ast.unparse(key.target), ast.literal_eval(text.value)
-                found[node.name, name] = in_markdown(value)
-    return found
+                meanings[node.name, name] = in_markdown(value)
+    return meanings
 
 
 def summary_of(section: type[BaseModel]) -> str:
-    """A section's docstring, without the heading it begins with."""
+    """A section's docstring without its heading."""
     text = in_markdown(inspect.getdoc(section) or "")
     summary = text.split("`: ", 1)[-1]
     return summary[:1].upper() + summary[1:]
 
 
 def in_markdown(text: str) -> str:
-    """A docstring's text on one line, with Markdown's marks for code."""
+    """A docstring's text on one line, with code marked as in Markdown."""
     return " ".join(text.split()).replace("``", "`")
 
 
@@ -186,31 +186,38 @@ def columns_page() -> str:
     lines = [
         "# Columns",
         "",
-        "What each file of a run folder holds: [Files](../files.md#run-folder). A missing value is",
-        "null in Parquet and empty in CSV. A column with an interval has its ends beside it, named",
-        "`_ci_low` and `_ci_high`, two-sided with the `confidence` of the row; a bootstrap has",
-        "the informative pairs that it rests on, `_ci_informative`; a share has `_events` of `_n`.",
-        "Definitions:",
-        "[Method](../method.md), [Measures](../measures.md).",
+        "These are the columns of a run folder's tables. [Files](../files.md#run-folder) describes",
+        "the files. A missing value is null in Parquet and empty in CSV.",
+        "",
+        "A number with an interval has its two ends in the columns `_ci_low` and `_ci_high`. The",
+        "interval is two-sided, with the `confidence` of the row. A bootstrap interval has its",
+        "number of informative pairs in `_ci_informative`. A share has its counts in `_events` and",
+        "`_n`. [Method](../method.md) and [Measures](../measures.md) have the definitions.",
     ]
     for name, schema in tables.TABLES.items():
         lines += ["", f"## {name}.parquet", ""]
         lines += table(
             ("column", "type", "unit", "meaning"),
-            ([f"`{c}`", kind_of(schema.field(c).type), u, m] for c, u, m in told(name, meanings)),
+            (
+                [f"`{column}`", kind_of(schema.field(column).type), unit, meaning]
+                for column, unit, meaning in described(name, meanings)
+            ),
         )
     for kind, catalogue in (("encounters", ENCOUNTERS), ("hours of traffic", HOURS)):
         lines += ["", f"## summary.parquet, summary.csv of {kind}", ""]
-        lines += ["One row per cell: `cell` (Parquet) or the varied keys (CSV), then these.", ""]
+        lines += [
+            "Each cell has one row. It begins with `cell` (Parquet) or the varied keys (CSV).",
+            "",
+        ]
         lines += table(
             ("column", "interval", "reliable from", "unit", "meaning"),
-            (reported(entry, name) for entry in catalogue for name in filter(None, entry.names)),
+            (row_of(entry, name) for entry in catalogue for name in filter(None, entry.names)),
         )
     return "\n".join(lines) + "\n"
 
 
-def reported(entry: Entry[Any], name: str) -> list[str]:
-    """The row of a reported number: of one arm, or of both together."""
+def row_of(entry: Entry[Any], name: str) -> list[str]:
+    """The row of a reported number, which belongs to one arm or to both."""
     av, human, paired = entry.names
     meaning = entry.meaning
     if av and name == human:
@@ -224,13 +231,15 @@ def reported(entry: Entry[Any], name: str) -> list[str]:
     return [f"`{name}`", interval, f"{pairs:,} pairs" if pairs else "", unit_of(name), meaning]
 
 
-def told(name: str, meanings: Mapping[str, Mapping[str, str]]) -> Iterator[tuple[str, str, str]]:
+def described(
+    name: str, meanings: Mapping[str, Mapping[str, str]]
+) -> Iterator[tuple[str, str, str]]:
     """Name, unit and meaning of each column of a table."""
     measures = {measure.column: measure for measure in MEASURES}
-    own = meanings.get(LIKE.get(name, ""), {}) | meanings[name]
+    in_table = meanings.get(LIKE.get(name, ""), {}) | meanings[name]
     for column in tables.TABLES[name].names:
-        if column in own:
-            yield column, unit_of(column), own[column]
+        if column in in_table:
+            yield column, unit_of(column), in_table[column]
         elif column in meanings["keys"]:
             yield column, "", meanings["keys"][column]
         else:
@@ -246,24 +255,29 @@ def kind_of(kind: pa.DataType) -> str:
 
 
 def meanings_of_columns() -> dict[str, dict[str, str]]:
-    """By table and column, from the file beside this one."""
+    """The meanings in ``columns.toml``, by table and column."""
     text = Path(__file__).with_name("columns.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
 
 def commands_page() -> str:
-    """Every command with its arguments and options, as ``--help`` has them."""
+    """Every command with its arguments and options, from the texts of ``--help``."""
     lines = [
         "# Commands",
         "",
-        "`harness COMMAND --help` says the same on the terminal. A command ends with exit code 0;",
-        "with 1 where something failed on the way, with 2 where the input was refused, with 130",
-        "(Ctrl-C) or 143 (SIGTERM) where it was interrupted.",
+        "`harness COMMAND --help` prints the same on the terminal.",
+        "",
+        "| exit code | meaning |",
+        "|---|---|",
+        "| 0 | success |",
+        "| 1 | something failed during the run |",
+        "| 2 | the input was refused |",
+        "| 130, 143 | the command was interrupted (Ctrl-C, SIGTERM) |",
     ]
     for name, command in commands(typer.main.get_command(app)):
         lines += ["", f"## harness {name}", "", in_markdown(command.help or ""), ""]
         rows = [
-            [said(option), (option.help or "").strip(), shown_default(option)]
+            [usage_of(option), (option.help or "").strip(), shown_default(option)]
             for option in command.params
             if "--help" not in option.opts
         ]
@@ -272,7 +286,7 @@ def commands_page() -> str:
 
 
 def commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
-    """Every command by its whole name, those of groups too."""
+    """Every command with its full name; commands of groups are included."""
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, f"{before}{name} ")
@@ -280,7 +294,7 @@ def commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{before}{name}", command
 
 
-def said(option: Any) -> str:
+def usage_of(option: Any) -> str:
     """An argument or option as it is written in the shell."""
     if option.param_type_name == "argument":
         word = option.metavar or option.name.upper()
@@ -290,9 +304,9 @@ def said(option: Any) -> str:
 
 
 def shown_default(option: Any) -> str:
-    """An option's default, where it has one that says something."""
+    """An option's default; empty if there is none or if it says nothing."""
     if option.required:
-        return "needed"
+        return "required"
     silent = option.default is None or option.default is False or option.default == ()
     return "" if silent else f"`{option.default}`"
 
@@ -303,19 +317,19 @@ def python_page() -> str:
     lines = [
         "# Python",
         "",
-        "What `import harness` names, with shapes, units, ranges and when something is undefined.",
-        "How the names go together: [In Python](../python.md).",
+        "These are the public names of `import harness`, with shapes, units and ranges, and with",
+        "the conditions under which a value is undefined. [In Python](../python.md) shows how to",
+        "use them together.",
     ]
-    found = {}
+    modules = {}
     for node in ast.parse(stub.read_text(encoding="utf-8")).body:
         assert isinstance(node, ast.ImportFrom)
         for alias in node.names:
-            place = f"harness.{node.module}.{alias.name}"
-            found[alias.name] = place
-    for name, place in sorted(found.items(), key=lambda item: item[0].lower()):
-        own = f"harness.{name}"
-        lines += ["", f"::: {place}", "    options:", f"      heading: {own}"]
-        lines += [f"      toc_label: {own}"]
+            modules[alias.name] = f"harness.{node.module}.{alias.name}"
+    for name, module in sorted(modules.items(), key=lambda item: item[0].lower()):
+        heading = f"harness.{name}"
+        lines += ["", f"::: {module}", "    options:", f"      heading: {heading}"]
+        lines += [f"      toc_label: {heading}"]
     return "\n".join(lines) + "\n"
 
 
@@ -325,4 +339,4 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/commands.md": commands_page,
     "reference/names.md": python_page,
 }
-"""Generated pages by their place in the site."""
+"""Generated pages by their path in the site."""

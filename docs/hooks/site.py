@@ -1,4 +1,4 @@
-"""Makes the site of the Markdown in docs/: adds what is generated, and holds it to no outside."""
+"""MkDocs hooks: they add the generated pages, and refuse a page that loads from another site."""
 
 import re
 from pathlib import Path
@@ -12,16 +12,16 @@ from docs.hooks.reference import PAGES
 ROOT = Path(__file__).resolve().parents[2]
 
 PAGES_BESIDE = ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")
-"""Pages of the project that lie beside docs/."""
+"""Pages of the project that are outside docs/."""
 
 SHOWN = (*PAGES_BESIDE, "LICENSE", "CITATION.cff", "scenarios/*.toml", "examples/*.*")
-"""Files of the project that pages lead to; the site has a copy of each."""
+"""Files of the project that pages link to; the site has a copy of each."""
 
 IN_THE_SITE = {
     "](../harness/scenario/sections.py)": "](reference/keys.md)",
     "](hooks/columns.toml)": "](reference/columns.md)",
 }
-"""Where docs/ is read as files, links lead to what the site's generated pages are made of."""
+"""Links of the files in docs/, with the generated pages that replace them in the site."""
 
 LOADED = re.compile(
     r"""<(?:script|img|iframe|source|video|audio)\b[^>]*\bsrc=["']?((?:https?:)?//[^"'\s>]+)"""
@@ -29,7 +29,7 @@ LOADED = re.compile(
     r"""|url\(["']?((?:https?:)?//[^"')]+)|@import ["']((?:https?:)?//[^"']+)""",
     re.IGNORECASE,
 )
-"""What a page loads from elsewhere, as against what it links to."""
+"""Content that a page loads from another site; plain links are allowed."""
 
 
 def on_files(files: Files, config: Any) -> Files:

@@ -1,10 +1,9 @@
-"""Makes the pictures of the docs again.
+"""Makes the pictures of the docs.
 
     python docs/pictures/make.py              # all of them
-    python docs/pictures/make.py report sweep # some
+    python docs/pictures/make.py report sweep # some of them
 
-What is drawn by the harness needs nothing else; ``report`` needs Chromium, ``sumo-gui`` and
-``zebra`` a desktop or ``xvfb-run``.
+``report`` needs Chromium; ``sumo-gui`` and ``zebra`` need a desktop or ``xvfb-run``.
 """
 
 import os
@@ -21,11 +20,11 @@ from playwright.sync_api import FloatRect, sync_playwright
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 COLOURS = 128
-"""Enough for screenshots, and a quarter of their size."""
+"""Number of colours; it is enough for screenshots and makes their files four times smaller."""
 
 
 def harness(*words: object, display: bool = False) -> None:
-    """Run a command of the harness in the working directory, with a display where it needs one."""
+    """Run a command of the harness in the working directory, with a virtual display if needed."""
     command = [sys.executable, "-m", "harness", *map(str, words)]
     if display and "DISPLAY" not in os.environ:
         command = ["xvfb-run", "-a", "-s", "-screen 0 1280x960x24", *command]
@@ -33,7 +32,7 @@ def harness(*words: object, display: bool = False) -> None:
 
 
 def save(picture: Path, name: str, box: tuple[int, int, int, int] | None = None) -> None:
-    """Keep a picture, or a part of it (left, upper, right, lower), in few colours."""
+    """Save a picture, or a box of it (left, upper, right, lower), in few colours."""
     with Image.open(picture) as image:
         whole = image.convert("RGB").crop(box) if box else image.convert("RGB")
         small = whole.quantize(COLOURS, dither=Image.Dither.NONE)
@@ -41,13 +40,13 @@ def save(picture: Path, name: str, box: tuple[int, int, int, int] | None = None)
 
 
 def figure(run: str, name: str, as_name: str) -> None:
-    """Keep a figure of a run's report."""
+    """Save a figure of a run's report."""
     harness("report", run, "--quiet", "--figures", "figures")
     save(Path("figures") / f"{name}.png", as_name)
 
 
 def report() -> None:
-    """The page of the paper's experiment: how it begins, and its player."""
+    """The page of the paper's experiment: its first part, and its player."""
     harness("run", "cctc", "--traces", "--quiet", "--out", "cctc")
     harness("report", "cctc", "--quiet")
     with sync_playwright() as browsers:
@@ -58,13 +57,13 @@ def report() -> None:
         page.locator("#player-time").fill("5.3")
         page.locator("#episodes").screenshot(path="player.png")
         page.evaluate("scrollTo({top: 0, behavior: 'instant'})")
-        said = page.locator("#results ul").first.bounding_box()
-        assert said is not None
+        last = page.locator("#results > details").first.bounding_box()
+        assert last is not None
         upper: FloatRect = {
             "x": 0,
             "y": 0,
             "width": 1100,
-            "height": said["y"] + said["height"] + 10,
+            "height": last["y"] + last["height"] + 2,
         }
         page.screenshot(path="report.png", full_page=True, clip=upper)
         browser.close()
@@ -84,7 +83,7 @@ def sweep() -> None:
 
 
 def time_space() -> None:
-    """Vehicles and people of some minutes of traffic."""
+    """Vehicles and pedestrians in some minutes of traffic."""
     settings = ("traffic.duration_s=600", "pedestrians.flow_per_hour=200", "arms.av=hard_yield")
     chosen = [word for setting in settings for word in ("--set", setting)]
     harness("run", "field_sites", "--pairs", 1, *chosen, "--traces", "--quiet", "--out", "hour")
@@ -92,20 +91,20 @@ def time_space() -> None:
 
 
 def zebra_run() -> None:
-    """A run at the crosswalk of the map that the project ships."""
+    """A run at the crosswalk of the shipped map."""
     harness("crossings", ROOT / "examples" / "maps" / "zebra.osm", "--out", "zebra")
     harness("crossings", "zebra/zebra.net.xml", "--write", "zebra.toml", "--edge", ":2_c0")
     harness("run", "zebra.toml", "--traces", "--pairs", 20, "--quiet", "--out", "zebra-run")
 
 
 def site() -> None:
-    """The paper's crosswalk, drawn of its network."""
+    """The paper's crosswalk, drawn from its network."""
     harness("run", "cctc", "--pairs", 2, "--quiet", "--out", "two")
     figure("two", "site", "site")
 
 
 def frame(run: str, pair: int, at_s: float) -> Path:
-    """The picture of the AV's arm nearest to so long after the trigger, in sumo-gui."""
+    """The screenshot of the AV's arm in sumo-gui that is nearest to a time after the trigger."""
     folder = Path(f"{run}-{pair}")
     shown = ("--gui", "--pace", 20, "--screenshots", folder, "--every", 0.5)
     harness("replay", run, "--pair", pair, "--arm", "av", *shown, display=True)
@@ -113,12 +112,12 @@ def frame(run: str, pair: int, at_s: float) -> Path:
 
 
 def seconds(screenshot: Path) -> float:
-    """When a screenshot was taken, from its name."""
+    """The time of a screenshot, from its name."""
     return float(screenshot.stem.split("-")[1])
 
 
 def sumo_gui() -> None:
-    """An ego before people on the crosswalk, in sumo-gui."""
+    """An ego that waits for pedestrians on the crosswalk, in sumo-gui."""
     settings = ("arms.av=hard_yield", "pedestrians.flow_per_hour=1500")
     chosen = [word for setting in settings for word in ("--set", setting)]
     harness("run", "cctc_flow", "--pairs", 2, *chosen, "--quiet", "--out", "flow")
@@ -126,7 +125,7 @@ def sumo_gui() -> None:
 
 
 def zebra() -> None:
-    """The crosswalk of the map in sumo-gui, as somebody crosses."""
+    """The crosswalk of the map in sumo-gui while a pedestrian crosses."""
     zebra_run()
     save(frame("zebra-run", 0, 4.1), "zebra", (240, 320, 1040, 540))
 
@@ -143,7 +142,7 @@ PICTURES: dict[str, Callable[[], None]] = {
 
 
 def main(names: list[str]) -> None:
-    """Make the pictures of these names, or all, in a folder that is gone afterwards."""
+    """Make the pictures with these names, or all of them, in a temporary folder."""
     for name in names or PICTURES:
         with tempfile.TemporaryDirectory() as folder:
             os.chdir(folder)

@@ -1,4 +1,4 @@
-"""Where the files that ship with the harness lie: inside the wheel, or beside it in a checkout."""
+"""Folders of the shipped files: in the package, or next to it in a checkout."""
 
 from pathlib import Path
 from typing import Literal

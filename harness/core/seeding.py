@@ -88,15 +88,17 @@ GIVEN_DRAWS = 2
 def beginning_with(uniforms: Sequence[float], rng: np.random.Generator) -> np.random.Generator:
     """A generator of the same kind whose first draws of ``random()`` are given.
 
-    Each raw word of 64 bits has its uniform's 53 upper bits, its lower ones are drawn: a normal or
-    an integer that is drawn first is a function of it too.  PCG64 is a linear congruential
-    generator, s' = a s + c modulo 2^128, whose word is a rotation of the xor of a state's halves
-    (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first two states are drawn, the
-    lower ones follow from the words, c from both states; what comes after is as random as they.
+    The upper 53 bits of each raw word of 64 bits are those of the given uniform, and the lower bits
+    are drawn.  So a normal or an integer that is drawn first is a function of the uniform too.
+
+    PCG64 is a linear congruential generator, s' = a s + c modulo 2^128, whose word is a rotation of
+    the xor of a state's halves (O'Neill 2014, PCG XSL RR 128/64).  The upper halves of the first
+    two states are drawn.  The lower halves follow from the words, and c follows from both states.
+    Later draws are as random as the drawn halves.
 
     Args:
-        uniforms: at most ``GIVEN_DRAWS``, in [0, 1); without any it is ``rng`` itself.
-        rng: a new PCG64 generator, of which the rest is drawn.
+        uniforms: at most ``GIVEN_DRAWS`` values in [0, 1); without any, the result is ``rng``.
+        rng: a new PCG64 generator, from which everything else is drawn.
     """
     if not len(uniforms):
         return rng
@@ -136,11 +138,11 @@ def has_drawn_more(rng: np.random.Generator, begun: np.random.Generator) -> bool
 
 
 _MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
-"""a of PCG64."""
+"""The multiplier a of PCG64."""
 
 
 def _state(upper: int, word: int) -> int:
-    """The state with that upper half after which PCG64 gives that word."""
+    """The state with a given upper half for which PCG64 returns a given word."""
     turned = upper >> 58
     lower = upper ^ ((word << turned | word >> (64 - turned)) & 2**64 - 1)
     return upper << 64 | lower

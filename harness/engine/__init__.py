@@ -1,1 +1,1 @@
-"""Commands in; moved vehicles and held pedestrians out, in SUMO or plain Python."""
+"""Speeds of vehicles and positions of pedestrians in; their simulated motion out."""

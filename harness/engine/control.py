@@ -1,6 +1,7 @@
-"""One ego and its pedestrians in SUMO, through libsumo's or TraCI's identical interface.
+"""An encounter in SUMO: the ego's speed and the pedestrians' positions in, the ego's state out.
 
-The choices below are explained, with the measurements behind them, in docs/sumo.md.
+It uses the interface that libsumo and TraCI share.  docs/sumo.md explains the choices and has the
+measurements behind them.
 """
 
 import math
@@ -16,24 +17,27 @@ from harness.site import Site
 from harness.site.site import Signal
 
 SPEED_MODE_EXTERNAL = 32
-"""SUMO neither brakes for pedestrians nor limits accelerations: the strategy alone drives."""
+"""SUMO neither brakes for pedestrians nor limits accelerations; only the strategy drives."""
 
 SPEED_MODE_OWN = 31
-"""SUMO's own driver with all its cares: safe speed, acceleration, deceleration, right of way."""
+"""SUMO's own driver, with its checks of safe speed, acceleration, deceleration and right of way."""
 
 COLLISION_REACH_M = 5.0
-"""SUMO reports a hit only with the ego's front on the junction, a few metres beyond the band."""
+"""SUMO's collisions are read only when the ego's front is this near to the crosswalk.
+
+SUMO reports a hit only while the front is on the junction, which begins a few metres before it.
+"""
 
 
 def set_green(api: Any, signal: Signal) -> None:
-    """Let a traffic light show green for pedestrians, and to vehicles green that yields."""
+    """Switch a traffic light to green for pedestrians and to permissive green for vehicles."""
     links = range(len(api.trafficlight.getRedYellowGreenState(signal.id)))
     state = "".join("G" if link in signal.crossing_links else "g" for link in links)
     api.trafficlight.setRedYellowGreenState(signal.id, state)
 
 
 def limit_speed(api: Any, road: Sequence[str], limit_mps: float) -> None:
-    """Set the speed limit of a road's edges, which follow each other, and of what joins them."""
+    """Set the speed limit of a road's successive edges and of the lanes that connect them."""
     lanes = [f"{edge}_{index}" for edge in road for index in range(api.edge.getLaneNumber(edge))]
     while lanes:
         lane = lanes.pop()
@@ -52,30 +56,31 @@ class Calls(NamedTuple):
 
 
 def calls_of(api: Any) -> Calls:
-    """The functions of libsumo or traci as their users know them."""
+    """The public functions of libsumo or traci."""
     vehicle, person = api.vehicle, api.person
     return Calls(api.simulationStep, person.moveToXY, vehicle.setSpeed, vehicle.getDistance)
 
 
 class SumoEngine:
-    """Drives episodes in SUMO, one after another in the same simulation.
+    """Simulates episodes in SUMO, one after another in the same simulation.
 
-    The ego is set by ``setSpeed`` under ballistic steps, so that SUMO's state follows constant
-    accelerations in closed form.  Pedestrians are placed by ``moveToXY`` at every step, waiting
-    ones too: SUMO's own pedestrians would stop for the vehicle and hide crashes.  Told no speed,
-    SUMO's own driver drives: at most at v0, with a0, braking up to the vehicle's maximum.
+    ``setSpeed`` sets the ego's speed under ballistic steps, so SUMO's state follows constant
+    accelerations in closed form.  ``moveToXY`` sets the positions of all pedestrians at every step,
+    because SUMO's own pedestrians would stop for the vehicle and hide crashes.  Without a speed,
+    SUMO's own driver drives: at most at v0, with a0, and with braking up to the vehicle's maximum.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation that was
             started with ``start_command``.
         close: ends that simulation.
-        site: its crosswalk.
+        site: the crosswalk.
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
-        calls: the functions called at every step; None: the module's own.
+        calls: the functions that are called at every step; None for those of ``api``.
 
-    ``automated``: whether SUMO's files and window are to call the ego an AV; set between episodes.
+    Attributes:
+        automated: whether SUMO's files and window name the ego an AV; set between episodes.
     """
 
     def __init__(
@@ -103,8 +108,8 @@ class SumoEngine:
         self._collisions_from_m = -crossing.width_m / 2 - COLLISION_REACH_M
         self._episode = 0
         self._ego = ""
-        self._told_mps: float | None = None
-        """None: SUMO drives as it likes."""
+        self._set_mps: float | None = None
+        """The speed that was last set; None while SUMO's own driver drives."""
         self.people = HeldPeople(api, site, crossing, move=calls.move)
         self._to_road = site.frame.to_road
         self._shown = Shown(crossing.lane_centre_m, crossing.length_m, site.crossing_from)
@@ -119,13 +124,13 @@ class SumoEngine:
         """See ``Engine.begin``."""
         self._steps = 0
         self._collided = False
-        self._own_driver, self._told_mps = False, None
+        self._own_driver, self._set_mps = False, None
         self._ego = f"ego-{self._episode}"
         people = self.people
         people.shown = None
         people.begin(arrivals, self._episode)
         with self._watched("could not set up the episode"):
-            # Persons need a step to exist in: they are one ahead of the ego.
+            # Persons exist only after a step, so they are inserted a step before the ego.
             people.before_step((), 2 * self._step_s)
             self._advance()
             people.after_step()
@@ -143,11 +148,11 @@ class SumoEngine:
         try:
             if speed_mps is None:
                 self._hand_over()
-            elif speed_mps != self._told_mps:  # SUMO keeps to what it was told last
+            elif speed_mps != self._set_mps:  # SUMO keeps the speed that was last set
                 if self._own_driver:
                     self._take_back()
                 self._set_speed(self._ego, speed_mps)
-                self._told_mps = speed_mps
+                self._set_mps = speed_mps
             announced = people.before_step(pedestrians, (self._steps + 3) * self._step_s)
             self._advance()
             self._steps += 1
@@ -158,11 +163,11 @@ class SumoEngine:
                 self._note_collisions()
             if speed_mps is None:
                 speed_mps = self._get_speed(self._ego)
-            # Else not read back at every step: ``end`` makes sure that SUMO kept to it.
+            # A set speed is not read back at every step; ``end`` checks that SUMO kept it.
             self._commanded = speed_mps
             return x, speed_mps
         except self._lost as error:
-            raise EngineError(f"SUMO lost the episode: {error}") from None
+            raise EngineError(f"SUMO failed during the episode: {error}") from None
 
     def let_walk(self, index: int, side: Side, speed_mps: float) -> None:
         """See ``Engine.let_walk``; they enter at the footpath's end, 1.5 m before the kerb."""
@@ -172,12 +177,12 @@ class SumoEngine:
 
     def place_of(self, index: int) -> tuple[float, float]:
         """See ``Engine.place_of``."""
-        with self._watched(f"lost pedestrian {index}"):
+        with self._watched(f"could not find pedestrian {index}"):
             return self._to_road(*self._api.person.getPosition(self.people.ids[index]))
 
     def remove(self, index: int) -> None:
         """See ``Engine.remove``."""
-        with self._watched(f"lost pedestrian {index}"):
+        with self._watched(f"could not find pedestrian {index}"):
             self.people.remove(index)
 
     def end(self) -> bool | None:
@@ -189,17 +194,17 @@ class SumoEngine:
                 kept = self._get_speed(self._ego) == self._commanded
                 self._api.vehicle.remove(self._ego)
                 if not kept:
-                    raise EngineError("SUMO did not drive at the speed it was told")
+                    raise EngineError("SUMO did not keep the speed that was set")
         return self._collided
 
     def close(self) -> None:
-        """End the simulation; its output files are complete only then."""
+        """End the simulation, which also completes SUMO's output files."""
         self.closed = True
         self._close()
 
     @contextmanager
     def _watched(self, what: str) -> Iterator[None]:
-        """Within it, whatever SUMO complains of is an ``EngineError``."""
+        """Turn SUMO's errors within this context into ``EngineError``."""
         try:
             yield
         except self._lost as error:
@@ -226,17 +231,17 @@ class SumoEngine:
         vehicle.setType(self._ego, "av_driven" if self.automated else "driven")
         vehicle.setSpeedMode(self._ego, SPEED_MODE_OWN)
         vehicle.setSpeed(self._ego, -1)
-        self._told_mps, self._own_driver = None, True
+        self._set_mps, self._own_driver = None, True
         self.people.shown = self._shown
 
     def _take_back(self) -> None:
-        """Let the strategy alone drive again."""
+        """Let the strategy drive again."""
         self._api.vehicle.setType(self._ego, "av" if self.automated else "ego")
         self._api.vehicle.setSpeedMode(self._ego, SPEED_MODE_EXTERNAL)
         self._own_driver, self.people.shown = False, None
 
     def _note_collisions(self) -> None:
-        # Two persons who pass each other are listed too; only the ego's hits count.
+        # SUMO also lists two persons who pass each other; only collisions of the ego count.
         for collision in self._api.simulation.getCollisions():
             if collision.collider == self._ego:
                 self._collided = True

@@ -1,4 +1,4 @@
-"""Whether SUMO's packages are there, in the one version that everything here was measured with."""
+"""Checks that SUMO's packages are installed in the version that this package needs."""
 
 from importlib import metadata
 
@@ -8,10 +8,10 @@ _PACKAGES = ("libsumo", "eclipse-sumo", "sumolib", "traci")
 
 
 def check_packages() -> None:
-    """Refuse a SUMO that is missing, or of another version than this package asks for.
+    """Refuse a SUMO that is missing or that has another version than this package needs.
 
     Raises:
-        InputError: which package, and how to get the right one.
+        InputError: a package is missing or has the wrong version; says how to install it.
     """
     try:
         needed = metadata.requires("crosswalk-harness") or []

@@ -1,4 +1,4 @@
-"""Pedestrians in SUMO who are held where they are told to be, at every step."""
+"""Pedestrians in SUMO whose positions are set at every step."""
 
 import math
 from collections.abc import Sequence
@@ -9,33 +9,36 @@ from harness.engine.shown import Shown
 from harness.site import Site
 
 WALKER = "walker"
-"""SUMO's type of a pedestrian."""
+"""The SUMO type of pedestrians."""
 
 NO_ANGLE = -1073741824.0
 """SUMO's INVALID_DOUBLE_VALUE: the angle follows from the movement."""
 
 KEEP_ROUTE = 2
-"""The person leaves their route for the place."""
+"""The person may leave their route."""
 
 MATCH_THRESHOLD_M = 1.0
-"""How far SUMO looks for a lane.  Named one by one: unpacking costs a hundredth of a step."""
+"""How far SUMO searches for a lane.
+
+The three arguments are separate, because unpacking a tuple costs 1 % of a step.
+"""
 
 
 class HeldPeople:
-    """Everyone who comes to the crosswalk, from their arrival until they are removed.
+    """All pedestrians at the crosswalk, from their arrival until they are removed.
 
-    A person exists only after the step that follows its insertion, and moving one that does not
-    exist ends the process: each is announced some steps ahead and held at their kerb until they
-    are placed for the first time.
+    A person exists in SUMO only after the step that follows their insertion, and moving a person
+    who does not exist ends the process.  So each is announced some steps ahead, and held at their
+    kerb until their first position is set.
 
     Args:
         api: the module ``libsumo`` or ``traci``, connected to a simulation.
-        site: its crosswalk.
+        site: the crosswalk.
         crossing: the crosswalk's constants.
-        copy: ends their type and their names, where everybody is there more than once.
-        shown: where SUMO's own driver is to see them; None: where they are.  It may be set at any
-            time.
-        move: the function called for each of them at every step; None: the module's own.
+        copy: suffix of the type and of the ids, if there are several copies of each pedestrian.
+        shown: the positions at which SUMO's own driver sees them; None for their true positions.
+            It can be set at any time.
+        move: the function that sets a position; None for that of ``api``.
     """
 
     def __init__(
@@ -55,12 +58,12 @@ class HeldPeople:
         self._line = (*self._to_network(0.0, 0.0), site.frame.across_x, site.frame.across_y)
         self._kerb_m = {Side.NEAR: 0.0, Side.FAR: crossing.length_m}
         self.ids: dict[int, str] = {}
-        """SUMO's names of those who are there, by index."""
+        """SUMO's ids of the pedestrians in the simulation, by index."""
         self._waiting: dict[int, tuple[float, float]] = {}
         self._coming: dict[int, tuple[float, float]] = {}
 
     def begin(self, arrivals: Sequence[Arrival], run: int) -> None:
-        """Take the people of an episode or hour, by arrival; its number is in their names."""
+        """Begin an episode or hour with these arrivals; ``run``, its number, is in their ids."""
         self._arrivals, self._run, self._announced = arrivals, run, 0
         self._sides = {arrival.index: arrival.side for arrival in arrivals}
         self._next_s = arrivals[0].arrival_s if arrivals else math.inf
@@ -68,10 +71,10 @@ class HeldPeople:
         self._coming.clear()
 
     def before_step(self, places: Sequence[tuple[int, float]], until_s: float) -> bool:
-        """Put everyone where they are at the step's end, and add everyone who comes by then.
+        """Set all positions to those at the step's end, and add those who arrive by ``until_s``.
 
         Returns:
-            Whether somebody was added: ``after_step`` is then due.
+            Whether pedestrians were added; then ``after_step`` has to be called.
         """
         if places or self._waiting:
             self._place(places)
@@ -87,12 +90,12 @@ class HeldPeople:
         return True
 
     def after_step(self) -> None:
-        """Whoever was announced exists from now on."""
+        """Note that the announced pedestrians now exist in SUMO."""
         self._waiting.update(self._coming)
         self._coming.clear()
 
     def add(self, index: int, side: Side, start_m: float) -> str:
-        """Put someone on the footpath of their side, on their way to the other one."""
+        """Insert a pedestrian on the footpath of their side, with a route to the other side."""
         name = f"pedestrian{self._copy}-{self._run}-{index}"
         origin, goal = self._footpaths[side], self._footpaths[side.other]
         self._person.add(name, origin.edge, start_m, typeID=WALKER + self._copy)
@@ -101,24 +104,24 @@ class HeldPeople:
         return name
 
     def remove(self, index: int) -> None:
-        """Take away somebody who has reached the other kerb."""
+        """Remove a pedestrian who has reached the other kerb."""
         self._person.remove(self.ids.pop(index))
 
     def clear(self) -> None:
-        """Take everybody away."""
+        """Remove all pedestrians."""
         for name in self.ids.values():
             self._person.remove(name)
         self.ids.clear()
 
     def _first_place(self, arrival: Arrival) -> tuple[float, float]:
-        """Network coordinates at which somebody is held until they are placed."""
+        """Network coordinates at which a pedestrian is held until their first position is set."""
         if arrival.path is not None:
             return self._to_network(arrival.path[0].x_m, arrival.path[0].y_m)
         shown, side = self.shown, arrival.side
         return self._to_network(0.0, self._kerb_m[side] if shown is None else shown.coming_y(side))
 
     def _place(self, places: Sequence[tuple[int, float]]) -> None:
-        """Move those with a place to it; the others who are announced wait at their kerbs."""
+        """Move pedestrians to their positions; other announced pedestrians stay at their kerbs."""
         origin_x, origin_y, across_x, across_y = self._line
         move, ids, waiting = self._move, self.ids, self._waiting
         if self.shown is not None:

@@ -1,7 +1,7 @@
-"""The engine-free engine: the same kinematics in a few lines of Python.
+"""The plain engine: SUMO's kinematics in a few lines of Python.
 
-Strategies, episodes and measures are tested on it in milliseconds, and what SUMO does is held
-against it.  It cannot drive the ego by itself and sees no collisions.
+It tests strategies, episodes and measures in milliseconds, and the audit compares SUMO with it.
+It has no driver of its own and detects no collisions.
 """
 
 from collections.abc import Sequence
@@ -53,10 +53,10 @@ class PlainEngine:
         raise EngineError(_NO_PEDESTRIANS)
 
     def remove(self, index: int) -> None:
-        """See ``Engine.remove``; nothing is kept here."""
+        """See ``Engine.remove``; this engine keeps no pedestrians."""
 
     def end(self) -> bool | None:
-        """None: no verdict of its own."""
+        """None, because this engine detects no collisions."""
         return None
 
     def close(self) -> None:

@@ -1,6 +1,6 @@
-"""A road full of vehicles in SUMO: each driven by its strategy, or by SUMO's car following.
+"""An hour of traffic in SUMO: speeds of vehicles and positions of pedestrians in, motion out.
 
-The choices below are explained, with the measurements behind them, in docs/sumo.md.
+docs/sumo.md explains the choices and has the measurements behind them.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,20 +15,20 @@ from harness.engine.shown import Shown
 from harness.site import Site, streams_of
 
 SPEED_MODE_FOLLOWING = 33
-"""SUMO keeps the vehicle from its leader, and from nothing else: it knows no pedestrian."""
+"""SUMO keeps a safe gap to the leader only; it does not react to pedestrians."""
 
 
 class SumoRoad:
-    """Moves the vehicles of an hour, and holds pedestrians where they are told to be.
+    """Moves the vehicles of an hour, and sets pedestrians to given positions.
 
-    Vehicles are named by text.  One that was added is on the road from the end of the next step
-    on; ``drive`` sets its speed at the end of each step until ``release``, but never so that it
-    comes too near to its leader, nor above the lane's limit.
+    Vehicles have text ids.  A vehicle that was added is on the road from the end of the next step.
+    ``drive`` sets its speed at the end of each step until ``release``; SUMO lowers that speed where
+    the leader is too near or the lane's limit is lower.
 
     Args:
         api: the module ``libsumo``, connected to a simulation.
         close: ends that simulation.
-        site: its crosswalk.
+        site: the crosswalk.
         crossing: the crosswalk's constants.
         limit_mps: the speed limit of all its lanes.
         step_s: length of a step.
@@ -54,7 +54,7 @@ class SumoRoad:
         self._advance, self._arrived = api.simulationStep, api.simulation.getArrivedIDList
         self._steps, self._hours = 0, 0
         self._names: set[str] = set()
-        # Called for every vehicle at every step: nothing in between.
+        # Called for every vehicle at every step, so these are SUMO's functions without a wrapper.
         self.drive: Callable[[str, float], None] = api.vehicle.setSpeed
         self.speed_of: Callable[[str], float] = api.vehicle.getSpeed
         self.distance_of: Callable[[str], float] = api.vehicle.getDistance
@@ -66,12 +66,12 @@ class SumoRoad:
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Within it, whatever SUMO complains of is an ``EngineError``."""
+        """Turn SUMO's errors within this context into ``EngineError``."""
         try:
             yield
         except self._lost as error:
             self.lost = True
-            raise EngineError(f"SUMO lost the hour: {error}") from None
+            raise EngineError(f"SUMO failed during the hour: {error}") from None
 
     def begin(
         self, arrivals: Sequence[Arrival], shown_lanes_m: Sequence[float] | None = None
@@ -79,11 +79,11 @@ class SumoRoad:
         """Begin an hour.
 
         Args:
-            arrivals: all who come, by time; numbered from 0 on.
-            shown_lanes_m: y of every lane's centre, if SUMO's own driver may be asked to drive
-                (``hand_over``): everybody is then put there once for each lane, as its drivers are
-                to be shown them.  None: SUMO's driver is never asked, and everybody is where they
-                are.
+            arrivals: all pedestrians, by arrival time, with indices from 0.
+            shown_lanes_m: y of every lane's centre, if SUMO's own driver may drive a vehicle
+                (``hand_over``).  SUMO then has a copy of each pedestrian for each lane, at the
+                position that ``Shown`` gives for its drivers.  None if SUMO's driver never drives:
+                each pedestrian exists once, at their true position.
         """
         self._hours += 1
         self._steps = 0
@@ -92,20 +92,20 @@ class SumoRoad:
             self._people = self._shown_people(shown_lanes_m)
         for people in self._people:
             people.begin(arrivals, self._hours)
-            # Announced a step before they arrive, with a step to exist in.
+            # A person exists only after a step, so they are announced a step before they arrive.
             people.before_step((), 2 * self._step_s)
         self._advance()
         for people in self._people:
             people.after_step()
 
     def name_of(self, vehicle: int) -> str:
-        """SUMO's name of a vehicle of this hour."""
+        """SUMO's id of a vehicle in this hour."""
         return f"vehicle-{self._hours}-{vehicle}"
 
     def add(
         self, name: str, lane: int, x_m: float, speed_mps: float, *, automated: bool = False
     ) -> None:
-        """Put a vehicle, an AV or another, on the road: there and so fast after the next step."""
+        """Insert a vehicle; it has this position and speed at the end of the next step."""
         road = self.lanes[lane]
         number = road.number_at(x_m)
         first, last = road.stretches[number], road.stretches[-1]
@@ -119,7 +119,7 @@ class SumoRoad:
             typeID="av" if automated else "vehicle",
             depart="now",
             departLane=str(first.lane),
-            # A rounding before the lane would be counted from its end.
+            # SUMO counts a negative position, even a rounding error, from the lane's end.
             departPos=repr(max(0.0, x_m - first.start_m)),
             departSpeed=repr(speed_mps),
             arrivalLane=str(last.lane),
@@ -132,7 +132,14 @@ class SumoRoad:
         self._names.add(name)
 
     def step(self, places: Sequence[tuple[int, float]]) -> Sequence[str]:
-        """Advance one step; ``places`` as in ``Engine.step``.  Returns who has left the road."""
+        """Advance one step.
+
+        Args:
+            places: pedestrians' positions, as in ``Engine.step``.
+
+        Returns:
+            The ids of the vehicles that have left the road.
+        """
         until_s = (self._steps + 3) * self._step_s
         announced = False
         for people in self._people:
@@ -142,29 +149,29 @@ class SumoRoad:
         if announced:
             for people in self._people:
                 people.after_step()
-        gone: Sequence[str] = self._arrived()
-        if gone:
-            self._names.difference_update(gone)
-        return gone
+        departed: Sequence[str] = self._arrived()
+        if departed:
+            self._names.difference_update(departed)
+        return departed
 
     def hand_over(self, name: str) -> None:
-        """Let SUMO's own driver drive a vehicle: it then minds people too."""
+        """Let SUMO's own driver drive a vehicle; it also yields to pedestrians."""
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_OWN)
         self.drive(name, -1.0)
 
     def release(self, name: str) -> None:
-        """Let SUMO's car following alone drive a vehicle."""
+        """Let SUMO's car following drive a vehicle; it ignores pedestrians."""
         self._api.vehicle.setSpeedMode(name, SPEED_MODE_FOLLOWING)
         self.drive(name, -1.0)
 
     def collided(self) -> set[str]:
-        """The vehicles that SUMO itself saw hit a pedestrian in the last step."""
+        """The vehicles for which SUMO detected a collision with a pedestrian in the last step."""
         if not self._people[0].ids:
             return set()
         return {collision.collider for collision in self._api.simulation.getCollisions()}
 
     def remove(self, index: int) -> None:
-        """Take away a pedestrian who has reached the other kerb."""
+        """Remove a pedestrian who has reached the other kerb."""
         for people in self._people:
             people.remove(index)
 
@@ -184,7 +191,7 @@ class SumoRoad:
         self._close()
 
     def _shown_people(self, lanes_m: Sequence[float]) -> list[HeldPeople]:
-        """Everybody once for each lane, of a type that vehicles of other lanes ignore."""
+        """A copy of all pedestrians for each lane, of a type that other lanes' vehicles ignore."""
         api, crossing, crossing_from = self._api, self._crossing, self._site.crossing_from
         copies = [f"-{number}" for number in range(len(lanes_m))]
         for copy in copies:

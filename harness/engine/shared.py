@@ -1,4 +1,7 @@
-"""This process's one SUMO simulation: libsumo allows no second one."""
+"""The SUMO simulation of this process: scenario in, open engine out.
+
+libsumo allows one simulation per process, so it is kept and used again.
+"""
 
 from collections.abc import Callable
 from typing import TypeVar, cast
@@ -17,7 +20,7 @@ _Kind = TypeVar("_Kind", SumoEngine, SumoRoad)
 
 
 def engine_for(scenario: Scenario) -> Engine:
-    """This process's SUMO simulation, started again only for another site, vehicle or step."""
+    """The SUMO engine of this process; it restarts if site, vehicle or step length change."""
 
     def start() -> SumoEngine:
         from harness.engine.sumo import libsumo_engine
@@ -30,14 +33,17 @@ def engine_for(scenario: Scenario) -> Engine:
 
 
 def open_engine(scenario: Scenario, name: EngineName) -> Engine:
-    """An open engine of that name for a scenario."""
+    """The engine of a given name, open for a scenario."""
     if name == "plain":
         return PlainEngine(scenario.vehicle(), scenario.experiment.step_s)
     return engine_for(scenario)
 
 
 def road_for(scenario: Scenario) -> SumoRoad:
-    """The same for hours of traffic; the car following is another reason to start again."""
+    """The SUMO road of this process for hours of traffic; see ``engine_for``.
+
+    It also restarts if the car following changes.
+    """
     following = following_of(scenario)
 
     def start() -> SumoRoad:
@@ -51,7 +57,7 @@ def road_for(scenario: Scenario) -> SumoRoad:
 
 
 def following_of(scenario: Scenario) -> Following:
-    """How the vehicles of a scenario with traffic keep their distance."""
+    """The car following of a scenario with traffic."""
     traffic = scenario.known_traffic
     return Following(traffic.following, traffic.tau_s, traffic.min_gap_m)
 

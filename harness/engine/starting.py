@@ -1,6 +1,6 @@
-"""How SUMO is started: its options, and the types of ego and pedestrians.
+"""Command line and additional file of SUMO, from a place, a vehicle and a car-following model.
 
-The choices are explained, with the measurements behind them, in docs/sumo.md.
+docs/sumo.md explains the choices and has the measurements behind them.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,15 +15,15 @@ from harness.site import Place, Site, read_site
 _WALKER = {"vClass": "pedestrian", "speedDev": 0, "sigma": 0}
 
 AV_COLOUR = {"color": "0,114,178"}
-"""Of AVs in sumo-gui, whose other vehicles are yellow; Okabe and Ito's blue."""
+"""Colour of AVs in sumo-gui (blue of Okabe and Ito); other vehicles are yellow."""
 
 _STANDS_NEARER_M = {"IDM": 0.4}
-"""So much nearer than its minGap SUMO's IDM stops (1.61 m where 2 m are asked)."""
+"""SUMO's IDM stops nearer than its minGap by this much (1.61 m for a minGap of 2 m)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Following:
-    """How vehicles keep their distance: SUMO's model, its headway and its gap at a stop."""
+    """SUMO's car-following model with its headway τ and its standstill gap."""
 
     model: str
     tau_s: float
@@ -31,14 +31,14 @@ class Following:
 
 
 def scratch_prefix(process: int) -> str:
-    """How the names of a process's temporary folders begin."""
+    """The prefix of the names of a process's temporary folders."""
     return f"crosswalk-harness-{process}-"
 
 
 def start_command(
     net: Path, types: Path, step_s: float, sumo_seed: int, outputs: Mapping[str, str] | None = None
 ) -> list[str]:
-    """The command line SUMO is started with, ``outputs`` being further options."""
+    """SUMO's command line; ``outputs`` are further options."""
     options: dict[str, Any] = {
         "--net-file": net,
         "--additional-files": types,
@@ -63,7 +63,7 @@ def start_command(
 def site_and_types(
     place: Place, vehicle: Vehicle, crossing: Crossing, following: Following | None = None
 ) -> tuple[Site, float, str]:
-    """A crosswalk's site, the road's speed limit in m/s, and the types of who moves there."""
+    """A crosswalk's site, the road's speed limit in m/s, and the vehicle types as XML."""
     site = read_site(place)
     limit_mps = crossing.speed_limit_mps or site.ego.speed_limit_mps
     return site, limit_mps, vehicle_types(vehicle, limit_mps, following)
@@ -72,15 +72,15 @@ def site_and_types(
 def vehicle_types(
     vehicle: Vehicle, speed_limit_mps: float | None, following: Following | None = None
 ) -> str:
-    """SUMO's types of vehicles and pedestrians; nothing in them is random.
+    """SUMO's types of vehicles and pedestrians, as XML; no attribute is random.
 
-    An AV differs in name and colour alone.  The ego of an encounter is ``driven`` while SUMO's own
-    driver drives it.
+    The type of an AV differs only in name and colour.  The ego of an encounter has the type
+    ``driven`` while SUMO's own driver drives it.
 
     Args:
         vehicle: the ego, or each vehicle of an hour.
-        speed_limit_mps: the road's.
-        following: how vehicles keep their distance in hours of traffic; None: an encounter.
+        speed_limit_mps: the speed limit of the road; None if there is none.
+        following: the car following of an hour of traffic; None for an encounter.
     """
     base = {
         "vClass": "passenger",
@@ -88,7 +88,7 @@ def vehicle_types(
         "width": vehicle.width_m,
         "decel": vehicle.max_deceleration_mps2,
         "emergencyDecel": vehicle.max_deceleration_mps2,
-        # No random number may decide anything: no speed factor, no dawdling.
+        # Nothing is random: no spread of speed factors and no dawdling.
         "speedFactor": _speed_factor(vehicle, speed_limit_mps),
         "speedDev": 0,
         "sigma": 0,
@@ -115,16 +115,16 @@ def vehicle_types(
 
 
 def _speed_factor(vehicle: Vehicle, speed_limit_mps: float | None) -> float:
-    """SUMO refuses a vehicle that is to be faster than the road's limit without it."""
+    """The factor without which SUMO refuses a vehicle that is faster than the road's limit."""
     if speed_limit_mps is None or vehicle.initial_speed_mps <= speed_limit_mps:
         return 1.0
     return vehicle.initial_speed_mps / speed_limit_mps * (1 + 1e-9)
 
 
 def e2_detectors(lanes: Iterable[str], file: Path) -> str:
-    """A lane area detector over the whole of each lane, named like it, a row for each minute.
+    """A lane area detector (E2) over each lane, with the lane's id and one row per minute.
 
-    A vehicle is in its jam as soon as it is slower than 5 km/h, as in SUMO's queue output.
+    A vehicle is in a jam while it is slower than 5 km/h, as in SUMO's queue output.
     """
     return "".join(
         f'<laneAreaDetector id="{lane}" lane="{lane}" pos="0" endPos="-0.01" period="60" '

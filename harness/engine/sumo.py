@@ -1,6 +1,6 @@
 """SUMO through libsumo: one simulation per process, kept open over all episodes.
 
-The only module that imports libsumo.
+No other module imports libsumo.
 """
 
 import os
@@ -32,13 +32,13 @@ _COMPILED = Calls(
     _libsumo.vehicle_setSpeed,
     _libsumo.vehicle_getDistance,
 )
-"""libsumo's functions without its wrappers in Python, which take 1.4 of a step's 10 µs."""
+"""libsumo's functions without their Python wrappers, which take 1.4 µs of the 10 µs of a step."""
 
 _running: list[SumoEngine | SumoRoad] = []
 
 
 def _refuse_another_sumo() -> None:
-    """A SUMO elsewhere on the module path, that of SUMO_HOME's tools say, may be of any version."""
+    """Check the version: the module path may lead to another SUMO, e.g. that of SUMO_HOME/tools."""
     _, version = libsumo.getVersion()
     wanted = f"SUMO {metadata.version('libsumo')}"
     if version != wanted:
@@ -59,16 +59,16 @@ def libsumo_engine(
     """Start SUMO in this process.
 
     Args:
-        place: the crosswalk, in its network.
+        place: the crosswalk in its network.
         vehicle: the ego.
         crossing: the crosswalk's constants.
         step_s: length of a step, whole milliseconds.
-        sumo_seed: seed of SUMO's own generators, which nothing here uses.
+        sumo_seed: seed of SUMO's random generators; no result depends on them.
         outputs: options that switch SUMO's output files on.
 
     Raises:
-        EngineError: SUMO does not start, or one is already running in this process (libsumo
-            itself gives no error then).
+        EngineError: SUMO does not start, or a simulation is already running in this process.
+            libsumo itself reports no error for a second simulation.
     """
     site, _, types = site_and_types(place, vehicle, crossing)
     _start(place.net, types, step_s, sumo_seed, outputs)
@@ -89,14 +89,14 @@ def libsumo_road(
     """Start SUMO in this process for hours of traffic; see ``libsumo_engine``.
 
     Args:
-        following: how its vehicles keep their distance.
-        detectors: SUMO writes what E2 detectors on the approaching lanes saw there.
+        following: the car following of all vehicles.
+        detectors: the file for the output of E2 detectors on the approach lanes.
     """
     site, limit_mps, added = site_and_types(place, vehicle, crossing, following)
     if detectors is not None:
-        last = (lane.approach for lane in streams_of(site))
-        lanes = (f"{each.edge}_{each.lane}" for each in last)
-        # SUMO takes a relative name from the folder of the additional file.
+        approaches = (lane.approach for lane in streams_of(site))
+        lanes = (f"{stretch.edge}_{stretch.lane}" for stretch in approaches)
+        # SUMO resolves a relative path from the folder of the additional file.
         added += e2_detectors(lanes, detectors.absolute())
     _start(place.net, added, step_s, 1, outputs)
     road = SumoRoad(libsumo, _close, site, crossing, limit_mps, step_s)
@@ -118,6 +118,6 @@ def _start(
 
 
 def _close() -> None:
-    """Close SUMO; its output files are complete only then."""
+    """Close SUMO, which also completes its output files."""
     _running.clear()
     libsumo.close()

@@ -1,6 +1,7 @@
-"""SUMO in a process of its own, through TraCI: what libsumo is measured against, and sumo-gui.
+"""SUMO and sumo-gui in a process of their own, through TraCI.
 
-Slower than libsumo by far (every call crosses a socket).  The only module that imports traci.
+Tests compare libsumo with it.  It is much slower, because every call crosses a socket.  No other
+module imports traci.
 """
 
 import contextlib
@@ -30,19 +31,19 @@ from harness.site import Place, Site
 _VIEW = "View #0"
 _PIXELS = (1280, 860)
 _AROUND_M = 6.0
-"""Shown beyond the trigger and the crosswalk's far side."""
+"""Length of road shown beyond the trigger and beyond the crosswalk."""
 _ROAD_SHOWN_M = 60.0
-"""Shown of a road with traffic, either way from the crosswalk."""
+"""Length of road with traffic shown on each side of the crosswalk."""
 
 
 @dataclass(frozen=True)
 class Gui:
-    """How an episode is shown.
+    """Settings of the window in which an episode is shown.
 
     Attributes:
         delay_ms: pause after each step.
-        screenshots: PNGs go here; None takes none.
-        every_s: time between two of them, a whole number of steps.
+        screenshots: folder for PNG files; None for no screenshots.
+        every_s: time between two screenshots, a whole number of steps.
     """
 
     delay_ms: float
@@ -64,10 +65,10 @@ def traci_engine(place: Place, vehicle: Vehicle, crossing: Crossing, step_s: flo
 def gui_engine(
     place: Place, vehicle: Vehicle, crossing: Crossing, step_s: float, gui: Gui
 ) -> SumoEngine:
-    """Start sumo-gui, its view on the crosswalk, and connect to it.
+    """Start sumo-gui with its view on the crosswalk, and connect to it.
 
     Raises:
-        EngineError: it does not start (it needs a display) or does not answer.
+        EngineError: sumo-gui does not start (it needs a display) or does not answer.
     """
     site, _, types = site_and_types(place, vehicle, crossing)
     settings = view_settings(gui.delay_ms, vehicle.initial_speed_mps)
@@ -86,7 +87,7 @@ def gui_road(
     following: Following,
     gui: Gui,
 ) -> SumoRoad:
-    """The same for hours of traffic."""
+    """Start sumo-gui for hours of traffic; see ``gui_engine``."""
     site, limit_mps, types = site_and_types(place, vehicle, crossing, following)
     close = _connected("sumo-gui", place, types, step_s, view_settings(gui.delay_ms))
     road = _ShownRoad(traci, close, site, crossing, limit_mps, step_s)
@@ -96,7 +97,7 @@ def gui_road(
 
 
 class _ShownEngine(SumoEngine):
-    """A SUMO engine that takes pictures of its window on the way."""
+    """A SUMO engine that takes screenshots of its window."""
 
     gui: Gui
 
@@ -109,7 +110,7 @@ class _ShownEngine(SumoEngine):
 
 
 class _ShownRoad(SumoRoad):
-    """A road that takes pictures of its window on the way."""
+    """A SUMO road that takes screenshots of its window."""
 
     gui: Gui
 
@@ -125,7 +126,7 @@ def _look_at(site: Site, crossing: Crossing, reach_m: float) -> None:
 
 
 def _take(gui: Gui, steps: int, step_s: float, form: str) -> None:
-    """Ask for a picture of the end of the step that follows, if one is due."""
+    """Order a screenshot of the end of the next step, if one is due."""
     if gui.screenshots is None or steps % max(1, round(gui.every_s / step_s)):
         return
     file = gui.screenshots / f"t-{(steps + 1) * step_s:{form}}-s.png"
@@ -135,7 +136,7 @@ def _take(gui: Gui, steps: int, step_s: float, form: str) -> None:
 def _connected(
     program: str, place: Place, added: str, step_s: float, settings: str
 ) -> Callable[[], None]:
-    """Start SUMO and connect to it; returns what ends both."""
+    """Start SUMO and connect to it; return the function that closes both."""
     folder = TemporaryDirectory(prefix="crosswalk-harness-")
     types = write_additional(folder.name, added)
     _, *options = start_command(place.net, types, step_s, sumo_seed=1)
@@ -146,7 +147,7 @@ def _connected(
         options += ["--window-size", f"{_PIXELS[0]},{_PIXELS[1]}"]
     binary = os.path.join(sumo.SUMO_HOME, "bin", program)  # noqa: PTH118
     try:
-        # It says on stdout that it retries; results go there, and nothing else.
+        # traci prints its retries on stdout, which is for results only.
         with contextlib.redirect_stdout(io.StringIO()):
             traci.start([binary, *options])
     except (traci.TraCIException, traci.FatalTraCIError, OSError) as error:
@@ -154,7 +155,7 @@ def _connected(
         raise EngineError(f"SUMO did not start: {error}") from None
 
     def close() -> None:
-        # Somebody may have closed the window.
+        # The user may have closed the window.
         with contextlib.suppress(traci.FatalTraCIError):
             traci.close()
         folder.cleanup()

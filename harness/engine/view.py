@@ -1,9 +1,9 @@
-"""How sumo-gui shows a crosswalk: the ego coloured by speed, pedestrians large enough to see."""
+"""View settings of sumo-gui: the ego is coloured by speed, and pedestrians are enlarged."""
 
 from xml.sax.saxutils import quoteattr
 
 PEDESTRIAN_EXAGGERATION = 4
-"""People are drawn so many times as large as they are."""
+"""Factor by which pedestrians are drawn larger than they are."""
 
 _BY_SPEED, _BY_TYPE = 8, 0
 _UNIFORM = 1
@@ -15,8 +15,8 @@ def view_settings(delay_ms: float, initial_speed_mps: float | None = None) -> st
 
     Args:
         delay_ms: pause after each step.
-        initial_speed_mps: v0, the ego's colour there is blue; standing it is red.  None: vehicles
-            have the colour of their type, which tells AVs from others.
+        initial_speed_mps: v0; the ego is blue at this speed and red at standstill.  None: vehicles
+            have the colour of their type, which distinguishes AVs from other vehicles.
     """
     if initial_speed_mps is None:
         return _settings(delay_ms, f'vehicleMode="{_BY_TYPE}"', "")

@@ -1,4 +1,4 @@
-"""The strategies of both arms: they are checked before a run and made anew for each episode."""
+"""A scenario in; the strategies of both arms out, checked before a run, new for each episode."""
 
 from collections.abc import Callable
 from types import MappingProxyType

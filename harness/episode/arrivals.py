@@ -1,4 +1,4 @@
-"""The pedestrians of every pair, known before anything runs."""
+"""A scenario and a pair's number in; the pair's pedestrians and their arrival times out."""
 
 import math
 from collections.abc import Callable
@@ -19,24 +19,24 @@ _BLOCK = 32
 def planned_arrivals(
     scenario: Scenario, pair: int, given: Given | None = None, horizon_s: float | None = None
 ) -> tuple[Arrival, ...]:
-    """Everyone who may come during an episode of this pair, by arrival time.
+    """All pedestrians who may arrive during an episode of this pair, by arrival time.
 
-    A Poisson process of rate λ (paper, section III-B): arrival i is the sum of i + 1 unit
-    exponentials, times 3600/λ, so λ only stretches the time axis and sweeps over it share their
-    randomness.  With ``first_at_trigger`` pedestrian 0 is at the kerb at t = 0 and the others
-    follow from there.  Side, quantile, critical gap and the quantile of the first detection of
-    pedestrian i are the i-th draws of their own streams.  Timed pedestrians are there from the
-    trigger on, in every pair alike; they have the first indices.
+    Arrivals are a Poisson process of rate λ (paper, section III-B).  The time of arrival i is the
+    sum of i + 1 unit exponentials, times 3600/λ.  So λ only stretches the time axis, and the cells
+    of a sweep over λ share their random numbers.  With ``first_at_trigger`` pedestrian 0 is at the
+    kerb at t = 0, and the others follow.  Side, quantile, critical gap and detection quantile of
+    pedestrian i are the i-th draws of their own streams.  Timed pedestrians are present from the
+    trigger, are the same in every pair, and have the first indices.
 
     Args:
-        scenario: gives flow, bounds, shares and seed.
+        scenario: has flow, bounds, shares and seed.
         pair: index of the pair; both arms and all cells get the same pedestrians.
-        given: uniforms that are not drawn; None: those that ``pedestrians.drawn`` lists for the
-            pair, if it lists any.
-        horizon_s: the last time at which anybody may come; ``timeout_s`` by default.
+        given: uniforms that replace the first draws; None: those that ``pedestrians.drawn`` lists
+            for the pair, if any.
+        horizon_s: the last possible arrival time; None for ``timeout_s``.
 
     Returns:
-        Arrivals at times in [0, horizon], at most ``max_count`` of them and the timed ones.
+        Arrivals at times in [0, horizon]: at most ``max_count``, and the timed pedestrians.
     """
     pedestrians, experiment = scenario.pedestrians, scenario.experiment
     if given is None and pedestrians.drawn:
@@ -46,8 +46,8 @@ def planned_arrivals(
     horizon_s = experiment.timeout_s if horizon_s is None else horizon_s
     times = _arrival_times(pedestrians, uniforms, horizon_s)
     count = len(times)
-    from_near = uniforms.of("side", count) < pedestrians.near_side_share
-    quantiles = uniforms.of("quantile", count)
+    from_near = uniforms.first("side", count) < pedestrians.near_side_share
+    quantiles = uniforms.first("quantile", count)
     gaps = _critical_gaps(pedestrians, uniforms, count)
     walks = scenario.timed_walks()
     first_seen = _detections(scenario, uniforms, "timed_detection", len(walks))
@@ -68,18 +68,18 @@ def planned_arrivals(
 def already_walking(
     scenario: Scenario, pair: int, walking_speed: Callable[[float], float], first: int
 ) -> tuple[Arrival, ...]:
-    """Those of ``pedestrians.warm_up_s`` before the trigger who are still on the crosswalk.
+    """Pedestrians who arrived in ``pedestrians.warm_up_s`` and are on the crosswalk at the trigger.
 
-    The flow before the trigger is a Poisson process of the same rate, drawn backwards in time from
-    a stream of its own, so that those who come later are the same people with and without it.
-    Nobody met a vehicle: each began to walk on arrival, at the speed of their own quantile.
-    Whoever has reached the other kerb by the trigger is gone.
+    The flow before the trigger is a Poisson process of the same rate.  It is drawn backwards in
+    time from its own stream, so later arrivals are the same with and without it.  These pedestrians
+    met no vehicle: each began to walk on arrival, at the speed of their own quantile.  Pedestrians
+    who reached the other kerb before the trigger are left out.
 
     Args:
-        scenario: gives flow, shares, crossing and seed.
+        scenario: has flow, shares, crossing and seed.
         pair: index of the pair.
-        walking_speed: in m/s, at a quantile, of someone who meets no vehicle.
-        first: index of the first of them.
+        walking_speed: the walking speed in m/s at a quantile, without a vehicle.
+        first: index of the first of these pedestrians.
     """
     pedestrians, length = scenario.pedestrians, scenario.crossing.length_m
     if not pedestrians.warm_up_s or not pedestrians.flow_per_hour:
@@ -108,12 +108,14 @@ def already_walking(
 
 
 def critical_gap_s(uniform: float, gaps: GapAcceptanceSection) -> float:
-    """A person's critical gap at a quantile of the distribution, in s, ≥ 0.
+    """The critical gap at a quantile of the distribution, in s, ≥ 0.
 
-    Lognormal, as Troutbeck's maximum likelihood method takes critical gaps to be: with mean m and
-    standard deviation s, σ² = ln(1 + s²/m²) and ln gap ~ N(ln m − σ²/2, σ).  Logistic, as binary
-    logit models of accepting a gap do, P = 1/(1 + exp(−(β0 + β1 gap))): m = −β0/β1 and
-    s = π/(√3 β1); where it would be negative it is 0.
+    With mean m and standard deviation s, the gap is either
+
+    - lognormal, as in Troutbeck's maximum likelihood method: ln gap ~ N(ln m − σ²/2, σ) with
+      σ² = ln(1 + s²/m²); or
+    - logistic, as in binary logit models of gap acceptance, P = 1/(1 + exp(−(β0 + β1 gap))):
+      m = −β0/β1 and s = π/(√3 β1); negative gaps become 0.
 
     Args:
         uniform: the quantile, in (0, 1).
@@ -128,13 +130,13 @@ def critical_gap_s(uniform: float, gaps: GapAcceptanceSection) -> float:
 
 
 class _Uniforms:
-    """The uniforms of a pair's streams, the first ones given or drawn."""
+    """The uniforms of a pair's streams; given values replace the first draws."""
 
     def __init__(self, seed: int, pair: int, given: Given) -> None:
         self._seed, self._pair, self._given = seed, pair, given
 
-    def of(self, purpose: Purpose, count: int) -> NDArray[np.float64]:
-        """The first ``count`` of a purpose."""
+    def first(self, purpose: Purpose, count: int) -> NDArray[np.float64]:
+        """The first ``count`` uniforms of a purpose."""
         values = stream(self._seed, purpose, self._pair).random(count)
         given = self._given.get(purpose, ())[:count]
         values[: len(given)] = given
@@ -146,18 +148,18 @@ def _critical_gaps(
 ) -> list[float] | list[None]:
     if pedestrians.behaviour != "gap_acceptance":
         return [None] * count
-    # numpy draws from [0, 1); 0 has no quantile.
-    drawn = np.maximum(uniforms.of("critical_gap", count), 2.0**-54)
+    # numpy draws from [0, 1), but the quantile at 0 is infinite.
+    drawn = np.maximum(uniforms.first("critical_gap", count), 2.0**-54)
     return [critical_gap_s(float(uniform), pedestrians.gap_acceptance) for uniform in drawn]
 
 
 def _detections(
     scenario: Scenario, uniforms: _Uniforms, purpose: Purpose, count: int
 ) -> list[float] | list[None]:
-    """Quantiles of the time to the first detection; none where detection is certain."""
+    """Quantiles of the time to the first detection; None if detection is certain."""
     if scenario.perception.detection_probability >= 1:
         return [None] * count
-    quantiles: list[float] = uniforms.of(purpose, count).tolist()
+    quantiles: list[float] = uniforms.first(purpose, count).tolist()
     return quantiles
 
 
@@ -175,8 +177,8 @@ def _arrival_times(
     # The first draw belongs to pedestrian 0, whether or not they were placed at the trigger.
     first = len(times)
     while True:
-        # A longer sequence of the same stream begins with the shorter one.
-        for gap in -np.log1p(-uniforms.of("arrival", count)[first:]):
+        # A longer sequence from the same stream begins with the same draws.
+        for gap in -np.log1p(-uniforms.first("arrival", count)[first:]):
             waited += float(gap)
             if waited * scale > horizon_s or len(times) == most:
                 return times

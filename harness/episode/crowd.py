@@ -1,4 +1,4 @@
-"""The pedestrians of an encounter or an hour: they come, look, wait, step off and leave."""
+"""The pedestrians of an encounter or an hour: arrivals and vehicles in, walks out."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -18,14 +18,14 @@ from harness.episode.walkers import (
 )
 
 LetWalk = Callable[[int, Side, float], None]
-"""Takes the index, the kerb and the wanted speed of somebody who walks by the engine's model."""
+"""A function of index, kerb and desired speed of a pedestrian who walks by the engine's model."""
 
 VIEW = methodcaller("view")
-"""Of a walker: their view."""
+"""Returns the view of a walker."""
 
 
 class Approaching(Protocol):
-    """A vehicle on its way to the crosswalk: its state at the beginning of the step."""
+    """A vehicle that approaches the crosswalk, in its state at the beginning of the step."""
 
     x_m: float
     speed_mps: float
@@ -34,27 +34,27 @@ class Approaching(Protocol):
 
 
 class LaneAhead(Protocol):
-    """A lane as people see it; ``centre_m`` is y of its centre."""
+    """A lane as pedestrians see it; ``centre_m`` is y of its centre."""
 
     centre_m: float
 
     def first(self, elapsed_s: float) -> tuple[float, float, Approaching] | None:
-        """x, speed and vehicle of the first that has not passed, so far into the step."""
+        """x, speed and vehicle of the first that has not passed, ``elapsed_s`` into the step."""
         ...
 
 
 class Crowd:
-    """Everyone who comes.  Each looks at the first vehicle in every lane that has not passed.
+    """All pedestrians.  Each looks at the first vehicle in each lane that has not passed.
 
     Args:
-        arrivals: all of them, by time.
-        lanes: the road.
-        choose_speed: the walking speed of someone who steps off, given what they see.
+        arrivals: all arrivals, by time.
+        lanes: the lanes of the road.
+        choose_speed: returns the walking speed of a pedestrian who steps off.
         rules: the cell's constants.
-        leave: called with the index of each who has reached the other kerb.
-        let_walk: called for each who walks by the engine's own model.
-        look_back: whether people also look at the vehicles of lanes that they have crossed, as
-            they do in encounters.
+        leave: called with the index of each pedestrian who has reached the other kerb.
+        let_walk: called for each pedestrian who walks by the engine's own model.
+        look_back: whether pedestrians also look at vehicles of lanes that they have crossed, as in
+            encounters.
     """
 
     def __init__(
@@ -69,17 +69,18 @@ class Crowd:
         look_back: bool = False,
     ) -> None:
         self.walkers: list[Walker] = []
-        """Everyone at the crosswalk."""
+        """The pedestrians at the crosswalk."""
         self.came: list[Walker] = []
-        """Everyone who came so far, in order of arrival."""
+        """The pedestrians who have arrived so far, in order of arrival."""
         self.let_go: dict[int, bool] = {}
-        """Of each who had to wait: whether the first vehicle that blocked them let them go."""
+        """For each pedestrian who had to wait: whether the first vehicle that blocked them let them
+        go."""
         self._arrivals, self._lanes, self._rules = arrivals, lanes, rules
         self._choose_speed, self._leave, self._let_walk = choose_speed, leave, let_walk
         self._next_arrival_s = arrivals[0].arrival_s if arrivals else math.inf
         self._next_look_s = math.inf
         self.next_s = self._next_arrival_s
-        """When somebody next comes, or looks again by themselves."""
+        """The time at which a pedestrian next arrives or looks again."""
         self._blockers: dict[int, Approaching] = {}
         self._half_width_m = rules.crossing.width_m / 2
         across = sorted(lanes, key=lambda lane: lane.centre_m)
@@ -88,24 +89,24 @@ class Crowd:
         self._look_back = look_back
 
     def begin_step(self, now: float) -> None:
-        """People who wait look again; people who have reached the other kerb leave."""
-        gone = []
-        blockers: dict[float, Approaching | None] = {}  # for all who wait equally long
+        """Waiting pedestrians look again; those who have reached the other kerb leave."""
+        finished = []
+        blockers: dict[float, Approaching | None] = {}  # by the gap that a pedestrian needs
         for walker in self.walkers:
             if walker.due_s <= now:
                 if walker.start_s is not None:
-                    gone.append(walker)
+                    finished.append(walker)
                     continue
                 wait_s = self._wait_s(walker)
                 if wait_s not in blockers:
                     blockers[wait_s] = self._blocker(wait_s, 0.0)
                 self._decide(walker, now, 0.0, blockers[wait_s])
-        for walker in gone:
+        for walker in finished:
             self.walkers.remove(walker)
             self._leave(walker.index)
 
     def advance(self, now: float, then: float) -> None:
-        """Everyone who arrives or looks again in (now, then] sees the vehicles where they are."""
+        """Pedestrians who arrive or look again in (now, then] see the vehicles at that time."""
         while self._next_arrival_s <= then:
             arrival = self._arrivals[len(self.came)]
             walker = self._walker(arrival)
@@ -127,11 +128,11 @@ class Crowd:
         self.next_s = min(self._next_arrival_s, self._next_look_s)
 
     def walk_until(self, then: float) -> list[tuple[int, float]]:
-        """Everyone walks on to that time: index and y of each."""
+        """Move all pedestrians on to a time; return the index and y of each."""
         return [(walker.index, walker.walk_until(then)) for walker in self.walkers]
 
     def views(self) -> tuple[PedestrianView, ...]:
-        """Everyone as the ego's lane sees them."""
+        """The views of all pedestrians from the ego's lane."""
         return tuple(map(VIEW, self.walkers))
 
     def _walker(self, arrival: Arrival) -> Walker:
@@ -145,7 +146,7 @@ class Crowd:
         return Walker(arrival, crossing)
 
     def _admit(self, walker: Walker, elapsed_s: float) -> None:
-        """Someone arrives: they wait for their time, look for a gap, or are left to the engine."""
+        """Treat an arrival: they look for a gap, or the engine moves them, or they wait."""
         arrival = walker.arrival
         if isinstance(walker, NativeWalker):
             assert self._let_walk is not None
@@ -156,12 +157,12 @@ class Crowd:
             self._decide(walker, arrival.arrival_s, elapsed_s, blocker)
 
     def _wait_s(self, walker: Walker) -> float:
-        """The gap they need."""
+        """The gap in s that a pedestrian needs."""
         critical_gap_s = walker.arrival.critical_gap_s
         return self._rules.kerb_wait_s if critical_gap_s is None else critical_gap_s
 
     def _blocker(self, wait_s: float, elapsed_s: float) -> Approaching | None:
-        """The vehicle that keeps somebody with that gap waiting: the first one there, or None."""
+        """The first vehicle to arrive that blocks a pedestrian who needs that gap; else None."""
         nearest: Approaching | None = None
         first_s = math.inf
         for lane in self._lanes:
@@ -179,7 +180,7 @@ class Crowd:
     def _decide(
         self, walker: Walker, time_s: float, elapsed_s: float, nearest: Approaching | None
     ) -> None:
-        """Step off now, or wait for the next step."""
+        """Let a pedestrian step off now, or wait for the next step."""
         if nearest is not None:
             self._blockers.setdefault(walker.index, nearest)
             return
@@ -193,11 +194,11 @@ class Crowd:
             self.let_go[walker.index] = not blocker.passed and at < -self._half_width_m
 
     def _speed_before_traffic(self, walker: Walker, elapsed_s: float) -> tuple[float, SeenState]:
-        """Their speed at the kerb, and the state (range, speed) of the vehicle it is given."""
-        seen = self._first_on_way(walker, -math.inf, elapsed_s)
-        if seen is None:
+        """The speed at which they step off, and the vehicle's (range, speed) that it depends on."""
+        vehicle = self._first_on_way(walker, -math.inf, elapsed_s)
+        if vehicle is None:
             return self._choose_speed(walker.arrival, -1.0, 0.0, None), (None, None)
-        range_m, speed, across = seen
+        range_m, speed, across = vehicle
         return self._choose_speed(walker.arrival, range_m, speed, across), (range_m, speed)
 
     def _look_again(self, walker: Walker, elapsed_s: float) -> None:
@@ -209,7 +210,10 @@ class Crowd:
     def _first_on_way(
         self, walker: Walker, walked_m: float, elapsed_s: float
     ) -> tuple[float, float, float] | None:
-        """Range, speed and way from the kerb to the first lane beyond that place with a vehicle."""
+        """Range and speed of the first vehicle ahead, and the distance from the kerb to its lane.
+
+        Lanes within ``walked_m`` of the kerb are left out.
+        """
         for lane in self._on_way[walker.side]:
             across = abs(lane.centre_m - self._kerb_m[walker.side])
             first = lane.first(elapsed_s) if across > walked_m else None

@@ -81,7 +81,7 @@ def drive(episode: "Episode", strategy: Strategy) -> Trace:
 
 
 def failed_episode(error: StrategyError, rules: CellConstants) -> Trace:
-    """The trace of an episode whose strategy could not even be made."""
+    """The trace of an episode whose strategy could not be made."""
     return Trace(
         vehicle=rules.vehicle,
         crossing=rules.crossing,
@@ -196,11 +196,11 @@ class Episode:
     def steps(self) -> Steps:
         """Simulate step by step.
 
-        Yields what a strategy sees at each step and takes the wanted acceleration in m/s² (None:
-        the engine's own driver); returns how the engine left off.
+        It yields the observation of each step, receives the commanded acceleration in m/s² (None:
+        the engine's own driver drives) and returns the ending.
 
         Raises:
-            EngineError: the engine lost the episode, or the answer is no acceleration.
+            EngineError: the engine failed, or the command is not a number.
         """
         rules, engine = self.rules, self.engine
         vehicle, crossing, step = rules.vehicle, rules.crossing, rules.step_s
@@ -235,8 +235,8 @@ class Episode:
             wanted = yield quick_tuple(Observation, (now, step, view, vehicle, crossing, seen))
             target = None
             if wanted is None:
-                # The engine's driver is known only afterwards: going on as it did until
-                # now, but not backwards.
+                # What the engine's driver does is known only afterwards.  Until then the
+                # acceleration of the last step is assumed, but no speed below 0.
                 acceleration = max(acceleration, -speed / step)
             else:
                 if type(wanted) is not float or not least <= wanted <= most:

@@ -128,7 +128,7 @@ class PairRunner:
             yield Outcome(pair, arm, self._scenario.arms.driver(arm), record, trace)
 
     def begin(self, pair: int) -> Episode:
-        """The AV's episode of a pair, which the caller drives; the caller also ends it."""
+        """The AV's episode of a pair; the caller drives it and ends it."""
         self._engine = self._get_engine()
         people = self._people(pair)
         perception = self._perception(Arm.AV, people)
@@ -200,7 +200,7 @@ class PairRunner:
             conditionings = conditionings.joined(strategy.model_use.counts)
         trace = replace(trace, conditionings=conditionings)
         if trace.ending is Ending.ENGINE_FAILED:
-            # Nothing of a broken simulation may reach the next episode.
+            # The next episode needs a new simulation.
             self._engine.close()
             self._engine = None
         return trace
@@ -213,7 +213,7 @@ class PairRunner:
 
 
 class _People(NamedTuple):
-    """The pedestrians of a pair; the episode's ``number`` keys the streams of what is not given."""
+    """The pedestrians of a pair; ``number`` keys the streams of uniforms that are not given."""
 
     number: int
     given: Given

@@ -1,4 +1,4 @@
-"""Pedestrians of one running episode, by how they walk: steadily, on a known path, or reacting."""
+"""Pedestrians of a running episode: steady, timed, reactive, or moved by the engine's model."""
 
 import math
 from typing import Protocol
@@ -20,15 +20,15 @@ from harness.measures.motion.contact import time_to_collision
 from harness.measures.motion.walking import cleared_s
 
 LOOK_EVERY_S = 1.0
-"""How often a reactive pedestrian looks again after stepping off."""
+"""Time between two looks of a reactive pedestrian after they stepped off."""
 
 
 SeenState = tuple[float, float] | tuple[None, None]
-"""(range_m, vehicle_speed_mps) of the vehicle seen; None where there was none."""
+"""(range_m, vehicle_speed_mps) of the vehicle that a pedestrian saw; None if there was none."""
 
 
 class ChooseSpeed(Protocol):
-    """The walking speed of someone who looks, given what they see."""
+    """Chooses the walking speed of a pedestrian from what they see."""
 
     def __call__(
         self,
@@ -38,16 +38,19 @@ class ChooseSpeed(Protocol):
         lateral_m: float | None = None,
         /,
     ) -> float:
-        """Walking speed in m/s, > 0; ``lateral_m`` is their L, None where there is no vehicle."""
+        """Walking speed in m/s, > 0.
+
+        ``lateral_m`` is L, the distance to the centre of the vehicle's lane; None if there is none.
+        """
         ...
 
 
 class Walker:
-    """A pedestrian at the crosswalk, who steps off and keeps their speed.
+    """A pedestrian at the crosswalk who steps off and keeps their speed.
 
-    ``due_s`` is when they need attention at the beginning of a step: always while they wait, then
-    when they reach the other kerb.  ``look_s`` is when they next look at the ego by themselves,
-    inside a step if need be.
+    ``due_s`` is the time from which the beginning of a step has to treat them: −∞ while they wait,
+    then the time at which they reach the other kerb.  ``look_s`` is the time at which they next
+    look at the vehicles; it may lie within a step.
     """
 
     __slots__ = (
@@ -84,7 +87,7 @@ class Walker:
         self._to_lane = crossing.to_lane_m(self.side)
 
     def step_off(self, time_s: float, speed_mps: float, state: SeenState) -> None:
-        """They leave their kerb at that speed, having seen (range_m, vehicle_speed_mps)."""
+        """Leave the kerb at a speed; ``state`` is what they saw: (range_m, vehicle_speed_mps)."""
         self._start, self._speed = time_s, speed_mps
         self.start_s, self.wanted_mps, self.seen = time_s, speed_mps, state
         self.due_s = time_s + self._length / speed_mps
@@ -92,25 +95,26 @@ class Walker:
     def look(
         self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
     ) -> None:
-        """Decide anew at ``look_s``, when the ego is there; a steady walker never looks again.
+        """Decide again at ``look_s``; a steady walker never looks again.
 
-        ``to_lane_m``: from their kerb to the centre of the vehicle's lane; None: the ego's.
+        ``to_lane_m`` is the distance from their kerb to the centre of the vehicle's lane; None for
+        the ego's lane.
         """
         raise NotImplementedError
 
     def walk_until(self, time_s: float) -> float:
-        """Move on to that time; returns y.  One who waits has no speed yet."""
+        """Move on to a time and return y; the speed is 0 while they wait."""
         progress = self._speed * (time_s - self._start)
         self._progress = progress if progress < self._length else self._length
         return self._kerb + self._direction * self._progress
 
     @property
     def x_m(self) -> float:
-        """Where they are along the road: on the crosswalk's centre line."""
+        """Position along the road: the crosswalk's centre line."""
         return 0.0
 
     def view(self) -> PedestrianView:
-        """The view that a strategy has of them now."""
+        """What a strategy sees of them now."""
         progress, speed = self._progress, self._speed
         to_lane, remaining = self._to_lane - progress, self._length - progress
         return quick_tuple(
@@ -126,7 +130,7 @@ class Walker:
 
 
 class TimedWalker(Walker):
-    """Stands at the beginning of their path until its time has come, then follows it."""
+    """A pedestrian who stands at the beginning of a path until its start, then follows it."""
 
     __slots__ = ("_crossing", "_leg", "_path")
 
@@ -144,7 +148,7 @@ class TimedWalker(Walker):
         vehicle_speed_mps: float,
         to_lane_m: float | None = None,  # noqa: ARG002
     ) -> None:
-        """They start; what they see changes nothing, but is kept."""
+        """Start on the path; what they see is recorded and changes nothing."""
         self.start_s, self.legs = self.look_s, list(self._path)
         self.wanted_mps = abs(self._path[-1].y_mps)
         self.seen = range_m, vehicle_speed_mps
@@ -163,12 +167,12 @@ class TimedWalker(Walker):
             walked_s = time_s - leg.time_s
             y = leg.y_m + leg.y_mps * walked_s + leg.y_mps2 * walked_s**2 / 2
             self._progress = min(self._along(y), self._length)
-            # Somebody who steps back is seen standing, as those who walk by the engine's own model.
+            # A pedestrian who steps back is shown with speed 0, as in ``NativeWalker``.
             self._speed = max(0.0, self._direction * (leg.y_mps + leg.y_mps2 * walked_s))
         return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:
-        """See ``Walker.view``; before the kerb they are not on the crossing yet."""
+        """See ``Walker.view``; they are not on the crossing before they reach the kerb."""
         started = self.start_s is not None
         return super().view()._replace(on_crossing=started and self._progress >= 0)
 
@@ -177,10 +181,10 @@ class TimedWalker(Walker):
 
 
 class ReactiveWalker(Walker):
-    """Looks again every second and walks on at the speed of their quantile given what they see.
+    """A pedestrian who looks every second, and then walks at the speed that ``choose`` gives.
 
-    If an ego that keeps its speed would hit them at that speed, they stand until they look again.
-    Once their disc has reached the ego's way they never stand.
+    If a vehicle that keeps its speed would hit them at that speed, they stand until they look
+    again.  They never stand once their disc has reached the vehicle's path.
     """
 
     __slots__ = ("_base", "_choose", "_vehicle")
@@ -201,7 +205,7 @@ class ReactiveWalker(Walker):
     def look(
         self, range_m: float, vehicle_speed_mps: float, to_lane_m: float | None = None
     ) -> None:
-        """See the class."""
+        """See ``ReactiveWalker``."""
         now = self.look_s
         self.look_s = now + LOOK_EVERY_S
         self.walk_until(now)
@@ -226,7 +230,7 @@ class ReactiveWalker(Walker):
         return self._kerb + self._direction * self._progress
 
     def view(self) -> PedestrianView:
-        """See ``Walker.view``; who stands on the crossing is on it."""
+        """See ``Walker.view``; they are on the crossing also while they stand."""
         return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self) -> None:
@@ -253,9 +257,9 @@ class ReactiveWalker(Walker):
 
 
 class NativeWalker(Walker):
-    """Walks by the engine's own model; what it did is noted after every step.
+    """A pedestrian whom the engine's own model moves; their position is recorded after every step.
 
-    They step off when they cross their kerb's line, found by interpolation within the step.
+    They step off when they cross the line of their kerb; the time is interpolated within the step.
     """
 
     __slots__ = ("_place",)
@@ -267,15 +271,15 @@ class NativeWalker(Walker):
 
     @property
     def x_m(self) -> float:
-        """See ``Walker.x_m``; these keep to the right of the centre line."""
+        """See ``Walker.x_m``; SUMO's pedestrians keep to the right of the centre line."""
         return 0.0 if self._place is None else self._place[0]
 
     def walk_until(self, time_s: float) -> float:  # noqa: ARG002
-        """Where they were noted last: the engine moves them."""
+        """The last recorded y; only the engine moves them."""
         return self._kerb + self._direction * self._progress
 
     def note(self, now: float, then: float, x_m: float, y_m: float) -> None:
-        """Where they are at ``then``, the end of the step that began at ``now``."""
+        """Record their position at ``then``, the end of the step that began at ``now``."""
         before, self._place = self._place, (x_m, y_m)
         progress = self._direction * (y_m - self._kerb)
         if before is not None:
@@ -287,7 +291,7 @@ class NativeWalker(Walker):
             self.due_s = then
 
     def view(self) -> PedestrianView:
-        """See ``Walker.view``; before the kerb they are not on the crossing yet."""
+        """See ``Walker.view``; they are not on the crossing before they reach the kerb."""
         return super().view()._replace(on_crossing=self.start_s is not None)
 
     def _note_leg(self, leg: Leg, progress_m: float) -> None:

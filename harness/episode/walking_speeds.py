@@ -1,4 +1,4 @@
-"""The walking speed of a pedestrian who steps off, at their quantile."""
+"""A pedestrian's quantile and the vehicle that they see in; their walking speed out."""
 
 from functools import lru_cache
 
@@ -9,7 +9,7 @@ from harness.model.interaction import InteractionModel, ModelUseCounter
 from harness.scenario import Scenario
 
 _REMEMBERED = 64
-"""Size of the cache: both arms of a pair use the same speeds for who steps off at the trigger."""
+"""Size of the cache; both arms use the same speeds of pedestrians who step off at the trigger."""
 
 
 class WalkingSpeeds:
@@ -46,11 +46,11 @@ class WalkingSpeeds:
     def _from_model(
         self, quantile: float, range_m: float, speed_mps: float, lateral_m: float
     ) -> float:
-        # The curve is not defined past the ego's lane, where L ≤ 0.
+        # The curve is undefined past the centre of the ego's lane, where L ≤ 0.
         if self._reading == "curve" and lateral_m > 0:
             state = ([quantile], [range_m], [lateral_m], [speed_mps])
             walking = self._model.walking_speed_on_curve(*map(np.array, state))
-            # If no walking speed lies in the model's box, L is left out.
+            # If no walking speed lies in the model's box, the speed does not depend on L.
             if not np.isnan(walking[0]):
                 return float(walking[0])
         return self._model.walking_speed_at(quantile, range_m, speed_mps)

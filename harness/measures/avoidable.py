@@ -32,8 +32,8 @@ def _still_hit(chunk: Chunk, number: int, strike: Strike) -> bool:
     stands = begin + speed / braking
     for leg in legs_of_struck.tolist():
         leg_begin, leg_end = float(legs.begin_s[leg]), float(legs.end_s[leg])
-        seen, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
-        for since, until, deceleration in ((seen, middle, braking), (middle, leg_end, 0.0)):
+        onset, middle = max(begin, leg_begin), min(max(stands, leg_begin), leg_end)
+        for since, until, deceleration in ((onset, middle, braking), (middle, leg_end, 0.0)):
             if until < since:
                 continue  # the leg ended before
             braked = min(since, stands) - begin

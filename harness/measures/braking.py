@@ -1,8 +1,8 @@
-"""How hard the ego braked, and how hard it needed to brake.
+"""Decelerations: how hard the ego braked, and how hard it had to brake.
 
-The latter counts states on a collision course with the front: if both kept their velocities, ego
-and pedestrian would touch, with the pedestrian ahead of the bumper.  If the pedestrian would walk
-into the side of the ego, braking would not avoid the contact.
+The required deceleration refers to states on a collision course with the front: if both kept their
+velocities, they would touch while the pedestrian is ahead of the bumper.  Braking would not avoid a
+contact in which the pedestrian walks into the side of the ego.
 """
 
 import numpy as np
@@ -41,11 +41,11 @@ def max_jerk_mps3(chunk: Chunk) -> FloatArray:
 def max_drac_mps2(chunk: Chunk) -> FloatArray:
     """Largest deceleration rate to avoid a crash over the states, in m/s²; NaN after a contact.
 
-    DRAC is the least constant deceleration with which the bumper reaches the pedestrian's disc,
-    d ahead, no sooner than the disc has left the ego's path, T from now: 2 (v − d/T)/T where the
-    ego still moves then (v T ≤ 2d), otherwise v²/2d, a stop.  As the ego closes in on someone it
-    hits DRAC grows without bound.  Source: Cooper and Ferguson 1976, Archer 2005; for crossing
-    paths as in SUMO's SSM device.
+    DRAC is the least constant deceleration with which the bumper does not reach the pedestrian's
+    disc, d ahead, before the disc has left the ego's path, T from now.  It is 2 (v − d/T)/T if the
+    ego still moves then (v T ≤ 2d), otherwise that of a stop, v²/2d.  It grows without bound before
+    a contact.  Source: Cooper and Ferguson 1976, Archer 2005; for crossing paths as in SUMO's SSM
+    device.
     """
     met = chunk.met
     at_risk = _on_course_with_front(chunk)

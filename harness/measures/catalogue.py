@@ -17,15 +17,17 @@ from harness.measures.chunk import Chunk
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One number of an episode, for either arm.
+    """A measure of an episode, for either arm.
 
-    ``compute`` returns one value for each trace of a chunk, NaN where it is undefined; each value
-    depends on that trace alone, to the last bit.  ``on_step`` says how the value depends on the
-    length of a step: not at all (``exact``); it is an extreme over the states, of which a shorter
-    step has more (``states``); or it is counted in steps (``steps``).  ``worse`` says whether small
-    or large values are bad; it is None if neither are.  For a measure of conflicts a crash is worse
-    than every value.  ``column`` is the name and ``kind`` the type of its attribute in
-    ``Measured``.
+    Attributes:
+        column, kind: name and type of its attribute in ``Measured``.
+        compute: returns a value for each trace of a chunk, NaN if it is undefined.  Each value
+            depends on that trace alone, to the last bit.
+        on_step: how the value depends on the length of a step: not at all (``exact``); as an
+            extreme over the states, of which a shorter step has more (``states``); or as a number
+            of steps (``steps``).
+        worse: whether small or large values are bad; None if neither are.  For a measure of
+            conflicts a crash is worse than every value.
     """
 
     column: str
@@ -41,7 +43,7 @@ class Measure:
 
 
 def _measured(compute: Callable[[Chunk], FloatArray], unit: str, formula: str, **more: Any) -> Any:
-    """An attribute with its definition: what ``Measure`` needs besides a name and a type."""
+    """An attribute whose metadata have the fields of ``Measure`` except ``column`` and ``kind``."""
     return field(metadata={"compute": compute, "unit": unit, "formula": formula, **more})
 
 
@@ -69,7 +71,7 @@ class Measured:
     min_gap_m: float | None = _measured(
         conflicts.min_gap_m,
         "m",
-        "smallest distance of the ego's rectangle and the pedestrian's disc over the states; "
+        "smallest distance between the ego's rectangle and the pedestrian's disc over the states; "
         "0 after a contact",
         about="conflict",
         undefined_when="nobody stepped off",
@@ -100,9 +102,10 @@ class Measured:
     pet_s: float | None = _measured(
         conflicts.pet_s,
         "s",
-        "from one road user leaving the contact zone to the other entering it, smallest over "
-        "pedestrians; zone: ego's width × disc, wherever they walk along the road. They go on "
-        "after the record's end; 0 where both are in it at once without touching (a corner)",
+        "time from when the first road user leaves the conflict area until the second enters it, "
+        "smallest over pedestrians; the area is the ego's width × the disc, at the pedestrian's x; "
+        "pedestrians continue after the record's end; 0 if both are in it at once without touching "
+        "(at a corner)",
         about="conflict",
         undefined_when="crash, or one of the two never enters",
         worse="small",
@@ -146,7 +149,7 @@ class Measured:
         braking.max_drac_mps2,
         "m/s²",
         "largest DRAC over the states on a collision course with the front: the least constant "
-        "deceleration with which the bumper reaches the disc, d ahead, no sooner than it has left "
+        "deceleration with which the bumper does not reach the disc, d ahead, before it has left "
         "the ego's path, T from now: 2 (v − d/T)/T if v T ≤ 2 d, else v²/(2 d)",
         about="conflict",
         undefined_when="crash (it grows without bound), or never on such a course",
@@ -177,8 +180,8 @@ class Measured:
     avoidable: bool | None = _measured(
         avoidable.avoidable,
         "",
-        "whether full braking (`max_deceleration_mps2`) from the moment the pedestrian stepped off "
-        "would have prevented the contact, who walks as in the run; solved exactly",
+        "whether full braking (`max_deceleration_mps2`) from the moment at which the pedestrian "
+        "stepped off would have prevented the contact, if they walk as in the run; solved exactly",
         about="conflict",
         undefined_when="no contact",
         source="after UN Regulation 157: was the collision preventable?",
@@ -186,8 +189,8 @@ class Measured:
     pedestrian_delay_s: float | None = _measured(
         efficiency.pedestrian_delay_s,
         "s",
-        "mean over those who arrived within the record, timed ones apart, of the wait at the kerb, "
-        "until stepping off or the record's end",
+        "mean wait at the kerb, until stepping off or the record's end, of those who arrived "
+        "within the record, without timed pedestrians",
         about="comfort",
         undefined_when="nobody arrived",
         worse="large",
@@ -196,13 +199,13 @@ class Measured:
     arrivals: int = _measured(
         efficiency.arrivals,
         "",
-        "number of people who arrived within the record, timed ones apart",
+        "number of pedestrians who arrived within the record, without timed pedestrians",
         about="other",
     )
     pass_time_ignoring_contact_s: float | None = _measured(
         attrgetter("pass_time_ignoring_contact_s"),
         "s",
-        "the pass time if contacts are ignored: the simulation goes on after a contact",
+        "the pass time if contacts are ignored: the simulation continues after a contact",
         about="time",
         undefined_when="the rear bumper never left the far edge",
     )

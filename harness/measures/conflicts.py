@@ -1,7 +1,7 @@
-"""How close ego and pedestrians came: gap, TTC, time advantage, PET, speed at the contact.
+"""Measures of conflicts: gap, TTC, time advantage, PET, speed at the contact.
 
 Gap, TTC and time advantage are extremes over the states of the record: the beginning of each step,
-and the moment at which someone steps off.
+and the moment at which a pedestrian steps off.
 """
 
 import numpy as np
@@ -46,11 +46,11 @@ def min_time_advantage_s(chunk: Chunk) -> FloatArray:
 def pet_s(chunk: Chunk) -> FloatArray:
     """Smallest PET over the pedestrians of the record in s; NaN after a crash.
 
-    The zone is the part of the road that both the ego's width and the pedestrian's disc cover.  It
-    moves along the road with the pedestrian.  A pedestrian who is in it when their walk begins, as
-    after a warm-up, enters it then.  PET is 0 if both were in the zone at once without touching (a
-    corner); it is undefined if either never enters it.  Source: Allen, Shin, Cooper 1978, if the
-    pedestrian keeps their speed after the trace's end.
+    The conflict area is the part of the road that both the ego's width and the pedestrian's disc
+    cover.  It moves along the road with the pedestrian.  A pedestrian who is in it when their walk
+    begins, as after a warm-up, enters it then.  PET is 0 if both were in the area at once without
+    touching (at a corner).  It is undefined if either never enters it.  Pedestrians keep their
+    speed after the trace's end.  Source: Allen, Shin, Cooper 1978.
     """
     legs, crossing, vehicle = chunk.legs, chunk.crossing, chunk.vehicle
     half = vehicle.width_m / 2 + PEDESTRIAN_RADIUS_M
@@ -60,13 +60,13 @@ def pet_s(chunk: Chunk) -> FloatArray:
     enters = time_at(legs, np.maximum(0.0, to_lane - half), length)
     leaves = time_at(legs, np.minimum(length, to_lane + half), length)
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
-    # A pedestrian who leaves the zone without entering it was in it from the start.
+    # A pedestrian who leaves the area without entering it was in it from the start.
     enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
     trace = legs.of_walk
     nearest, farthest = x_range(legs, enters, leaves)
     ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
     ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
-    # NaN propagates: a pedestrian who never reaches the zone has no PET.
+    # NaN propagates: a pedestrian who never reaches the area has no PET.
     pet = np.where(leaves <= ego_enters, ego_enters - leaves, np.maximum(0.0, enters - ego_leaves))
     counts = ~np.isnan(pet) & (began < chunk.end_s[trace]) & ~chunk.crashed[trace]
     return chunk.smallest(trace[counts], pet[counts])

@@ -1,4 +1,4 @@
-"""Times of the ego and waits of the pedestrians."""
+"""Measures of delay: times of the ego and waits of the pedestrians."""
 
 from collections.abc import Iterator
 

@@ -1,6 +1,6 @@
-"""The ego along its trace: its place at any time, and the time at any place.
+"""A trace in; the ego's position at any time, and the time at any position, out.
 
-Within a step its acceleration is constant, or its speed is (``Trace.motion``), so both are exact.
+Within a step the acceleration or the speed is constant (``Trace.motion``), so both are exact.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""How pedestrians move, and where they and the ego are at every step.
+"""Traces in; the states of ego and pedestrians at every step out.
 
-Only this module of the measures knows the form of a walk: straight legs with constant velocity
+Only this module of the measures uses the form of a walk: straight legs with constant velocity
 along the road and constant acceleration across it.
 """
 
@@ -122,9 +122,9 @@ def time_at(legs: Legs, across_m: FloatArray, length_m: float) -> FloatArray:
     """When each walk first reaches a distance across the road, in s; NaN if it never does.
 
     Args:
-        legs: of all walks.
+        legs: the legs of all walks.
         across_m: distance from the walker's kerb, one for each walk, shape (walks,).
-        length_m: of the crosswalk, kerb to kerb.
+        length_m: length of the crosswalk, kerb to kerb.
     """
     far = legs.from_far[legs.walk]
     forward = np.where(far, -1.0, 1.0)
@@ -144,9 +144,9 @@ def x_range(legs: Legs, since_s: FloatArray, until_s: FloatArray) -> tuple[Float
     """Smallest and largest x of each walk between two times, in m; NaN if it has no state then.
 
     Args:
-        legs: of all walks.
-        since_s: one for each walk, shape (walks,); NaN: never.
-        until_s: likewise; NaN: to the walk's end.
+        legs: the legs of all walks.
+        since_s: beginning for each walk, shape (walks,); NaN if there is none.
+        until_s: end for each walk, shape (walks,); NaN for the walk's end.
     """
     until_s = np.where(np.isnan(until_s), np.inf, until_s)
     begin = np.maximum(legs.begin_s, since_s[legs.walk])

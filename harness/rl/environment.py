@@ -200,7 +200,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         return open_engine(self._scenario, self._kind)
 
     def _claim(self) -> None:
-        """libsumo runs one simulation per process, and that one holds one ego."""
+        """Reserve SUMO for this environment; a process has one simulation with one ego."""
         global _driving
         if self._kind != "sumo":
             return
@@ -251,7 +251,7 @@ class CrosswalkEnv(gymnasium.Env[Vector, Vector]):
         self._episode = self._steps = None
 
     def _last_state(self, before: Observation) -> Observation:
-        """The ego after its last step, alone."""
+        """The ego's state after its last step, without pedestrians."""
         assert self._episode is not None
         x_m, speed = self._episode.x_m[-1], self._episode.speed_mps[-1]
         acceleration = (speed - before.ego.speed_mps) / before.step_s
@@ -266,8 +266,8 @@ def _bounds(scenario: Scenario, nearest: int) -> tuple[Vector, Vector]:
     step_s, hardest = scenario.experiment.step_s, vehicle.max_acceleration_mps2
     fastest = math.sqrt(vehicle.initial_speed_mps**2 + 2 * hardest * road) + hardest * step_s
     beyond = vehicle.trigger_range_m - road - fastest * step_s
-    # Not even someone placed beyond the kerb is farther away than twice the crossing; errors of
-    # 8 standard deviations come once in 1e15 draws.
+    # Even a pedestrian beyond the kerb is at most twice the crossing's length away; errors of
+    # 8 standard deviations occur once in 1e15 draws.
     far = 2 * crossing.length_m + 8 * scenario.perception.position_sd_m
     walking = _FASTEST_WALK_MPS + 8 * scenario.perception.speed_sd_mps
     low = [beyond, 0.0, -vehicle.max_deceleration_mps2 - 1e-3]

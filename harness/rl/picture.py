@@ -1,4 +1,4 @@
-"""One moment of an episode from above, as pixels."""
+"""A moment of an episode in; its picture from above out."""
 
 from collections.abc import Iterable
 
@@ -9,7 +9,7 @@ from harness.core.encounter import PEDESTRIAN_RADIUS_M, Crossing, Vehicle
 
 PIXELS_PER_M = 10
 BESIDE_M = 2.0
-"""Ground that is shown beside the road, and road beyond the last place of the ego."""
+"""Ground shown next to the road, and road shown beyond the ego's last position."""
 
 STRIPE_M = 0.5
 GROUND, ROAD, PAINT = (225, 228, 220), (96, 98, 102), (245, 245, 245)
@@ -22,13 +22,13 @@ Picture = NDArray[np.uint8]
 def top_view(
     vehicle: Vehicle, crossing: Crossing, x_m: float, people: Iterable[tuple[float, float]]
 ) -> Picture:
-    """The road with the ego, which drives to the right, and everybody at the crosswalk.
+    """The road with the ego, which drives to the right, and the pedestrians.
 
     Args:
         vehicle: the ego.
         crossing: the crosswalk.
-        x_m: of the ego's front bumper.
-        people: (x, y) in m of each.
+        x_m: x of the ego's front bumper.
+        people: (x, y) in m of each pedestrian.
 
     Returns:
         RGB, shape (height, width, 3), 10 pixels to the metre; both are even, as films need it.

@@ -73,8 +73,8 @@ def remarks(scenario: Scenario) -> list[str]:
             f"{crossing.length_m:g} m; to change it, set the lanes or crossing.lane_width_m"
         )
     lines += [
-        f"the ego passes the {each}: strategies do not see it, and nobody crosses there"
-        for each in passed_by(scenario)
+        f"the ego passes the {landmark}: strategies do not see it, and nobody crosses there"
+        for landmark in passed_by(scenario)
     ]
     if scenario.traffic is not None:
         ways = (("the ego's", False, crossing.lanes), ("the other", True, crossing.oncoming_lanes))
@@ -91,10 +91,18 @@ def remarks(scenario: Scenario) -> list[str]:
 def passed_by(scenario: Scenario) -> list[Passed]:
     """The traffic lights and other crosswalks that the ego, or the vehicles of an hour, pass."""
     read, ego = scenario.crossing.read, scenario.ego
-    every = [Passed(each.kind, each.id, each.x_m) for each in read.passed] if read else []
+    landmarks = (
+        [Passed(landmark.kind, landmark.id, landmark.x_m) for landmark in read.passed]
+        if read
+        else []
+    )
     last_m = ego.length_m + scenario.crossing.width_m / 2
     on_all = scenario.traffic is not None
-    return [each for each in every if on_all or -ego.trigger_range_m <= each.x_m <= last_m]
+    return [
+        landmark
+        for landmark in landmarks
+        if on_all or -ego.trigger_range_m <= landmark.x_m <= last_m
+    ]
 
 
 def _check_lanes(scenario: Scenario, source: str) -> None:
@@ -116,7 +124,7 @@ def _check_lanes(scenario: Scenario, source: str) -> None:
 
 
 def _check_fits(crosswalk: Crossing, scenario: Scenario, source: str) -> None:
-    """Refuse a vehicle that is too wide for its lane, or for people who wait beside it."""
+    """Refuse a vehicle that is too wide for its lane, or for pedestrians who wait next to it."""
     ego, crossing, width = scenario.ego, scenario.crossing, crosswalk.lane_width_m
     if ego.width_m > width:
         count = crossing.lanes + crossing.oncoming_lanes

@@ -78,7 +78,7 @@ def with_own_network(tree: Mapping[str, Any], scenario: Scenario, source: str) -
                     {"oncoming": way.oncoming, "centre_m": way.centre_m, "width_m": way.width_m}
                     for way in facts.site.ways
                 ],
-                "passed": [asdict(each) for each in facts.site.passed],
+                "passed": [asdict(landmark) for landmark in facts.site.passed],
             },
         },
     }

@@ -1,4 +1,4 @@
-"""From a crossing of any SUMO network to the site that an engine simulates."""
+"""A crossing of any SUMO network in; the site that an engine simulates out."""
 
 import cmath
 import math
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from sumolib.net.lane import Lane
 
 MAX_OBLIQUE_DEG = 20.0
-"""How far road and crosswalk may be from a right angle."""
+"""Largest deviation of the angle between road and crosswalk from 90°."""
 
 _BENT_M = 0.05
-"""How far a crosswalk's own line may bend."""
+"""Largest deviation of a crosswalk's centre line from a straight line."""
 _INSIDE_M = 1.0
-"""How far from the crosswalk's waiting area somebody is inserted, on the footpath."""
+"""Distance from the crosswalk's waiting area at which pedestrians are inserted on the footpath."""
 
 
 def site_at(
@@ -35,19 +35,18 @@ def site_at(
     lane: int = 0,
     all_ways: bool = True,
 ) -> Site:
-    """The site at a crossing, for an ego that comes by one lane.
+    """The site at a crossing, for an ego on a given lane.
 
     Args:
-        network: as read.
+        network: the network.
         crossing: id of the crossing's edge, e.g. ``:J12_c0``.
-        approach: id of the ego's lane; None for the outermost car lane that leads to it.
-        lane: where ``approach`` is None, how many car lanes of that road lie between the ego's and
-            the near kerb.
-        all_ways: whether ``ways`` holds every lane, or the ego's alone (a quick look at many).
+        approach: id of the ego's lane; None for the outermost car lane.
+        lane: if ``approach`` is None, the number of car lanes between the ego's and the near kerb.
+        all_ways: whether ``ways`` holds every lane; otherwise only the ego's, which is faster.
 
     Raises:
-        InputError: there is no such crossing or lane, or the crossing cannot be simulated; the
-            message holds the figure and what would do.
+        InputError: the crossing or the lane does not exist, or the crossing cannot be simulated;
+            the message has the value and the allowed values.
     """
     ids, problem = network.crossings, f"no crossing {crossing!r}"
     if crossing not in ids:
@@ -61,10 +60,9 @@ def site_at(
 
 
 def _approaches(network: RoadNetwork, crossing: "Edge") -> Iterator[tuple["Lane", Path]]:
-    """The car lanes that lead over a crossing, and the way of each.
+    """The car lanes that lead over a crossing, each with its path.
 
-    First come those of a road that it crosses before the junction; of a road the outermost lane
-    comes first.
+    Lanes of edges under the crossing come first; within an edge the outermost lane comes first.
     """
     ends = ends_of(crossing)
     crossed = crossing.getCrossingEdges()
@@ -72,8 +70,8 @@ def _approaches(network: RoadNetwork, crossing: "Edge") -> Iterator[tuple["Lane"
     for edge in sorted(edges, key=lambda edge: edge not in crossed):
         for lane in edge.getLanes():
             path = path_over(network, lane, ends) if allows(lane, "passenger") else None
-            # A lane that merely touches a crosswalk's end is on a road that it does not lead over.
-            if path is not None and any(each.getEdge() in crossed for each in path.lanes):
+            # A path may touch the end of a crosswalk over another road; such a path is left out.
+            if path is not None and any(part.getEdge() in crossed for part in path.lanes):
                 yield lane, path
 
 
@@ -89,7 +87,7 @@ def _site(
     if angle < 90.0 - MAX_OBLIQUE_DEG:
         problem = f"meets the road at {angle:.1f}°"
         raise InputError(crossing.getID(), problem, f"at least {90 - MAX_OBLIQUE_DEG:g}°")
-    # The kerb that traffic keeps to is on the ego's right, or on its left.
+    # The near kerb is on the ego's right in right-hand traffic, else on its left.
     to_left = ((ends[1] - path.meeting) / direction).imag > 0
     reverse = to_left == network.left_hand
     near, far = (ends[1], ends[0]) if reverse else ends
@@ -124,7 +122,7 @@ def _pair(point: complex) -> tuple[float, float]:
 def _chosen(
     network: RoadNetwork, crossing: "Edge", approach: str | None, number: int
 ) -> tuple["Lane", Path]:
-    """The ego's lane and its way."""
+    """The ego's lane and its path."""
     ids: list[str] = []
     roads: list[str] = []
     for lane, path in _approaches(network, crossing):
@@ -136,14 +134,15 @@ def _chosen(
             break
     if not ids:
         crossed = " ".join(edge.getID() for edge in crossing.getCrossingEdges()[:4])
-        problem = f"0 lanes lead cars over it (it crosses {crossed})"
-        raise InputError(crossing.getID(), problem, "1 lane for cars at least")
+        problem = f"no car lane leads over it (it crosses {crossed})"
+        raise InputError(crossing.getID(), problem, "at least 1 car lane")
     if approach is None:
         count = roads.count(roads[0])
-        problem = f"{number}, where {count} lanes of {roads[0]} lead there"
+        problem = f"{number}, but only {count} lanes of {roads[0]} lead over the crosswalk"
         raise InputError("ego.lane", problem, f"below {count}")
     lanes = {lane.getID() for edge in network.net.getEdges() for lane in edge.getLanes()}
-    problem = "does not lead there" if approach in lanes else "is not in the network"
+    missing = approach not in lanes
+    problem = "is not in the network" if missing else "does not lead over the crosswalk"
     raise InputError("crossing.approach", f"lane {approach!r} {problem}", ", ".join(ids))
 
 
@@ -153,9 +152,8 @@ def ends_of(crossing: "Edge") -> tuple[complex, complex]:
     span = line[-1] - line[0]
     bent = max(abs((span.conjugate() * (point - line[0])).imag) / abs(span) for point in line)
     if bent > _BENT_M:
-        raise InputError(
-            crossing.getID(), f"its line bends by {bent:.2f} m", f"at most {_BENT_M:g} m"
-        )
+        problem = f"its centre line bends by {bent:.2f} m"
+        raise InputError(crossing.getID(), problem, f"at most {_BENT_M:g} m")
     return line[0], line[-1]
 
 
@@ -195,7 +193,7 @@ def _ways(
     direction: complex,
     ego_lane: "Lane",
 ) -> tuple[Way, ...]:
-    """Every lane's way that is straight over the crosswalk, by direction and from the kerb."""
+    """The ways of lanes that are straight over the crosswalk, by direction and from the kerb."""
     crossed = {edge.getID() for edge in crossing.getCrossingEdges()}
     ways: list[tuple[bool, Way]] = []
     for lane, path in _approaches(network, crossing):
@@ -204,13 +202,14 @@ def _ways(
         way = _way(whole, straight(whole), *walk, oncoming=ahead < 0)
         if abs(ahead) > math.cos(math.radians(MAX_OBLIQUE_DEG)):
             ways.append((lane is ego_lane, way))
-    # Of several ways over one lane of the crossed road the ego's or the straightest is the lane's.
+    # Several ways may use the same lane of the crossed road; the ego's comes first, then the
+    # straightest.
     ways.sort(key=lambda way: (not way[0], -way[1].straight_before_m))
     lanes: dict[tuple[str, int], Way] = {}
     for _, way in ways:
         under = min(
-            (each for each in way.stretches if each.edge in crossed),
-            key=lambda each: min(abs(each.start_m), abs(each.end_m)),
+            (stretch for stretch in way.stretches if stretch.edge in crossed),
+            key=lambda stretch: min(abs(stretch.start_m), abs(stretch.end_m)),
         )
         lanes.setdefault((under.edge, under.lane), way)
     ordered = []
@@ -222,7 +221,7 @@ def _ways(
 
 
 def _directions(crossing: "Edge", direction: complex, sign: int) -> int:
-    """How many car lanes under a crossing lead the ego's way (1), or the other (-1)."""
+    """Number of car lanes under a crossing in the ego's direction (sign 1) or the other (-1)."""
     count = 0
     for edge in crossing.getCrossingEdges():
         for lane in edge.getLanes():
@@ -256,8 +255,8 @@ def _footpaths(crossing: "Edge", *, reverse: bool) -> tuple[Footpath, Footpath]:
             if not leads.getEdge().isSpecial() and allows(leads, "pedestrian")
         ]
         if not footpaths:
-            problem = f"0 footpaths lead to its {side} end"
-            allowed = "1 at each end: a lane for pedestrians, as netconvert --sidewalks.guess adds"
+            problem = f"no footpath leads to its {side} end"
+            allowed = "a lane for pedestrians at each end (netconvert --sidewalks.guess adds them)"
             raise InputError(crossing.getID(), problem, allowed)
         length, edge, at_end, area = max(footpaths)
         inside = min(_INSIDE_M, length / 2)
@@ -267,7 +266,7 @@ def _footpaths(crossing: "Edge", *, reverse: bool) -> tuple[Footpath, Footpath]:
 
 
 def _signal(crossing: "Edge", approach: "Lane") -> Signal | None:
-    """The traffic light of a crossing, or of the ego's link over it."""
+    """The traffic light of a crossing or of the ego's link over it; None without one."""
     links = [*links_onto(crossing), *approach.getOutgoing()]
     names = [link.getTLSID() for link in links if link.getTLSID()]
     if not names:

@@ -1,4 +1,4 @@
-"""A crosswalk's site read from the file of its network."""
+"""A network's file and a crossing in; the site and its place on the ground out."""
 
 import hashlib
 from dataclasses import dataclass
@@ -15,15 +15,15 @@ GENERATED_CROSSING = ":crosswalk_c0"
 """The crossing of a network that is built from a scenario's own geometry."""
 
 _AHEAD_M = 50.0
-"""The ego's bearing is that of its road so far before and after the crosswalk."""
+"""The ego's bearing is measured between points this far before and after the crosswalk."""
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Which crosswalk of which network, and which lane the ego comes by.
+    """A crosswalk in a network, and the ego's lane.
 
-    ``approach`` None: the lane of number ``lane`` of the road that leads to it, counted from the
-    near kerb.
+    If ``approach`` is None, the ego is on lane number ``lane`` of the road that leads over the
+    crosswalk, counted from the near kerb.
     """
 
     net: Path
@@ -33,7 +33,7 @@ class Place:
 
 
 class Whereabouts(NamedTuple):
-    """A crosswalk's centre (WGS84) and the ego's direction clockwise from true north."""
+    """The crosswalk's centre (WGS84) and the ego's bearing, clockwise from true north."""
 
     longitude_deg: float
     latitude_deg: float
@@ -42,7 +42,7 @@ class Whereabouts(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Survey:
-    """A site with the network's hash and, where it has a projection, its place on the ground."""
+    """A site with its network's hash, and its place on the ground if the network is projected."""
 
     site: Site
     sha256: str
@@ -59,7 +59,7 @@ def read_site(place: Place) -> Site:
 
 
 def survey(place: Place) -> Survey:
-    """The site of a place with what identifies its network; read once while the file is the same.
+    """The site of a place with its network's hash; cached until the file changes.
 
     Raises:
         InputError: see ``read_network`` and ``site_at``.
@@ -68,7 +68,7 @@ def survey(place: Place) -> Survey:
 
 
 def sha256_of(net: Path) -> str:
-    """The hash of a network's file; worked out once while the file is the same."""
+    """The hash of a network's file; cached until the file changes."""
     return _sha256(net, _state(net))
 
 
@@ -76,7 +76,9 @@ def _state(net: Path) -> tuple[int, int]:
     try:
         state = net.stat()
     except (OSError, ValueError):
-        raise InputError(str(net), "no such network", "a SUMO network (.net.xml)") from None
+        raise InputError(
+            str(net), "the network does not exist", "a SUMO network (.net.xml)"
+        ) from None
     return state.st_mtime_ns, state.st_size
 
 

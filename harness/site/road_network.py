@@ -1,4 +1,4 @@
-"""A SUMO network as sumolib reads it, with the few facts of the file that sumolib leaves out."""
+"""A network's file in; the network out as sumolib reads it, with facts that sumolib leaves out."""
 
 import gzip
 import math
@@ -19,17 +19,22 @@ if TYPE_CHECKING:
     from sumolib.net.lane import Lane
 
 _MOST_BYTES = 1 << 30
-"""sumolib needs eleven times as much memory; a packed megabyte may unpack to a gigabyte."""
+"""Largest unpacked size.
+
+sumolib needs eleven times as much memory, and a packed megabyte may unpack to a gigabyte.
+"""
 _MOST = 1e9
-"""Every length, width, speed and coordinate of a network is smaller."""
+"""Upper limit of every length, width, speed and coordinate of a network."""
 
 
 @dataclass(frozen=True)
 class RoadNetwork:
     """A SUMO network.
 
-    ``net`` has its edges, lanes and connections; ``location`` holds the attributes of the file's
-    element of that name; ``left_hand`` says whether traffic keeps left.
+    Attributes:
+        net: its edges, lanes and connections.
+        location: the attributes of the file's element ``location``.
+        left_hand: whether traffic keeps left.
     """
 
     net: "Net"
@@ -38,14 +43,14 @@ class RoadNetwork:
 
     @cached_property
     def crossings(self) -> dict[str, "Edge"]:
-        """The pedestrian crossings by their ids, in the file's order."""
+        """The pedestrian crossings by id, in the order of the file."""
         edges = self.net.getEdges()
         return {edge.getID(): edge for edge in edges if edge.getFunction() == "crossing"}
 
     @cached_property
     def _projection(self) -> tuple[Any, float, float] | None:
         """The projection and the offset of the network's coordinates in it."""
-        # sumolib's own conversion changes PROJ's data folder for the whole process if it fails.
+        # If sumolib's own conversion fails, it changes PROJ's data folder for the whole process.
         import pyproj
 
         try:
@@ -55,7 +60,7 @@ class RoadNetwork:
             return None
 
     def on_the_ground(self, x_m: float, y_m: float) -> tuple[float, float] | None:
-        """Longitude and latitude of a point; None if PROJ knows no projection of the network."""
+        """Longitude and latitude of a point; None if PROJ does not know the projection."""
         if self._projection is None:
             return None
         projection, east_m, north_m = self._projection
@@ -64,7 +69,7 @@ class RoadNetwork:
 
 
 def junction_of(edge: "Edge") -> str:
-    """The id of the junction at which an edge ends; that of a crossing is its own junction."""
+    """The id of the junction at which an edge ends; a crossing ends at its own junction."""
     return str(edge.getToNode().getID())
 
 
@@ -74,15 +79,15 @@ def line_of(lane: "Lane") -> tuple[complex, ...]:
 
 
 def drawn_m(lane: "Lane") -> float:
-    """The length of a lane's line, which may differ from the length that SUMO counts.
+    """The length of a lane's shape, which may differ from the length that SUMO uses.
 
-    Where two edges meet without a gap, the lane between them is drawn 0 m long.
+    It is 0 for the lane between two edges that meet without a gap.
     """
     return sum(abs(b - a) for a, b in pairwise(line_of(lane)))
 
 
 def allows(lane: "Lane", vehicle_class: str) -> bool:
-    """Whether a vehicle class may use a lane; sumolib takes the word "all" for a class."""
+    """Whether a vehicle class may use a lane; sumolib treats "all" as a class of its own."""
     return not {"all", vehicle_class}.isdisjoint(lane.getPermissions())
 
 
@@ -90,9 +95,9 @@ def read_network(path: Path) -> RoadNetwork:
     """Read a SUMO network, packed by gzip or not.
 
     Raises:
-        InputError: the file cannot be read, is cut off or no XML, or is no SUMO network.
+        InputError: the file cannot be read, is not complete XML, or is not a SUMO network.
     """
-    # A scenario without a network does not pay this import's third of a second.
+    # This import takes a third of a second, which a scenario without a network does not need.
     import sumolib.net
 
     try:
@@ -102,20 +107,24 @@ def read_network(path: Path) -> RoadNetwork:
         )
         _check(net)
     except FileNotFoundError:
-        raise InputError(str(path), "no such network", "a SUMO network (.net.xml)") from None
+        raise InputError(
+            str(path), "the network does not exist", "a SUMO network (.net.xml)"
+        ) from None
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(str(path), f"cannot be read ({reason})") from None
     except (ET.ParseError, SAXException, EOFError, zlib.error) as error:
-        raise InputError(str(path), f"cut off, or no XML ({error})", "a SUMO network") from None
-    # sumolib takes attributes and references for granted.
+        raise InputError(
+            str(path), f"is incomplete, or is not XML ({error})", "a SUMO network"
+        ) from None
+    # sumolib does not check that attributes and references exist.
     except (AttributeError, LookupError, TypeError, ValueError) as error:
-        raise InputError(str(path), f"no SUMO network ({error})", "a .net.xml file") from None
+        raise InputError(str(path), f"is not a SUMO network ({error})", "a .net.xml file") from None
     return RoadNetwork(net, location, header.get("lefthand") in ("true", "1"))
 
 
 def _beginning(path: Path) -> tuple[dict[str, str], dict[str, str]]:
-    """The attributes of the elements ``net`` and ``location``, which come before every edge."""
+    """The attributes of the elements ``net`` and ``location``, which come before all edges."""
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     with gzip.open(path) if packed else path.open("rb") as file:
@@ -128,20 +137,20 @@ def _beginning(path: Path) -> tuple[dict[str, str], dict[str, str]]:
         root = next(elements)
         if root.tag != "net":
             raise ValueError(f"its first element is <{root.tag[:40]}>, not <net>")
-        first = next((each for each in elements if each.tag in ("location", "edge")), root)
+        first = next((element for element in elements if element.tag in ("location", "edge")), root)
         if first.tag == "edge":
             raise ValueError("no <location> before its first edge; netconvert -s writes one")
         return root.attrib, first.attrib
 
 
 def _check(net: "Net") -> None:
-    """Refuse roads that join no junctions, and lanes of no length or of no number."""
+    """Refuse edges without two junctions, and lanes whose shape or size is not valid."""
     for edge in net.getEdges():
         if edge.getFromNode() is None or edge.getToNode() is None:
-            raise ValueError(f"edge {edge.getID()} joins no two junctions")
+            raise ValueError(f"edge {edge.getID()} does not join two junctions")
         for lane in edge.getLanes():
             line = lane.getShape()
             numbers = [lane.getLength(), lane.getWidth(), lane.getSpeed()]
             numbers += [coordinate for point in line for coordinate in point]
             if len(line) < 2 or not max(map(abs, numbers)) < _MOST or any(map(math.isnan, numbers)):
-                raise ValueError(f"lane {lane.getID()} has a line or a size of no road")
+                raise ValueError(f"lane {lane.getID()} has an invalid shape or size")

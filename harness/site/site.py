@@ -1,8 +1,9 @@
-"""The geometry of a crosswalk in a network, in plain numbers, as an engine needs it.
+"""The geometry of a crosswalk in a network, in plain numbers.
 
-Road frame: x along the ego's direction, 0 where the crosswalk's centre line meets the centre of
-the ego's lane; y along the crosswalk, from the kerb on the side that traffic keeps to (0; on the
-ego's right in right-hand traffic) to the other kerb. Where the crosswalk is oblique, the axes are.
+In the road frame x is along the ego's direction; it is 0 where the crosswalk's centre line meets
+the centre of the ego's lane.  y is along the crosswalk, from the near kerb (0) to the far kerb.
+The near kerb is on the ego's right in right-hand traffic, else on its left.  If the crosswalk is
+oblique, the axes are not at a right angle.
 """
 
 import math
@@ -13,7 +14,7 @@ from harness.core.encounter import FloatArray, Side
 from harness.core.errors import InputError
 
 TOLERANCE_M = 2e-6
-"""Tolerance of a built network's geometry: netconvert keeps nodes to a micrometre."""
+"""Tolerance of a built network's geometry, since netconvert rounds nodes to a micrometre."""
 
 Point = tuple[float, float]
 Numbers = TypeVar("Numbers", float, FloatArray)
@@ -21,7 +22,7 @@ Numbers = TypeVar("Numbers", float, FloatArray)
 
 @dataclass(frozen=True, slots=True)
 class RoadFrame:
-    """The road frame in the network's coordinates: its origin (m) and two unit vectors."""
+    """The road frame in the network's coordinates: the origin in m and two unit vectors."""
 
     origin_x_m: float
     origin_y_m: float
@@ -49,10 +50,10 @@ class RoadFrame:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A lane of an edge on the way over the crosswalk.
+    """A lane of an edge on a way over the crosswalk.
 
-    ``start_m`` and ``end_m`` are where it lies on the way, by SUMO's own lengths: negative before
-    the crosswalk's centre line, positive beyond it.
+    ``start_m`` and ``end_m`` are its positions on the way, by SUMO's lengths.  They are negative
+    before the crosswalk's centre line and positive beyond it.
     """
 
     edge: str
@@ -63,8 +64,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """The insertion of a vehicle in SUMO: its route, its lane and its position on the first edge
-    (m)."""
+    """The insertion of a vehicle in SUMO: route, lane, and position in m on the first edge."""
 
     edges: tuple[str, ...]
     lane: int
@@ -76,16 +76,16 @@ class Way:
     """One car lane over the crosswalk, with the straight road before and after it.
 
     Attributes:
-        oncoming: whether its vehicles come towards the ego.
-        index: its place among the car lanes of its direction, from their own near kerb (0).
+        oncoming: whether its vehicles drive against the ego's direction.
+        index: number of the lane in its direction, counted from that direction's near kerb (0).
         centre_m: y of its centre on the crosswalk.
         width_m: its width along the crosswalk.
-        speed_limit_mps: the network's own limit on the lane that leads to the crosswalk.
-        stretches: the lanes it consists of, in the direction of travel.
-        straight_before_m: how far before the centre line it is straight within 1°.
-        straight_after_m: the same beyond it.
-        ends_before: why it is not straight for longer, before.
-        ends_after: why it is not straight for longer, after.
+        speed_limit_mps: the network's speed limit on the lane that leads to the crosswalk.
+        stretches: its lanes of edges, in the direction of travel.
+        straight_before_m: length before the centre line that is straight within 1°.
+        straight_after_m: length beyond the centre line that is straight within 1°.
+        ends_before: why the straight part begins there.
+        ends_after: why the straight part ends there.
     """
 
     oncoming: bool
@@ -100,20 +100,20 @@ class Way:
     ends_after: str
 
     def departure(self, range_m: float) -> Departure:
-        """How to insert a vehicle whose front bumper is `range_m` before the centre line.
+        """The insertion of a vehicle whose front bumper is `range_m` before the centre line.
 
         Raises:
-            InputError: there is no lane of a road, or none that is straight from there.
+            InputError: the position is inside a junction, or the way from it is not straight.
         """
         where = "ego.trigger_range_m"
-        # Neither the longest nor the shortest range may fail by the last digit of the file.
+        # The tolerance accepts the limits themselves in spite of the file's rounding.
         if not range_m <= self.straight_before_m + TOLERANCE_M:
             problem = f"{range_m:g} m is more than the approach is straight: it {self.ends_before}"
             raise InputError(where, problem, f"at most {self.straight_before_m:.6g} m")
         for number, stretch in enumerate(self.stretches):
             first_m, last_m = stretch.start_m, stretch.end_m
             if first_m - TOLERANCE_M <= -range_m <= last_m + TOLERANCE_M and first_m < 0:
-                edges = tuple(each.edge for each in self.stretches[number:])
+                edges = tuple(part.edge for part in self.stretches[number:])
                 position_m = min(max(first_m, -range_m), last_m) - first_m
                 return Departure(edges, stretch.lane, position_m)
         possible = ", ".join(
@@ -124,9 +124,9 @@ class Way:
         raise InputError(where, f"{range_m:g} m is inside a junction", f"{possible} at this site")
 
     def longest_range_m(self, range_m: float) -> float:
-        """The longest range up to `range_m`, in tenths of a metre, where a vehicle can depart.
+        """The longest range up to `range_m`, in tenths of a metre, where a vehicle can be inserted.
 
-        It is 0 where no lane of a road is straight up to the crosswalk.
+        It is 0 if no lane is straight up to the crosswalk.
         """
         longest_m = 0.0
         for stretch in self.stretches:
@@ -138,10 +138,10 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class Footpath:
-    """The footpath on which pedestrians of one side come and go.
+    """The footpath on one side of the road.
 
-    ``edge`` meets the crosswalk's waiting area ``area`` at its position ``end_m``; at ``inside_m``,
-    about 1 m before that, somebody is inserted.
+    ``edge`` meets the crosswalk's waiting area ``area`` at its position ``end_m``.  Pedestrians are
+    inserted at ``inside_m``, about 1 m before that.
     """
 
     edge: str
@@ -152,7 +152,7 @@ class Footpath:
 
 @dataclass(frozen=True, slots=True)
 class Signal:
-    """A traffic light at the crosswalk, and which of its links are for pedestrians."""
+    """A traffic light at the crosswalk, with the indices of its pedestrian links."""
 
     id: str
     crossing_links: frozenset[int]
@@ -160,9 +160,9 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Passed:
-    """A traffic light or another crosswalk on the ego's path; strategies do not see it.
+    """A traffic light or another crosswalk on the ego's way; strategies do not see it.
 
-    ``x_m`` is its position on the path, negative before the crosswalk's centre line.
+    ``x_m`` is its position on the way, negative before the crosswalk's centre line.
     """
 
     kind: Literal["traffic light", "crosswalk"]
@@ -170,30 +170,31 @@ class Passed:
     x_m: float
 
     def __str__(self) -> str:
-        """In words."""
+        """The kind, the id and the distance, in words."""
         where = "before" if self.x_m < 0 else "after"
         return f"{self.kind} {self.id} {abs(self.x_m):.0f} m {where} the crosswalk"
 
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """A crosswalk's place in a network.
+    """The geometry of a crosswalk in a network.
 
     Attributes:
         frame: the road frame.
         ego: the ego's way.
-        ways: every car lane over the crosswalk that is straight there, the ego's direction first.
-        lanes: car lanes of the ego's direction, those of ``ways`` and others.
-        oncoming_lanes: car lanes of the other direction.
-        length_m: from kerb to kerb, along the crosswalk.
+        ways: the ways of all car lanes that are straight over the crosswalk, the ego's direction
+            first.
+        lanes: number of car lanes in the ego's direction, straight or not.
+        oncoming_lanes: number of car lanes in the other direction.
+        length_m: distance from kerb to kerb, along the crosswalk.
         width_m: the crosswalk's extent along the road.
-        angle_deg: between road and crosswalk, 0 to 90.
+        angle_deg: angle between road and crosswalk, 0 to 90.
         crossing_edge: SUMO's edge of the crosswalk.
         crossing_from: the side where that edge begins.
-        footpaths: each side's.
+        footpaths: the near and the far footpath.
         pedestrian_priority: whether SUMO's own drivers yield there.
         signal: the traffic light that controls it, or None.
-        passed: traffic lights and other crosswalks that the ego drives past.
+        passed: traffic lights and other crosswalks on the ego's way.
     """
 
     frame: RoadFrame

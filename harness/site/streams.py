@@ -1,4 +1,4 @@
-"""Where streams of vehicles enter a site's road and leave it, lane by lane."""
+"""A site in; for each lane the positions where vehicles enter and leave the road out."""
 
 import math
 from collections import Counter
@@ -12,14 +12,15 @@ _ROUNDING = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """One lane's way for a stream of vehicles; x is that of the lane's own direction.
+    """The way of one lane for a stream of vehicles; x is along the lane's own direction.
 
-    Its stretches belong to no other lane's way: upstream of the first one the road begins, lanes
-    join, or there are 300 m; beyond the last one it ends, lanes join, or there are 120 m.
+    Its stretches belong to no other lane's way.  They begin where the road begins, where lanes
+    merge, or at least 300 m before the crosswalk.  They end where the road ends, where lanes merge,
+    or at least 120 m after it.
 
     Attributes:
         way: the lane's way.
-        stretches: the lanes it drives on, with those inside junctions left out.
+        stretches: its lanes of edges, without those inside junctions.
         approach: the stretch that leads to the crosswalk.
     """
 
@@ -29,40 +30,44 @@ class Stream:
 
     @property
     def begins_x_m(self) -> float:
-        """How far upstream vehicles may enter."""
+        """The x farthest upstream at which vehicles can enter."""
         return max(self.stretches[0].start_m, -REACH_BEFORE_M - TOLERANCE_M)
 
     @property
     def ends_x_m(self) -> float:
-        """Where vehicles leave the road."""
+        """The x at which vehicles leave the road."""
         return min(self.stretches[-1].end_m, REACH_AFTER_M)
 
     def entry_x_m(self, range_m: float, per_step_m: float) -> float | None:
-        """Where vehicles enter: as far upstream as there is road, whole steps before the range.
+        """The x at which vehicles enter: as far upstream as possible, whole steps before the range.
 
         Args:
-            range_m: how far before the crosswalk a passage begins.
-            per_step_m: the way of one step at v0.
+            range_m: distance before the crosswalk at which a passage begins.
+            per_step_m: distance of one step at v0.
 
         Returns:
-            None where the lane begins within that range, or no such place is on a lane of a road.
+            None if the lane begins within that range, or if every such x is inside a junction.
         """
         steps = math.floor((-self.begins_x_m - range_m) / per_step_m + _ROUNDING)
         for count in range(steps, -1, -1):
             x_m = -range_m - count * per_step_m
-            if any(each.start_m - _ROUNDING <= x_m <= each.end_m for each in self.stretches):
+            if any(
+                stretch.start_m - _ROUNDING <= x_m <= stretch.end_m for stretch in self.stretches
+            ):
                 return x_m
         return None
 
     def number_at(self, x_m: float) -> int:
-        """Which stretch a place on the lane is on, before the crosswalk the later of two."""
+        """The number of the stretch at x; where two stretches meet, the later one."""
         numbers = range(len(self.stretches))
         return max(n for n in numbers if self.stretches[n].start_m - _ROUNDING <= x_m)
 
 
 def streams_of(site: Site) -> tuple[Stream, ...]:
-    """The streams of a site's ways, in their order: the ego's direction, then the oncoming ones."""
-    users = Counter(lane for way in site.ways for lane in {_lane(each) for each in way.stretches})
+    """The streams of a site's ways, in the order of ``Site.ways``."""
+    users = Counter(
+        lane for way in site.ways for lane in {_lane(stretch) for stretch in way.stretches}
+    )
     streams = []
     for way in site.ways:
         stretches = way.stretches

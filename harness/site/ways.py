@@ -1,4 +1,4 @@
-"""Where a lane leads over a crosswalk, how far it is straight there, and what it leads past."""
+"""A lane in; its path over a crosswalk out, with the path's straight part and what it passes."""
 
 import cmath
 import math
@@ -17,26 +17,27 @@ if TYPE_CHECKING:
     from sumolib.net.lane import Lane
 
 STRAIGHT_DEG = 1.0
-"""How much a straight road may bend."""
+"""Largest bend of a straight road."""
 REACH_BEFORE_M = 300.0
 REACH_AFTER_M = 120.0
-"""How far a way is followed: the longest trigger range, and what a generated road has beyond."""
+"""Length of a path before the crosswalk (the longest trigger range) and after it."""
 
 _TURNAROUND_DEG = 150.0
-"""A link that turns by more leads back, not on."""
+"""A link that turns by more than this is a turnaround."""
 
 _ROUNDING_M = 0.02
-"""Points of a network's file may be off by so much: most are written with two decimals."""
+"""Rounding of a network file's points, most of which have two decimals."""
 _LENGTH_SHARE = 0.01
 _LENGTH_M = 0.1
-"""How much SUMO's length of a lane may differ from that of its shape, the larger of the two."""
+"""Largest difference between SUMO's length of a lane and that of its shape (the larger limit)."""
 
 
 @dataclass(frozen=True)
 class Path:
-    """Lanes one after another, and the point of them where the crosswalk's centre line is met.
+    """Successive lanes, and the point where they meet the crosswalk's centre line.
 
-    ``start_m`` of a lane is its place on the path by SUMO's lengths, 0 at that point.
+    ``start_m`` has the position of each lane's beginning by SUMO's lengths; it is 0 at that point.
+    ``direction`` is the unit vector of travel there.
     """
 
     lanes: tuple["Lane", ...]
@@ -45,23 +46,23 @@ class Path:
     direction: complex
 
     def pieces(self) -> Iterator[tuple["Lane", float]]:
-        """Each lane and where it starts."""
+        """Each lane with the position of its beginning."""
         return zip(self.lanes, self.start_m, strict=True)
 
 
 def path_over(
     network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
 ) -> Path | None:
-    """The straightest way on from a lane through its junction that meets a crosswalk."""
+    """The straightest path from a lane through its junction over a crosswalk; None without one."""
     return next(paths_over(network, lane, crosswalk), None)
 
 
 def paths_over(
     network: RoadNetwork, lane: "Lane", crosswalk: tuple[complex, complex]
 ) -> Iterator[Path]:
-    """Every way on from a lane through its junction that meets a crosswalk, straightest first.
+    """The paths from a lane through its junction over a crosswalk, straightest first.
 
-    The last lane of each is the one beyond the junction.
+    The last lane of each path is the one beyond the junction.
     """
     ways = []
     for link in lane.getOutgoing():
@@ -75,32 +76,36 @@ def paths_over(
 
 
 def extended(network: RoadNetwork, path: Path) -> Path:
-    """A path with what leads straight to it and straight on from it."""
+    """A path extended at both ends by the straightest lanes."""
     lanes, starts = list(path.lanes), list(path.start_m)
     while starts[0] > -REACH_BEFORE_M:
         before = _straightest(network, lanes[0], backward=True)
-        if before is None or any(each in lanes for each in before):
+        if before is None or any(lane in lanes for lane in before):
             break
-        for each in reversed(before):
-            lanes.insert(0, each)
-            starts.insert(0, starts[0] - each.getLength())
+        for lane in reversed(before):
+            lanes.insert(0, lane)
+            starts.insert(0, starts[0] - lane.getLength())
     while (end := starts[-1] + lanes[-1].getLength()) < REACH_AFTER_M:
         after = _straightest(network, lanes[-1], backward=False)
-        if after is None or any(each in lanes for each in after):
+        if after is None or any(lane in lanes for lane in after):
             break
-        for each in after:
-            lanes.append(each)
+        for lane in after:
+            lanes.append(lane)
             starts.append(end)
-            end += each.getLength()
+            end += lane.getLength()
     return Path(tuple(lanes), tuple(starts), path.meeting, path.direction)
 
 
 @dataclass(frozen=True)
 class Straight:
-    """The straight part of a path about the crosswalk.
+    """The straight part of a path at the crosswalk.
 
-    ``direction`` is its unit vector; ``before_m`` and ``after_m`` say how far it reaches,
-    ``ends_before`` and ``ends_after`` what the road does there.
+    Attributes:
+        direction: its unit vector.
+        before_m: its length before the crosswalk.
+        after_m: its length after the crosswalk.
+        ends_before: why it begins there, in words.
+        ends_after: why it ends there, in words.
     """
 
     direction: complex
@@ -111,38 +116,39 @@ class Straight:
 
 
 def straight(path: Path) -> Straight:
-    """How far a path is straight within 1°, about the crosswalk."""
-    kept = _simplified(_points(path))
-    middle = next(i for i in range(len(kept) - 1) if kept[i][0] <= 0 < kept[i + 1][0])
-    direction = kept[middle + 1][1] - kept[middle][1]
+    """The part of a path that is straight within 1° of its direction at the crosswalk."""
+    points = _simplified(_points(path))
+    middle = next(i for i in range(len(points) - 1) if points[i][0] <= 0 < points[i + 1][0])
+    direction = points[middle + 1][1] - points[middle][1]
     before, why_before = 0.0, "begins there"
     for i in range(middle, -1, -1):
-        turn = _turn_deg(kept[i + 1][1] - kept[i][1], direction)
+        turn = _turn_deg(points[i + 1][1] - points[i][1], direction)
         if turn > STRAIGHT_DEG:
-            why_before = f"bends by {turn:.1f}° {-kept[i + 1][0]:.1f} m before the crosswalk"
+            why_before = f"bends by {turn:.1f}° {-points[i + 1][0]:.1f} m before the crosswalk"
             break
-        before = -kept[i][0]
+        before = -points[i][0]
     after, why_after = 0.0, "ends there"
-    for i in range(middle, len(kept) - 1):
-        turn = _turn_deg(kept[i + 1][1] - kept[i][1], direction)
+    for i in range(middle, len(points) - 1):
+        turn = _turn_deg(points[i + 1][1] - points[i][1], direction)
         if turn > STRAIGHT_DEG:
-            why_after = f"bends by {turn:.1f}° {kept[i][0]:.1f} m after the crosswalk"
+            why_after = f"bends by {turn:.1f}° {points[i][0]:.1f} m after the crosswalk"
             break
-        after = kept[i + 1][0]
+        after = points[i + 1][0]
     for lane, start_m in path.pieces():
         length, drawn = lane.getLength(), drawn_m(lane)
         if abs(length - drawn) <= max(_LENGTH_M, _LENGTH_SHARE * drawn):
             continue
-        what = f"has a lane {lane.getID()} of {length:.6g} m that is drawn {drawn:.6g} m long"
+        sizes = f"a length of {length:.6g} m and a shape of {drawn:.6g} m"
+        problem = f"has a lane {lane.getID()} with {sizes}"
         if start_m < 0 and -start_m - length < before:
-            before, why_before = max(0.0, -start_m - length), what
+            before, why_before = max(0.0, -start_m - length), problem
         if start_m + length > 0 and start_m < after:
-            after, why_after = max(0.0, start_m), what
+            after, why_after = max(0.0, start_m), problem
     return Straight(direction / abs(direction), before, after, why_before, why_after)
 
 
 def _points(path: Path) -> list[tuple[float, complex]]:
-    """The points of a path, each with its place on it; the crosswalk is one of them."""
+    """The points of a path, each with its position on it; the crosswalk is one of them."""
     points: list[tuple[float, complex]] = [(0.0, path.meeting)]
     for lane, start_m in path.pieces():
         line, drawn = line_of(lane), drawn_m(lane)
@@ -156,18 +162,18 @@ def _points(path: Path) -> list[tuple[float, complex]]:
 
 
 def _via(network: RoadNetwork, link: "Connection") -> list["Lane"]:
-    """The internal lanes of a connection and the lane that it leads to."""
+    """The internal lanes of a connection, then its target lane."""
     lanes: list[Lane] = []
     via = link.getViaLaneID()
     while via and len(lanes) < 10:
         lanes.append(network.net.getLane(via))
-        ahead = (each.getViaLaneID() for each in lanes[-1].getOutgoing())
+        ahead = (link.getViaLaneID() for link in lanes[-1].getOutgoing())
         via = next(filter(None, ahead), "")
     return [*lanes, link.getToLane()]
 
 
 def _met(lanes: list["Lane"], crosswalk: tuple[complex, complex]) -> Path | None:
-    """The path that lanes make, if they meet the crosswalk's centre line."""
+    """The path along successive lanes; None if they do not meet the crosswalk's centre line."""
     start, end = crosswalk
     starts = [0.0]
     for lane in lanes[:-1]:
@@ -187,7 +193,7 @@ def _met(lanes: list["Lane"], crosswalk: tuple[complex, complex]) -> Path | None
 
 
 def _crossed_at(a: complex, b: complex, c: complex, d: complex) -> float | None:
-    """Where on a–b the segment c–d cuts it, as a share of a–b; None where it does not."""
+    """The point where segment c–d crosses segment a–b, as a share of a–b; None if it does not."""
     u, v, w = b - a, d - c, c - a
     area = (u.conjugate() * v).imag
     if area == 0:
@@ -197,7 +203,7 @@ def _crossed_at(a: complex, b: complex, c: complex, d: complex) -> float | None:
 
 
 def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list["Lane"] | None:
-    """The lanes that lead straight to a lane, or on from it; None where none does."""
+    """The straightest lanes that lead to a lane, or from it; None if there are none."""
     best: tuple[float, str, list[Lane]] | None = None
     for link in lane.getIncomingConnections() if backward else lane.getOutgoing():
         start = link.getFromLane()
@@ -210,7 +216,7 @@ def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list[
         else:
             turn = _turn_deg(_entering(lanes[-1]), _leaving(lane))
             ways = lanes[1:]
-        if turn > _TURNAROUND_DEG or not all(allows(each, "passenger") for each in ways):
+        if turn > _TURNAROUND_DEG or not all(allows(part, "passenger") for part in ways):
             continue
         name = start.getID() + link.getToLane().getID()
         if best is None or (turn, name) < best[:2]:
@@ -219,10 +225,10 @@ def _straightest(network: RoadNetwork, lane: "Lane", *, backward: bool) -> list[
 
 
 def passed_on(path: Path, road: Straight, crossing: "Edge") -> tuple[Passed, ...]:
-    """The traffic lights and other crosswalks on the straight part of a way, in its order.
+    """The traffic lights and other crosswalks on the straight part of a path, in travel order.
 
     Args:
-        path: the way.
+        path: the path.
         road: its straight part.
         crossing: the crosswalk that is simulated; its own light is ``Site.signal``.
     """
@@ -242,9 +248,10 @@ def passed_on(path: Path, road: Straight, crossing: "Edge") -> tuple[Passed, ...
             for other in node.getIncoming()
             if other is not crossing and road_edge in other.getCrossingEdges()
         ]
-    inside = [each for each in passed if -road.before_m <= each.x_m <= road.after_m]
-    # A crosswalk may lead over the road on both sides of its junction.
-    return tuple(sorted({each.id: each for each in inside}.values(), key=lambda each: each.x_m))
+    inside = [landmark for landmark in passed if -road.before_m <= landmark.x_m <= road.after_m]
+    # A crosswalk may cross the road on both sides of its junction, so it may be listed twice.
+    by_id = {landmark.id: landmark for landmark in inside}
+    return tuple(sorted(by_id.values(), key=lambda landmark: landmark.x_m))
 
 
 def _leaving(lane: "Lane") -> complex:
@@ -262,7 +269,7 @@ def _turn_deg(heading: complex, other: complex) -> float:
 
 
 def _simplified(points: list[tuple[float, complex]]) -> list[tuple[float, complex]]:
-    """A line without the points that lie within rounding of it (Douglas and Peucker, 1973)."""
+    """A line without the points that are within rounding of it (Douglas and Peucker, 1973)."""
     keep = {0, len(points) - 1}
     spans = [(0, len(points) - 1)]
     while spans:
@@ -279,7 +286,7 @@ def _simplified(points: list[tuple[float, complex]]) -> list[tuple[float, comple
             keep.add(far)
             spans += [(low, far), (far, high)]
     kept = [points[i] for i in sorted(keep)]
-    # Two points of one place have no direction.
+    # Two equal points have no direction between them.
     return [
         point for i, point in enumerate(kept) if i == 0 or abs(point[1] - kept[i - 1][1]) > 1e-9
     ]

@@ -64,9 +64,9 @@ def _time_to_collision(
         return float("inf")
     enters, leaves = time_in_path(pedestrian, half_path_m)
     arrives = (ego.range_m - PEDESTRIAN_RADIUS_M) / ego.speed_mps
-    gone = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
+    clears = (ego.range_m + observation.vehicle.length_m + PEDESTRIAN_RADIUS_M) / ego.speed_mps
     first = max(enters, arrives, 0.0)
-    return first if first <= min(leaves, gone) else float("inf")
+    return first if first <= min(leaves, clears) else float("inf")
 
 
 def _in_or_before_path(pedestrian: PedestrianView, half_path_m: float) -> bool:

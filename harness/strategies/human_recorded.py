@@ -105,14 +105,14 @@ class HumanRecorded:
             for person in people
             if person.leaves_s > 0 and person.enters_s <= self._horizon_s
         ]
-        arrives, gone = _over_their_line(observation, pulling)
+        arrives, leaves = _over_their_line(observation, pulling)
         yields = self._yields(observation, counting, arrives)
         go = resume(observation)
         if counting:
             top = max(ego.speed_mps, min(self._among_people_mps, vehicle.initial_speed_mps))
             go = towards(observation, top)
         if not yields and not any(
-            person.leaves_s >= arrives and person.enters_s <= gone for person in people
+            person.leaves_s >= arrives and person.enters_s <= leaves for person in people
         ):
             return go
         braking = min(limit, self._comfortable_mps2) if yields else limit

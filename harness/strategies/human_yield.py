@@ -101,13 +101,13 @@ def _somebody_to_yield_to(observation: Observation) -> bool:
 
 def _people_met(observation: Observation) -> list[tuple[float, float]]:
     """When each pedestrian whom it would meet enters and leaves its path, in s from now."""
-    arrives, gone = _over_their_line(observation)
+    arrives, clears = _over_their_line(observation)
     half = half_path(observation.vehicle) + CLEARANCE_M - PEDESTRIAN_RADIUS_M
     met = []
     for pedestrian in observation.pedestrians:
         if pedestrian.on_crossing or pedestrian.speed_mps > 0:
             enters, leaves = time_in_path(pedestrian, half)
-            if leaves >= max(0.0, arrives) and enters <= gone:
+            if leaves >= max(0.0, arrives) and enters <= clears:
                 met.append((enters, leaves))
     return met
 

@@ -90,8 +90,8 @@ def _unknown_module(missing: str, where: str) -> InputError:
     folders = (
         list(getattr(sys.modules.get(package), "__path__", [])) if package else [str(Path.cwd())]
     )
-    there = [module.name for module in pkgutil.iter_modules(folders)]
-    close = nearest_name(last, there)
+    names = [module.name for module in pkgutil.iter_modules(folders)]
+    close = nearest_name(last, names)
     nearest = f"{package}.{close}" if package and close else close
     allowed = f"{_FORM}, importable from the working directory"
     return InputError(where, f"there is no module {missing!r}", allowed, nearest)

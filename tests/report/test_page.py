@@ -310,7 +310,7 @@ def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None
     net.rename(tmp_path / "elsewhere.net.xml")
     found = Page(report(run.path).page)
     found.has("The figure of the site is left out", "could not be simulated again")
-    found.has("my.net.xml: no such network")
+    found.has("my.net.xml: the network does not exist")
     assert 'id="f-tau-mean"' in found.source or "Running mean of τ" in found.words
 
 

@@ -41,7 +41,7 @@ REASONS = {
     "raises": "the strategy raised RuntimeError: on purpose at t = 0.300 s",
     "nan": "the strategy returned nan at t = 0.300 s",
     "text": "the strategy returned 'fast' at t = 0.300 s",
-    "loses_ego": "SUMO lost the episode",
+    "loses_ego": "SUMO failed during the episode",
     "exits": "the strategy raised SystemExit: 3 at t = 0.300 s (",
     # 6 is SIGABRT's number on every POSIX system.
     "aborts": "the worker process died (exit code -6)",

@@ -238,7 +238,11 @@ def test_bad_names_and_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be written"):
         build_network(CCTC, tmp_path / "file", "site")
     (tmp_path / "cut").write_text((SHIPPED / "cctc.net.xml").read_text()[:3000])
-    crossings = {"file": "one of its 0 crossings", "missing": "no such network", "cut": "cut off"}
+    crossings = {
+        "file": "one of its 0 crossings",
+        "missing": "does not exist",
+        "cut": "is incomplete",
+    }
     for name, words in crossings.items():
         with pytest.raises(InputError, match=words):
             read_site(Place(tmp_path / name))

@@ -283,7 +283,10 @@ def test_conditions_are_refused_with_their_figures(tmp_path: Path, model, sumo) 
     place = {"net": str(net), "edge": ":cross_c0"}
     for crossing, words in (
         ({**place, "length_m": 9.0}, r"crossing\.length_m: cannot be combined with crossing\.net"),
-        ({**place, "approach": "exit_1"}, r"'exit_1' does not lead there; allowed: approach_1"),
+        (
+            {**place, "approach": "exit_1"},
+            r"'exit_1' does not lead over the crosswalk; allowed: approach_1",
+        ),
         ({"net": str(net)}, r"crossing\.edge: is not given"),
     ):
         with pytest.raises(InputError, match=words):
@@ -458,7 +461,7 @@ def test_the_tags_of_a_map_decide_priority(tmp_path: Path) -> None:
     assert [remark for remark in converted.remarks if "island" in remark]
     script = (tmp_path / "four_arms.commands.sh").read_text()
     assert script.count("netconvert ") == 2
-    with pytest.raises(InputError, match="no such extract"):
+    with pytest.raises(InputError, match="the file does not exist"):
         convert(tmp_path / "none.osm", tmp_path)
 
 

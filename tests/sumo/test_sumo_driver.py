@@ -125,7 +125,7 @@ def test_it_is_still_noticed_when_sumo_does_not_keep_to_a_speed(sumo, monkeypatc
     monkeypatch.setattr(type(engine), "step", step)
     timeout = scenario(experiment={"timeout_s": 1.5})
     trace = play(Last(), [], timeout, engine)
-    failed = (Ending.ENGINE_FAILED, "SUMO did not drive at the speed it was told")
+    failed = (Ending.ENGINE_FAILED, "SUMO did not keep the speed that was set")
     assert (trace.ending, trace.reason) == failed
     # The plain engine cannot.
     trace = play(SumoDriver(), [], scene())

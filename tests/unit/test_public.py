@@ -36,7 +36,7 @@ def test_every_public_name_is_there_and_says_what_it_is(name: str) -> None:
 
 
 def test_every_public_name_is_in_the_docs_and_no_other() -> None:
-    table = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").split("| to | names |")[1]
+    table = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").split("| task | names |")[1]
     rows = [line.split("|")[2] for line in table.splitlines() if line.startswith("| ")]
     told = set(re.findall(r"`([A-Za-z_]+)`", " ".join(rows)))
     assert told == {*harness.__all__}

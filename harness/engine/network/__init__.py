@@ -1,4 +1,4 @@
-"""A crosswalk's SUMO network: from the scenario's geometry, of the user's own, or from a map."""
+"""A scenario or a map in; its SUMO network out, shipped, built or converted."""
 
 from harness.engine.network.build import NetworkFiles, build_network, network_for
 from harness.engine.network.place import network_of, place_of

@@ -1,7 +1,4 @@
-"""From a crosswalk's geometry to its SUMO network, shipped or built by netconvert.
-
-`harness.site.site` reads the network back.
-"""
+"""A crosswalk's geometry in; its SUMO network out, shipped or built by netconvert."""
 
 import hashlib
 import os
@@ -23,23 +20,23 @@ CACHE_VARIABLE = "CROSSWALK_HARNESS_CACHE"
 
 _TOLERANCE_DEG = 1e-5
 _NETCONVERT_LIMIT_S = 600.0
-_LAST_WORDS = 3
-"""So many lines of what netconvert said are repeated."""
+_LAST_LINES = 3
+"""Number of lines of netconvert's errors that a message repeats."""
 
 
 @dataclass(frozen=True)
 class NetworkFiles:
-    """The files of one built network: SUMO's network and the plain-XML sources it came from."""
+    """The files of a built network: SUMO's network and its plain-XML sources."""
 
     net: Path
     sources: tuple[Path, ...]
 
 
 def build_network(crossing: CrossingSection, directory: Path, name: str) -> NetworkFiles:
-    """Write a site's sources into a folder and let netconvert make its network there.
+    """Write a site's sources into a folder and build its network there with netconvert.
 
-    The same arguments give the same bytes: netconvert's header, which holds the date and the
-    machine's paths, is taken out. Every file appears complete or not at all, the network last.
+    The same arguments give the same bytes, because netconvert's header with the date and the
+    machine's paths is removed.  Files appear complete or not at all, and the network is the last.
 
     Args:
         crossing: the crosswalk.
@@ -48,7 +45,7 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
 
     Raises:
         InputError: a bad name, or a folder that cannot be written.
-        EngineError: netconvert is missing, failed, or built another geometry than asked for.
+        EngineError: netconvert is missing or failed, or its network has another geometry.
     """
     sources = plain_sources(crossing, name)
     net_name = f"{name}.net.xml"
@@ -56,15 +53,15 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(
             prefix=f".{name}-", dir=directory, ignore_cleanup_errors=True
-        ) as folder:
-            workshop = Path(folder)
+        ) as temporary:
+            folder = Path(temporary)
             for file_name, text in sources.items():
-                (workshop / file_name).write_bytes(text.encode())
-            run_netconvert(["-c", f"{name}.netccfg"], workshop)
-            _strip_comments(workshop / net_name)
-            _check(workshop / net_name, crossing)
+                (folder / file_name).write_bytes(text.encode())
+            run_netconvert(["-c", f"{name}.netccfg"], folder)
+            _strip_comments(folder / net_name)
+            _check(folder / net_name, crossing)
             for file_name in (*sources, net_name):
-                (workshop / file_name).replace(directory / file_name)
+                (folder / file_name).replace(directory / file_name)
     except OSError as error:
         raise InputError(str(directory), f"cannot be written ({error.strerror})") from error
     return NetworkFiles(directory / net_name, tuple(directory / file for file in sources))
@@ -73,14 +70,15 @@ def build_network(crossing: CrossingSection, directory: Path, name: str) -> Netw
 def network_for(crossing: CrossingSection, shipped: Path) -> Path:
     """The network of a geometry: a shipped one, one built earlier, or one built now.
 
-    A shipped network is taken if its sources are, character for character, those this geometry
-    gives. Any other network is kept in ``$CROSSWALK_HARNESS_CACHE``, else
-    ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else ``~/.cache/crosswalk-harness/networks``,
-    under a hash of its sources and of netconvert's version. Processes may build at the same time.
+    A shipped network is used if its sources equal those of this geometry, character for character.
+    Any other network is cached in ``$CROSSWALK_HARNESS_CACHE``, else in
+    ``$XDG_CACHE_HOME/crosswalk-harness/networks``, else in
+    ``~/.cache/crosswalk-harness/networks``.  Its folder is named by a hash of its sources and of
+    netconvert's version.  Several processes may build at the same time.
 
     Args:
         crossing: the crosswalk.
-        shipped: folder of the shipped sites, each a folder as `build_network` writes it.
+        shipped: folder of the shipped sites; each is a folder as `build_network` writes it.
 
     Returns:
         Path of the ``.net.xml``.
@@ -98,7 +96,7 @@ def network_for(crossing: CrossingSection, shipped: Path) -> Path:
         digest.update(f"\0{file_name}\0{text}".encode())
     directory = _cache_dir() / digest.hexdigest()[:24]
     net = directory / "site.net.xml"
-    if net.is_file():  # it is put in place last, hence everything is there
+    if net.is_file():  # the network is the last file, so the folder is complete
         return net
     return build_network(crossing, directory, "site").net
 
@@ -107,7 +105,7 @@ def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
     """Run netconvert in a process of its own, in a folder.
 
     Raises:
-        EngineError: it is missing, failed or crashed; with its last words.
+        EngineError: netconvert is missing, failed or crashed; repeats its last lines.
     """
     try:
         import sumo
@@ -115,7 +113,7 @@ def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
         raise EngineError("netconvert: not found; install eclipse-sumo") from error
     home = Path(sumo.SUMO_HOME)
     program = home / "bin" / f"netconvert{'.exe' if os.name == 'nt' else ''}"
-    # PROJ_DATA: the bare binary looks for proj.db where it was built.
+    # Without PROJ_DATA the binary looks for proj.db on the machine where it was built.
     places = {"SUMO_HOME": str(home), "PROJ_DATA": str(home / "data" / "proj")}
     try:
         done = subprocess.run(
@@ -134,13 +132,13 @@ def run_netconvert(arguments: Sequence[str], directory: Path) -> None:
     except (OSError, subprocess.TimeoutExpired) as error:
         raise EngineError(f"netconvert: {' '.join(str(error).split())}") from error
     if done.returncode != 0:
-        words = [line for line in done.stderr.splitlines() if line.strip()][-_LAST_WORDS:]
+        words = [line for line in done.stderr.splitlines() if line.strip()][-_LAST_LINES:]
         how = f"exit code {done.returncode}" if done.returncode > 0 else "it crashed"
         raise EngineError(f"netconvert: {' '.join('; '.join(words).split()) or how}")
 
 
 def _strip_comments(net: Path) -> None:
-    """Take netconvert's header out of its network."""
+    """Remove netconvert's header from its network."""
     text = re.sub(r"<!--.*?-->\s*", "", net.read_text(encoding="utf-8"), flags=re.DOTALL)
     net.write_bytes(text.encode())
 
@@ -153,10 +151,10 @@ def _netconvert_version() -> str:
 
 
 def _check(net: Path, crossing: CrossingSection) -> None:
-    """Raise unless netconvert built the geometry asked for."""
+    """Raise unless the network has the crosswalk's geometry."""
     try:
         sites = [read_site(Place(net, lane=lane)) for lane in range(crossing.lanes)]
-    except InputError as error:  # no fault of the user, who has not seen this file
+    except InputError as error:  # not the user's fault, because netconvert wrote this file
         raise EngineError(f"netconvert: {error.problem} for {crossing!r}") from error
     site = sites[0]
     turn = (site.bearing_deg - crossing.bearing_deg + 180.0) % 360.0 - 180.0
@@ -178,7 +176,7 @@ def _check(net: Path, crossing: CrossingSection) -> None:
 
 
 def _cache_dir() -> Path:
-    """The folder of built networks; environment variables that are empty do not count."""
+    """The folder of built networks; empty environment variables are ignored."""
     folder = os.environ.get(CACHE_VARIABLE)
     if folder:
         return Path(folder).expanduser()
@@ -187,7 +185,7 @@ def _cache_dir() -> Path:
 
 
 def _text(path: Path) -> str | None:
-    """A file's text, None if it cannot be read."""
+    """A file's text; None if it cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):

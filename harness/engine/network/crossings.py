@@ -1,4 +1,4 @@
-"""Every pedestrian crossing of a network, and whether the harness can simulate it."""
+"""A network in; its pedestrian crossings out, each with what the harness cannot simulate there."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +16,7 @@ RANGE_M = EgoSection().trigger_range_m
 
 @dataclass(frozen=True)
 class CrossingRow:
-    """One crossing; unknown values are None, and ``problem`` says why it cannot be used."""
+    """A crossing; unknown values are None, and ``problem`` says why it is not usable."""
 
     edge: str
     junction: str
@@ -44,11 +44,12 @@ class CrossingRow:
 
 
 def list_crossings(network: RoadNetwork, *, ignore_signal: bool = False) -> list[CrossingRow]:
-    """All crossings of a network: usable ones first, then in the order of their ids.
+    """All crossings of a network, usable ones first, then by id.
 
     Args:
         network: the network.
-        ignore_signal: whether a crossing with a traffic light is usable (kept green for everybody).
+        ignore_signal: whether a crossing with a traffic light is usable; the light then stays green
+            for everybody.
     """
     rows = []
     for edge in network.crossings.values():
@@ -94,12 +95,14 @@ def _row(
         signal=None if site.signal is None else site.signal.id,
         straight_m=site.ego.straight_before_m,
         trigger_range_m=range_m,
-        passed=tuple(str(each) for each in site.passed if -range_m <= each.x_m <= last_m),
+        passed=tuple(
+            str(landmark) for landmark in site.passed if -range_m <= landmark.x_m <= last_m
+        ),
     )
 
 
 def _problem(site: Site, *, ignore_signal: bool) -> str | None:
-    """Why the crossing is not usable, with its value and the allowed ones; None if it is usable."""
+    """Why the crossing is not usable, with value and allowed values; None if it is usable."""
     ego, way = EgoSection(), site.ego
     if site.signal is not None and not ignore_signal:
         return (

@@ -1,4 +1,4 @@
-"""From an OpenStreetMap extract to a SUMO network whose crossings are those of the map."""
+"""An OpenStreetMap extract in; a SUMO network with the map's crossings out."""
 
 import gzip
 import os
@@ -30,38 +30,38 @@ _OPTIONS = (
     "--precision",
     "6",
 )
-"""Options with which netconvert builds crossings from any of the usual taggings."""
+"""Options with which netconvert builds crossings from all usual tags."""
 
 _PRIORITY = {"marked": True, "zebra": True, "uncontrolled": True, "unmarked": False}
 
 
 @dataclass(frozen=True)
 class Converted:
-    """The network of a map, and what of its crossings could not be taken over."""
+    """The network of a map, with a remark on each crossing that could not be converted."""
 
     net: Path
     remarks: tuple[str, ...]
 
 
 def is_osm(path: Path) -> bool:
-    """Whether a file is named as an OpenStreetMap extract."""
+    """Whether a file has the suffix of an OpenStreetMap extract."""
     return path.name.endswith(SUFFIXES)
 
 
 def convert(osm: Path, folder: Path) -> Converted:
-    """Convert an extract, and mend what netconvert makes of its crossings.
+    """Convert an extract, and correct the crossings that netconvert builds.
 
-    netconvert builds two crossings at a mid-block node and gives none of them priority. A second
-    pass keeps one of the two and sets its priority by the node's tags. Beside the network stand
-    what came before it and ``<name>.commands.sh``, which repeats the conversion.
+    netconvert builds two crossings at a mid-block node and gives neither of them priority.  A
+    second pass keeps one of the two and sets its priority by the node's tags.  The folder also gets
+    the intermediate files and ``<name>.commands.sh``, which repeats the conversion.
 
     Args:
         osm: the extract.
-        folder: where the files go; made if missing.
+        folder: the output folder; made if missing.
 
     Raises:
         InputError: the extract or the folder cannot be used.
-        EngineError: netconvert failed; with its last words.
+        EngineError: netconvert failed; repeats its last lines.
     """
     tagged = _crossing_nodes(osm)
     stem = next(osm.name.removesuffix(end) for end in SUFFIXES[::-1] if osm.name.endswith(end))
@@ -97,9 +97,13 @@ def _crossing_nodes(osm: Path) -> dict[str, dict[str, str]]:
                 if element.tag in ("node", "way", "relation"):
                     element.clear()
     except FileNotFoundError:
-        raise InputError(str(osm), "no such extract", "an OpenStreetMap file (.osm)") from None
+        raise InputError(
+            str(osm), "the file does not exist", "an OpenStreetMap file (.osm)"
+        ) from None
     except (ET.ParseError, EOFError, zlib.error, LookupError, ValueError) as error:
-        raise InputError(str(osm), f"cut off, or no OpenStreetMap XML ({error})") from None
+        raise InputError(
+            str(osm), f"is incomplete, or is not OpenStreetMap XML ({error})"
+        ) from None
     except OSError as error:
         raise InputError(str(osm), f"cannot be read ({error.strerror or error})") from None
     return crossings
@@ -110,33 +114,35 @@ def _for_cars(edge: "Edge") -> bool:
 
 
 def _patch(network: RoadNetwork, tagged: dict[str, dict[str, str]]) -> tuple[str, list[str]]:
-    """The connections that mend a network's crossings, and what cannot be mended."""
+    """The connections file that corrects a network's crossings, and remarks on the others."""
     built: dict[str, list[Edge]] = defaultdict(list)
     for crossing in network.crossings.values():
         built[junction_of(crossing)].append(crossing)
     lines, remarks = [], []
     for node, tags in tagged.items():
         if tags.get("crossing") == "island" or tags.get("crossing:island") == "yes":
-            remarks.append(f"node {node}: its island is not supported; it is one crossing here")
+            remarks.append(f"node {node}: islands are not supported; it becomes one crossing")
         if node not in built:
             remarks.append(f"node {node}: netconvert built no crossing there")
             continue
         kind = tags.get("crossing", "")
         marked = tags.get("crossing:markings", "no") != "no"
         if kind == "traffic_signals":
-            remarks.append(f"node {node}: signalled, see its signal in the list")
+            remarks.append(f"node {node}: it has a traffic light; see its signal in the list")
             continue
-        # At a junction of several roads each crossing is another one; a footway is no road.
+        # netconvert doubles a crossing only mid-block, where at most two road edges end; at a
+        # larger junction each crossing is separate.  Footways do not count as roads.
         roads = [edge for edge in network.net.getNode(node).getIncoming() if _for_cars(edge)]
         doubled = len(built[node]) == 2 and len(roads) <= 2
         kept = [] if kind == "no" else built[node][:1] if doubled else built[node]
-        for each in built[node]:
-            crossed = " ".join(edge.getID() for edge in each.getCrossingEdges())
+        for crossing in built[node]:
+            crossed = " ".join(edge.getID() for edge in crossing.getCrossingEdges())
             named = f"node={quoteattr(node)} edges={quoteattr(crossed)}"
-            if each not in kept:
+            if crossing not in kept:
                 lines.append(f'    <crossing {named} discard="true"/>')
             elif _PRIORITY.get(kind, marked):
-                # netconvert refuses one that it would not change: it builds none with priority.
-                width = f'width="{each.getLane(0).getWidth():g}"'
+                # netconvert refuses a crossing that changes nothing; it builds none with priority,
+                # so setting priority is always a change.
+                width = f'width="{crossing.getLane(0).getWidth():g}"'
                 lines.append(f'    <crossing {named} priority="true" {width}/>')
     return "\n".join(["<connections>", *lines, "</connections>", ""]), remarks

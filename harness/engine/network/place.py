@@ -1,4 +1,4 @@
-"""From a scenario to its place."""
+"""A scenario in; its SUMO network and its crosswalk in that network out."""
 
 from pathlib import Path
 
@@ -11,10 +11,10 @@ from harness.site.reading import sha256_of
 
 
 def network_of(scenario: Scenario) -> Path:
-    """The SUMO network of a scenario: its own, a shipped one, or one built into the cache.
+    """The SUMO network of a scenario: the user's file, a shipped one, or one in the cache.
 
     Raises:
-        InputError: its own network is not the one that the scenario's geometry was read from.
+        InputError: the user's file has changed since the scenario's geometry was read from it.
     """
     crossing = scenario.crossing
     if crossing.net is None:

@@ -1,12 +1,13 @@
-"""The plain-XML sources of a crosswalk's SUMO network.
+"""A crosswalk's geometry in; the plain-XML sources of its SUMO network out.
 
-A site is one straight road, of one direction or two, with one unsignalized crosswalk across it.
-What the lanes leave of its width is a median in the middle, or on a one-way road a strip at each
-kerb: a lane of SUMO for a class of vehicles that is never there. Its nodes are metres east and
-north of the crosswalk's centre.  Where the scenario says its place, their file names the projection
-whose origin lies there. In it one metre of the network is one metre on the ground and the network's
-north is true north: neither a UTM zone's scale (up to 0.1 %) nor its grid convergence (1.8° in Ann
-Arbor) enters.
+A site is one straight road, one-way or two-way, with one unsignalized crosswalk.  Width that the
+lanes do not fill becomes a median on a two-way road, and a strip at each kerb on a one-way road.
+In SUMO a strip is a lane for a vehicle class that never occurs.
+
+Coordinates are metres east and north of the crosswalk's centre.  If the scenario has a latitude and
+longitude, the file of nodes names a transverse Mercator projection with its origin there.  So a
+metre in the network is a metre on the ground, and the network's north is true north.  A UTM zone
+would have a scale error (up to 0.1 %) and a grid convergence (1.8° in Ann Arbor).
 """
 
 import math
@@ -16,28 +17,28 @@ from harness.core.errors import InputError
 from harness.scenario.sections import MAX_TRIGGER_RANGE_M, CrossingSection
 
 APPROACH_M = MAX_TRIGGER_RANGE_M
-"""Road before the crosswalk's centre line: the largest trigger range a site offers."""
+"""Length of road before the crosswalk's centre line: the largest trigger range of a site."""
 EXIT_M = APPROACH_M
-"""Road after the crosswalk's centre line: what oncoming vehicles come from."""
+"""Length of road after the crosswalk's centre line: the approach of oncoming vehicles."""
 FOOTPATH_M = 10.0
-"""From a kerb to the outer end of its footpath."""
+"""Length of a footpath, from the kerb to its outer end."""
 
 
 def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
-    """The plain-XML sources of a site, netconvert's configuration among them.
+    """The plain-XML sources of a site, with netconvert's configuration.
 
-    The text is a function of the arguments alone; it names its files by relative paths, so
+    The text depends only on the arguments, and file names are relative.  So
     ``netconvert -c <name>.netccfg`` rebuilds the network in any folder.
 
     Args:
         crossing: the crosswalk.
-        name: stem of every file's name: letters, digits, ``-`` and ``_``.
+        name: stem of all file names, of letters, digits, ``-`` and ``_``.
 
     Returns:
         File name → text.
 
     Raises:
-        InputError: the name cannot be a file's stem.
+        InputError: the name has other characters.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
         raise InputError("network name", repr(name), "letters, digits, - and _")
@@ -62,7 +63,7 @@ def plain_sources(crossing: CrossingSection, name: str) -> dict[str, str]:
 
 
 def _location(crossing: CrossingSection) -> str:
-    """Where the network lies on the ground; nowhere, if the scenario does not say."""
+    """SUMO's attributes of location and projection; without a latitude there is no projection."""
     boundary, projection = "0,0,0,0", "!"
     if crossing.latitude_deg is not None:
         latitude, longitude = f"{crossing.latitude_deg:.9f}", f"{crossing.longitude_deg:.9f}"
@@ -90,7 +91,7 @@ _TEMPLATES = {
     <edge id="far" from="crosswalk" to="far" type="footpath" spreadType="center"/>
 </edges>
 """,
-    # The speed limits only keep SUMO from refusing or changing a speed.
+    # The speed limits are high so that SUMO neither refuses nor changes a speed.
     "typ.xml": """<types>
     <type id="road" numLanes="1" speed="100" width="{lane}" priority="2" disallow="pedestrian"/>
     <type id="footpath" numLanes="1" speed="10" width="{width}" priority="1" allow="pedestrian"/>
@@ -103,7 +104,7 @@ _TEMPLATES = {
     <crossing node="crosswalk" edges="{crossed}" {priority} width="{width}"/>
 </connections>
 """,
-    # Node coordinates come out to a micrometre whatever the precision; the other shapes keep 1e-9.
+    # netconvert writes node coordinates to a micrometre at any precision; other shapes keep 1e-9 m.
     "netccfg": """<configuration>
     <input>
         <node-files value="{name}.nod.xml"/>
@@ -126,7 +127,7 @@ _TEMPLATES = {
 
 
 def _nodes(crossing: CrossingSection) -> list[str]:
-    """Nodes to a micrometre, which is what netconvert keeps of them."""
+    """The nodes, to a micrometre, which is netconvert's own precision."""
     reach = FOOTPATH_M + crossing.length_m / 2
     axis = 0.0 if _median_m(crossing) else _left_border_m(crossing)
     places = {
@@ -144,7 +145,7 @@ def _nodes(crossing: CrossingSection) -> list[str]:
 
 
 def _edges(crossing: CrossingSection) -> list[str]:
-    """The road's edges; beside a median each is drawn along its own left border."""
+    """The road's edges; with a median, each edge has the line of its own left border."""
     forward, oncoming = _left_border_m(crossing), _left_border_m(crossing) + _median_m(crossing)
     directions = [("", crossing.lanes, "start", "end", -APPROACH_M, EXIT_M, forward)]
     if crossing.oncoming_lanes:
@@ -178,7 +179,7 @@ def _edges(crossing: CrossingSection) -> list[str]:
 
 
 def _connections(crossing: CrossingSection) -> list[str]:
-    """Straight on, from lane to lane."""
+    """Connections straight on, from each lane to the same lane."""
     strip = int(crossing.kerb_strip_m > 0)
     lines = []
     for prefix, lanes in (("", crossing.lanes), ("oncoming_", crossing.oncoming_lanes)):
@@ -195,7 +196,7 @@ def _median_m(crossing: CrossingSection) -> float:
 
 
 def _left_border_m(crossing: CrossingSection) -> float:
-    """The left end of the ego's direction, in m left of the crosswalk's centre."""
+    """The left border of the ego's carriageway, in m left of the crosswalk's centre."""
     width = crossing.lanes * crossing.width_of_lane_m + 2 * crossing.kerb_strip_m
     return width - crossing.length_m / 2
 

@@ -1,1 +1,1 @@
-"""The crosswalk in traffic: streams of vehicles and pedestrians over hours, both arms of a pair."""
+"""A scenario with [traffic] and a pair's number in; the logs and passages of its hours out."""

@@ -1,7 +1,7 @@
 """Closed forms for an unsignalized crosswalk: delay, capacity, level of service.
 
-Pure functions of numbers. Flows are per second, times in s, lengths in m. The harness holds its
-simulation against these, and shows the handbook's value beside the simulated one.
+Flows are per second, times in s, lengths in m.  Tests compare the simulation with these formulas,
+and the report shows the handbook's delay beside the simulated one.
 """
 
 import math
@@ -11,7 +11,7 @@ ROW_WIDTH_M = 8 * 0.3048
 """Width that one pedestrian of a waiting group takes up (HCM: 8 ft)."""
 
 ROW_HEADWAY_S = 2.0
-"""How much later each further row of a waiting group starts (HCM)."""
+"""Headway between two rows of a waiting group when they start (HCM)."""
 
 PEDESTRIAN_LOS_S = (5.0, 10.0, 20.0, 30.0, 45.0)
 """Longest mean delays of pedestrians for the levels A to E (HCM 2010, exhibit 19-2)."""
@@ -22,17 +22,17 @@ exhibit 19-1)."""
 
 
 def gap_wait_s(flow_per_s: float, critical_gap_s: float) -> float:
-    """Mean wait for a gap of at least t in a random stream: (e^{qt} − qt − 1)/q.
+    """Mean wait for a gap of at least t in a Poisson stream: (e^{qt} − qt − 1)/q.
 
-    Pedestrians who wait for a gap in free traffic, and likewise a lone vehicle that yields to
-    everyone, each of whom blocks it for t: its share without delay is e^{−qt}.
+    It holds for pedestrians who wait for a gap in free traffic.  It also holds for a single vehicle
+    that yields to all pedestrians, if each blocks it for t.  The share without delay is e^{−qt}.
 
     Args:
         flow_per_s: q ≥ 0, arrivals per second.
         critical_gap_s: t ≥ 0.
 
     Returns:
-        Seconds, ≥ 0; infinite where it is beyond all numbers.
+        Seconds, ≥ 0; infinite if it exceeds the largest number.
 
     Source: Adams (1936), Road traffic considered as a random series; Tanner (1951).
 
@@ -48,7 +48,7 @@ def gap_wait_s(flow_per_s: float, critical_gap_s: float) -> float:
 
 
 def critical_headway_s(length_m: float, walking_speed_mps: float, start_up_s: float) -> float:
-    """The shortest headway of vehicles in which somebody crosses: t_c = L/S_p + t_s.
+    """The critical headway, the shortest in which a pedestrian crosses: t_c = L/S_p + t_s.
 
     Args:
         length_m: L, kerb to kerb.
@@ -65,19 +65,19 @@ def group_headway_s(
 ) -> float:
     """The headway that a waiting group needs: t_G = t_c + 2 (N_p − 1).
 
-    N_c = [v_p e^{v_p t_c} + v e^{−v t_c}]/[(v_p + v) e^{(v_p − v) t_c}] people wait on average;
-    they stand in N_p = max(8 ft · N_c/W_c, 1) rows.
+    N_c = [v_p e^{v_p t_c} + v e^{−v t_c}]/[(v_p + v) e^{(v_p − v) t_c}] pedestrians wait on
+    average, in N_p = max(8 ft · N_c/W_c, 1) rows.
 
     Args:
         flow_per_s: v > 0, vehicles over all lanes.
         pedestrians_per_s: v_p ≥ 0.
-        headway_s: t_c of one pedestrian.
-        width_m: W_c, of the crosswalk.
+        headway_s: t_c of a single pedestrian.
+        width_m: W_c, the width of the crosswalk.
 
     Source: HCM 2010, chapter 19 (pedestrian mode).
     """
     v, walkers, t = flow_per_s, pedestrians_per_s, headway_s
-    # Both terms divided by e^{(v_p − v) t} at once, which cannot overflow before the result does.
+    # Each term is divided by e^{(v_p − v) t} first, so only a result that overflows does so here.
     exponents = (v * t, -walkers * t)
     if exponents[0] > 700:
         return math.inf
@@ -89,11 +89,11 @@ def group_headway_s(
 def hcm_delay_s(
     flow_per_s: float, group_headway_s: float, lanes: int, yield_rate: float = 0.0
 ) -> float:
-    """Mean delay of pedestrians where a share of drivers yields, as the HCM has it.
+    """The HCM's mean delay of pedestrians if a share of drivers yields.
 
-    P_b = 1 − e^{−t_G v/N}, P_d = 1 − (1 − P_b)^N, d_g = (e^{v t_G} − v t_G − 1)/v, d_gd = d_g/P_d;
-    the i-th vehicles yield with P(Y_i), a headway h = N/v apart, n = Int(d_gd/h) of them:
-    Σ h (i − ½) P(Y_i) + (P_d − Σ P(Y_i)) d_gd.
+    It is Σ h (i − ½) P(Y_i) + (P_d − Σ P(Y_i)) d_gd over i = 1 … n, with P_b = 1 − e^{−t_G v/N},
+    P_d = 1 − (1 − P_b)^N, d_g = (e^{v t_G} − v t_G − 1)/v, d_gd = d_g/P_d, h = N/v and
+    n = Int(d_gd/h).  P(Y_i) is the probability that the i-th vehicles yield.
 
     Args:
         flow_per_s: v > 0, vehicles over all lanes of the stage.
@@ -115,10 +115,10 @@ def hcm_delay_s(
 def revised_hcm_delay_s(
     flow_per_s: float, group_headway_s: float, lanes: int, yield_rate: float = 0.0
 ) -> float:
-    """The HCM's mean delay of pedestrians as NCHRP 17-87 revised it.
+    """The HCM's mean delay of pedestrians, as revised by NCHRP 17-87.
 
-    As ``hcm_delay_s``, but the vehicles that may yield are those of a stream whose headways are
-    too short: h = [1/v − (t_G + 1/v) e^{−v t_G}]/(1 − e^{−v t_G}), n = Int(e^{v t_G}) of them.
+    The formula is that of ``hcm_delay_s`` with the mean of the headways that are too short,
+    h = [1/v − (t_G + 1/v) e^{−v t_G}]/(1 − e^{−v t_G}), and n = Int(e^{v t_G}).
 
     Source: NCHRP Web-Only Document 312 (2022), Guide to Pedestrian Analysis, appendix A, where 850
     vehicles per hour, t_c = 8 s, two lanes and M_y = 0.5 give 4.74 s.
@@ -137,17 +137,17 @@ def revised_hcm_delay_s(
 def priority_capacity_per_s(
     pedestrians_per_s: float, block_s: float, commit_after_s: Sequence[float]
 ) -> float:
-    """Capacity of a lane that gives way to everybody: λ e^{−λτ} Σ_k e^{−λ d_k}.
+    """Capacity of a lane that yields to all pedestrians: λ e^{−λτ} Σ_k e^{−λ d_k}, in vehicles/s.
 
-    An interval without anybody begins λ e^{−λτ} times a second; the k-th queued vehicle gets
-    through if it commits itself, d_k after the crosswalk became free, before the next one comes.
+    Intervals without pedestrians begin at the rate λ e^{−λτ}.  The k-th queued vehicle passes if
+    no pedestrian arrives within d_k of the beginning, when the vehicle can no longer stop.
 
     Args:
         pedestrians_per_s: λ > 0.
-        block_s: τ, how long each of them blocks the lane.
-        commit_after_s: d_1 ≤ d_2 ≤ …, as many as matter.
+        block_s: τ, the time for which each pedestrian blocks the lane.
+        commit_after_s: d_1 ≤ d_2 ≤ …, for as many vehicles as contribute to the sum.
 
-    Derivation: arrivals are Poisson, a free interval is exponential with mean 1/λ.
+    Derivation: arrivals are Poisson, so a free interval is exponential with mean 1/λ.
     """
     rate = pedestrians_per_s
     return rate * math.exp(-rate * block_s) * sum(math.exp(-rate * d) for d in commit_after_s)
@@ -156,9 +156,9 @@ def priority_capacity_per_s(
 def plain_priority_capacity_per_s(
     pedestrians_per_s: float, block_s: float, start_up_s: float, saturation_headway_s: float
 ) -> float:
-    """The same with d_k = t_0 + k h_s, k = 0, 1, 2 …: λ e^{−λ(τ + t_0)}/(1 − e^{−λ h_s}).
+    """Capacity with d_k = t_0 + k h_s, k = 0, 1, 2 …: λ e^{−λ(τ + t_0)}/(1 − e^{−λ h_s}).
 
-    Without pedestrians: 1/h_s.
+    Without pedestrians it is 1/h_s.  See ``priority_capacity_per_s``.
 
     >>> round(3600 * plain_priority_capacity_per_s(0.1, 6.0, 0.0, 2.0))
     1090
@@ -174,7 +174,7 @@ def level_of_service(delay_s: float, longest_s: Sequence[float]) -> str:
     """The level A to F of a mean delay.
 
     Args:
-        delay_s: of pedestrians or vehicles.
+        delay_s: mean delay of pedestrians or vehicles.
         longest_s: ``PEDESTRIAN_LOS_S`` or ``VEHICLE_LOS_S``.
 
     >>> level_of_service(12.0, PEDESTRIAN_LOS_S), level_of_service(12.0, VEHICLE_LOS_S)
@@ -186,7 +186,7 @@ def level_of_service(delay_s: float, longest_s: Sequence[float]) -> str:
 def _delayed(
     flow_per_s: float, group_headway_s: float, lanes: int, yield_rate: float
 ) -> tuple[float, float, float]:
-    """P_d, d_gd, and the chance that all who block yield, given that somebody blocks."""
+    """P_d, d_gd, and the probability that all blocking vehicles yield, given that one blocks."""
     blocked = -math.expm1(-group_headway_s * flow_per_s / lanes)
     delayed = 1 - (1 - blocked) ** lanes
     wait_s = gap_wait_s(flow_per_s, group_headway_s) / delayed
@@ -198,7 +198,7 @@ def _delayed(
 def _with_yielding(
     delayed: float, wait_s: float, yielding: float, headway_s: float, events: float
 ) -> float:
-    """Σ_{i≤n} h (i − ½) P_d s (1 − s)^{i−1} + P_d (1 − s)^n d_gd, s the chance at one event."""
+    """Σ_{i≤n} h (i − ½) P_d s (1 − s)^{i−1} + P_d (1 − s)^n d_gd with s = ``yielding``."""
     if yielding == 0:
         return delayed * wait_s
     if yielding == 1:

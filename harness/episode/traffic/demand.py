@@ -1,4 +1,7 @@
-"""Which vehicles come: scheduled before anything runs, the same in both arms and all cells."""
+"""A scenario and a pair's number in; the schedule of the pair's vehicles out.
+
+The schedule is the same in both arms and in all cells.
+"""
 
 import math
 from collections.abc import Iterator
@@ -16,12 +19,15 @@ _BLOCK = 64
 
 @dataclass(frozen=True, slots=True)
 class Scheduled:
-    """One planned vehicle.
+    """A scheduled vehicle.
 
-    ``number`` is the same in every arm and cell with these lanes: k · lanes + the lane's place for
-    the k-th of a lane.  ``step`` is when it is due upstream, in steps from the beginning of the
-    warm-up.  It is automated where ``uniform`` lies below the share of AVs, so that a greater share
-    only adds AVs.
+    Attributes:
+        number: k · lanes + number of its lane, for the k-th vehicle of the lane.  So it is the same
+            in every arm and every cell with these lanes.
+        lane: its lane.
+        step: when it is due at the road's upstream end, in steps from the beginning of the warm-up.
+        uniform: the vehicle is an AV if this is below the share of AVs.  So a greater share only
+            adds AVs.
     """
 
     number: int
@@ -33,18 +39,18 @@ class Scheduled:
 def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Scheduled]:
     """The vehicles of a lane, by time.
 
-    Each lane has its share of its direction's flow q, as a Poisson stream with a least headway h
-    (the following distance at v0): after h without anybody the hazard is 1/(1/q − h), so that the
+    The lanes of a direction share its flow equally.  Headways in a lane of flow q are shifted
+    exponential: at least h (the following headway at v0), then with the hazard 1/(1/q − h), so the
     mean headway is 1/q.  q may change every quarter of an hour.  Times are rounded up to steps.
-    A saturated lane always has another vehicle waiting.
+    In a saturated lane there is always a next vehicle.
 
     Args:
-        scenario: with ``[traffic]``.
+        scenario: a scenario with ``[traffic]``.
         pair: index of the pair.
         lane: one of ``lanes_of(scenario)``.
 
     Yields:
-        Vehicles due in [0, warm-up + duration), without end where the lanes are saturated.
+        Vehicles due in [0, warm-up + duration); without end if the lanes are saturated.
     """
     traffic = scenario.known_traffic
     seed, step_s = scenario.experiment.seed, scenario.experiment.step_s
@@ -62,7 +68,7 @@ def scheduled_vehicles(scenario: Scenario, pair: int, lane: Lane) -> Iterator[Sc
 
 
 def flow_per_hour(traffic: TrafficSection, direction: Direction, time_s: float) -> float:
-    """Scheduled vehicles per hour of a direction at a time from the end of the warm-up on."""
+    """Scheduled vehicles per hour of a direction, at a time since the end of the warm-up."""
     forward = direction is Direction.FORWARD
     flow = traffic.flow_per_hour if forward else traffic.oncoming_per_hour
     if not isinstance(flow, tuple):
@@ -78,7 +84,7 @@ def _steps(
     step_s: float,
     uniforms: Iterator[float],
 ) -> Iterator[int]:
-    """Times of one lane's vehicles in steps from the beginning of the warm-up."""
+    """Times of a lane's vehicles, in steps from the beginning of the warm-up."""
     begin, end, headway = -traffic.warm_up_s, traffic.duration_s, round(headway_s / step_s)
     time_s, earliest = begin, 0
     for uniform in uniforms:

@@ -1,4 +1,4 @@
-"""Where vehicles enter the road: when there is room, and no faster than is safe."""
+"""Scheduled vehicles in; vehicles on the road out, as soon as there is room, at a safe speed."""
 
 import math
 from collections.abc import Callable
@@ -10,13 +10,13 @@ from harness.episode.traffic.vehicles import HourVehicle, LaneOnRoad, state_of
 from harness.scenario import TrafficSection
 
 MakeStrategy = Callable[[Scheduled], tuple[bool, str, Strategy]]
-"""Whether a vehicle is an AV, its strategy's name and a fresh object of it."""
+"""Returns whether a vehicle is an AV, the name of its strategy, and a new strategy object."""
 
 
 class Entrance:
-    """Lets the vehicles of an hour in, lane by lane.
+    """Inserts the vehicles of an hour, lane by lane.
 
-    ``x_m`` is where they enter, by lane (``Stream.entry_x_m``); None in one that nobody can use.
+    ``x_m`` has each lane's position of entry (``Stream.entry_x_m``); None if there is none.
     """
 
     def __init__(
@@ -33,9 +33,9 @@ class Entrance:
         self.x_m = [lane.entry_x_m(vehicle.trigger_range_m, per_step_m) for lane in road.lanes]
 
     def let_in(self, lane: LaneOnRoad, step: int, until_step: int) -> HourVehicle | None:
-        """Put a lane's next vehicle on the road for the end of this step, if due and with room.
+        """Insert a lane's next vehicle at the end of this step, if it is due and has room.
 
-        Where there always is another one, nobody comes after ``until_step``.
+        Saturated lanes get no vehicle after ``until_step``.
         """
         saturated = self._traffic.saturated
         while (planned := lane.next_scheduled) is not None and planned.step <= step:
@@ -64,10 +64,10 @@ class Entrance:
         return car
 
     def _entry_speed(self, lane: LaneOnRoad, x_m: float) -> float | None:
-        """v0, or what is safe behind a slow leader; None while there is no room.
+        """v0, or a lower speed that is safe behind a slow leader; None while there is no room.
 
-        Room is a length, minGap and tau at v0.  Safe: v = −bτ + sqrt(b²τ² + v_l² + 2 b g), g the
-        gap less minGap (Krauss 1998).
+        There is room if the leader's rear is minGap and the headway τ at v0 ahead.  The safe speed
+        is v = −bτ + sqrt(b²τ² + v_l² + 2 b g), where g is the gap less minGap (Krauss 1998).
         """
         vehicle, traffic = self._vehicle, self._traffic
         top = vehicle.initial_speed_mps

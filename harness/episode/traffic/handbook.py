@@ -1,4 +1,4 @@
-"""The handbooks' delay of pedestrians at the road of a scenario."""
+"""A scenario and its flows in; the pedestrian delay by HCM 2010 and NCHRP 17-87 out."""
 
 import inspect
 import math
@@ -18,7 +18,7 @@ from harness.strategies.registry import find_strategy
 
 @dataclass(frozen=True, slots=True)
 class Handbook:
-    """Mean delays of pedestrians by the HCM 2010 and by NCHRP 17-87; else why there are none."""
+    """Mean delays of pedestrians by HCM 2010 and NCHRP 17-87; ``reason`` says why they are None."""
 
     yield_rate: float | None = None
     hcm_s: float | None = None
@@ -33,14 +33,14 @@ def handbook(
     pedestrians_per_s: float,
     walking_mps: float | None,
 ) -> Handbook:
-    """The handbooks' delays with t_c = L/S_p, t_s = 0 and the rates that the drivers declare.
+    """The handbooks' delays with t_c = L/S_p, t_s = 0 and the strategies' declared yield rates.
 
     Args:
-        scenario: of the cell.
+        scenario: the cell's scenario.
         av_share: share of vehicles that ``arms.av`` drives; 0 in the reference's arm.
-        vehicles_per_s: v, that came.
-        pedestrians_per_s: v_p, who came.
-        walking_mps: S_p, the mean speed at which they walked.
+        vehicles_per_s: v, the simulated flow of vehicles.
+        pedestrians_per_s: v_p, the simulated flow of pedestrians.
+        walking_mps: S_p, the pedestrians' mean walking speed.
     """
     rate = 0.0
     for name, share in ((scenario.arms.av, av_share), (scenario.arms.human, 1 - av_share)):
@@ -64,7 +64,7 @@ def handbook(
 
 
 def _declared_rate(scenario: Scenario, name: str) -> float | None:
-    """The parameter ``yield_rate`` of a strategy; None where it has none."""
+    """The parameter ``yield_rate`` of a strategy; None if it has none."""
     given: Any = scenario.strategies.get(name, {}).get("yield_rate")
     if given is None:
         parameter = inspect.signature(find_strategy(name, "arms")).parameters.get("yield_rate")

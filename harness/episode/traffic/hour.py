@@ -1,8 +1,7 @@
-"""Runs one hour of one arm: every vehicle its strategy, everybody the same road.
+"""The simulation of an hour of traffic in one arm: lanes, arrivals and strategies in, a log out.
 
-The encounter has a loop of its own (``harness.episode.loop``): with one ego it reads and sets one
-state and knows all of the step beforehand, which is what makes it fast.  Pedestrians
-(``harness.episode.crowd``), strategies and the limits of a command are the same in both.
+An encounter has its own loop (``harness.episode.loop``), which is faster because it has a single
+vehicle.  Pedestrians (``harness.episode.crowd``), strategies and command limits are the same.
 """
 
 import math
@@ -22,25 +21,25 @@ from harness.measures.efficiency import STANDING_MPS
 from harness.scenario import TrafficSection
 
 QUEUED_MPS = 5 / 3.6
-"""Slower than this counts as queued (SUMO's queue output: 5 km/h)."""
+"""A vehicle below this speed is queued (5 km/h, as in SUMO's queue output)."""
 
 SAMPLE_S = 1.0
-"""How often the queues are looked at."""
+"""Time between two samples of the queues."""
 
 
 class Hour:
-    """One arm of one pair on the road.
+    """An hour of one arm of a pair.
 
     Args:
-        road: SUMO, bound to the same site, vehicle and step.
-        lanes: with their schedules, by number.
-        arrivals: everyone who comes, by time from the beginning of the warm-up.
-        choose_speed: see ``Episode``.
-        make: the name and a fresh object of a vehicle's strategy.
+        road: SUMO, for the same site, vehicle and step length.
+        lanes: all lanes with their schedules, by number.
+        arrivals: all pedestrians, by arrival time from the beginning of the warm-up.
+        choose_speed: see ``run_episode``.
+        make: makes the strategy of a vehicle.
         rules: the cell's constants.
-        traffic: durations and following.
-        sumo_drives: whether a strategy may leave the driving to SUMO.
-        paths: whether to note where vehicles are outside of their passages.
+        traffic: durations and car following.
+        sumo_drives: whether a strategy may let SUMO's own driver drive.
+        paths: whether to record vehicles' positions outside of their passages.
     """
 
     def __init__(
@@ -71,12 +70,13 @@ class Hour:
         self.on_road: dict[str, HourVehicle] = {}
 
     def run(self) -> HourLog:
-        """Simulate warm-up, counted time, and whatever it takes until the road is empty.
+        """Simulate the warm-up, the counted time, and the time until the road is empty.
 
-        A vehicle that has not passed ``clearing_s`` after the counted time never passes.
+        The simulation ends at the latest ``clearing_s`` after the counted time.
 
         Raises:
-            EngineError: SUMO lost the hour; StrategyError: a strategy failed in one vehicle.
+            EngineError: SUMO failed.
+            StrategyError: a strategy failed in a vehicle.
         """
         road = self.road
         last = self.end_step + round(clearing_s(self.traffic) / self.step_s)
@@ -106,9 +106,9 @@ class Hour:
         for lane in lanes:
             if lane.due or lane.next_step <= after:
                 self._let_in(lane, after)
-        gone = road.step(crowd.walk_until(then))
-        if gone:
-            for name in gone:
+        departed = road.step(crowd.walk_until(then))
+        if departed:
+            for name in departed:
                 self.on_road.pop(name).gone_step = after
         self._read()
         if crowd.walkers:
@@ -123,7 +123,7 @@ class Hour:
             self._sample(after)
 
     def _drive(self, now: float, n: int) -> None:
-        """Every strategy decides on what it sees at the beginning of the step."""
+        """Let every strategy decide, on what it sees at the beginning of the step."""
         step, vehicle, drive = self.step_s, self.rules.vehicle, self.road.drive
         detection, everyone = self.detection_m, None
         for lane in self.lanes:
@@ -131,17 +131,17 @@ class Hour:
                 continue
             if everyone is None:
                 everyone = self.crowd.views()
-            seen, crossing = lane.seen_from(everyone), lane.lane.crossing
+            views, crossing = lane.seen_from(everyone), lane.lane.crossing
             for car in lane.driven:
                 x, speed = car.x_m, car.speed_mps
                 time_s = (n - car.first_step) * step  # type: ignore[operator]  # it is driven
                 view = EgoView(-x, speed, car.acceleration_mps2)
-                visible = seen if -detection <= x <= detection else ()
+                visible = views if -detection <= x <= detection else ()
                 observation = Observation(time_s, step, view, vehicle, crossing, visible)
                 try:
                     answer = car.strategy.decide(observation)
                 except (Exception, SystemExit) as error:
-                    raise _of_vehicle(car, now, strategy_raised(error, time_s)) from error
+                    raise _in_vehicle(car, now, strategy_raised(error, time_s)) from error
                 if answer is None and self.sumo_drives:
                     if not car.by_engine:
                         self.road.hand_over(car.name)
@@ -150,7 +150,7 @@ class Hour:
                 try:
                     target = speed + limited(answer, vehicle, time_s) * step
                 except StrategyError as error:
-                    raise _of_vehicle(car, now, error) from None
+                    raise _in_vehicle(car, now, error) from None
                 if car.by_engine:
                     self.road.release(car.name)
                     car.by_engine = False
@@ -163,7 +163,7 @@ class Hour:
             self.log.vehicles.append(car)
 
     def _read(self) -> None:
-        """Read the states at the step's end of all vehicles that somebody may look at."""
+        """Read the states at the step's end of all vehicles that pedestrians may look at."""
         step, distance_of, speed_of = self.step_s, self.road.distance_of, self.road.speed_of
         for lane in self.lanes:
             for car in (*lane.driven, lane.coming[0]) if lane.coming else lane.driven:
@@ -173,7 +173,7 @@ class Hour:
                 car.acceleration_mps2 = (speed - car.speed_mps) / step
 
     def _move(self, lane: LaneOnRoad, step: int) -> None:
-        """After a step: vehicles that have passed leave, those at R0 are taken over."""
+        """Release vehicles that have passed, and let strategies take over vehicles at R0."""
         driven, coming = lane.driven, lane.coming
         for car in driven:
             x = car.x_m = car.next_x_m
@@ -201,7 +201,7 @@ class Hour:
         over = max(0.0, car.x_m + self.rules.vehicle.trigger_range_m)
         speed, gain = car.speed_mps, car.acceleration_mps2
         if over > ROUNDING_M:
-            # Back in time to R0: over = v t − a t²/2.
+            # Time since R0, from over = v t − a t²/2.
             root = math.sqrt(max(0.0, speed**2 - 2 * gain * over))
             car.trace_offset_s = min(2 * over / (speed + root), self.step_s)
         car.xs.append(car.x_m)
@@ -211,7 +211,7 @@ class Hour:
         lane.driven.append(car)
 
     def _note_collisions(self) -> None:
-        """SUMO reports hits only of vehicles whose front is on the junction, or beyond."""
+        """Record SUMO's collisions; it reports them only from ``hits_from_m`` on."""
         for lane in self.lanes:
             if lane.driven and lane.driven[0].next_x_m > self.hits_from_m:
                 break
@@ -222,18 +222,18 @@ class Hour:
                 self.on_road[name].collided = True
 
     def _sample(self, step: int) -> None:
-        """Every second: queues, stops before R0, and where the vehicles are."""
+        """Record queues, stops before R0 and positions, once per second."""
         queues = [self._queued_in(lane) for lane in self.lanes]
         if self.begin_step < step <= self.end_step:
             self.log.queues.append(queues)
         if self.paths:
             for car in self.on_road.values():
-                # Those that a strategy drives are noted at every step anyway.
+                # During a passage the trace has the positions.
                 if car.first_step is None or car.passed:
                     car.path.append((step, *state_of(self.road, car)))
 
     def _queued_in(self, lane: LaneOnRoad) -> int:
-        """The number of queued vehicles of a lane, with those upstream of the road."""
+        """The number of queued vehicles of a lane, with those that wait to enter the road."""
         queued = len(lane.due) + sum(car.speed_mps < QUEUED_MPS for car in lane.driven)
         for car in lane.coming:
             speed = self.road.speed_of(car.name)
@@ -244,8 +244,8 @@ class Hour:
         return queued
 
 
-def _of_vehicle(car: HourVehicle, now: float, error: StrategyError) -> StrategyError:
-    """The same error, with the vehicle and the hour's time."""
+def _in_vehicle(car: HourVehicle, now: float, error: StrategyError) -> StrategyError:
+    """The error with the vehicle's number and the time in the hour."""
     what = f"vehicle {car.plan.number}, {now:.3f} s into the hour: {error}"
     named = StrategyError(what)
     named.traceback = error.traceback

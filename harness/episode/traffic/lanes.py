@@ -8,23 +8,23 @@ from harness.scenario import Scenario
 
 
 class Direction(StrEnum):
-    """Which way a vehicle drives: as the ego of an encounter, or towards it."""
+    """The direction of travel: that of the ego of an encounter, or the opposite."""
 
     FORWARD = "forward"
     ONCOMING = "oncoming"
 
     @property
     def sign(self) -> float:
-        """1 where its vehicles drive towards greater x of the ego's frame, −1 where not."""
+        """1 for vehicles that drive in the direction of x in the ego's frame, else −1."""
         return 1.0 if self is Direction.FORWARD else -1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """One lane, counted from the near kerb of its own direction.
+    """A lane; ``index`` counts from the near kerb of its own direction.
 
-    ``crossing`` is the crosswalk in the frame of the lane's own direction, which for oncoming
-    vehicles is the ego's turned by 180°: their near kerb is the ego's far one.
+    ``crossing`` is the crosswalk in the frame of the lane's own direction.  For oncoming lanes that
+    is the ego's frame turned by 180°, so their near kerb is the ego's far kerb.
     """
 
     direction: Direction
@@ -44,12 +44,12 @@ class Lane:
         return centre_m if forward else self.crossing.length_m - centre_m
 
     def own_side(self, side: Side) -> Side:
-        """A kerb, named from the ego's direction, as vehicles of this lane name it."""
+        """The side of a kerb in this lane's direction, from its side in the ego's direction."""
         return side if self.direction is Direction.FORWARD else side.other
 
 
 def lanes_of(scenario: Scenario) -> tuple[Lane, ...]:
-    """Every lane of the road, from the ego's near kerb of its direction on, oncoming ones last."""
+    """All lanes of the road, from the near kerb of each direction; oncoming lanes come last."""
     return tuple(
         Lane(direction, index, crossing)
         for direction in Direction

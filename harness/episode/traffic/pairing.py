@@ -1,4 +1,4 @@
-"""Runs pairs of hours of one cell: both arms meet the same people and the same vehicles."""
+"""The simulation of pairs of hours of a cell: both arms have the same pedestrians and vehicles."""
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from harness.model.interaction import InteractionModel
 from harness.scenario import Scenario
 
 SUMO_DRIVER = "sumo_driver"
-"""The strategy that leaves the driving to SUMO."""
+"""The strategy that lets SUMO's own driver drive."""
 
 
 @dataclass(frozen=True, slots=True)
 class HourOutcome:
-    """One arm of a pair: its log and passages, or why there are none."""
+    """One arm of a pair: its log and passages, or the reason why it failed."""
 
     pair: int
     arm: Arm
@@ -41,11 +41,11 @@ class HourRunner:
     Args:
         scenario: the cell.
         model: the interaction model.
-        get_road: gives an open road for this scenario; asked for each arm.
-        paths: whether to note where vehicles are outside of their passages.
+        get_road: returns an open road for this scenario; called for each arm.
+        paths: whether to record vehicles' positions outside of their passages.
 
     Raises:
-        InputError: an arm names no strategy, or its parameters are refused.
+        InputError: a strategy is unknown, or its parameters are refused.
     """
 
     def __init__(
@@ -64,17 +64,17 @@ class HourRunner:
     def run(
         self, pairs: Iterable[int], on_arm: Callable[[], None] = lambda: None
     ) -> Iterator[HourOutcome]:
-        """Both arms of every pair, AV first; ``on_arm`` is called after each."""
+        """Simulate both arms of every pair, the AV's first; ``on_arm`` is called after each arm."""
         for pair in pairs:
             for arm in Arm:
                 yield self.run_arm(pair, arm)
                 on_arm()
 
     def run_arm(self, pair: int, arm: Arm) -> HourOutcome:
-        """One arm of a pair.  A strategy that fails in one vehicle fails the whole arm.
+        """Simulate one arm of a pair.
 
-        Its vehicle would stand in the way of all others for the rest of the hour, and whatever
-        came out would be of that, not of the strategy.
+        If a strategy fails in one vehicle, the whole arm fails.  Otherwise that vehicle would block
+        the lane for the rest of the hour, and the results would not describe the strategy.
         """
         scenario, traffic, rules = self._scenario, self._traffic, self._rules
         horizon_s = traffic.warm_up_s + traffic.duration_s + clearing_s(traffic)
@@ -109,7 +109,7 @@ class HourRunner:
         try:
             log = hour.run()
         except EngineError as error:
-            # Nothing of a broken hour may reach the next one.
+            # The next hour needs a new simulation.
             road.close()
             text = error.traceback if isinstance(error, StrategyError) else None
             return HourOutcome(pair, arm, scenario, HourLog(), (), str(error), text)

@@ -1,4 +1,4 @@
-"""From an hour's log to its passages: one trace for each vehicle, in the frame of its own lane."""
+"""An hour's log in; a passage of each vehicle out, with a trace in the frame of its own lane."""
 
 import math
 from collections import defaultdict
@@ -15,17 +15,27 @@ from harness.measures.efficiency import beyond
 from harness.measures.ego import crossing_time
 
 CHUNK = 200
-"""Passages measured together; results do not depend on it."""
+"""Number of passages that are measured together; results do not depend on it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Passage:
-    """One vehicle's way: when it was due, on the road, at the crosswalk, through; its record.
+    """The passage of a vehicle: its times, delays, record and trace.
 
-    Times in s from the beginning of the warm-up; None where it did not get so far.  ``due_s`` is
-    when its rear would have left the crosswalk at v0 from its schedule on, ``edge_s`` when its
-    front reached the near edge, ``passed_s`` when its rear had left the crosswalk: ``delay_s``
-    after ``due_s``.  ``control_delay_s`` counts to where vehicles leave the road.
+    Times are in s from the beginning of the warm-up.  A value is None if the vehicle did not get
+    that far.
+
+    Attributes:
+        vehicle: the vehicle.
+        scheduled_s: when it was to enter the road.
+        due_s: when its rear would have left the crosswalk, with v0 from its schedule on.
+        inserted_s: when it entered the road.
+        edge_s: when its front reached the near edge of the crosswalk.
+        passed_s: when its rear had left the crosswalk.
+        delay_s: ``passed_s`` − ``due_s``.
+        control_delay_s: the same delay up to the place where vehicles leave the road.
+        record: its measures.
+        trace: its trace.
     """
 
     vehicle: HourVehicle
@@ -43,13 +53,13 @@ class Passage:
 def passages_of(
     log: HourLog, rules: CellConstants, end_x_m: dict[int, float], saturated: bool
 ) -> list[Passage]:
-    """The passages of an hour by number of the vehicle.
+    """The passages of an hour, by number of the vehicle.
 
     Args:
-        log: of the hour.
+        log: the log of the hour.
         rules: the cell's constants.
-        end_x_m: where vehicles leave the road, by place of their lane (``number`` % lanes).
-        saturated: there is no schedule: delays are undefined.
+        end_x_m: x at which vehicles leave the road, by number of their lane (``number`` % lanes).
+        saturated: whether lanes are saturated; there is no schedule then, and delays are undefined.
     """
     by_lane: dict[Lane, list[HourVehicle]] = defaultdict(list)
     for car in sorted(log.vehicles, key=lambda car: car.plan.number):
@@ -82,7 +92,7 @@ def _passage(
         passed_s = begin_s + within_s
         delay_s = None if due_s is None else float(beyond(passed_s, due_s))
     if car.gone_step is not None and scheduled_s is not None:
-        # Leaving is known to a step: so is the free way, and nobody is faster.
+        # Leaving is recorded in whole steps, so the time at v0 is rounded up to steps too.
         free_steps = math.ceil((end_x_m - car.insert_x_m) / (v0 * step_s) - 1e-6)
         control_s = max(0, car.gone_step - car.plan.step - free_steps) * step_s
     inserted_s = None if car.inserted_step is None else car.inserted_step * step_s
@@ -113,7 +123,7 @@ def _trace(car: HourVehicle, lane: Lane, log: HourLog, rules: CellConstants) -> 
 
 
 def as_seen(walk: Walk, lane: Lane, begin_s: float, crossing: Crossing) -> Walk:
-    """A walk in a passage's own time, and from its lane's direction."""
+    """A walk in a passage's own time, in the frame of its lane."""
     arrival = walk.arrival._replace(
         arrival_s=walk.arrival.arrival_s - begin_s, side=lane.own_side(walk.arrival.side)
     )

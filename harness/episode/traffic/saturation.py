@@ -1,4 +1,4 @@
-"""Late vehicles: whether more come to a crosswalk than get through, and how long queues last."""
+"""Times when vehicles were due and passed in; growth of late vehicles and length of queues out."""
 
 import math
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from scipy import special
 from harness.core.encounter import FloatArray
 
 GROWTH = 0.05
-"""A road is saturated where its late vehicles grow by more than this share of what arrives, and by
-more than chance."""
+"""A road is saturated if its number of late vehicles grows by more than this share of the arrivals,
+and by more than ``Growth.bound``."""
 
 CHANCE = 0.01
-"""How often a road on which nothing grows may exceed the bound of chance."""
+"""Probability that a road without growth exceeds ``Growth.bound``."""
 
 DEPARTURES = 1.5
-"""Variance of the vehicles that a lane lets through, over their number (docs/method.md)."""
+"""Variance of the number of vehicles that pass in a lane, over that number (docs/method.md)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """By how much late vehicles grow, over what arrives meanwhile, and what chance alone explains.
+    """The growth of the number of late vehicles, as a share of the arrivals.
 
-    Both None where nobody arrives.
+    ``bound`` is the largest share that chance explains.  Both are None if no vehicle arrives.
     """
 
     share: float | None
@@ -31,20 +31,20 @@ class Growth:
 
     @property
     def saturated(self) -> bool:
-        """Whether the growth is beyond ``GROWTH`` and beyond chance."""
+        """Whether the share exceeds both ``GROWTH`` and ``bound``."""
         if self.share is None or self.bound is None:
             return False
         return self.share > max(GROWTH, self.bound)
 
 
 def least_late(due_s: FloatArray, left_s: FloatArray, begin_s: float, end_s: float) -> int:
-    """The least number of vehicles that are late at any second from ``begin_s`` to ``end_s``.
+    """The smallest number of late vehicles in any second from ``begin_s`` to ``end_s``.
 
     Args:
-        due_s: when each is due through, without whoever is in time.
-        left_s: when each was through, infinite for who never was.
+        due_s: when each vehicle was due to pass; vehicles that were on time are left out.
+        left_s: when each vehicle passed; infinite if it never did.
         begin_s: the first second.
-        end_s: the last.
+        end_s: the last second.
 
     >>> least_late(np.array([1.0, 2.0, 5.0]), np.array([4.0, math.inf, 6.0]), 2.0, 8.0)
     1
@@ -55,15 +55,15 @@ def least_late(due_s: FloatArray, left_s: FloatArray, begin_s: float, end_s: flo
 
 
 def longest_queue_s(due_s: FloatArray, left_s: FloatArray, end_s: float) -> float:
-    """The longest time for which a vehicle was late at every moment.
+    """The longest period during which there was always a late vehicle.
 
-    A queue that has cleared goes on as one that begins empty: the longest that it took to clear
-    tells how long it remembers (docs/method.md).
+    A queue that has cleared develops as if it began empty.  So this period shows how long earlier
+    events affect the queue (docs/method.md).
 
     Args:
-        due_s: when each vehicle that was late was due through, in any order.
-        left_s: when each was through, infinite for who never was.
-        end_s: when nobody looked any more.
+        due_s: when each late vehicle was due to pass, in any order.
+        left_s: when each vehicle passed; infinite if it never did.
+        end_s: the end of the simulation.
 
     >>> due_s, left_s = np.array([5.0, 0.0, 60.0]), np.array([25.0, 10.0, 90.0])
     >>> longest_queue_s(due_s, left_s, 80.0)  # from 0 to 25 s, and from 60 to 80 s
@@ -82,9 +82,9 @@ def growth_of(growths: FloatArray, arrivals: FloatArray, lanes: int) -> Growth:
     """The growth of late vehicles from the first half of the hours to the second.
 
     Args:
-        growths: the least number late in the second half less that in the first, of each hour.
-        arrivals: vehicles due through within half of the counted time, of each hour.
-        lanes: those on which vehicles come.
+        growths: for each hour, ``least_late`` of the second half less that of the first half.
+        arrivals: for each hour, the vehicles due to pass within half of the counted time.
+        lanes: number of lanes with vehicles.
 
     Derivation: docs/method.md.
 

@@ -1,4 +1,4 @@
-"""A vehicle on its way, a lane with its vehicles in order, and the record of an hour."""
+"""The state of an hour: its vehicles, its lanes with their vehicles in order, and its log."""
 
 import math
 from collections import deque
@@ -19,12 +19,16 @@ LEAST_CLEARING_S = 900.0
 
 @dataclass(slots=True, eq=False)
 class HourVehicle:
-    """A vehicle from its schedule until it has left the road; times are steps of the hour.
+    """A vehicle, from its schedule until it has left the road; times are steps of the hour.
 
-    ``x_m``, ``speed_mps``: the state at the beginning of the step; ``next_x_m``,
-    ``next_speed_mps``: at its end, once it is read, with ``acceleration_mps2``, which until then is
-    the last step's.  ``xs``, ``speeds``: the states from ``first_step`` on, when its strategy took
-    over, ``trace_offset_s`` after its bumper was at R0, until its rear has left the crosswalk.
+    Attributes:
+        x_m, speed_mps: the state at the beginning of the step.
+        next_x_m, next_speed_mps: the state at the end of the step, once it has been read.
+        acceleration_mps2: the acceleration of this step, once it has been read; before that, of the
+            last step.
+        first_step: when its strategy took over.
+        trace_offset_s: time from its bumper at R0 until ``first_step``.
+        xs, speeds: the states from ``first_step`` until its rear has left the crosswalk.
     """
 
     plan: Scheduled
@@ -46,25 +50,27 @@ class HourVehicle:
     gone_step: int | None = None
     collided: bool = False
     stops: int = 0
-    """Stops before R0, seen at the queues' samples."""
+    """Stops before R0, observed once per second."""
     standing: bool = False
     xs: list[float] = field(default_factory=list)
     speeds: list[float] = field(default_factory=list)
     path: list[tuple[int, float, float]] = field(default_factory=list)
-    """Step, x and speed at the samples before ``first_step`` and after it has passed, if noted."""
+    """Step, x and speed once per second outside of its passage, if they are recorded."""
     met: list[Walker] = field(default_factory=list)
-    """Everyone at the crosswalk when its strategy took over."""
+    """The pedestrians at the crosswalk when its strategy took over."""
     came_from: int = 0
     came_until: int = 0
-    """The hour's walks that began while it drove: numbers in order of arrival."""
+    """The range of the hour's pedestrians, by order of arrival, who arrived during its passage."""
 
 
 class LaneOnRoad:
-    """One lane during an hour.
+    """A lane during an hour, with its vehicles in order.
 
-    ``due``: scheduled, not yet on the road; ``coming``: upstream of R0, driven by SUMO; ``driven``:
-    from R0 until past the crosswalk, driven by their strategies.  Each in order.  ``passed_at_m``:
-    x at which the rear has left the crosswalk.
+    Attributes:
+        due: vehicles that are due and not yet on the road.
+        coming: vehicles upstream of R0, which SUMO drives.
+        driven: vehicles from R0 until they have passed, which their strategies drive.
+        passed_at_m: x at which the rear of a vehicle has left the crosswalk.
     """
 
     def __init__(
@@ -85,16 +91,17 @@ class LaneOnRoad:
             for side in Side
         }
         self._own_frame = any(
-            own is not side or ahead != 0 for side, (own, ahead) in self._shift.items()
+            lane_side is not side or ahead_m != 0
+            for side, (lane_side, ahead_m) in self._shift.items()
         )
 
     def plan_next(self) -> None:
-        """Look up who is scheduled next, and in which step; nobody ever: in an infinite one."""
+        """Set the next scheduled vehicle and its step; the step is infinite if there is none."""
         self.next_scheduled = next(self.schedule, None)
         self.next_step = math.inf if self.next_scheduled is None else self.next_scheduled.step
 
     def first(self, elapsed_s: float) -> tuple[float, float, HourVehicle] | None:
-        """x, speed and vehicle of the first that has not passed, so far into the step."""
+        """See ``LaneAhead.first``."""
         for car in self.driven:
             gain = car.acceleration_mps2
             x = car.x_m + car.speed_mps * elapsed_s + gain * elapsed_s**2 / 2
@@ -108,25 +115,31 @@ class LaneOnRoad:
         return x, head.speed_mps + gain * elapsed_s, head
 
     def seen_from(self, views: tuple[PedestrianView, ...]) -> tuple[PedestrianView, ...]:
-        """Views from the ego's lane as this lane's vehicles see them."""
+        """The views of this lane's vehicles, from the views of the ego's lane."""
         if not self._own_frame:
             return views
         shift = self._shift
-        seen = []
+        shifted = []
         for index, side, lateral_m, remaining_m, speed_mps, on_crossing in views:
-            own, ahead_m = shift[side]
+            lane_side, ahead_m = shift[side]
             lateral_m += ahead_m
-            seen.append(PedestrianView(index, own, lateral_m, remaining_m, speed_mps, on_crossing))
-        return tuple(seen)
+            shifted.append(
+                PedestrianView(index, lane_side, lateral_m, remaining_m, speed_mps, on_crossing)
+            )
+        return tuple(shifted)
 
 
 @dataclass(slots=True)
 class HourLog:
     """The events of an hour; times are steps from the beginning of the warm-up.
 
-    ``queues`` has, for each second of the counted time, the queued vehicles of each lane.
-    ``let_go``: of each who had to wait, whether the first vehicle that kept them waiting let them
-    go.
+    Attributes:
+        vehicles: all vehicles.
+        walks: the walks of all pedestrians, by arrival.
+        queues: for each second of the counted time, the number of queued vehicles of each lane.
+        let_go: for each pedestrian who had to wait, whether the first vehicle that kept them
+            waiting let them go.
+        last_step: the last simulated step.
     """
 
     vehicles: list[HourVehicle] = field(default_factory=list)
@@ -143,5 +156,5 @@ def state_of(road: SumoRoad, car: HourVehicle) -> tuple[float, float]:
 
 
 def clearing_s(traffic: TrafficSection) -> float:
-    """How long after the counted time the road may take to empty; a permanent queue never does."""
+    """The time allowed for the road to empty after the counted time; 0 for saturated lanes."""
     return 0.0 if traffic.saturated else max(traffic.duration_s, LEAST_CLEARING_S)

@@ -1,1 +1,1 @@
-"""How ego and pedestrians move, and when they touch: geometry in the road frame, exact."""
+"""Motion of ego and pedestrians in; their positions and first contact out, exact."""

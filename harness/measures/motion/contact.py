@@ -1,8 +1,8 @@
-"""When the ego's rectangle first meets a pedestrian's disc: exact, inside steps too.
+"""The first contact of the ego's rectangle with a pedestrian's disc, exact within steps too.
 
-Seen from the ego (front bumper at 0, body over −length … 0, y across), the pedestrian's centre is
-a point and the ego grown by the disc's radius a rounded rectangle: two rectangles and four
-circles.  A contact is the first time the point enters it.
+In the ego's frame (front bumper at 0, body over −length … 0, y across) the pedestrian is a point,
+and the ego enlarged by the disc's radius is a rounded rectangle: two rectangles and four circles.
+A contact begins when the point enters it.
 """
 
 import math
@@ -19,14 +19,14 @@ _REAL_S = 1e-7
 
 
 class Motion(NamedTuple):
-    """A coordinate over a step: place and speed at its beginning, constant acceleration."""
+    """A coordinate during a step: its initial position and speed, and its constant acceleration."""
 
     place_m: float
     speed_mps: float
     acceleration_mps2: float = 0.0
 
     def at(self, time_s: float) -> float:
-        """The place after that time."""
+        """The position after a time."""
         return self.place_m + self.speed_mps * time_s + self.acceleration_mps2 * time_s**2 / 2
 
 
@@ -43,9 +43,9 @@ def first_contact_in_step(
     earliest at which the distance is within the radius.
 
     Args:
-        ego: of the front bumper, along the road.
-        walker_x: the pedestrian along the road, without acceleration.
-        walker_y: across it.
+        ego: motion of the front bumper, along the road.
+        walker_x: motion of the pedestrian along the road, without acceleration.
+        walker_y: motion of the pedestrian across the road.
         duration_s: length of the step.
         body: (length of the ego, y of its right side, y of its left side) in m.
     """
@@ -81,7 +81,7 @@ def first_contact_in_step(
 
 
 def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
-    """When a coordinate is at an edge; a path that misses it by rounding only touches it."""
+    """The times at which a coordinate is at an edge; a miss within rounding counts as a touch."""
     square, slope, constant = path.acceleration_mps2 / 2, path.speed_mps, path.place_m - edge_m
     if square == 0:
         return () if slope == 0 else (-constant / slope,)
@@ -97,7 +97,7 @@ def _times_at(path: Motion, edge_m: float) -> tuple[float, ...]:
 def _times_at_circle(
     ahead: Motion, across: Motion, corner_x: float, corner_y: float
 ) -> list[float]:
-    """When a moving point is on the circle with the disc's radius around a corner."""
+    """The times at which a moving point is on the circle with the disc's radius around a corner."""
     dx = (ahead.acceleration_mps2 / 2, ahead.speed_mps, ahead.place_m - corner_x)
     dy = (across.acceleration_mps2 / 2, across.speed_mps, across.place_m - corner_y)
     circle = np.convolve(dx, dx) + np.convolve(dy, dy)
@@ -108,7 +108,7 @@ def _times_at_circle(
 
 
 def _range(path: Motion, duration_s: float) -> tuple[float, float]:
-    """Smallest and largest place over 0 … duration."""
+    """Smallest and largest position over 0 … duration."""
     values = [path.place_m, path.at(duration_s)]
     if path.acceleration_mps2 != 0:
         values.append(path.at(min(max(-path.speed_mps / path.acceleration_mps2, 0.0), duration_s)))
@@ -116,7 +116,7 @@ def _range(path: Motion, duration_s: float) -> tuple[float, float]:
 
 
 def _near(span: tuple[float, float], place_m: float, reach_m: float) -> bool:
-    """Whether a range of places comes within reach of one, rounding included."""
+    """Whether a range of positions comes within reach of a position, with a margin for rounding."""
     reach_m += _MARGIN_M
     return span[0] - reach_m <= place_m <= span[1] + reach_m
 
@@ -142,7 +142,7 @@ def time_to_collision(
     """TTC: time until rectangle and disc meet if both keep their velocities, in s.
 
     Args:
-        ahead_m: pedestrian's distance ahead of the front bumper (negative beside the body).
+        ahead_m: pedestrian's distance ahead of the front bumper (negative at or behind it).
         y_m: the pedestrian's y.
         ahead_mps: rate of ``ahead_m``: their velocity along the road minus the ego's speed.
         y_mps: their velocity across the road.

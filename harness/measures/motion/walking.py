@@ -1,4 +1,4 @@
-"""Walks in the road frame: places over time, and the path of a timed pedestrian."""
+"""A walk in; positions and times in the road frame out.  It also makes timed pedestrians' walks."""
 
 import math
 
@@ -33,18 +33,19 @@ def timed_path(
     sqrt(2 d/a) with a = v_p²/2d_a while d ≤ d_a, else 2 d_a/v_p + (d − d_a)/v_p.
 
     Args:
-        side: the side they come from.
-        start_lateral_m: their start, in m from the car's centre line.
+        side: the kerb they come from.
+        start_lateral_m: distance of their start from the car's centre line, in m.
         acceleration_distance_m: d_a ≥ 0.
         speed_mps: v_p > 0.
-        impact_share: 0 at the edge of the car they reach first, 1 at the other one.
+        impact_share: point of impact, 0 at the car's edge that they reach first, 1 at the other.
         vehicle: the ego, which meets them at its initial speed v0.
-        crossing: where the lane lies.
+        crossing: the crosswalk, which defines the lane.
 
     Returns:
-        One leg, or two where they accelerate.  The first one's time is negative where they would
-        have to start before the trigger.  Source of the case: Euro NCAP, Test Protocol AEB/LSS
-        VRU Systems (v4.5.1, 2024): CPNA and CPFA.
+        One leg, or two if they accelerate.  The time of the first leg is negative if they have to
+        start before the trigger.
+
+    Source: Euro NCAP, Test Protocol AEB/LSS VRU Systems (v4.5.1, 2024), cases CPNA and CPFA.
     """
     contact_s = (vehicle.trigger_range_m - PEDESTRIAN_RADIUS_M) / vehicle.initial_speed_mps
     distance_m = start_lateral_m - vehicle.width_m * (0.5 - impact_share)
