@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,7 @@ from harness.cli.output import emit, print_json, print_line
 from harness.core.errors import InputError
 
 if TYPE_CHECKING:
+    from harness.report.screens.listings import StrategyRow
     from harness.studies.conformance import RuleResult
 
 _LIMIT_S = 60.0
@@ -90,7 +91,7 @@ def strategies(
     _print_results(check, results, quiet, as_json)
 
 
-def _list_strategies(documents: Iterable[dict[str, Any]]) -> None:
+def _list_strategies(documents: "Iterable[StrategyRow]") -> None:
     for document in documents:
         if "problem" in document:
             print_line(_line("FAILED", document["problem"]))

@@ -3,7 +3,7 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from harness.core.encounter import Observation, StrategyFactory
 from harness.core.errors import HarnessError, InputError, InterruptedRunError
@@ -24,17 +24,44 @@ CHECKS = (
 )
 
 
-def strategy_documents() -> list[dict[str, Any]]:
+class ParameterRow(TypedDict):
+    """A parameter of a strategy; ``default`` is None if it is required."""
+
+    name: str
+    kind: str
+    default: str | None
+    required: bool
+
+
+class StrategyRow(TypedDict, total=False):
+    """A strategy: its name, and its problem if it is unusable; otherwise all the rest."""
+
+    name: str
+    problem: str
+    summary: str
+    parameters: list[ParameterRow]
+    knows: str | None
+
+
+class RuleRow(TypedDict):
+    """A rule of ``strategies --check``: the problem with it, and the observation that shows it."""
+
+    check: str
+    problem: str | None
+    observation: list[str]
+
+
+def strategy_documents() -> list[StrategyRow]:
     """Every strategy: ``name``, ``summary``, ``parameters``; ``problem`` where it is unusable.
 
     ``knows`` says of one that is given the interaction model what that means; None for others.
     """
-    documents: list[dict[str, Any]] = []
+    documents: list[StrategyRow] = []
     for name, factory in available().items():
         if isinstance(factory, InputError):
             documents.append({"name": name, "problem": str(factory)})
             continue
-        parameters = [
+        parameters: list[ParameterRow] = [
             {
                 "name": parameter.name,
                 "kind": describe(parameter.annotation),
@@ -78,7 +105,7 @@ def observation_lines(observation: Observation | None) -> list[str]:
     return [*lines, *([f"and {more} more"] if more > 0 else [])]
 
 
-def verdict_document(verdict: RuleResult) -> dict[str, Any]:
+def verdict_document(verdict: RuleResult) -> RuleRow:
     """The entry of ``strategies --check --json`` for one rule."""
     return {
         "check": verdict.check,

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -159,7 +159,27 @@ def print_model(model: InteractionModel, figures: Sequence[Path]) -> None:
     _print_files(console, "Figures", figures)
 
 
-def model_document(model: InteractionModel) -> dict[str, Any]:
+class Marginal(TypedDict):
+    """The distribution of one variable within its bounds; None where a number is not finite."""
+
+    bounds: list[float]
+    mean: float | None
+    standard_deviation: float | None
+    quantiles: dict[str, float | None]
+
+
+class ModelDocument(TypedDict):
+    """What ``harness model --json`` prints, without the figures."""
+
+    name: str
+    sha256: str
+    components: int
+    marginals: dict[str, Marginal]
+    correlations: list[list[float | None]]
+    card: Mapping[str, object]
+
+
+def model_document(model: InteractionModel) -> ModelDocument:
     """A model as plain data: card, moments, marginals."""
     mixture = model.mixture
     mean, covariance = mixture.mean(), mixture.covariance()
@@ -167,7 +187,7 @@ def model_document(model: InteractionModel) -> dict[str, Any]:
     with np.errstate(all="ignore"):
         spread = np.sqrt(np.diag(covariance))
         correlations = covariance / np.outer(spread, spread)
-    marginals = {}
+    marginals: dict[str, Marginal] = {}
     for i, name in enumerate(VARIABLES):
         values = mixture.conditional(i, ()).ppf(np.array(_QUANTILES), np.empty((1, 0)))
         marginals[name] = {
@@ -186,7 +206,7 @@ def model_document(model: InteractionModel) -> dict[str, Any]:
     }
 
 
-def fit_document(model: InteractionModel, out: Path) -> dict[str, Any]:
+def fit_document(model: InteractionModel, out: Path) -> Mapping[str, object]:
     """The document that ``harness fit --json`` prints."""
     return {"out": str(out), "name": model.name, "sha256": model.sha256, "card": model.provenance}
 

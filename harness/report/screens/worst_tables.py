@@ -1,7 +1,6 @@
 """The episodes of ``harness worst`` as a table and as a JSON document."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 from harness.core.encounter import Ending
 from harness.report.screens.tables import Table, TableCell, count_cell, number, sort_key
@@ -32,7 +31,7 @@ def worst_tables(episodes: Sequence[WorstEpisode], by: str) -> Table:
     return Table("worst", caption, headings, tuple(rows))
 
 
-def worst_document(episodes: Sequence[WorstEpisode], by: str) -> dict[str, Any]:
+def worst_document(episodes: Sequence[WorstEpisode], by: str) -> Mapping[str, object]:
     """The document that ``--json`` prints."""
     return {
         "by": by,
