@@ -1,4 +1,4 @@
-"""The reading ``curve``: walking speed given (R, v, L), along the curve T_adv(v_p).
+"""Takes (R, v, L) and returns the distribution of the walking speed by the reading ``curve``.
 
 T_adv = |R/v − L/v_p| depends on v_p, so for a known L the four variables lie on a curve:
 w = 1/T_adv is a function of v_p.  Changing variables from w to L in the joint density of
@@ -6,9 +6,9 @@ w = 1/T_adv is a function of v_p.  Changing variables from w to L in the joint d
 
     f(v_p | R, v, L) ∝ f(1/R, v, v_p, w(v_p)) · w²/v_p · s,
 
-with s the probability of the sign of R/v − L/v_p.  If v_p > L v/(2R), both signs are possible, and
-s = ½; otherwise a positive sign would need L < 0, and s = 1.  The box bounds w, so the
-density has a hole around v_p = L v/R, where the two would collide.
+where s is the probability of the sign of R/v − L/v_p.  If v_p > L v/(2R), both signs are possible
+and s = ½.  Otherwise one sign would need L < 0, so s = 1.  The box bounds w, so the density has a
+hole around v_p = L v/R, where vehicle and pedestrian would collide.
 """
 
 from collections.abc import Callable
@@ -35,8 +35,8 @@ class _Grid(NamedTuple):
     """The densities of n pedestrians, constant within each of m cells.
 
     Attributes:
-        ends: of the cells in growing v_p, (n, m + 1).
-        reached: distribution function at the ends, (n, m + 1); NaN where nothing fits the box.
+        ends: ends of the cells in increasing v_p, (n, m + 1).
+        reached: distribution function at the ends, (n, m + 1); NaN if no v_p fits the box.
         log_total: log of the integral of the density, (n,).
     """
 
@@ -50,12 +50,12 @@ class CurveReading:
 
     The distribution function is accurate to 1e-3.  Its inverse uses the same grid.
 
-    Undefined (NaN) if L ≤ 0, or if no walking speed in the box gives a T_adv in the box: then L is
-    so long, or the vehicle so near, that the hole covers everything.
+    It is undefined (NaN) if L ≤ 0, or if no walking speed in the box gives a T_adv in the box.  The
+    hole then covers the whole box, because L is too long or the vehicle too near.
 
     Args:
-        mixture: of dimension 4; bounds of v_p and of w = 1/T_adv must be finite.
-        order: columns of 1/R, v, v_p and w in it.
+        mixture: mixture of dimension 4 with finite bounds of v_p and of w = 1/T_adv.
+        order: the mixture's columns of 1/R, v, v_p and w.
     """
 
     def __init__(self, mixture: TruncatedGaussianMixture, order: tuple[int, int, int, int]) -> None:
@@ -142,7 +142,7 @@ class CurveReading:
     def _grid_between(
         self, ends: FloatArray, range_m: FloatArray, lateral: FloatArray, speed: FloatArray
     ) -> _Grid:
-        """The grid with these ends of cells, (n, m + 1)."""
+        """The grid whose cells have these ends, (n, m + 1)."""
         half = 0.5 * np.diff(ends)[:, :, None]
         x = ends[:, :-1, None] + half * (1.0 + _NODES)
         logs = self._log_density(x.reshape(len(speed), -1), range_m, lateral, speed)
@@ -197,7 +197,7 @@ def _inverse(u: FloatArray, grid: _Grid, *_: FloatArray) -> FloatArray:
 
 
 def _between(at: FloatArray, steps: FloatArray, values: FloatArray) -> FloatArray:
-    """Linear interpolation row by row: values (n, m) at steps (n, m) that grow along the row."""
+    """Linear interpolation of values (n, m), row by row, at increasing steps (n, m)."""
     defined = np.isfinite(steps[:, -1] + values[:, -1])
     return np.array(
         [

@@ -1,4 +1,4 @@
-"""The model file: JSON with a fitted mixture and its card (format: docs/files.md)."""
+"""Reads and writes model files: JSON with a fitted mixture and its card (see docs/files.md)."""
 
 import hashlib
 import json
@@ -68,8 +68,8 @@ def read_model(path: Path) -> InteractionModel:
     try:
         document = parse_json(content)
     except ValueError as error:
-        wanted = "a model file as `harness fit` writes"
-        raise InputError(str(path), f"not a JSON file ({error})", wanted) from None
+        allowed = "a model file from `harness fit`"
+        raise InputError(str(path), f"not a JSON file ({error})", allowed) from None
     return _model(document, str(path), hashlib.sha256(content).hexdigest())
 
 

@@ -1,12 +1,12 @@
-"""The interaction model: a truncated Gaussian mixture and what its four variables mean.
+"""Takes a truncated mixture of four variables and returns speeds of pedestrians and drivers.
 
 Only this module knows the order of the variables: 1/R, v, v_p, 1/T_adv (paper, section II).  The
-model answers two questions: how fast a pedestrian walks who sees a given vehicle, and how fast a
-driver drives who sees a given pedestrian.
+model answers two questions: how fast a pedestrian walks in front of a vehicle, and how fast a
+driver drives towards a pedestrian.
 
-T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has three readings: with T_adv
-integrated out (``marginal``), given (``given_time_advantage``: the paper's figures), or tied to
-v_p by the pedestrian's L (``curve``).
+T_adv = |R/v − L/v_p| depends on v_p, so "v_p given (R, v, T_adv)" has three readings.  T_adv is
+integrated out (``marginal``), given as in the paper's figures (``given_time_advantage``), or a
+function of v_p and the pedestrian's L (``curve``).
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,15 +33,15 @@ _DRIVING_GIVEN = (INVERSE_RANGE, PEDESTRIAN_SPEED, INVERSE_TIME_ADVANTAGE)
 
 
 class InteractionModel:
-    """A fitted mixture with its name, provenance and identity.
+    """A fitted mixture with its name, provenance and hash.
 
-    Conditions are clamped to the box in which the model was fitted: it says nothing outside.
+    Conditions are clamped to the box in which the model was fitted.
 
     Args:
-        mixture: of dimension 4, variables in the order of ``VARIABLES``.
-        name: of the model.
-        provenance: its origin, in free form.
-        sha256: of the file from which it was read.
+        mixture: mixture of dimension 4, with variables in the order of ``VARIABLES``.
+        name: name of the model.
+        provenance: its origin in free form.
+        sha256: hash of its file.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class InteractionModel:
         return conditional.ppf(np.asarray(quantile, dtype=float), given)
 
     def walking_speed_at(self, quantile: float, range_m: float, vehicle_speed_mps: float) -> float:
-        """``walking_speed`` of one pedestrian, equal to the last bit; plain numbers are faster."""
+        """``walking_speed`` of one pedestrian, with equal bits but faster."""
         conditional = self._conditional(PEDESTRIAN_SPEED, *_WALKING_GIVEN[:2])
         return conditional.ppf_at(
             quantile, self._clamped_row(conditional, (1 / range_m, vehicle_speed_mps))

@@ -1,7 +1,7 @@
-"""Climbing the penalised likelihood: EM, then quasi-Newton steps, from k-means++ starts.
+"""Takes rows and a start and returns the parameters of the highest penalised likelihood.
 
-EM is quick at first and slow at the end; the moments that it needs give the exact gradient, and
-with that BFGS is quick to the end. Sources: Jamshidian and Jennrich (1997); Nocedal and Wright
+EM converges fast at first and slowly at the end. Its moments also give the exact gradient, with
+which BFGS converges fast at the end. Sources: Jamshidian and Jennrich (1997); Nocedal and Wright
 (2006), chapters 3 and 6.
 """
 
@@ -24,9 +24,9 @@ _FIRST_EIGENVALUE = 1e-3
 
 @dataclass(frozen=True)
 class Climb:
-    """The end of a climb: the evaluation, the objective after every step, and how it ended.
+    """The result of a climb: the last evaluation and the objective after every step.
 
-    `gradient_norm` is that of `Coordinates`, per unit of weight.
+    `gradient_norm` is `Coordinates.gradient_norm` per unit of weight.
     """
 
     best: Evaluation
@@ -36,7 +36,7 @@ class Climb:
 
 
 def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> Parameters:
-    """Clusters of standardised rows (n, d) by k-means from a k-means++ seeding."""
+    """The starting parameters, from k-means clusters of standardised rows (n, d)."""
     if rows.shape[0] > _CLUSTER_ROWS:
         chosen = rng.choice(rows.shape[0], _CLUSTER_ROWS, replace=False)
         rows, weights = rows[chosen], weights[chosen]
@@ -47,10 +47,10 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
     for k in range(count):
         share = weights * member[:, k]
         away = rows - centres[k]
-        # A cluster of a few rows borrows from the spread of all rows.
-        lent = rows.shape[1] + 1.0
-        scales[k] = (away.T * share) @ away + lent * np.diag((weights @ rows**2) / weights.sum())
-        scales[k] /= sizes[k] + lent
+        # The spread of all rows is a prior, which matters for clusters with few rows.
+        prior = rows.shape[1] + 1.0
+        scales[k] = (away.T * share) @ away + prior * np.diag((weights @ rows**2) / weights.sum())
+        scales[k] /= sizes[k] + prior
     scales += _FIRST_EIGENVALUE * np.eye(rows.shape[1])
     sizes = sizes + weights.sum() / (10.0 * count)
     return Parameters(sizes / sizes.sum(), centres, scales)
@@ -59,9 +59,9 @@ def start(rows: Array, weights: Array, count: int, rng: np.random.Generator) -> 
 def climb(problem: Problem, first: Parameters, tol: float, max_iter: int) -> Climb | None:
     """A few EM steps from `first`, then quasi-Newton steps until the gradient is nearly 0.
 
-    Every accepted step raises the penalised likelihood. It has converged where the largest
-    component of the gradient per unit of weight is below tol, and nowhere else: where neither
-    method takes a step any more it is stuck. None if nothing can be computed at `first`.
+    Every accepted step raises the penalised likelihood. The climb has converged only if the largest
+    component of the gradient per unit of weight is below tol; it also ends if neither method finds
+    a step. It is None if the likelihood at `first` cannot be computed.
     """
     at = problem.evaluate(problem.allowed(first))
     if at is None:
@@ -112,7 +112,7 @@ class _Path:
 
 def _quasi_newton(path: _Path, tol: float) -> None:
     """BFGS until no component of the gradient exceeds tol per unit of weight."""
-    # Imported here: episodes load this package too and fit nothing.
+    # Imported here, because episodes load this package without fitting.
     from scipy import optimize
 
     coordinates = Coordinates(path.problem, path.at)

@@ -1,8 +1,8 @@
-"""Parameters of a mixture as one unconstrained vector, and the gradient of the objective in it.
+"""Takes a mixture's parameters and returns them as an unconstrained vector, with the gradient.
 
-A quasi-Newton method is as good as the scale of its coordinates. These are measured from a point
-of reference, component by component, in the units of its own Fisher information without bounds,
-so that there a step along the gradient is about a step of EM (Xu and Jordan 1996).
+A quasi-Newton method needs well-scaled coordinates. The origin is a reference point, and the units
+come from each component's Fisher information without bounds. A step along the gradient there is
+about a step of EM (Xu and Jordan 1996).
 """
 
 import numpy as np
@@ -12,19 +12,19 @@ from harness.model.mixture.em import Evaluation, Parameters, Problem
 
 Array = NDArray[np.float64]
 
-# Part of the floor by which a scale matrix at its floor is lifted, to have a factor to move.
+# A scale matrix at its floor is raised by this share of the floor, so that it has a factor.
 _ABOVE_FLOOR = 1e-6
 _TINY = 1e-12
-# Components of fewer rows than this move as if they had so many.
+# Components with fewer rows have the units of a component with this number of rows.
 _FEWEST_ROWS = 1.0
 
 
 class Coordinates:
     """A vector z, 0 at the reference, for logits of weights, locations and scale matrices.
 
-    With N_k the rows of component k and S_k = F I + L_k L_kᵀ at the reference, F the floor:
-    logit + z/√N_k, m_k + L_k z/√N_k, and L_k (I + Z/√N_k) for the factor, Z lower triangular.
-    Every z gives scale matrices above the floor.
+    Let N_k be the number of rows of component k, F the floor, and S_k = F I + L_k L_kᵀ at the
+    reference. The vector gives the logits logit + z/√N_k, the locations m_k + L_k z/√N_k, and the
+    factors L_k (I + Z/√N_k) with Z lower triangular. Every z gives scale matrices above the floor.
     """
 
     def __init__(self, problem: Problem, at: Evaluation) -> None:
@@ -44,7 +44,7 @@ class Coordinates:
         self._factors = np.linalg.cholesky(above)
         self._unit = 1.0 / np.sqrt(np.maximum(at.counts, _FEWEST_ROWS))
         self._low = np.tril_indices(dimension)
-        # The information about a diagonal entry is twice that about one beside it.
+        # The information on a diagonal entry is twice that on an entry off the diagonal.
         self._half = np.where(self._low[0] == self._low[1], np.sqrt(0.5), 1.0)
 
     @property
@@ -79,8 +79,9 @@ class Coordinates:
     def gradient_norm(self, at: Evaluation) -> float:
         """Largest component of the gradient at the reference; `at` is the evaluation there.
 
-        A scale matrix at its floor has no slope in z: there, how fast the objective rises with the
-        logarithm of an eigenvalue, in the same units, stands in. 0 at a maximum, never below.
+        A scale matrix at its floor has no slope in z. The slope with respect to the logarithm of
+        its eigenvalues, in the same units, is used in addition. The norm is ≥ 0, and 0 at a
+        maximum.
         """
         values, vectors = np.linalg.eigh(at.parameters.scales)
         _, _, in_scales = self._problem.gradient(at)

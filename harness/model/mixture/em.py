@@ -1,7 +1,7 @@
-"""One step of EM for truncated Gaussians and the penalised likelihood it climbs.
+"""Takes a mixture's parameters and returns its penalised likelihood, gradient and next EM step.
 
-Source: Lee and Scott (2012), with the larger step and the prior of `fit_mixture`. All in
-standardised units: columns of mean 0 and spread 1.
+Source: Lee and Scott (2012), with a larger step and the penalty of `fit_mixture`. All columns are
+standardised to mean 0 and spread 1.
 """
 
 from dataclasses import dataclass
@@ -36,9 +36,9 @@ class Evaluation:
     """The likelihood at some parameters, and sums that the next step needs.
 
     Attributes:
-        objective, log_likelihood: totals over the rows, with and without the prior.
-        masses, inner_means, inner_covariances: of the truncated components.
-        counts, means, covariances: of the rows, weighted by responsibility.
+        objective, log_likelihood: totals over the rows, with and without the penalty.
+        masses, inner_means, inner_covariances: moments of the truncated components.
+        counts, means, covariances: moments of the rows, weighted by responsibility.
     """
 
     parameters: Parameters
@@ -56,8 +56,11 @@ class Problem:
     """Rows, bounds and prior of one fit.
 
     Args:
-        rows: (n, d) standardised; weights: (n,); lower, upper: (d,).
-        mass_penalty: λ of the prior Π α_k^λ; scale_floor: smallest eigenvalue allowed.
+        rows: standardised rows, (n, d).
+        weights: weights of the rows, (n,).
+        lower, upper: standardised bounds, (d,).
+        mass_penalty: λ of the penalty Π α_k^λ.
+        scale_floor: smallest allowed eigenvalue of a scale matrix.
     """
 
     def __init__(
@@ -144,10 +147,10 @@ class Problem:
     def step(self, at: Evaluation) -> Parameters:
         """The parameters of the next EM step.
 
-        m' = m + (ȳ − E), S' = C + (S − V), with the prior's share in E and V: at the maximum the
-        rows' moments equal those of a mixture of the truncated component (its share
-        c = 1 − λ/N_k) and the untruncated one (1 − c). Larger than the exact step of EM, so it
-        need not climb, and nearly always does.
+        m' = m + (ȳ − E), S' = C + (S − V). ȳ and C are the rows' moments. E and V are moments of a
+        mixture of the truncated component, with share c = 1 − λ/N_k, and the untruncated component,
+        with share 1 − c. Both moments are equal at the maximum. The step is larger than the exact
+        step of EM, so in rare cases the objective may fall.
         """
         share = np.maximum(1.0 - self.mass_penalty / at.counts, 0.0)[:, None]
         m, scales = at.parameters.locations, at.parameters.scales
@@ -155,15 +158,16 @@ class Problem:
         spread = scales + share[:, :, None] * (
             at.inner_covariances - scales + _outer(at.inner_means - m)
         )
-        wanted = at.covariances + scales - (spread - _outer(away))
+        target_scales = at.covariances + scales - (spread - _outer(away))
         weights = at.counts / at.counts.sum()
-        return Parameters(weights, m + (at.means - m - away), self._lifted(wanted))
+        return Parameters(weights, m + (at.means - m - away), self._lifted(target_scales))
 
     def gradient(self, at: Evaluation) -> tuple[Array, Array, Array]:
         """Gradient of the objective in the logits of the weights (K,), locations (K, d), scales.
 
-        That in the scales (K, d, d) is symmetric: the change for a symmetric dS is Σ_ij g_ij dS_ij.
-        Exact: of log α it is (E − m) and (V + (E − m)(E − m)ᵀ − S)/2 between inverses of S.
+        The gradient g in the scales (K, d, d) is symmetric; a symmetric dS changes the objective by
+        Σ_ij g_ij dS_ij. The gradient of log α is exact: S⁻¹(E − m) in the location and
+        S⁻¹(V + (E − m)(E − m)ᵀ − S)S⁻¹/2 in the scale matrix.
         """
         m, scales = at.parameters.locations, at.parameters.scales
         counts, cut = at.counts, at.counts - self.mass_penalty
@@ -179,11 +183,11 @@ class Problem:
         )
 
     def allowed(self, parameters: Parameters) -> Parameters:
-        """The parameters with scale matrices lifted to the floor."""
+        """The parameters with the eigenvalues of scale matrices raised to the floor."""
         return Parameters(parameters.weights, parameters.locations, self._lifted(parameters.scales))
 
     def _lifted(self, scales: Array) -> Array:
-        """Nearest matrices whose eigenvalues are not below the floor."""
+        """The nearest matrices with no eigenvalue below the floor."""
         scales = 0.5 * (scales + np.swapaxes(scales, 1, 2))
         values, vectors = np.linalg.eigh(scales)
         low = values[:, 0] < max(self.scale_floor, _TINY)

@@ -1,6 +1,6 @@
-"""The highest point of a mixture of a few normal densities on an interval, in plain numbers.
+"""Takes a few normal densities and an interval and returns the highest point of their sum.
 
-With a handful of components the overhead of array operations would be most of the time.
+The module uses Python's floats, because with a few components arrays would mostly add overhead.
 """
 
 from collections.abc import Sequence
@@ -8,15 +8,16 @@ from math import exp
 from typing import NamedTuple
 
 _MOST_STEPS = 60
-# A component whose own highest point is e^-25 of another's moves no mode by a billionth.
+# A component whose peak is below e^-25 of another's moves a mode by less than 1e-9.
 _NEGLIGIBLE = 25.0
-# Nor does one of e^-7 add more than a thousandth to a peak: no ascent need start from it.
+# A component with a peak of e^-7 adds at most a thousandth to another peak, so no ascent starts
+# from it.
 _LOW = 7.0
-# One Newton step from its mean an ascent has nearly all its height: those below this part of the
-# highest will not get above it.
+# One Newton step from its mean an ascent has almost its final height, so an ascent below this share
+# of the highest one cannot exceed it.
 _PROMISING = 0.5
-# In spreads: ascents this near to each other end at the same peak; a step this small is the last,
-# as the next would be its square.
+# In spreads: ascents nearer than the first number end at the same peak. A step below the second
+# number is the last one, because Newton's method converges quadratically.
 _SAME = 0.2
 _LAST_STEP = 1e-5
 _TINY = 1e-300
@@ -28,8 +29,8 @@ Normal = tuple[float, float, float, float]
 def highest_point(normals: Sequence[Normal], lower: float, upper: float) -> float:
     """Position of the global maximum on [lower, upper] of a sum of normals.
 
-    Every mean, moved into the interval, is the start of an ascent: on a line the peaks of a
-    mixture of normals are where ascents from its means end (Carreira-Perpiñán 2000).
+    An ascent starts from every mean, clipped to the interval, because in one dimension these
+    ascents reach all peaks of a mixture of normals (Carreira-Perpiñán 2000).
     """
     starts = [min(max(mean, lower), upper) for _, mean, _, _ in normals]
     peaks = [
@@ -57,7 +58,7 @@ def highest_point(normals: Sequence[Normal], lower: float, upper: float) -> floa
 
 
 class _Climb(NamedTuple):
-    """The place of an ascent, its longest step, the density there, and the next step."""
+    """The position of an ascent, its longest step, the density there, and the next step."""
 
     x: float
     reach: float
@@ -66,7 +67,7 @@ class _Climb(NamedTuple):
 
 
 def _top(normals: list[Normal], climb: _Climb, lower: float, upper: float) -> tuple[float, float]:
-    """Height and position of the next peak; a step that would lose height is quartered."""
+    """Height and position of the next peak; a step that would go down is quartered."""
     x, reach, best, step = climb
     step = min(max(x + step, lower), upper) - x
     for _ in range(_MOST_STEPS):
@@ -82,7 +83,7 @@ def _top(normals: list[Normal], climb: _Climb, lower: float, upper: float) -> tu
 
 
 def _newton(normals: list[Normal], x: float, reach: float) -> tuple[float, float]:
-    """The density at x, and Newton's step on its log: uphill, and no longer than reach."""
+    """The density at x, and Newton's step for its log: uphill and at most ``reach`` long."""
     value, first, second = _TINY, 0.0, 0.0
     for log_height, mean, precision, _ in normals:
         away = mean - x
@@ -92,6 +93,6 @@ def _newton(normals: list[Normal], x: float, reach: float) -> tuple[float, float
         first += term * slope
         second += term * (slope * slope - precision)
     slope = first / value
-    # Where the log density is not concave the step is as long as allowed.
+    # If the log density is not concave, the step has the maximum length.
     bend = max(slope * slope - second / value, abs(slope) / reach + _TINY)
     return value, slope / bend

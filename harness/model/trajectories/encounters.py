@@ -1,4 +1,4 @@
-"""From the tracks of a clip to candidate rows: one per pair and sampling instant."""
+"""Takes the tracks of a clip and returns candidate rows: one per pair and sampling instant."""
 
 import math
 from collections.abc import Iterator
@@ -20,8 +20,8 @@ from harness.model.trajectories.paths import (
 )
 from harness.model.trajectories.tracks import Clip, Track, VehicleTrack
 
-# Corner spacing and the chord that gives a direction: a few times the recording jitter (about
-# 2 cm in drone video), well under the curvature of a turning car or a walker's detour.
+# Spacing of corners, and length of the chord that gives a direction. They are longer than the
+# recording jitter (about 2 cm in drone video) and shorter than turns of cars or pedestrians.
 VEHICLE_STEP_M, VEHICLE_CHORD_M = 0.5, 2.0
 PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M = 0.25, 1.0
 
@@ -46,12 +46,12 @@ class Mover:
 def candidate_rows(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[pd.DataFrame]:
     """The candidate rows of a clip, pair by pair, in the order of its tracks.
 
-    Pairs come from the crossing of their paths, or from the sensor's sightings where the clip has
-    them. What is left out is counted in ``tally``.
+    A pair is a vehicle and a pedestrian whose paths cross, or a sighting of the sensor if the clip
+    has sightings. ``tally`` counts what is left out.
 
     Yields:
-        Frames with ``CANDIDATE_COLUMNS``. A speed is NaN *when
-        undefined* (gap in the track, or a track shorter than half the speed window).
+        Frames with ``CANDIDATE_COLUMNS``. A speed is *undefined* (NaN) at a gap in the track, or if
+        the track is shorter than half the speed window.
     """
     find = _from_paths if clip.sightings is None else _from_sightings
     tracks = {name: fingerprint(track) for name, track in clip.vehicles.items()}
@@ -95,13 +95,13 @@ def _from_paths(clip: Clip, rules: ExtractionRules, tally: Tally) -> Iterator[Co
 
 
 def walker_of(track: Track, rules: ExtractionRules) -> Mover | None:
-    """A pedestrian with their path; None when they stand."""
+    """A pedestrian with their path; None if they stand."""
     shape = (PEDESTRIAN_STEP_M, PEDESTRIAN_CHORD_M, rules.pedestrian_extension_m)
     return _mover(track, shape, rules.min_pedestrian_travel_m)
 
 
 def car_of(track: Track, rules: ExtractionRules) -> Mover | None:
-    """A vehicle with its path; None when it is parked."""
+    """A vehicle with its path; None if it is parked."""
     shape = (VEHICLE_STEP_M, VEHICLE_CHORD_M, rules.vehicle_extension_m)
     return _mover(track, shape, rules.min_vehicle_travel_m)
 
@@ -119,7 +119,7 @@ def _mover(track: Track, shape: tuple[float, float, float], least_m: float) -> M
 def _pair_rows(
     vehicle: VehicleTrack, car: Mover, walker: Mover, rules: ExtractionRules, tally: Tally
 ) -> Columns | None:
-    """R, L and their rates at the sampling instants of one pair; None when it is no encounter."""
+    """R, L and their rates at the sampling instants of a pair; None if it is not an encounter."""
     times = sampling_instants(vehicle.time_s, walker.track.time_s, rules.sample_s)
     if len(times) == 0:
         tally.drop("pairs", "no_common_time")
@@ -161,7 +161,7 @@ def directions(
 
 
 def angle_deg(driving: FloatArray, walking: FloatArray) -> float:
-    """Between two unit directions, 0–180."""
+    """Angle between two unit directions in degrees, 0 to 180."""
     return math.degrees(math.acos(float(np.clip(driving @ walking, -1.0, 1.0))))
 
 
@@ -210,16 +210,16 @@ def _common_rows(
 
 
 def sampling_instants(first: FloatArray, second: FloatArray, sample_s: float) -> FloatArray:
-    """Multiples of the sampling interval within the time that two tracks have in common.
+    """Multiples of the sampling interval within the common time of two tracks.
 
     Args:
         first, second: increasing times of the two tracks, s.
         sample_s: interval, s.
 
     Returns:
-        Increasing times; empty when there is none. An end that is a multiple up to rounding counts.
-        None lie within a pause of the first track longer than ``LONG_PAUSE_S``, so that a wrong
-        clock reading cannot cause millions of instants.
+        Increasing times, possibly none. An end that is a multiple up to rounding is included.
+        Pauses of the first track longer than ``LONG_PAUSE_S`` have no instants, because a wrong
+        clock time could otherwise cause millions of them.
     """
     pauses = np.flatnonzero(np.diff(first) > LONG_PAUSE_S)
     starts = np.maximum(first[np.concatenate([[0], pauses + 1])], second[0])
@@ -246,9 +246,9 @@ def spans_gap(
 def rate(
     time_s: FloatArray, value: FloatArray, at: FloatArray, rules: ExtractionRules
 ) -> FloatArray:
-    """Rate of change over the speed window about each instant, cut at the track's ends.
+    """Rate of change over the speed window around each instant, cut at the track's ends.
 
-    Undefined (NaN) across a gap, and where less than half the window was recorded.
+    It is undefined (NaN) across a gap, and if less than half of the window was recorded.
     """
     half = rules.speed_window_s / 2
     start, end = np.maximum(at - half, time_s[0]), np.minimum(at + half, time_s[-1])
@@ -270,10 +270,10 @@ def order_of_passing(
     pedestrian is a point that passes at L = 0.
 
     Returns:
-        ``"vehicle"``, ``"pedestrian"`` or None, and the time from the first one's leaving to the
-        second one's arrival, ≥ 0. Who passed first is *undefined* when neither record shows it;
-        the post-encroachment time also when only one of the two was seen to pass, or when the
-        pedestrian passed the line while the vehicle stood on it.
+        ``"vehicle"``, ``"pedestrian"`` or None, and the time ≥ 0 between the departure of the first
+        and the arrival of the second. Who passed first is *undefined* if neither record shows it.
+        The post-encroachment time is also undefined if only one of the two passages was recorded,
+        or if the pedestrian passed the line while the vehicle stood on it.
     """
     front = _passing(vehicle_time_s, range_m)
     rear = _passing(vehicle_time_s, range_m + length_m)
@@ -287,7 +287,7 @@ def order_of_passing(
 
 
 def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]:
-    """Bounds of the time at which the remaining distance first reaches 0; equal when observed."""
+    """Bounds of the time at which the remaining distance first reaches 0; equal if recorded."""
     past = np.flatnonzero(remaining_m <= 0)
     if len(past) == 0:
         return float(time_s[-1]), math.inf
@@ -301,5 +301,5 @@ def _passing(time_s: FloatArray, remaining_m: FloatArray) -> tuple[float, float]
 
 
 def _exact(bounds: tuple[float, float]) -> bool:
-    """Whether the passing itself was observed."""
+    """Whether the passage itself was recorded."""
     return bounds[0] == bounds[1]

@@ -1,4 +1,4 @@
-"""From raw trajectories to rows of the model's variables."""
+"""Takes raw trajectories and returns rows of the model's variables."""
 
 from __future__ import annotations
 

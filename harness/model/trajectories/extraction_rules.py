@@ -1,4 +1,4 @@
-"""The thresholds of an extraction, and the rules that turn candidate rows into rows."""
+"""Takes candidate rows and the thresholds of an extraction and returns the rows that are kept."""
 
 from collections.abc import Callable, Mapping
 from typing import Annotated, Any, Self, TypeVar
@@ -44,18 +44,18 @@ ReaderOptions = TypeVar("ReaderOptions", bound=Options)
 
 
 class ExtractionRules(Options):
-    """Which pairs and instants become rows; SI units, defaults from the project's data page.
+    """Thresholds of pairs and instants in SI units; the defaults are from the data page.
 
     Attributes:
-        sample_s: rows are at multiples of this on the clip's clock (5 Hz).
-        speed_window_s: speeds are differences over this window, centred, cut at a track's ends.
-        max_gap_s: no speed across a longer gap between two records.
-        vehicle_extension_m, pedestrian_extension_m: a path is extended straight ahead by this
-            beyond the last record.
-        min_angle_deg, max_angle_deg: allowed angle between the two paths where they cross.
+        sample_s: interval of rows on the clip's clock (5 Hz).
+        speed_window_s: speeds are central differences over this window, cut at a track's ends.
+        max_gap_s: speeds are undefined across a longer gap between two records.
+        vehicle_extension_m, pedestrian_extension_m: a path is extended straight by this length
+            beyond its last record.
+        min_angle_deg, max_angle_deg: allowed angles between two crossing paths.
         min_range_m … min_time_advantage_s: bounds of a row, both ends included.
-        min_vehicle_travel_m: a vehicle that never gets this far from its first position is parked
-            (otherwise recording jitter would count as a path).
+        min_vehicle_travel_m: a vehicle that stays within this distance of its first position is
+            parked; its jitter is not a path.
         min_pedestrian_travel_m: the same for a standing pedestrian.
     """
 

@@ -1,4 +1,4 @@
-"""The formats of raw data that can be read: one line each."""
+"""Maps the name of a data format to its reader and options: one line for each format."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,11 +14,11 @@ from harness.model.trajectories.tracks import Clip
 
 @dataclass(frozen=True)
 class Format:
-    """How one kind of file is read.
+    """The reader of a data format.
 
     Attributes:
-        words: a description of one line.
-        options: the record of the reader's own options.
+        words: a description in one line.
+        options: the class of the reader's options.
         clips: yields the clips (tracks); None for ready-made rows.
         rows: returns ready-made rows; None if rows come from tracks.
     """

@@ -1,18 +1,18 @@
-"""Reader of the paper's sensor: MobilEye and GPS on instrumented buses, one csv per site.
+"""Takes csv files of the paper's sensor and returns clips: MobilEye and GPS on buses.
 
-One record per bus, instant and obstacle: Device, Trip, Time (1/100 s), ObstacleId, Range,
-Transversal (m), Speed (m/s), GpsHeading (degrees clockwise from north), Longitude, Latitude. Other
-columns are ignored.
+A record belongs to a bus, an instant and an obstacle. It has the columns Device, Trip, Time
+(1/100 s), ObstacleId, Range, Transversal (m), Speed (m/s), GpsHeading (degrees clockwise from
+north), Longitude and Latitude. Other columns are ignored.
 
-A pedestrian's position is the bus's plus Range along its heading and Transversal to the left of it
-(the authors' scripts count the left as positive). Positions are metres in axes about the crossing,
-turned by −46.5° from east and north: buses of the paper's crossing drive along −x, and y is across
-the road. R is the sensor's Range; L is the distance across the road from the pedestrian to the bus,
-along their direction; v is the bus's own Speed; v_p = (last − first position across the road) /
-duration, one value per sequence. Nothing here needs the two paths to cross within the record.
+A pedestrian's position is the position of the bus plus Range along its heading and Transversal to
+its left (left is positive in the authors' scripts). Positions are metres in axes around the
+crosswalk, turned by −46.5° from east and north. Buses at the paper's crosswalk drive along −x, and
+y is across the road. R is the sensor's Range. L is the distance across the road from the pedestrian
+to the bus, in walking direction. v is the bus's Speed. v_p = (last − first position across the
+road) / duration, one value per sequence. The two paths need not cross within the record.
 
-The sensor's lateral rate is dominated by the bus's yaw at long range (beyond about 15 m on the
-events published by the authors' lab); a model's card should say so.
+At long range (beyond about 15 m in the events published by the authors' lab) the bus's yaw
+dominates the sensor's lateral rate; a model's card should mention this.
 """
 
 import math
@@ -94,7 +94,7 @@ def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) ->
         is Time / 100.
 
     Raises:
-        InputError: no file, an unreadable one, or one without a needed column.
+        InputError: there is no file, or a file is unreadable or lacks a needed column.
     """
 
     def read(_: str, file: Path) -> list[Clip]:

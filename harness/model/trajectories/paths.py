@@ -1,4 +1,4 @@
-"""Plane geometry of observed paths: thinning, extending, positions along, crossings."""
+"""Takes recorded positions and returns thinned, extended paths and their crossings."""
 
 from dataclasses import dataclass
 
@@ -11,7 +11,7 @@ from harness.model.trajectories.tracks import read_only
 
 @dataclass(frozen=True, eq=False)
 class TravelPath:
-    """A path as a chain of straight pieces, the last one being its straight extension.
+    """A path as a chain of straight pieces; the last piece is its straight extension.
 
     Attributes:
         points: (m, 2) corner points, m ≥ 2.
@@ -24,16 +24,16 @@ class TravelPath:
     record: NDArray[np.intp]
 
     def at(self, arc_m: float) -> FloatArray:
-        """(2,) the point at a path length, ends held."""
+        """(2,) the point at a path length, which is clipped to the path."""
         x = np.interp(arc_m, self.arc_m, self.points[:, 0])
         y = np.interp(arc_m, self.arc_m, self.points[:, 1])
         return np.array([x, y])
 
     def direction(self, arc_m: float, half_chord_m: float) -> FloatArray:
-        """(2,) unit direction of motion about a path length, over a chord of the path.
+        """(2,) unit direction of motion at a path length, from a chord of the path.
 
-        If the path turns back on itself, so that the chord has no length, the piece of the path
-        there gives the direction.
+        If the path returns on itself, so that the chord has no length, the piece of the path there
+        gives the direction.
         """
         chord = self.at(arc_m + half_chord_m) - self.at(arc_m - half_chord_m)
         if np.hypot(*chord) <= 1e-9 * half_chord_m:
@@ -69,7 +69,7 @@ def build_path(
         position_m: (n, 2) positions in order of time.
         step_m: corners are at least this far apart.
         chord_m: the extension keeps the direction of the last ``chord_m`` of the path.
-        extension_m: how far beyond the last record the path goes on.
+        extension_m: length of the extension beyond the last record.
 
     Returns:
         The path; None *when undefined*: the object never moves a step away.
@@ -95,10 +95,10 @@ def build_path(
 
 
 def arc_of_records(path: TravelPath, position_m: FloatArray) -> FloatArray:
-    """(n,) path length of every record of the track the path was built from.
+    """(n,) path length of every record of the path's own track.
 
-    A record is projected onto the nearest of the pieces next to it in time, so that on a path that
-    returns near itself it stays on its own branch.
+    A record is projected onto the nearest piece among those next to it in time.  On a path that
+    returns near itself it therefore stays on its own branch.
     """
     pieces = np.diff(path.points, axis=0)
     lengths = np.diff(path.arc_m)

@@ -1,16 +1,16 @@
-"""Reader of vehicle–crowd interaction sets in the format of DUT (Yang et al. 2019).
+"""Takes vehicle–crowd interaction files in the format of DUT (Yang et al. 2019), returns clips.
 
-A clip is a pair of files from a fixed camera, one record per object and video frame:
+A clip is a pair of files from a fixed camera, with one record per object and video frame:
 ``<clip>_traj_veh_filtered.csv`` (id, frame, label, x_est, y_est, psi_est, vel_est) and
-``<clip>_traj_ped_filtered.csv`` (id, frame, label, x_est, y_est, vx_est, vy_est); positions in
-metres along the image's axes (y down), vehicles by their centre. Needed are id, frame, x_est and
-y_est: speeds are taken from the positions, so that R, L and their rates belong together.
+``<clip>_traj_ped_filtered.csv`` (id, frame, label, x_est, y_est, vx_est, vy_est). Positions are in
+metres along the image's axes (y down); a vehicle's position is its centre. The columns id, frame,
+x_est and y_est are needed. Speeds are derivatives of positions, so that they agree with R and L.
 
-Beside ``trajectories_filtered`` there may be ``trajectories/<clip>_traj_veh.csv`` (the corner
-points of the vehicles, pixels) and ``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre):
-they give each vehicle's length. Where only a clip's unfiltered pedestrians were published
-(``trajectories/<clip>_traj_ped.csv``: id, x, y, frame, label, pixels), these are used with the
-same ratio, and the counts say so.
+The files ``trajectories/<clip>_traj_veh.csv`` (corner points of the vehicles in pixels) and
+``ratios/<clip>_ratio_pixel2meter.txt`` (pixels per metre) beside ``trajectories_filtered`` are
+optional. They give each vehicle's length. If only the unfiltered pedestrians of a clip were
+published (``trajectories/<clip>_traj_ped.csv``: id, x, y, frame, label, in pixels), they are used
+with the same ratio, and the counts mention it.
 """
 
 import math

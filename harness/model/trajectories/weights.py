@@ -1,4 +1,4 @@
-"""Weights of rows that belong to the same encounter or vehicle."""
+"""Takes rows and returns their weights, by encounter or vehicle."""
 
 import numpy as np
 import pandas as pd

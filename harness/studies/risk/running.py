@@ -131,28 +131,28 @@ class Evaluation:
             parts.append(pq.read_table(path))
         kept = pa.concat_tables(parts)["at"].to_numpy()
         left = np.setdiff1d(np.arange(len(z)), kept)
-        fresh: list[dict[str, Any]] = []
+        new_rows: list[dict[str, Any]] = []
 
         def keep() -> None:
-            if fresh:
-                parts.append(pa.Table.from_pylist(fresh, _SCORES))
+            if new_rows:
+                parts.append(pa.Table.from_pylist(new_rows, _SCORES))
                 self._folder.mkdir(exist_ok=True)
                 path = self._folder / form.format(len(parts) - 1)
                 write_parquet(path, _SCORES, iter(parts[-1:]))
-                fresh.clear()
+                new_rows.clear()
 
         kept_at = monotonic()
         try:
             for task, scores in self._finished(z[left], numbers[left], compare=compare):
                 places = left[task.first : task.first + len(scores)].tolist()
-                fresh += [
+                new_rows += [
                     {"at": place, **score._asdict()}
                     for place, score in zip(places, scores, strict=True)
                 ]
                 if monotonic() - kept_at > KEPT_EVERY_S:
                     keep()
                     kept_at = monotonic()
-                self._progress(sum(map(len, (*parts, fresh))), len(z), what)
+                self._progress(sum(map(len, (*parts, new_rows))), len(z), what)
         finally:
             keep()
         return pa.concat_tables(parts).sort_by("at")
