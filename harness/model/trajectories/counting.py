@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 Level = Literal["records", "tracks", "pairs", "candidates"]
 
@@ -122,20 +122,10 @@ class Counts:
 
 def freeze(tally: Tally, rows: int, vehicles: int | None, pairs: int | None) -> Counts:
     """The tally as an immutable record; every reason of ``REASONS`` appears, also with 0."""
-    return Counts(
-        clips=tally.clips or None,
-        vehicle_tracks=tally.vehicle_tracks,
-        pedestrian_tracks=tally.pedestrian_tracks,
-        vehicles=vehicles,
-        pairs=pairs,
-        rows=rows,
-        candidates=tally.candidates,
-        out_of_order=tally.out_of_order,
-        default_lengths=tally.default_lengths,
-        skipped=dict(tally.skipped),
-        dropped={
-            level: {reason: tally.dropped[level][reason] for reason in reasons}
-            for level, reasons in REASONS.items()
-        },
-        notes=tuple(tally.notes),
-    )
+    every_reason = {
+        level: {reason: tally.dropped[level][reason] for reason in reasons}
+        for level, reasons in REASONS.items()
+    }
+    final: dict[str, Any] = {"skipped": dict(tally.skipped), "notes": tuple(tally.notes)}
+    final |= {"clips": tally.clips or None, "dropped": every_reason}
+    return Counts(rows=rows, vehicles=vehicles, pairs=pairs, **(vars(tally) | final))

@@ -1,6 +1,7 @@
 """Takes the user's files and returns checked tables of numbers and identifiers."""
 
 import difflib
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
@@ -32,16 +33,11 @@ def as_paths(paths: str | Path | Sequence[str | Path]) -> list[Path]:
     names = [paths] if isinstance(paths, str | Path) else list(paths)
     if not names:
         raise InputError("paths", "no file or folder given", "at least one")
-    existing = [Path(name) for name in names]
-    for path in existing:
-        try:
-            exists = path.exists()
-        except (OSError, ValueError):
-            # No file can have this name: it is too long or contains a NUL.
-            exists = False
-        if not exists:
-            raise InputError(str(path), "no such file or folder")
-    return existing
+    for name in names:
+        # Unlike Path.exists, this is False for a name that is too long or contains a NUL.
+        if not os.path.exists(name):  # noqa: PTH110
+            raise InputError(str(name), "no such file or folder")
+    return [Path(name) for name in names]
 
 
 def files_in(path: Path, *patterns: str) -> list[Path]:
@@ -64,16 +60,10 @@ def contents_of(
     tally: Tally,
     what: str,
 ) -> Iterator[Content]:
-    """Yield the contents of files one by one; empty files are skipped and counted.
-
-    Args:
-        files: name (for the counts) and path of each file.
-        read: returns the clips or tables of a file.
-        tally: counts the skipped files.
-        what: clip, trip or row, for the message.
+    """Yield what ``read`` returns for each named file; empty files are skipped and counted.
 
     Raises:
-        InputError: no file has usable contents.
+        InputError: no file has usable contents; ``what`` names them: a clip, a trip or a row.
     """
     where, used = "", False
     for name, file in files:
@@ -116,33 +106,21 @@ def read_table(path: Path) -> pd.DataFrame:
 
 def require_columns(path: Path, table: pd.DataFrame, needed: Iterable[str]) -> None:
     """Raise if a column is missing; the message names the most similar column of the file."""
-    present = list(table.columns)
+    others = {name.lower(): name for name in reversed(table.columns) if name not in needed}
     for name in needed:
-        if name not in present:
-            known = set(needed)
-            near = difflib.get_close_matches(
-                name.lower(), [other.lower() for other in present if other not in known], 1, 0.6
-            )
-            nearest = next((other for other in present if near and other.lower() == near[0]), None)
-            raise InputError(
-                str(path),
-                f"column {name!r} is missing" + (f" (the file has {nearest!r})" if nearest else ""),
-                f"columns {', '.join(needed)}",
-                name if nearest else None,
-            )
+        if name not in table:
+            near = difflib.get_close_matches(name.lower(), others, 1, 0.6)
+            problem = f"column {name!r} is missing"
+            if near:
+                problem += f" (the file has {others[near[0]]!r})"
+            allowed = f"columns {', '.join(needed)}"
+            raise InputError(str(path), problem, allowed, name if near else None)
 
 
 def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally) -> pd.DataFrame:
-    """The named columns as floats; records with an unusable cell are dropped and counted.
+    """The table with the named columns as floats, without records that have an unusable cell.
 
-    Args:
-        path: the file, for messages.
-        table: the table of ``read_table``.
-        names: columns that must contain numbers.
-        tally: counts ``not_a_number``, ``missing_value`` and ``out_of_scale``.
-
-    Returns:
-        The remaining records, with unchanged other columns, order and index.
+    Each of these is counted as ``not_a_number``, ``missing_value`` or ``out_of_scale``.
 
     Raises:
         InputError: a column contains no number at all.
@@ -154,8 +132,7 @@ def numbers(path: Path, table: pd.DataFrame, names: Sequence[str], tally: Tally)
     tally.drop("records", "not_a_number", int(text.sum()))
     tally.drop("records", "missing_value", int((~finite & ~text).sum()))
     tally.drop("records", "out_of_scale", int((finite & ~usable).sum()))
-    table = table.assign(**{name: values[name] for name in names})
-    return table[usable]
+    return table.assign(**values)[usable]
 
 
 def as_numbers(path: Path, column: pd.Series) -> pd.Series:
@@ -207,10 +184,10 @@ def identifiers(column: pd.Series) -> pd.Series:
 def in_order(names: Iterable[str]) -> list[str]:
     """Identifiers in a fixed order: numbers by value first, then text."""
 
-    def key(name: str) -> tuple[int, float, str]:
+    def key(name: str) -> tuple[bool, float, str]:
         try:
-            return (0, float(name), name)
+            return False, float(name), name
         except ValueError:
-            return (1, 0.0, name)
+            return True, 0.0, name
 
     return sorted(names, key=key)

@@ -85,9 +85,11 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
     if known.rows is not None:
         candidates = _typed(known.rows(files, reader, tally))
     else:
-        clips = known.clips(files, reader, tally) if known.clips else iter(())
-        frames = [rows for clip in clips for rows in candidate_rows(clip, rules, tally)]
-        candidates = _typed(with_times(_joined(frames)))
+        # No pair gives no rows, with the same columns.
+        frames = [pd.DataFrame(columns=CANDIDATE_COLUMNS)]
+        for clip in known.clips(files, reader, tally) if known.clips else ():
+            frames += candidate_rows(clip, rules, tally)
+        candidates = _typed(with_times(pd.concat(frames[1:] or frames, ignore_index=True)))
     rows = kept_rows(candidates, rules, tally)
     vehicles, pairs = _groups(rows, VEHICLE_KEY), _groups(rows, ENCOUNTER_KEY)
     candidate_pairs = _groups(candidates, ENCOUNTER_KEY)
@@ -184,13 +186,6 @@ def _known_format(name: str) -> Format:
     return FORMATS[name]
 
 
-def _joined(frames: list[pd.DataFrame]) -> pd.DataFrame:
-    """All candidates in one frame; no pair gives no rows."""
-    if not frames:
-        return pd.DataFrame({name: [] for name in CANDIDATE_COLUMNS})
-    return pd.concat(frames, ignore_index=True)
-
-
 def _typed(rows: pd.DataFrame) -> pd.DataFrame:
     """The columns of the common form with their types, so that empty results look the same."""
     types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
@@ -206,9 +201,6 @@ def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
 
 def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
     """Number of values, smallest, quartiles and largest of a column; null where it is empty."""
-    values = column.dropna()
     shares = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
-    return {
-        "n": len(values),
-        **{name: float(values.quantile(q)) if len(values) else None for name, q in shares.items()},
-    }
+    quartiles = column.quantile([*shares.values()]).tolist() if column.notna().any() else [None] * 5
+    return {"n": int(column.count()), **dict(zip(shares, quartiles, strict=True))}

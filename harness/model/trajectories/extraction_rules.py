@@ -12,22 +12,10 @@ from harness.core.errors import InputError, unknown_name
 from harness.model.trajectories.counting import Tally
 
 ROW_COLUMNS = (
-    "source",
-    "clip",
-    "vehicle",
-    "pedestrian",
-    "time_s",
-    "range_m",
-    "lateral_m",
-    "vehicle_speed_mps",
-    "pedestrian_speed_mps",
-    "arrival_time_s",
-    "time_advantage_s",
-    "crossing_angle_deg",
-    "passed_first",
-    "pet_s",
-    "track",
-)
+    "source", "clip", "vehicle", "pedestrian", "time_s", "range_m", "lateral_m",
+    "vehicle_speed_mps", "pedestrian_speed_mps", "arrival_time_s", "time_advantage_s",
+    "crossing_angle_deg", "passed_first", "pet_s", "track",
+)  # fmt: skip
 TEXT_COLUMNS = ("source", "clip", "vehicle", "pedestrian", "passed_first", "track")
 
 Positive = Annotated[float, Field(gt=0)]
@@ -78,11 +66,8 @@ class ExtractionRules(Options):
 
     @model_validator(mode="after")
     def _bounds_are_in_order(self) -> Self:
-        for low, high in (
-            ("min_angle_deg", "max_angle_deg"),
-            ("min_range_m", "max_range_m"),
-            ("min_lateral_m", "max_lateral_m"),
-        ):
+        for name in ("angle_deg", "range_m", "lateral_m"):
+            low, high = f"min_{name}", f"max_{name}"
             if getattr(self, low) > getattr(self, high):
                 raise InputError(low, f"{getattr(self, low)} is above {high}", f"at most {high}")
         return self

@@ -7,9 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from harness.model.trajectories import mobileye, ready_rows, vci
+from harness.model.trajectories import mobileye, vci
 from harness.model.trajectories.counting import Tally
+from harness.model.trajectories.mobileye import MobileyeOptions
+from harness.model.trajectories.ready_rows import TableOptions, read_rows
 from harness.model.trajectories.tracks import Clip
+from harness.model.trajectories.vci import VciOptions
 
 
 @dataclass(frozen=True)
@@ -30,11 +33,7 @@ class Format:
 
 
 FORMATS: Mapping[str, Format] = {
-    "vci": Format("fixed camera, DUT and sets like it", vci.VciOptions, clips=vci.read_clips),
-    "mobileye": Format(
-        "the paper's bus-mounted sensor", mobileye.MobileyeOptions, clips=mobileye.read_clips
-    ),
-    "table": Format(
-        "ready-made rows, csv or parquet", ready_rows.TableOptions, rows=ready_rows.read_rows
-    ),
+    "vci": Format("fixed camera, DUT and sets like it", VciOptions, vci.read_clips),
+    "mobileye": Format("the paper's bus-mounted sensor", MobileyeOptions, mobileye.read_clips),
+    "table": Format("ready-made rows, csv or parquet", TableOptions, rows=read_rows),
 }

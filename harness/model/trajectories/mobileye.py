@@ -40,17 +40,9 @@ from harness.model.trajectories.extraction_rules import NotNegative, Options, Po
 from harness.model.trajectories.tracks import Clip, Sighting, Track, VehicleTrack
 
 COLUMNS = (
-    "Device",
-    "Trip",
-    "Time",
-    "ObstacleId",
-    "Range",
-    "Transversal",
-    "Speed",
-    "GpsHeading",
-    "Longitude",
-    "Latitude",
-)
+    "Device", "Trip", "Time", "ObstacleId", "Range", "Transversal", "Speed", "GpsHeading",
+    "Longitude", "Latitude",
+)  # fmt: skip
 EARTH_RADIUS_M = 6_371_000.0
 
 
@@ -82,16 +74,11 @@ class MobileyeOptions(Options):
 
 
 def read_clips(paths: Sequence[Path], options: MobileyeOptions, tally: Tally) -> Iterator[Clip]:
-    """The trips in the given files, one clip per Device and Trip (``<device>-<trip>``).
-
-    Args:
-        paths: csv files, or folders whose csv files are read.
-        options: site and screening.
-        tally: counts what is left out.
+    """The trips in csv files, or in folders of them: a clip per Device and Trip.
 
     Returns:
-        Clips with the bus, the pedestrians (``<ObstacleId>-<sequence>``) and their sightings; time
-        is Time / 100.
+        Clips ``<device>-<trip>`` with the bus, the pedestrians (``<ObstacleId>-<sequence>``) and
+        their sightings; time is Time / 100.
 
     Raises:
         InputError: there is no file, or a file is unreadable or lacks a needed column.
@@ -114,20 +101,15 @@ def _records(path: Path, options: MobileyeOptions, tally: Tally) -> pd.DataFrame
     heading = table["GpsHeading"]
     ours = (heading > options.heading_above_deg) & (heading <= options.heading_below_deg)
     tally.drop("records", "bus_heading_other_way", int((~ours).sum()))
-    table = table.loc[ours]
+    table = table.loc[ours].copy()
     bus, forward = _bus(table, options)
     left = np.column_stack([-forward[:, 1], forward[:, 0]])
     ahead, aside = table[["Range"]].to_numpy(), table[["Transversal"]].to_numpy()
     walker = bus + ahead * forward + aside * left
-    return table.assign(
-        time_s=table["Time"] / 100,
-        bus_x=bus[:, 0],
-        bus_y=bus[:, 1],
-        forward_x=forward[:, 0],
-        forward_y=forward[:, 1],
-        walker_x=walker[:, 0],
-        walker_y=walker[:, 1],
-    )
+    table["time_s"] = table["Time"] / 100
+    for name, points in (("bus", bus), ("forward", forward), ("walker", walker)):
+        table[[f"{name}_x", f"{name}_y"]] = points
+    return table
 
 
 def _bus(table: pd.DataFrame, options: MobileyeOptions) -> tuple[FloatArray, FloatArray]:
@@ -148,12 +130,8 @@ def _read_trip(source: str, trip: pd.DataFrame, options: MobileyeOptions, tally:
     """One trip: the bus's track, and a pedestrian and a sighting for every sequence."""
     moments = trip.sort_values("time_s", kind="stable").drop_duplicates("time_s")
     vehicle, number = (str(identifiers(trip[name]).iloc[0]) for name in ("Device", "Trip"))
-    bus = VehicleTrack(
-        moments["time_s"].to_numpy(),
-        moments[["bus_x", "bus_y"]].to_numpy(),
-        options.vehicle_length_m,
-        0.0,
-    )
+    where = moments[["bus_x", "bus_y"]].to_numpy()
+    bus = VehicleTrack(moments["time_s"].to_numpy(), where, options.vehicle_length_m, 0.0)
     walkers: dict[str, Track] = {}
     sightings = []
     groups = {str(key): group for key, group in trip.groupby(identifiers(trip["ObstacleId"]))}
@@ -163,9 +141,8 @@ def _read_trip(source: str, trip: pd.DataFrame, options: MobileyeOptions, tally:
             if sighting is None:
                 tally.drop("tracks", "standing_pedestrian")
                 continue
-            walkers[sighting.pedestrian] = Track(
-                sighting.time_s, records[["walker_x", "walker_y"]].to_numpy()
-            )
+            where = records[["walker_x", "walker_y"]].to_numpy()
+            walkers[sighting.pedestrian] = Track(sighting.time_s, where)
             sightings.append(sighting)
     tally.clips += 1
     tally.vehicle_tracks += 1

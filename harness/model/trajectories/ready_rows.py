@@ -39,22 +39,13 @@ RELATIVE_TOLERANCE, ABSOLUTE_TOLERANCE_S = 0.05, 0.05
 
 
 class TableOptions(Options):
-    """Options of ready-made rows.
-
-    Attributes:
-        source: name of the data set for rows without a source; by default the file's name.
-    """
+    """``source`` names the data set of rows without a source; the default is the file's name."""
 
     source: str | None = None
 
 
 def read_rows(paths: Sequence[Path], options: TableOptions, tally: Tally) -> pd.DataFrame:
-    """Read the candidate rows of files, in their order.
-
-    Args:
-        paths: csv or parquet files, or folders, whose csv and parquet files are sorted by name.
-        options: name of the data set.
-        tally: counts the rows and files that are left out.
+    """Read the candidate rows of csv or parquet files, or of folders of them, in their order.
 
     Returns:
         A frame with ``ROW_COLUMNS``; a missing optional column is null.

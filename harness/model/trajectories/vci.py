@@ -58,15 +58,9 @@ class VciOptions(Options):
 
 
 def read_clips(paths: Sequence[Path], options: VciOptions, tally: Tally) -> Iterator[Clip]:
-    """The clips below the given folders, by name.
+    """The clips of ``*_traj_veh_filtered.csv`` files, or of folders with their subfolders, by name.
 
-    Args:
-        paths: folders (searched with their subfolders) or ``*_traj_veh_filtered.csv`` files.
-        options: frame rate and vehicle length.
-        tally: counts what is left out.
-
-    Returns:
-        Clips with vehicles and pedestrians, time = frame / frame rate.
+    Time is frame / frame rate.
 
     Raises:
         InputError: no clip there, none usable, or a file that is not of this format.
@@ -126,9 +120,8 @@ def _read_clip(
         vehicles[key] = VehicleTrack(track.time_s, track.position_m, length, length / 2)
     if without := len(cars.keys() - lengths.keys()):
         tally.default_lengths += without
-        tally.note(
-            f"vehicle_length_m = {options.vehicle_length_m:g} m where a vehicle has no corners"
-        )
+        length = options.vehicle_length_m
+        tally.note(f"vehicle_length_m = {length:g} m where a vehicle has no corners")
     tally.clips += 1
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)

@@ -9,14 +9,8 @@ import pandas as pd
 from harness.core.encounter import Arm, Ending, FloatArray, Side
 from harness.episode.arrivals import planned_arrivals
 from harness.model.interaction import InteractionModel
-from harness.report.drawing import (
-    episode_figures as episodes_drawn,
-    model_figures,
-    safety_figures,
-    site_figures,
-    style,
-    tau_figures,
-)
+from harness.report import figures as draw
+from harness.report.drawing import style
 from harness.report.drawing.style import Picture
 from harness.report.pages.sweep_pictures import sweep_pictures
 from harness.report.screens.tables import counted, level
@@ -37,7 +31,6 @@ _SAFETY = (
     ("pet_s", "post-encroachment time (s)"),
     ("min_time_advantage_s", "smallest time advantage (s)"),
 )
-_SAFETY_UP_TO_S = 10.0
 
 
 def pictures_of(
@@ -64,8 +57,8 @@ def pictures_of(
     if not run.varied_keys:
         yield _safety(run)
     if model is not None:
-        walking = _walking(run, model)
-        if walking is not None and not run.varied_keys:
+        walking = None if run.varied_keys else _walking(run, model)
+        if walking is not None:
             yield walking
         yield _model(model, model_cells(run)[0].scenario)
 
@@ -74,11 +67,10 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     tau = run.pairs["tau"].to_numpy(dtype=float)
     scenario = run.scenario_of(0)
     driver = scenario.arms.human
-    defined = int(np.count_nonzero(~np.isnan(tau)))
-    count = f"n = {defined:,} of {counted(len(tau), 'pair')}"
+    count = f"n = {np.count_nonzero(~np.isnan(tau)):,} of {counted(len(tau), 'pair')}"
     figure, (axes,) = style.new_figure()
     reference = PAPER_MU if is_the_papers(scenario) else None
-    tau_figures.draw_running_mean(axes, tau, reference, driver)
+    draw.draw_running_mean(axes, tau, reference, driver)
     yield Picture(
         "tau-mean",
         "Running mean of τ",
@@ -91,7 +83,7 @@ def _tau_pictures(run: RunData) -> Iterator[Picture]:
     interval = float(row["mu"]), float(row["mu_ci_low"]), float(row["mu_ci_high"])
     mu = interval if np.isfinite(interval).all() else None
     fallback = _of_arm(run.episodes, Arm.AV)["fallback"].to_numpy(dtype=bool)
-    tau_figures.draw_tau_distribution(axes, tau, fallback, mu, run.confidence, driver)
+    draw.draw_tau_distribution(axes, tau, fallback, mu, run.confidence, driver)
     yield Picture(
         "tau-distribution",
         "Distribution of τ",
@@ -106,13 +98,14 @@ def _arrivals(run: RunData) -> Picture:
     scenario = run.scenario_of(0)
     flow, most = scenario.pedestrians.flow_per_hour, scenario.pedestrians.max_count
     wanted = max(1, round(flow * ARRIVALS_S / 3600))
-    planned = {
-        pair: planned_arrivals(_for_a_minute(scenario), pair)
-        for pair in range(min(20, scenario.experiment.pairs))
-    }
-    pair = next((pair for pair, who in planned.items() if len(who) >= wanted), 0)
+    # All pedestrians who arrive within the figure's minute, simulated or not.
+    experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
+    people = scenario.pedestrians.model_copy(update={"max_count": None})
+    minute = scenario.model_copy(update={"experiment": experiment, "pedestrians": people})
+    planned = [planned_arrivals(minute, pair) for pair in range(min(20, experiment.pairs))]
+    pair = next((pair for pair, arrivals in enumerate(planned) if len(arrivals) >= wanted), 0)
     figure, (axes,) = style.new_figure()
-    episodes_drawn.draw_arrivals(axes, planned[pair], flow, most, ARRIVALS_S)
+    draw.draw_arrivals(axes, planned[pair], flow, most, ARRIVALS_S)
     first = ", the first at the trigger" if scenario.pedestrians.first_at_trigger else ""
     limit = ""
     if most is not None:
@@ -133,13 +126,6 @@ def _comes_at_random(scenario: Scenario) -> bool:
     return not people.drawn and (people.flow_per_hour > 0 or people.first_at_trigger)
 
 
-def _for_a_minute(scenario: Scenario) -> Scenario:
-    """The scenario with all pedestrians who arrive within the figure's minute."""
-    experiment = scenario.experiment.model_copy(update={"timeout_s": ARRIVALS_S})
-    pedestrians = scenario.pedestrians.model_copy(update={"max_count": None})
-    return scenario.model_copy(update={"experiment": experiment, "pedestrians": pedestrians})
-
-
 def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
     """Speeds of the pairs with the lowest, the median and the highest τ."""
     chosen: dict[str, ShownPair] = {}
@@ -156,11 +142,11 @@ def _profiles(run: RunData, shown: Sequence[ShownPair]) -> Iterator[Picture]:
     )
     figure, (axes,) = style.new_figure(height=4.4)
     width_m = run.scenario_of(shown[0].cell).crossing.width_m
-    episodes_drawn.draw_speed_over_distance(axes, traces, width_m)
-    title = "Speed over distance"
-    yield Picture("speed-distance", title, caption.format("distance to the crosswalk"), figure)
+    draw.draw_speed_over_distance(axes, traces, width_m)
+    words = caption.format("distance to the crosswalk")
+    yield Picture("speed-distance", "Speed over distance", words, figure)
     figure, (axes,) = style.new_figure(height=4.4)
-    episodes_drawn.draw_speed_over_time(axes, traces)
+    draw.draw_speed_over_time(axes, traces)
     yield Picture("speed-time", "Speed over time", caption.format("time"), figure)
 
 
@@ -169,7 +155,7 @@ def _site(run: RunData, place: Place) -> Picture:
     network = read_network(place.net)
     figure, (axes,) = style.new_figure(height=5.2)
     site = site_at(network, place.edge, place.approach, lane=place.lane)
-    site_figures.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
+    draw.draw_site(axes, network, site, scenario.vehicle(), scenario.crosswalk())
     crossing = scenario.crossing
     where = "at unknown coordinates"
     if crossing.latitude_deg is not None:
@@ -186,20 +172,18 @@ def _site(run: RunData, place: Place) -> Picture:
 
 def _safety(run: RunData) -> Picture:
     ran = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
-    av, human = (_of_arm(ran, arm) for arm in (Arm.AV, Arm.HUMAN))
     driver = run.scenario.arms.human
+    arms = {"AV": _of_arm(ran, Arm.AV), driver: _of_arm(ran, Arm.HUMAN)}
     figure, axes = style.new_figure(3, 1, height=9.0)
     for panel, (column, label) in zip(axes, _SAFETY, strict=True):
-        values = {
-            name: rows[column].to_numpy(dtype=float) for name, rows in (("AV", av), (driver, human))
-        }
-        safety_figures.draw_shares(panel, values, label, _SAFETY_UP_TO_S)
+        values = {name: rows[column].to_numpy(dtype=float) for name, rows in arms.items()}
+        draw.draw_shares(panel, values, label, 10.0)
     return Picture(
         "safety",
         "TTC, PET and time advantage",
         "Share of episodes whose smallest TTC, post-encroachment time and smallest time advantage "
         "are at most x. A curve ends below 1 if the measure is undefined in some episodes. "
-        f"n = {len(av):,} AV and {len(human):,} {driver} episodes.",
+        f"n = {len(arms['AV']):,} AV and {len(arms[driver]):,} {driver} episodes.",
         figure,
     )
 
@@ -215,7 +199,7 @@ def _walking(run: RunData, model: InteractionModel) -> Picture | None:
     grid = np.linspace(lower, upper, _GRID)
     density = _mean_density(model, scenario, walkers, grid)
     figure, (axes,) = style.new_figure()
-    safety_figures.draw_walking_speeds(axes, walkers["speed_mps"].to_numpy(), grid, density)
+    draw.draw_walking_speeds(axes, walkers["speed_mps"].to_numpy(), grid, density)
     return Picture(
         "walking-speeds",
         "Walking speeds and the model's density",
@@ -259,27 +243,13 @@ def _model(model: InteractionModel, scenario: Scenario) -> Picture:
     drives = "human_gmm" in scenario.arms.model_dump().values()
     figure, axes = style.new_figure(1 + drives, 1, height=3.5 + 3.1 * drives)
     range_m, speed = scenario.ego.trigger_range_m, scenario.ego.initial_speed_mps
-    model_figures.draw_walking_speed(
-        axes[0],
-        model,
-        [{"range_m": range_m, "vehicle_speed_mps": share * speed} for share in (0.4, 0.7, 1.0)],
-        "v_p",
-    )
+    states = [{"range_m": range_m, "vehicle_speed_mps": share * speed} for share in (0.4, 0.7, 1.0)]
+    draw.draw_walking_speed(axes[0], model, states, "v_p")
     shown, dots = "walking speeds given the vehicle", "modes"
     if drives:
-        model_figures.draw_driving_speed(
-            axes[1],
-            model,
-            [
-                {
-                    "range_m": share * range_m,
-                    "pedestrian_speed_mps": 1.2,
-                    "inverse_time_advantage_per_s": 0.1,
-                }
-                for share in (1.0, 0.5, 0.25)
-            ],
-            "v",
-        )
+        common = {"pedestrian_speed_mps": 1.2, "inverse_time_advantage_per_s": 0.1}
+        states = [{"range_m": share * range_m, **common} for share in (1.0, 0.5, 0.25)]
+        draw.draw_driving_speed(axes[1], model, states, "v")
         shown += ", driving speeds given the pedestrian"
         if scenario.strategies.get("human_gmm", {}).get("speed", "mode") == "mode":
             dots += ", the speeds that the human driver aims for"
