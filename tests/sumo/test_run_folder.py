@@ -206,7 +206,8 @@ def test_json_and_quiet_print_nothing_else(tmp_path: Path) -> None:
     words = ("run", "cctc", "--pairs", 1)
     done = shell(*words, "--json", "--out", "here", cwd=tmp_path)
     assert not (tmp_path / "here" / "traces.parquet").exists()
-    assert (json.loads(done.stdout)["folder"], done.stderr) == ("here", "")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["folder"] == "here"
     done = shell(*words, "--quiet", cwd=tmp_path)
     assert (done.returncode, done.stdout, done.stderr) == (0, "runs/cctc-1\n", "")
 
