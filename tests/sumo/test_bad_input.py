@@ -16,6 +16,7 @@ from harness.model.interaction.file import SHIPPED
 from tests.batches import here, printed, refusal, run_stopped, shell, sweep
 
 Refuse = Callable[..., str]
+Change = Callable[[dict[str, Any]], object]
 
 
 @pytest.fixture
@@ -138,75 +139,64 @@ def test_refused(refused: Refuse, tmp_path: Path, case: tuple[str, ...]) -> None
     says(refused(*case[0].split()), *case[1:])
 
 
-def shipped_model() -> dict[str, Any]:
-    file = sorted(SHIPPED.glob("*.json"))[0]
-    document: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-    return document
+def put(*place: Any) -> Change:
+    """Puts the last of these where the others lead."""
+    *path, last, value = place
 
-
-def without(key: str) -> Callable[[dict[str, Any]], object]:
-    return lambda model: model.pop(key)
-
-
-def put(key: str, value: object) -> Callable[[dict[str, Any]], object]:
-    return lambda model: model.update({key: value})
-
-
-def matrix(*entries: float) -> Callable[[dict[str, Any]], object]:
-    """The first scale matrix becomes diagonal, with its first rows as given."""
-
-    def change(model: dict[str, Any]) -> None:
-        diagonal = [*entries, 1.0, 1.0, 1.0, 1.0][:4]
-        model["scale_matrices"][0] = [
-            [value if i == j else 0.0 for j in range(4)] for i, value in enumerate(diagonal)
-        ]
+    def change(model: Any) -> None:
+        for key in path:
+            model = model[key]
+        model[last] = value
 
     return change
+
+
+def diagonal(first: float) -> list[list[float]]:
+    return [[[first, 1.0][row > 0] * (row == column) for column in range(4)] for row in range(4)]
 
 
 def asymmetric(model: dict[str, Any]) -> None:
     model["scale_matrices"][0][0][1] += 0.01
 
 
-BROKEN_MODELS: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
-    "no weights": (without("weights"), "weights"),
-    "no schema": (without("schema"), "schema"),
-    "no bounds": (without("upper"), "upper"),
-    "another schema": (put("schema", 99), "99"),
-    "unknown key": (put("wieghts", []), "wieghts"),
-    "other variables": (put("variables", ["a", "b", "c", "d"]), "variables"),
-    "weights do not sum": (lambda m: m["weights"].__setitem__(0, 0.9), "weights"),
-    "a negative weight": (put("weights", [-0.5, 1.5] + [0.0] * 8), "weights"),
-    "no components": (lambda m: m.update(weights=[], locations=[], scale_matrices=[]), ""),
-    "one location less": (lambda m: m["locations"].pop(), "shape"),
-    "three variables": (lambda m: [row.pop() for row in m["locations"]], "shape"),
-    "ragged": (lambda m: m["locations"][0].pop(), "locations"),
-    "text for a number": (lambda m: m["locations"][0].__setitem__(0, "x"), "locations"),
-    "not a number": (lambda m: m["locations"][0].__setitem__(0, float("nan")), "not a JSON"),
-    "not positive definite": (matrix(-1.0), "scale"),
-    "singular": (matrix(0.0), "scale"),
-    "asymmetric": (asymmetric, "scale"),
-    "an empty box": (lambda m: m["upper"].__setitem__(1, 0.1), "upper"),
-    "an infinite box": (lambda m: m["upper"].__setitem__(1, float("inf")), "not a JSON"),
-    "no positive floor": (lambda m: m["lower"].__setitem__(2, 0.0), "lower"),
-}
+NO_JSON = "model.json: not a JSON"
+BROKEN_MODELS: list[tuple[Change | bytes, str]] = [
+    *((lambda m, key=key: m.pop(key), key) for key in ("weights", "schema", "upper")),
+    (put("schema", 99), "99"),
+    (put("wieghts", []), "wieghts"),
+    (put("variables", ["a", "b", "c", "d"]), "variables"),
+    # They do not sum to 1; one is negative; there are no components.
+    (put("weights", 0, 0.9), "weights"),
+    (put("weights", [-0.5, 1.5] + [0.0] * 8), "weights"),
+    (lambda m: m.update(weights=[], locations=[], scale_matrices=[]), ""),
+    # A location less, three variables, ragged, no numbers.
+    (lambda m: m["locations"].pop(), "shape"),
+    (lambda m: [row.pop() for row in m["locations"]], "shape"),
+    (lambda m: m["locations"][0].pop(), "locations"),
+    (put("locations", 0, 0, "x"), "locations"),
+    (put("locations", 0, 0, float("nan")), "not a JSON"),
+    # Not positive definite, singular, asymmetric.
+    (put("scale_matrices", 0, diagonal(-1.0)), "scale"),
+    (put("scale_matrices", 0, diagonal(0.0)), "scale"),
+    (asymmetric, "scale"),
+    # An empty box, an infinite one, no positive floor.
+    (put("upper", 1, 0.1), "upper"),
+    (put("upper", 1, float("inf")), "not a JSON"),
+    (put("lower", 2, 0.0), "lower"),
+    *((content, NO_JSON) for content in (b"{", b"", b"\xff\xfe", b"[" * 100_000)),
+    (b"[]", "not accepted"),
+]
 
 
-@pytest.mark.parametrize("name", BROKEN_MODELS)
-def test_broken_model(refused: Refuse, tmp_path: Path, name: str) -> None:
-    change, part = BROKEN_MODELS[name]
-    model = shipped_model()
-    change(model)
-    (tmp_path / "model.json").write_text(json.dumps(model))
+@pytest.mark.parametrize(("change", "part"), BROKEN_MODELS, ids=range(len(BROKEN_MODELS)))
+def test_broken_model(refused: Refuse, tmp_path: Path, change: Change | bytes, part: str) -> None:
+    model = json.loads(min(SHIPPED.glob("*.json")).read_text(encoding="utf-8"))
+    if not isinstance(change, bytes):
+        change(model)
+        change = json.dumps(model).encode()
+    (tmp_path / "model.json").write_bytes(change)
     line = refused("run", "cctc", "--pairs", 2, "--set", "model.path=model.json")
     says(line, "model.json", part)
-
-
-def test_model_file_that_is_none(refused: Refuse, tmp_path: Path) -> None:
-    for content in (b"{", b"[]", b"", b"\xff\xfe", b"[" * 100_000):
-        (tmp_path / "model.json").write_bytes(content)
-        line = refused("run", "cctc", "--set", "model.path=model.json")
-        says(line, "model.json", "model.json: not a JSON" if content != b"[]" else "not accepted")
 
 
 def test_a_run_that_was_broken_off(refused: Refuse, tmp_path: Path) -> None:
