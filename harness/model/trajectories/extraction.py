@@ -46,12 +46,12 @@ SUMMARISED = (
 
 @dataclass(frozen=True, eq=False)
 class Extraction:
-    """The rows of an extraction and the record of what was left out.
+    """The rows of an extraction and the counts of what was left out.
 
     Attributes:
-        rows: one row per encounter and sampling instant, columns ``ROW_COLUMNS``, ordered by
-            source path, clip, vehicle, pedestrian and time. Missing values are null.
-        counts: see ``Counts``.
+        rows: one row per encounter and sampling instant, with ``ROW_COLUMNS``, sorted by source
+            path, clip, vehicle, pedestrian and time. Missing values are null.
+        counts: numbers of used and excluded items, see ``Counts``.
     """
 
     rows: pd.DataFrame
@@ -61,12 +61,13 @@ class Extraction:
 def extract(paths: str | Path | Sequence[str | Path], format: str, **options: Any) -> Extraction:
     """Read raw data and return the rows of the model's variables.
 
-    For each vehicle–pedestrian pair whose paths cross at an allowed angle, the conflict point is
-    the first crossing along the vehicle's path. R is the path length from the front bumper to it;
-    L the pedestrian's distance from the line of the vehicle's path there, positive before they
-    pass it; v and v_p are the rates at which R and L shrink; the arrival time is R / v, the
-    time advantage T_adv = |R/v − L/v_p| (the paper's section on variables). The ``mobileye``
-    format takes R, L, v and v_p from the sensor, ``table`` from the file.
+    A pair is a vehicle and a pedestrian whose paths cross at an allowed angle. The conflict point
+    is the first crossing along the vehicle's path. R is the path length from the front bumper to
+    the conflict point. L is the pedestrian's distance from the line of the vehicle's path there; it
+    is positive before they pass the line. v and v_p are the rates at which R and L decrease. The
+    arrival time is R / v, and the time advantage is T_adv = |R/v − L/v_p| (the paper's section on
+    variables). The ``mobileye`` format takes R, L, v and v_p from the sensor, ``table`` from the
+    file.
 
     Args:
         paths: files or folders; the format determines which files are read.
@@ -99,10 +100,10 @@ def extract(paths: str | Path | Sequence[str | Path], format: str, **options: An
 
 
 def write_rows(path: Path, extraction: Extraction, command: str) -> None:
-    """Write the rows as Parquet, with their origin in its metadata.
+    """Write the rows as Parquet, with the command and the counts in its metadata.
 
     Args:
-        path: the file; it appears whole.
+        path: the file; it is written completely or not at all.
         extraction: rows and counts.
         command: the command that made the rows, for a model's card.
 
@@ -123,7 +124,7 @@ def read_clips(
     tally: Tally | None = None,
     **options: Any,
 ) -> list[Clip]:
-    """The tracks behind an extraction, for figures.
+    """The tracks of an extraction, for figures.
 
     Args:
         paths, format, **options: as for ``extract``.
@@ -180,27 +181,27 @@ def summary(extraction: Extraction) -> dict[str, Any]:
 
 
 def _known_format(name: str) -> Format:
-    """The format of that name, or a refusal with the nearest one."""
+    """The format of that name; an error names the most similar one."""
     if name not in FORMATS:
         raise unknown_name("format", "format", name, FORMATS)
     return FORMATS[name]
 
 
 def _typed(rows: pd.DataFrame) -> pd.DataFrame:
-    """The columns of the common form with their types, so that empty results look the same."""
+    """The columns in their order with fixed types, also if there are no rows."""
     types = {name: "str" if name in TEXT_COLUMNS else "float64" for name in ROW_COLUMNS}
     return rows[list(ROW_COLUMNS)].astype(types).reset_index(drop=True)
 
 
 def _groups(rows: pd.DataFrame, key: Sequence[str]) -> int | None:
-    """Distinct vehicles or encounters; None where a row does not say which one it is of."""
+    """Number of distinct vehicles or encounters; None if a row does not identify them."""
     if rows[list(key)].isna().any(axis=None):
         return None
     return len(rows[list(key)].drop_duplicates())
 
 
 def _quartiles(column: pd.Series[float]) -> dict[str, float | int | None]:
-    """Number of values, smallest, quartiles and largest of a column; null where it is empty."""
+    """Count, minimum, quartiles and maximum of a column; null if it is empty."""
     shares = {"min": 0.0, "q25": 0.25, "median": 0.5, "q75": 0.75, "max": 1.0}
     quartiles = column.quantile([*shares.values()]).tolist() if column.notna().any() else [None] * 5
     return {"n": int(column.count()), **dict(zip(shares, quartiles, strict=True))}

@@ -1,1 +1,1 @@
-"""Estimates how rare an event is, by sampling the uniforms behind an episode."""
+"""Takes a scenario and an event and returns the event's probability, by importance sampling."""

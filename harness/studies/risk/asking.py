@@ -1,4 +1,4 @@
-"""The settings of a risk estimate from the user, and the question for the workers."""
+"""Takes the user's settings of a risk estimate and returns the question for the workers."""
 
 from dataclasses import dataclass, fields
 
@@ -40,7 +40,7 @@ class SettingsDocument(Document):
         """Return the settings from which the document was made.
 
         Raises:
-            InputError: the scenario is refused, naming ``where``.
+            InputError: the scenario is invalid; the error names ``where``.
         """
         values = {item.name: getattr(self, item.name) for item in fields(Settings)}
         return Settings(**values | {"scenario": validate(self.scenario, where)})
@@ -95,7 +95,7 @@ def question_of(settings: Settings) -> Question:
     """Return the question for the workers.
 
     Raises:
-        InputError: a setting, the scenario, the strategy or the event is refused.
+        InputError: a setting, the scenario, the strategy or the event is invalid.
     """
     check_packages()
     scenario = settings.scenario

@@ -1,4 +1,4 @@
-"""Carries out a risk estimate from settings to folder: start, resume and finish.
+"""Takes the settings of a risk estimate and writes its folder; it can also resume one.
 
 The folder contains ``risk.json`` (the settings), ``result.json`` (the findings),
 ``failures.parquet`` (the draws that ended in the event, with their weights) and ``critical.toml``,
@@ -51,7 +51,7 @@ def estimate_risk(
         The folder.
 
     Raises:
-        InputError: scenario, strategy or event are refused; nothing has been written.
+        InputError: the scenario, strategy or event is invalid; nothing has been written.
     """
     question = question_of(settings)
     folder = claim_folder(out, f"{settings.name}-risk")
@@ -122,7 +122,7 @@ def _read(folder: Path, name: str, form: type[Form]) -> Form:
 @contextmanager
 def _held(folder: Path) -> Iterator[None]:
     if not folder.is_dir():
-        raise InputError(str(folder), "is no folder", "a folder of harness risk")
+        raise InputError(str(folder), "is not a folder", "a folder of harness risk")
     lock = RunFolder(folder)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Estimates a probability with its interval from weighted draws."""
+"""Takes weighted draws and returns the probability of the event with its interval."""
 
 import math
 from dataclasses import dataclass

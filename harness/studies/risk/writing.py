@@ -1,4 +1,4 @@
-"""Writes the findings of a finished risk estimate, its events and a scenario of the likeliest."""
+"""Takes a finished risk estimate and writes its findings, its events and the likeliest ones."""
 
 import json
 import math

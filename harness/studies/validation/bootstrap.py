@@ -1,4 +1,4 @@
-"""Resamples recorded vehicles, and says when intervals from few vehicles are unreliable."""
+"""Takes passages and returns resamples of their vehicles, and a warning if they are few."""
 
 from collections.abc import Sequence
 
@@ -42,7 +42,7 @@ def few_vehicles(vehicles: int) -> str | None:
     >>> few_vehicles(30)
     """
     if vehicles < 2:
-        return "One vehicle gives no intervals, so no two drivers can be told apart."
+        return "One vehicle gives no intervals, so no difference between drivers is significant."
     reach = special.ndtri(0.975) * np.sqrt((vehicles - 1) / vehicles)
     coverage = float(2 * special.stdtr(vehicles - 1, reach) - 1)
     if coverage >= _TRUSTED:

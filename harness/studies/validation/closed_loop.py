@@ -1,4 +1,4 @@
-"""Drives recorded passages with a driver model, and converts recorded passages to traces."""
+"""Takes a recorded passage and returns a trace, of a driver model or of the recorded vehicle."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Makes a new driver for each passage of a validation, with a model fitted without it."""
+"""Takes passages and a driver and returns its outcomes, with models fitted without the passage."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Finds the passages of recorded vehicles: groups along a path, on a straightened road."""
+"""Takes recorded clips and returns the passages of vehicles, on a straightened road."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

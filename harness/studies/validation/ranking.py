@@ -1,4 +1,4 @@
-"""Ranks drivers by their closeness to the recorded drivers."""
+"""Takes drivers' scores and returns their ranking by closeness to the recorded drivers."""
 
 from collections.abc import Mapping, Sequence
 

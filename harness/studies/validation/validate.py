@@ -1,4 +1,4 @@
-"""Carries out a validation: finds recorded passages, drives them and compares the drivers."""
+"""Takes recorded trajectories and drivers and returns how close each driver is to the record."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -80,7 +80,8 @@ def validate(
         progress: called with (steps done, steps planned, unit).
 
     Raises:
-        InputError: unknown format, option or driver, data that cannot be read, no passage.
+        InputError: a format, option or driver is unknown, the data cannot be read, or they have no
+            passage.
     """
     _check_drivers(drivers, scenario)
     given, seed = dict(options or {}), scenario.experiment.seed

@@ -1,4 +1,4 @@
-"""Runs a task inside a worker process, on the one SUMO simulation of the process."""
+"""Takes a task in a worker process and returns its tables, from the process's one SUMO."""
 
 import importlib
 from collections.abc import Iterable, Iterator
@@ -24,16 +24,16 @@ from harness.studies.workers.watchdog import Watch, watchdog
 
 _cell = ""
 _runners: dict[EngineName, PairRunner] = {}
-"""The runner of the cell that is under way."""
+"""The runners of the present cell, by engine."""
 
 
 def serve(connection: Connection, module: str) -> None:
-    """Answer the calls that come down a pipe, until it or the parent process is gone.
+    """Answer calls from a pipe until the pipe or the parent process is closed.
 
-    The first message is None when everything is imported, ``module`` included, or says why not.
-    The answer to a call is (True, its result), or (False, why there is none).
+    The first message is None after all imports, including ``module``, or the error of an import.
+    The answer to a call is (True, its result) or (False, the reason why there is none).
     """
-    # A parent that is gone reads nothing: a pipe that breaks is no error.
+    # A broken pipe is not an error, because it means that the parent has ended.
     with suppress(EOFError, OSError):
         try:
             importlib.import_module(module)
@@ -51,7 +51,7 @@ def serve(connection: Connection, module: str) -> None:
 
 
 def run_task(task: Task) -> tuple[TaskResult, ...]:
-    """Run every pair of a task; the results of ``task.each``."""
+    """Run every pair of a task and return the results of ``task.each``."""
     begin = perf_counter()
     try:
         if task.scenario.traffic is not None:
@@ -60,7 +60,7 @@ def run_task(task: Task) -> tuple[TaskResult, ...]:
         took_s = (perf_counter() - begin) / len(results)
         return tuple(replace(result, took_s=took_s) for result in results)
     except BaseException:
-        # Nothing of an episode that was broken off may reach the next one.
+        # An interrupted episode must not affect the next one.
         close_engine()
         raise
 
@@ -80,7 +80,7 @@ def _run_encounters(task: Task) -> Iterator[TaskResult]:
                 hung.add(key)
             outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
             known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
-            # An episode that hung would hang in SUMO, too, and stop the other arm.
+            # An episode that hung would also hang in SUMO and stop the other arm.
             ended = [
                 outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
             ]
@@ -97,7 +97,7 @@ def _audited(
 
 
 def _run_hours(task: Task) -> TaskResult:
-    """Every pair of a task in traffic; one hour is what has to be done before it hangs."""
+    """Run every pair of a task in traffic; the time limit applies to one hour."""
     runner = HourRunner(
         task.scenario, task.model, lambda: road_for(task.scenario), paths=task.traces
     )
@@ -148,7 +148,7 @@ def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[dict[str, Any]]:
 
 
 def _runner_for(task: Task, engine: EngineName) -> PairRunner:
-    """The runner of a cell on an engine; made again only when the cell changes."""
+    """The runner of a cell on an engine; a new one is made only if the cell changes."""
     global _cell
     scenario = task.scenario
     cell = repr((scenario, task.model.sha256))
