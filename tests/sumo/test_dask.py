@@ -161,7 +161,6 @@ def test_interrupted_on_the_cluster_resumed_here(
 
 STRATEGY = """
 from pathlib import Path
-from typing import Any
 
 class Mine:
     def decide(self, observation):
@@ -173,11 +172,8 @@ def own(cluster: str | None, name: str, folder: Path, out: str) -> dict[str, byt
     """A run of a user's own strategy from its folder, here or on the cluster."""
     changes = {**QUICK, "arms.av": name, "experiment.pairs": 20}
     where = [] if cluster is None else ["--dask", cluster]
-    done = shell(
-        *("run", "cctc", "-q", "--out", out, *where, *options_of(changes)),
-        cwd=folder,
-        env={"PYTHONPATH": str(CHECKOUT)},
-    )
+    command = ("run", "cctc", "-q", "--out", out, *where, *options_of(changes))
+    done = shell(*command, cwd=folder, env={"PYTHONPATH": str(CHECKOUT)})
     assert done.returncode == 0, done.stderr
     return content(folder / out)
 
