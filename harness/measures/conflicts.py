@@ -62,7 +62,7 @@ def pet_s(chunk: Chunk) -> FloatArray:
     began = np.array([walk.start_s for walk in legs.walks], dtype=float)
     # A pedestrian who leaves the area without entering it was in it from the start.
     enters = np.where(np.isnan(enters) & ~np.isnan(leaves), began, enters)
-    trace = legs.of_walk
+    trace = legs.walk_trace
     nearest, farthest = x_range(legs, enters, leaves)
     ego_enters = _bumper_at(chunk, nearest - PEDESTRIAN_RADIUS_M)
     ego_leaves = _bumper_at(chunk, farthest + vehicle.length_m + PEDESTRIAN_RADIUS_M)
@@ -76,7 +76,7 @@ def _bumper_at(chunk: Chunk, x_m: FloatArray) -> FloatArray:
     """When the bumper of each walker's ego reaches their ``x_m``; NaN if it never does."""
     known: dict[tuple[int, float], float] = {}  # most pedestrians walk along the same line
     times = []
-    for key in zip(chunk.legs.of_walk.tolist(), x_m.tolist(), strict=True):
+    for key in zip(chunk.legs.walk_trace.tolist(), x_m.tolist(), strict=True):
         if key not in known:
             time = crossing_time(chunk.traces[key[0]], key[1])
             known[key] = np.nan if time is None else time

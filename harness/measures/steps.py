@@ -33,9 +33,9 @@ class Legs:
     y_mps: FloatArray
     y_mps2: FloatArray
     walks: tuple[Walk, ...]
-    """The walk behind each number; ``of_walk`` and ``from_far`` have an entry for each, too."""
-    of_walk: IntArray
-    """Number of the trace it belongs to."""
+    """The walks by number; ``walk_trace`` and ``from_far`` have an entry for each walk."""
+    walk_trace: IntArray
+    """Number of the walk's trace."""
     from_far: np.ndarray
 
 
@@ -100,10 +100,10 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
             legs += stretches
             walks.append(walk)
             owners.append(owner)
-    of_walk, walk_numbers = (np.array(each, dtype=np.int64) for each in (owners, numbers))
+    walk_trace, walk_numbers = (np.array(each, dtype=np.int64) for each in (owners, numbers))
     begin, x, y, x_mps, y_mps, y_mps2 = np.array(legs, dtype=float).reshape(-1, 6).T
     return Legs(
-        trace=of_walk[walk_numbers],
+        trace=walk_trace[walk_numbers],
         walk=walk_numbers,
         begin_s=begin,
         end_s=np.array(ends, dtype=float),
@@ -113,7 +113,7 @@ def legs_of(traces: Sequence[Trace]) -> Legs:
         y_mps=y_mps,
         y_mps2=y_mps2,
         walks=tuple(walks),
-        of_walk=of_walk,
+        walk_trace=walk_trace,
         from_far=np.array([walk.arrival.side is Side.FAR for walk in walks], dtype=bool),
     )
 

@@ -210,8 +210,8 @@ class RunData:
         return pd.DataFrame(
             [
                 {"cell": cell.number, **cell.varied, **row}
-                for cell, own in self._rows_by_cell()
-                for row in measure_rows(own)
+                for cell, rows in self._rows_by_cell()
+                for row in measure_rows(rows)
             ]
         )
 
@@ -354,11 +354,11 @@ class RunData:
         episodes = self._tables.read(self.kind.rows)
         numbers = episodes["cell"].to_numpy()
         for cell in self.study.cells:
-            mine = numbers == cell.number
-            # A run of one cell is big, if any is: no second copy of it.
-            own = episodes if mine.all() else episodes.filter(pa.array(mine))
-            if own.num_rows:
-                yield cell, own
+            in_cell = numbers == cell.number
+            # A run of a single cell may be large, so its table is not copied.
+            rows = episodes if in_cell.all() else episodes.filter(pa.array(in_cell))
+            if rows.num_rows:
+                yield cell, rows
 
     @cached_property
     def _models(self) -> dict[tuple[str, str | None], InteractionModel]:

@@ -47,12 +47,14 @@ class RunTables:
         if name == "traces" and self._finished:
             return read_table(self._path, name, cell, pair)
         if name == "traces":
-            holding = [one for one in self._shards if one.cell == cell and pair in one.numbers]
-            table = self._table(name, holding)
+            shards = [
+                shard for shard in self._shards if shard.cell == cell and pair in shard.numbers
+            ]
+            table = self._table(name, shards)
         else:
             table = self.read(name)
-        own = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
-        return table.filter(own)
+        selected = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
+        return table.filter(selected)
 
     def _table(self, name: str, shards: Sequence[Shard]) -> pa.Table:
         if self._finished:

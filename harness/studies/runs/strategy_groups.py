@@ -112,18 +112,18 @@ def parameter_sweeps(group: StrategyGroup) -> list[ParameterSweep]:
     """Every set of at least two cells that differ in one numeric parameter alone."""
     sweeps = []
     for strategy in dict.fromkeys(member.strategy for member in group.cells):
-        own = {i: m.parameters for i, m in enumerate(group.cells) if m.strategy == strategy}
-        varied = _varied(own.values())
+        sets = {i: m.parameters for i, m in enumerate(group.cells) if m.strategy == strategy}
+        varied = _varied(sets.values())
         for parameter in varied:
             lines: dict[str, list[int]] = {}
-            for position, parameters in own.items():
+            for position, parameters in sets.items():
                 if _is_number(parameters.get(parameter)):
                     others = {name: parameters.get(name) for name in varied if name != parameter}
                     key = _frozen([group.cells[position].run, others])
                     lines.setdefault(key, []).append(position)
             for positions in lines.values():
                 if len(positions) > 1:
-                    sweeps.append(_sweep(strategy, parameter, varied, positions, own))
+                    sweeps.append(_sweep(strategy, parameter, varied, positions, sets))
     return sweeps
 
 
@@ -175,11 +175,11 @@ def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
     _, _, first = cells[0]
     human = table_key(first.scenario.arms.human)
     sees = first.scenario.perception.human
-    own = ("arms.av", "strategies.", *(() if sees else (_PERCEPTION,)))
+    av_keys = ("arms.av", "strategies.", *(() if sees else (_PERCEPTION,)))
     shared = {
         key: value
         for key, value in first.varied.items()
-        if not key.startswith(own) or key.startswith(f"{human}.")
+        if not key.startswith(av_keys) or key.startswith(f"{human}.")
     }
     return StrategyGroup(shared, tuple(members), len(cells) - len(members))
 

@@ -122,8 +122,8 @@ def got_worse(
     parts = []
     for before, after in [match for group in groups for match in _matches(group.cells)]:
         past = old.loc[old["cell"] == before.cell.number, ["pair", "badness", by, "ending"]]
-        own = new[new["cell"] == after.cell.number]
-        parts.append(own.merge(past, on="pair", suffixes=("", _BEFORE)))
+        present = new[new["cell"] == after.cell.number]
+        parts.append(present.merge(past, on="pair", suffixes=("", _BEFORE)))
     if not parts:
         allowed = "the same strategy and parameters in both, or one cell of each"
         raise InputError(
