@@ -16,7 +16,7 @@ from harness.statistics.bootstrap import (
     bootstrap_mean_and_cv,
     bootstrap_ratio,
 )
-from harness.statistics.catalogue import ENCOUNTERS, anything_left_out
+from harness.statistics.catalogue import ENCOUNTERS, ENTRIES, anything_left_out
 from harness.statistics.conflicts import CONFLICTS, Conflict
 from harness.statistics.differences import DIFFERENCES, MU_BOUND_FROM, ComparedColumns
 from harness.statistics.encounter_columns import EncounterColumns, count
@@ -68,6 +68,7 @@ __all__ = [
     "CONFLICTS",
     "DIFFERENCES",
     "ENCOUNTERS",
+    "ENTRIES",
     "MU_BOUND_FROM",
     "AllowedInterval",
     "BothArms",

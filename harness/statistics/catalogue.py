@@ -265,6 +265,9 @@ ENCOUNTERS: tuple[Entry[EncounterColumns], ...] = (
 )
 """The catalogue of encounters, in the order in which it is shown."""
 
+ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
+"""The entries by the names of their numbers."""
+
 
 def anything_left_out(findings: Findings) -> bool:
     """Whether the ratio of times leaves out a pair, or counts a pair with a time-out."""

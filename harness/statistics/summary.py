@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.statistics.bootstrap import Resampled
-from harness.statistics.catalogue import ENCOUNTERS
+from harness.statistics.catalogue import ENCOUNTERS, ENTRIES
 from harness.statistics.encounter_columns import EncounterColumns
 from harness.statistics.entries import Findings, findings_of
 from harness.statistics.intervals import Interval, Proportion
-
-_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
 
 
 @dataclass(frozen=True)
@@ -20,9 +18,9 @@ class Summary:
 
     def __getattr__(self, name: str) -> Any:
         """A finding as its interval, or as its value if it has no interval."""
-        if name not in _ENTRIES:
+        if name not in ENTRIES:
             raise AttributeError(name)
-        finding, kind = self.findings[name], _ENTRIES[name].interval
+        finding, kind = self.findings[name], ENTRIES[name].interval
         ends = (finding.number, finding.low, finding.high)
         if kind is Proportion:
             return Proportion(*ends, finding.events or 0, finding.n or 0)

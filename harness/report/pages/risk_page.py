@@ -35,7 +35,7 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
             "heading": heading(findings),
             "where": "Folder",
             "folder": str(folder),
-            "screen": screen_lines(risk_screen(findings, folder, settings, full=True)),
+            "screen": screen_lines(risk_screen(findings, folder, settings, full=True))[:-1],
             "tables": [replace(table, folded=True) for table in risk_tables(findings)],
             "remarks": [
                 "The estimate is by brute force: the share of events among independent nominal "

@@ -56,7 +56,7 @@ def _context(validation: Validation) -> dict[str, Any]:
         "heading": heading,
         "where": "Data",
         "folder": sources,
-        "screen": screen_lines(validation_screen(findings, full=True)),
+        "screen": screen_lines(validation_screen(findings, full=True))[:-1],
         "tables": [replace(table, folded=True) for table in validation_tables(findings)],
         "remarks": [READING, *findings.remarks],
         "player": _player(validation),
@@ -77,7 +77,7 @@ def _player(validation: Validation) -> Player:
     episodes, scenes = [], {}
     for number, passage in enumerate(used):
         simulated, recorded = validation.outcomes[driver][number][0], validation.recorded[number]
-        error = f"{simulated.pass_time_s - recorded.pass_time_s:+.1f} s"
+        error = f"{simulated.pass_time_s - recorded.pass_time_s:+z.1f} s"
         arms = [
             _arm(passage, simulated, Arm.AV, f"simulated: {driver}"),
             _arm(passage, recorded, Arm.HUMAN, "recorded"),

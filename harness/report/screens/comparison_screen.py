@@ -8,7 +8,7 @@ from harness.report.screens.result_screen import with_limits
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import counted, entry_value, named_values
 from harness.scenario import as_written
-from harness.statistics import ENCOUNTERS, Place
+from harness.statistics import ENTRIES, Place
 from harness.statistics.entries import Finding
 from harness.studies.runs.comparisons import GroupResult, RunComparison
 from harness.studies.runs.notes import av_label
@@ -19,7 +19,6 @@ _MOST_CELLS = 6
 
 _MOST_SENTENCES = 3
 _NAMED = 3
-_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
 _PLACES = {Place.FRONT: "yes", Place.UNDECIDED: "undecided", Place.DOMINATED: "no"}
 
 
@@ -65,9 +64,9 @@ def _group_rows(group: GroupResult, most: int) -> list[tuple[str, ...]]:
                 ", ".join(map(as_written, group.group.shared.values())),
                 str(cells[at].number),
                 av_label(cells[at].label, findings),
-                with_limits(_ENTRIES["time_ratio"], findings["time_ratio"]),
+                with_limits(ENTRIES["time_ratio"], findings["time_ratio"]),
                 _worst_case(findings),
-                entry_value(_ENTRIES["kappa"], findings["kappa"]),
+                entry_value(ENTRIES["kappa"], findings["kappa"]),
                 _PLACES[standings[at].place],
                 *(_numbers(group, group.beaten_by(at, by)) for by in (0, 1)),
             )
@@ -80,7 +79,7 @@ def _worst_case(findings: Mapping[str, Finding]) -> str:
     counts = [findings[name].number or 0 for name in ("pairs", "time_ratio_pairs", "timed_out")]
     if counts[0] == counts[1] and not counts[2]:
         return ""
-    entry = _ENTRIES["time_ratio_worst"]
+    entry = ENTRIES["time_ratio_worst"]
     return entry_value(entry, findings["time_ratio_worst"], entry.paired_digits)
 
 

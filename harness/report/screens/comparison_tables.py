@@ -19,6 +19,7 @@ from harness.scenario import as_written
 from harness.statistics import (
     DIFFERENCES,
     ENCOUNTERS,
+    ENTRIES,
     Findings,
     Note,
     Place,
@@ -63,7 +64,6 @@ _SHOWN = ("time_ratio", "time_ratio_worst", "mu", "delay_s", "kappa", "kappa_all
 """Findings of each cell on the terminal; the page has those of ``_ON_PAGE``, too."""
 
 _ON_PAGE = ("mu_worst", "delay_worst_s", "timed_out_av", "defined_pairs")
-_ENTRIES = {name: entry for entry in ENCOUNTERS for name in filter(None, entry.names)}
 
 
 def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
@@ -74,7 +74,7 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
     ):
         findings = summary.findings
         shown, on_page = (
-            [entry_cell(_ENTRIES[of], findings, of) for of in names] for names in (_SHOWN, _ON_PAGE)
+            [entry_cell(ENTRIES[of], findings, of) for of in names] for names in (_SHOWN, _ON_PAGE)
         )
         rows.append(
             (
@@ -87,7 +87,7 @@ def _cell_table(result: GroupResult, name: str, caption: str) -> Table:
             )
         )
     headings = [
-        [_ENTRIES[of].title_of(of, thresholds) for of in names] for names in (_SHOWN, _ON_PAGE)
+        [ENTRIES[of].title_of(of, thresholds) for of in names] for names in (_SHOWN, _ON_PAGE)
     ]
     front = ("cell", "AV", "pairs", *headings[0], "front")
     return Table(
@@ -218,7 +218,7 @@ def best_lines(result: GroupResult) -> list[str]:
     few = f"; {times.reason}" if times.reason else ""
     text = (
         f"{where}: {cells[best].number} ({cells[best].label}), ratio of times "
-        f"{with_limits(_ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
+        f"{with_limits(ENTRIES['time_ratio'], times)}{few}; {_left_out(findings)}. It is the "
         f"least of {counted(len(result.allowed), 'cell')} allowed {sure}."
     )
     if alike:
@@ -232,7 +232,7 @@ def _left_out(findings: Findings) -> str:
     count = findings["pairs"].count - findings["time_ratio_pairs"].count
     if not count:
         return "no pair left out"
-    worst = entry_value(_ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
+    worst = entry_value(ENTRIES["time_ratio_worst"], findings["time_ratio_worst"])
     why = "as the AV crashed or an arm failed"
     return f"{counted(count, 'pair')} left out, {why}: worst case {worst}"
 
