@@ -261,8 +261,8 @@ def test_a_site_names_its_flows_and_what_is_varied() -> None:
         for share in (0.25, 0.5)
     ]
     traffic, people = hours[0].known_traffic, hours[0].pedestrians.flow_per_hour
-    flows = f"{traffic.flow_per_hour:g} + {traffic.oncoming_per_hour:g} vehicles per hour"
-    ends = f"{flows}; {people:g} people per hour."
+    flows = f"{traffic.flow_per_hour:g} + {traffic.oncoming_per_hour:g} vehicles/h"
+    ends = f"{flows}; {people:g} people/h."
     assert site_words(hours[:1]).endswith(f"lanes; v0 8 m/s; 25 % AVs; {ends}")
     assert site_words(hours).endswith(f"lanes; v0 8 m/s; share of AVs varied; {ends}")
 

@@ -10,7 +10,7 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
     """Return the site, the speed of arrival, and who comes; values that differ are "varied".
 
     >>> site_words([Scenario()])
-    'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people per hour.'
+    'Site: road 9 m wide, 1 + 1 lanes; v0 5 m/s; 250 people/h.'
     """
 
     def common(words: Callable[[Scenario], str], name: str) -> str:
@@ -19,7 +19,7 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
 
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
     if scenarios[0].traffic is not None:
-        parts[2:2] = [common(_share, "share of AVs"), common(_vehicles, "vehicles per hour")]
+        parts[2:2] = [common(_share, "share of AVs"), common(_vehicles, "vehicles")]
     return f"Site: {'; '.join(parts)}."
 
 
@@ -44,7 +44,7 @@ def _vehicles(scenario: Scenario) -> str:
     if traffic.saturated:
         return "vehicles queued"
     flows = (traffic.flow_per_hour, traffic.oncoming_per_hour)
-    return f"{' + '.join(map(as_written, flows))} vehicles per hour"
+    return f"{' + '.join(map(as_written, flows))} vehicles/h"
 
 
 def _people(scenario: Scenario) -> str:
@@ -53,4 +53,4 @@ def _people(scenario: Scenario) -> str:
         return "timed pedestrians" if people.timed else "selected pedestrians"
     if people.first_at_trigger and people.max_count == 1:
         return "one pedestrian, at the trigger"
-    return f"{as_written(people.flow_per_hour)} people per hour"
+    return f"{as_written(people.flow_per_hour)} people/h"
