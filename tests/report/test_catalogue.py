@@ -49,7 +49,7 @@ def test_it_is_in_the_tables_of_files_terminal_and_page_and_in_the_reference(run
     texts = [cell.text for table in tables for row in table.rows for cell in row]
     assert "fastest passage, s" in texts
     words = ["`fastest_s`", "yes", "", "s", "The shortest time to cross. The AV's arm."]
-    assert reference.reported(ENTRY, "fastest_s") == words
+    assert reference.row_of(ENTRY, "fastest_s") == words
 
 
 def test_it_is_in_the_json_document(run: Path) -> None:

@@ -103,8 +103,8 @@ def _time_outs(scenario: Scenario, findings: Findings) -> list[Note]:
     av, human = findings["timed_out_av"].count, findings["timed_out_human"].count
     text = (
         f"{timed_out:,} of {_counted(pairs, 'pair')} timed out (AV {av:,}, "
-        f"{scenario.arms.human} {human:,}): the ratio of times counts them with the time-out; μ, "
-        "c_v and the delays exclude them."
+        f"{scenario.arms.human} {human:,}): only the ratio of times uses them, as "
+        f"{scenario.experiment.timeout_s:g} s."
     )
     return [Note(Rank.TIME_OUTS, text)]
 
