@@ -15,7 +15,7 @@ import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
 from harness.episode.traffic.lanes import lanes_of
-from harness.report.drawing.hour_figures import _is_automated, time_space
+from harness.report.pages.hour_pictures import _is_automated, time_space
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
 from harness.scenario import (
