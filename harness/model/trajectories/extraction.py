@@ -33,15 +33,9 @@ EXTRACTION_KEY = b"harness.extraction"
 """Key of the command and the counts in the metadata of a Parquet file of rows."""
 
 SUMMARISED = (
-    "range_m",
-    "lateral_m",
-    "vehicle_speed_mps",
-    "pedestrian_speed_mps",
-    "arrival_time_s",
-    "time_advantage_s",
-    "crossing_angle_deg",
-    "pet_s",
-)
+    "range_m", "lateral_m", "vehicle_speed_mps", "pedestrian_speed_mps",
+    "arrival_time_s", "time_advantage_s", "crossing_angle_deg", "pet_s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
