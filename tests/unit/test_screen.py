@@ -322,6 +322,16 @@ def test_failures_of_many_cells_fit_and_name_each_cell() -> None:
     assert len(screen_lines(replace(screen, most_lines=None))) == 8 + len(notes) + 1
 
 
+def test_names_are_broken_before_intervals() -> None:
+    row = ("1", "soft_yield (hard_yield in 97 %)", "0.75 (0.71 … 0.80)")
+    screen = Screen("c", "", ("cell", "AV", "ratio of times"), (row,), (), "All.", always=3)
+    assert screen_lines(screen, 43)[2:-1] == [
+        "1     soft_yield        0.75 (0.71 … 0.80)",
+        "      (hard_yield in",
+        "      97 %)",
+    ]
+
+
 def test_no_sweep_leaves_out_crashes_or_how_many_pairs_met_nobody() -> None:
     drove = {"fallback_share": Finding(0.98), "met_nobody": Finding(30), "fallbacks": Finding(20)}
     varied = {"perception.detection_probability": 0.2, "perception.latency_s": 1.0}

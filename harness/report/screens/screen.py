@@ -20,6 +20,9 @@ _GAP = "  "
 _LEAST = 8
 """Columns are not made narrower than this to keep one of them on a narrow terminal."""
 
+_LEAST_OF_NAMES = 12
+"""Columns of names are made so narrow before an interval is broken into lines."""
+
 _BREAKS = re.compile(r" |(?<=_)")
 _NEVER_MERGED = Rank.MISSED_TARGETS
 _KEPT_NAMES = {
@@ -116,8 +119,10 @@ def _rows(screen: Screen, width: int) -> list[str]:
     shown = len(widths)
     while shown > screen.always and _width(widths[:shown]) > width:
         shown -= 1
+    intervals = {place for row in whole for place, text in enumerate(row) if "…" in text}
     while _width(widths[:shown]) > width and max(widths[:shown]) > _LEAST:
-        widths[widths.index(max(widths[:shown]))] -= 1
+        wide = [at for at in range(shown) if at not in intervals and widths[at] > _LEAST_OF_NAMES]
+        widths[max(wide or [*range(shown)], key=widths.__getitem__)] -= 1
     last = [(row[0], row[-1]) for row in whole if row[-1]]
     if screen.aside and not last:
         shown = min(shown, len(widths) - 1)
