@@ -326,7 +326,7 @@ def test_names_are_broken_before_intervals() -> None:
     row = ("1", "soft_yield (hard_yield in 97 %)", "0.75 (0.71 … 0.80)")
     screen = Screen("c", "", ("cell", "AV", "ratio of times"), (row,), (), "All.", always=3)
     assert screen_lines(screen, 43)[2:-1] == [
-        "1     soft_yield        0.75 (0.71 … 0.80)",
+        "1     soft_yield         0.75 (0.71 … 0.80)",
         "      (hard_yield in",
         "      97 %)",
     ]
