@@ -1,10 +1,12 @@
 """Events whose probability is known in closed form, in standard normal space."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy import stats
 
+from harness.studies.risk.estimation import Estimation, estimate_probability
 from harness.studies.risk.layout import Layout
 from harness.studies.risk.outcomes import Evaluate, Outcomes
 
@@ -25,6 +27,13 @@ def scored(score: Callable[[np.ndarray], np.ndarray]) -> Evaluate:
         return Outcomes(score(z)[:, None], np.full(len(z), np.nan), of)
 
     return evaluate
+
+
+def estimated(
+    evaluate: Evaluate, seed: object, *options: float, layout: Layout = LAYOUT, **more: Any
+) -> Estimation:
+    """The estimate with draws of that seed."""
+    return estimate_probability(evaluate, layout, np.random.default_rng(seed), *options, **more)
 
 
 def half_space(p: float) -> Case:

@@ -6,7 +6,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, Arrival, Ending, Observation, Side, Strategy, Trace, Walk
+from harness.core.encounter import (
+    Arm,
+    Arrival,
+    EgoView,
+    Ending,
+    Observation,
+    PedestrianView,
+    Side,
+    Strategy,
+    Trace,
+    Walk,
+)
 from harness.core.errors import InputError
 from harness.engine.plain import PlainEngine
 from harness.engine.protocol import Engine
@@ -52,6 +63,18 @@ class Recorder:
     def decide(self, observation: Observation, /) -> Any:
         self.seen.append(observation)
         return self._command(observation)
+
+
+def shown(
+    scene: Scenario, range_m: float, speed: float, *people: PedestrianView, time_s: float = 0.0
+) -> Observation:
+    """What a driver is shown of the ego at R and of these people."""
+    ego, constants = EgoView(range_m, speed, 0.0), (scene.vehicle(), scene.crosswalk())
+    return Observation(time_s, scene.experiment.step_s, ego, *constants, people)
+
+
+def braking_steps(trace: Trace) -> list[int]:
+    return np.flatnonzero(np.diff(trace.speed_mps) < -1e-9).tolist()
 
 
 def episode(
@@ -116,3 +139,12 @@ def refuses(words: str, call: Callable[[], object]) -> None:
     """A call that is refused in such words."""
     with pytest.raises(InputError, match=words):
         call()
+
+
+def refusal_of(call: Callable[[], object], *parts: str) -> InputError:
+    """The error of a call that is refused in one line which has these parts."""
+    with pytest.raises(InputError) as caught:
+        call()
+    line = str(caught.value)
+    assert [part for part in ("", *parts) if part not in line or "\n" in line] == [], line
+    return caught.value

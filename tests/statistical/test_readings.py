@@ -187,16 +187,12 @@ def curve_cdf(model: InteractionModel, rows: Drawn, count: int) -> np.ndarray:
     return model.walking_speed_cdf(x, range_m, speed, lateral_m=lateral)
 
 
-def test_curve_equals_adaptive_quadrature_of_its_definition(drawn):
+def test_curve_equals_quadrature_and_fine_sums_of_its_definition(drawn):
     model, rows = drawn
     wanted = [Curves(model, Some(rows, slice(i, i + 1)), 1).cdf_by_quad() for i in range(4)]
     np.testing.assert_allclose(curve_cdf(model, rows, 4), wanted, atol=1e-3)
     # The sums of the next test are as good.
     np.testing.assert_allclose(Curves(model, rows, 4).cdf(300), wanted, atol=1e-7)
-
-
-def test_curve_equals_fine_sums_of_its_definition(drawn):
-    model, rows = drawn
     error = np.abs(curve_cdf(model, rows, 200) - Curves(model, rows, 200).cdf(300))
     assert np.quantile(error, 0.9) < 2e-4
     assert error.max() < 1e-3

@@ -9,12 +9,12 @@ from benchmarks.risk_table import LAYOUT as FAULTY, Tables
 from harness.core.encounter import Arm, Ending
 from harness.model.interaction import load_model
 from harness.scenario import Setting, load_scenario
-from harness.studies.risk.estimation import Estimation, _pilot, estimate_probability
+from harness.studies.risk.estimation import Estimation, _pilot
 from harness.studies.risk.interval import Tally
 from harness.studies.risk.layout import Layout
 from harness.studies.risk.outcomes import Evaluate
 from harness.studies.risk.space import space_of
-from tests.risks import CROWD, LAYOUT, crowd, fault, half_space, scored, union
+from tests.risks import CROWD, LAYOUT, crowd, estimated, fault, half_space, scored, union
 from tests.scenes import on_plain
 
 REPETITIONS = 400
@@ -26,8 +26,7 @@ KAPPA = 0.2146
 def assert_covers(evaluate: Evaluate, layout: Layout, truth: float) -> None:
     held, estimates = 0, []
     for seed in range(REPETITIONS):
-        rng = np.random.default_rng((11, seed))
-        estimate = estimate_probability(evaluate, layout, rng).estimate
+        estimate = estimated(evaluate, (11, seed), layout=layout).estimate
         held += estimate.ci_low <= truth <= estimate.ci_high
         estimates.append(estimate.probability or 0.0)
     # The 95 % interval, less what chance takes once in a thousand: 366 of 400.
@@ -77,7 +76,7 @@ def test_what_is_said_holds_where_the_exploration_misses_a_fault(share: float, s
     evaluate, truth = fault(share)
     said = alone = 0
     for seed in range(seeds):
-        findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng((13, seed)))
+        findings = estimated(evaluate, (13, seed))
         said += is_true(findings, truth)
         alone += findings.estimate.ci_low <= truth <= findings.estimate.ci_high
     assert said >= stats.binom.ppf(0.001, seeds, 0.95)
@@ -104,8 +103,7 @@ def test_what_is_said_of_faulty_strategies_holds(tables, fault, least_found) -> 
     )
     seeds, said, found = 20, 0, 0
     for seed in range(seeds):
-        rng = np.random.default_rng((13, seed))
-        findings = estimate_probability(evaluate, FAULTY, rng)
+        findings = estimated(evaluate, (13, seed), layout=FAULTY)
         said += is_true(findings, truth)
         found += (findings.estimate.probability or 0.0) > 0.8 * truth
     assert said >= seeds - 1

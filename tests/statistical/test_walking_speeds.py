@@ -164,20 +164,3 @@ def test_modes_match_a_dense_grid(model: InteractionModel, joint: Joint, reading
             assert heights[0] > (1 - 1e-5) * heights[1], (r, pace, w)
             missed += 1
     assert missed < 5
-
-
-@pytest.mark.parametrize(
-    ("target", "given"), [(VP, (R, V)), (VP, ()), (V, (R, VP)), (V, (R, VP, W)), (VP, (R, V, W))]
-)
-def test_ppf_inverts_cdf(model: InteractionModel, target: int, given: tuple[int, ...]) -> None:
-    rng = np.random.default_rng(7)
-    count = 300 if given else 50
-    chosen = list(given)
-    y = rng.uniform(model.mixture.lower[chosen], model.mixture.upper[chosen], (count, len(given)))
-    u = rng.random(count)
-    u[:4] = [1e-9, 1e-4, 1 - 1e-4, 1 - 1e-9]
-    conditional = model.mixture.conditional(target, given)
-    x = conditional.ppf(u, y)
-    np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9, rtol=0)
-    assert (x >= model.mixture.lower[target]).all()
-    assert (x <= model.mixture.upper[target]).all()

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from harness.core.encounter import Arm, EgoView, Observation, Side, Strategy
+from harness.core.encounter import Arm, Side, Strategy
 from harness.core.errors import InputError
 from harness.episode.arms import make_strategy
 from harness.strategies.constant_speed import ConstantSpeed
 from harness.strategies.emergency_brake import EmergencyBrake
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
-from tests.scenes import play, scenario
+from tests.scenes import play, scenario, shown
 
 
 @pytest.mark.parametrize("strategy", [HardYield, EmergencyBrake, GapYield])
@@ -30,10 +30,8 @@ def test_before_an_empty_crosswalk_these_keep_their_speed(strategy: type[Strateg
 @pytest.mark.parametrize("speed_mps", [0.0, 2.0, 4.0])
 def test_constant_speed_drives_off_where_the_vehicle_before_has_slowed_it(speed_mps: float) -> None:
     scene = scenario(ego={"initial_speed_mps": 4.0})
-    ego = EgoView(10.0, speed_mps, 0.0)
-    seen = Observation(0.0, 0.1, ego, scene.vehicle(), scene.crosswalk(), ())
-    a0 = scene.vehicle().resume_acceleration_mps2
-    assert ConstantSpeed().decide(seen) == (0.0 if speed_mps == 4.0 else a0)
+    wanted = 0.0 if speed_mps == 4.0 else scene.vehicle().resume_acceleration_mps2
+    assert ConstantSpeed().decide(shown(scene, 10.0, speed_mps)) == wanted
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,15 @@ def hcm_sum(v: float, t: float, lanes: int, rate: float, headway: float, events:
     return total + left * gap
 
 
-def test_published_example_of_nchrp_17_87() -> None:
+def test_published_examples_and_limits() -> None:
     v = 850 / 3600
     assert forms.revised_hcm_delay_s(v, 8.0, 2, 0.5) == pytest.approx(4.74, abs=0.005)
     assert forms.hcm_delay_s(v, 8.0, 2, 0.5) == pytest.approx(9.83, abs=0.005)
+    assert math.isfinite(forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.9))
+    assert forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.0) == math.inf
+    pedestrians = [forms.level_of_service(s, forms.PEDESTRIAN_LOS_S) for s in (0, 5, 5.1, 45, 46)]
+    assert pedestrians == ["A", "A", "B", "E", "F"]
+    assert forms.level_of_service(50.1, forms.VEHICLE_LOS_S) == "F"
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.3, 0.9])
@@ -38,11 +43,6 @@ def test_yielding_is_the_sum_written_out(lanes: int, rate: float) -> None:
     events = int(forms.gap_wait_s(v, t) / delayed / (lanes / v))
     wanted = hcm_sum(v, t, lanes, rate, lanes / v, events)
     assert forms.hcm_delay_s(v, t, lanes, rate) == pytest.approx(wanted, rel=1e-12)
-
-
-def test_heavy_traffic_where_all_yield_is_finite() -> None:
-    assert math.isfinite(forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.9))
-    assert forms.revised_hcm_delay_s(1.0, 800.0, 2, 0.0) == math.inf
 
 
 def test_gap_wait_is_what_waiting_people_find() -> None:
@@ -89,9 +89,3 @@ def test_a_group_needs_longer_than_one() -> None:
     people = (0.1 * math.exp(0.8) + 0.2 * math.exp(-1.6)) / (0.3 * math.exp(-0.8))
     wanted = 8.0 + 2 * (max(2.4384 * people / 3.0, 1.0) - 1)
     assert forms.group_headway_s(0.2, 0.1, 8.0, 3.0) == pytest.approx(wanted)
-
-
-def test_levels_of_service_at_their_limits() -> None:
-    pedestrians = [forms.level_of_service(s, forms.PEDESTRIAN_LOS_S) for s in (0, 5, 5.1, 45, 46)]
-    assert pedestrians == ["A", "A", "B", "E", "F"]
-    assert forms.level_of_service(50.1, forms.VEHICLE_LOS_S) == "F"

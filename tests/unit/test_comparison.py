@@ -79,16 +79,13 @@ def test_bca_in_another_unit(unit: float) -> None:
     assert scaled.high == pytest.approx(unit * exact.high, rel=1e-9)
 
 
-def test_bca_is_not_the_percentile_interval() -> None:
+def test_bca_is_not_the_percentile_interval_and_far_limits_have_resamples_beyond() -> None:
     # On a skewed sample the correction is many times the noise: the test above can tell.
     values = SAMPLES["heavy"]
     _, cv = bootstrap_mean_and_cv(values, rng())
     percentile = stats.bootstrap((values,), population_cv, method="percentile", rng=1)
     shift = abs(cv.high - percentile.confidence_interval.high)
     assert shift > 0.15 * (cv.high - cv.low)
-
-
-def test_far_limits_have_resamples_beyond_them() -> None:
     # 99.99 %: from 5,000 resamples the limits would be the outermost of them, well inside.
     values = SAMPLES["a dozen"]
     ours = bootstrap_mean_and_cv(values, rng(), 1 - 1e-4)[0]

@@ -87,7 +87,7 @@ def by_numbers(points: list[tuple[float, float]]) -> dict[tuple[int, int], tuple
     }
 
 
-def test_front_of_known_points_and_of_one_alone() -> None:
+def test_front_of_known_points_and_of_what_cannot_be_told() -> None:
     # μ falls and κ rises from cautious to bold; the last two lie above the front.
     points = [(1.0, 0.0), (0.8, 0.01), (0.6, 0.05), (0.9, 0.02), (1.0, 0.06)]
     standings = pareto_front(5, by_numbers(points))
@@ -96,9 +96,6 @@ def test_front_of_known_points_and_of_one_alone() -> None:
     assert standings[4].dominated_by == (0, 1, 2, 3)
     assert all(standing.open_against == () for standing in standings)
     assert [standing.place for standing in pareto_front(1, {})] == [Place.FRONT]
-
-
-def test_what_cannot_be_told_is_named() -> None:
     # 2 is dominated by 0 whatever 1 is; 1 cannot be told from 0.
     relations = {(0, 1): (B, U), (0, 2): (B, B), (1, 2): (U, U)}
     standings = pareto_front(3, relations)

@@ -7,19 +7,18 @@ is 1.1 to 3.4 m from there.  It is at R = 30 âˆ’ 5 t until it brakes at 4.5 m/sÂ
 import numpy as np
 import pytest
 
-from harness.core.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import Observation, PedestrianView, Side
 from harness.measures import measure
 from harness.measures.motion.contact import time_to_collision
 from harness.strategies.driving import half_path
 from harness.strategies.emergency_brake import EmergencyBrake, _time_to_collision
-from tests.scenes import play, scenario
+from tests.scenes import braking_steps, play, scenario, shown
 
 STEP = 0.1
 
 
 def first_braking(trace) -> float | None:
-    braking = np.flatnonzero(np.diff(trace.speed_mps) < -1e-9)
-    return float(braking[0] * STEP) if len(braking) else None
+    return next((step * STEP for step in braking_steps(trace)), None)
 
 
 def test_brakes_at_the_threshold_stands_and_goes_on() -> None:
@@ -79,11 +78,20 @@ def test_only_for_whom_it_would_hit(side: Side, speed: float, brakes: bool) -> N
     assert (hit.contact is not None) is brakes
 
 
-def test_never_past_the_walkers_line() -> None:
+def test_goes_on_past_the_walkers_line_and_before_who_comes_after_the_rear() -> None:
     # They would walk into its flank: TTC is under 1.2 s at R > 0.25 m only for larger thresholds.
     walker = (0.0, Side.NEAR, 1.1 / 7.0)
     trace = play(EmergencyBrake(ttc_threshold_s=0.5), [walker])
     np.testing.assert_array_equal(trace.speed_mps, 5.0)
+
+    # Its rear is 0.25 m past their line after (5 + 5 + 0.25) m / 5 m/s = 2.05 s; the path is 1.15 m
+    # to either side of the lane's centre.
+    def ttc(enters_s: float) -> float:
+        walker = view(1.15 + enters_s, 1.0)
+        return _time_to_collision(seen(5.0, 5.0, walker), walker, 1.15)
+
+    assert ttc(2.0) == pytest.approx(2.0)
+    assert ttc(2.1) == float("inf")
 
 
 def view(lateral: float, speed: float, side: Side = Side.NEAR) -> PedestrianView:
@@ -91,9 +99,7 @@ def view(lateral: float, speed: float, side: Side = Side.NEAR) -> PedestrianView
 
 
 def seen(range_m: float, speed: float, *people: PedestrianView) -> Observation:
-    scene = scenario()
-    ego = EgoView(range_m, speed, 0.0)
-    return Observation(0.0, STEP, ego, scene.vehicle(), scene.crosswalk(), people)
+    return shown(scenario(), range_m, speed, *people)
 
 
 def test_goes_on_when_he_stops_outside_its_path() -> None:
@@ -104,17 +110,6 @@ def test_goes_on_when_he_stops_outside_its_path() -> None:
     assert strategy.decide(seen(3.0, 2.0, view(1.2, 0.0))) == 1.0
     # They stand in it.
     assert strategy.decide(seen(1.5, 2.0, view(1.1, 0.0))) == -4.5
-
-
-def test_no_collision_course_with_who_comes_after_the_rear() -> None:
-    # Its rear is 0.25 m past their line after (5 + 5 + 0.25) m / 5 m/s = 2.05 s; the path is 1.15 m
-    # to either side of the lane's centre.
-    def ttc(enters_s: float) -> float:
-        walker = view(1.15 + enters_s, 1.0)
-        return _time_to_collision(seen(5.0, 5.0, walker), walker, 1.15)
-
-    assert ttc(2.0) == pytest.approx(2.0)
-    assert ttc(2.1) == float("inf")
 
 
 def test_ttc_against_the_measure_of_rectangle_and_disc() -> None:

@@ -61,23 +61,18 @@ BY_DEFAULT = {"kerb_wait_s": PedestriansSection().kerb_wait_s}
 
 
 @pytest.mark.parametrize(
-    ("arrival", "goes"),
+    ("wait_s", "arrival", "goes"),
     # At 5 m/s the edge (R = 2 m) is 2 s away at R = 12 m: 3.6 s after the trigger.
-    [(0.0, True), (3.5, True), (3.59, True), (3.61, False), (5.0, False), (6.0, False)],
-)
-def test_kerb_rule_of_two_seconds(arrival: float, goes: bool) -> None:
-    scene = scenario(pedestrians={"kerb_wait_s": 2.0})
+    [(2.0, 0.0, True), (2.0, 3.5, True), (2.0, 3.59, True), (2.0, 3.61, False), (2.0, 5.0, False),
+     # With no waiting at all, still: the body overlaps the crosswalk from R = 2 m (5.6 s) on.
+     (2.0, 6.0, False), (0.0, 5.59, True), (0.0, 5.61, False), (0.0, 7.3, False)],
+)  # fmt: skip
+def test_kerb_rule_and_nobody_under_the_body(wait_s: float, arrival: float, goes: bool) -> None:
+    scene = scenario(pedestrians={"kerb_wait_s": wait_s})
     trace = play(ConstantSpeed(), [(arrival, Side.NEAR, 1.2)], scene)
     (walk,) = trace.walks
     assert walk.start_s == (arrival if goes else None)
     assert (walk.speed_mps is None, walk.range_m is None) == (not goes, not goes)
-
-
-@pytest.mark.parametrize(("arrival", "goes"), [(5.59, True), (5.61, False), (7.3, False)])
-def test_nobody_steps_off_under_the_body(arrival: float, goes: bool) -> None:
-    # With no waiting at all, still: the body overlaps the crosswalk from R = 2 m (5.6 s) on.
-    trace = play(ConstantSpeed(), [(arrival, Side.NEAR, 0.5)], scenario())
-    assert (trace.walks[0].start_s is not None) is goes
 
 
 def test_who_waits_looks_again_at_every_step() -> None:

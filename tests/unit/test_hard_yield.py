@@ -77,15 +77,12 @@ def test_too_late_for_the_line_but_not_for_the_walker(speed: float) -> None:
     assert measure([trace])[0].contact is None
 
 
-def test_too_late_for_everything_goes_on() -> None:
+def test_goes_on_where_it_is_too_late_and_past_the_centre_line() -> None:
     # At R = 2.2 m and 5 m/s 2.78 m are needed: on it goes, at v0.
     trace = play(HardYield(), [(27.6 / 5, Side.FAR, 1.2)])
     assert trace.walks[0].start_s is not None
     np.testing.assert_array_equal(trace.speed_mps, 5.0)
     assert trace.ending is Ending.CROSSED
-
-
-def test_never_brakes_past_the_centre_line() -> None:
     # A slow walker is still on the far half when the ego has passed x = 0.
     trace = play(HardYield(), [(0.0, Side.NEAR, 0.5)])
     past = trace.x_m[:-1] > 0

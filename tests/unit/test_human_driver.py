@@ -133,12 +133,23 @@ def test_of_several_the_smallest_mode_counts(model, joint) -> None:
         assert together == pytest.approx(wanted, abs=1e-3)
 
 
-def test_also_those_past_the_lane_count(model) -> None:
+def test_decisions_about_one_person_by_hand(model) -> None:
     # 8 m walked, 5.75 m past the lane's centre: still on the crossing.
     decision = driver(model).decide(observe(15.0, 5.0, (8.0, 1.2)))
     assert decision == pytest.approx(
         model.driver_speed(15.0, 1.2, 1 / abs(15 / 5 + 5.75 / 1.2)) - 5.0, abs=1e-9
     )
+    waiting = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False)
+    seen = observe(20.0, 4.0)._replace(pedestrians=(waiting,))
+    assert driver(model).decide(seen) == 1.0
+    # v = 0: T_adv is infinite, 1/T_adv = 0.
+    decision = driver(model).decide(observe(6.0, 0.0, (4.0, 1.2)))
+    assert decision == pytest.approx(min(3.0, model.driver_speed(6.0, 1.2, 0.0), V0), abs=1e-9)
+    # Δt = 0.1 s asks for ten times the acceleration: −4.5 and +3 m/s² are the ends.
+    hard = driver(model, decision_interval_s=0.1)
+    assert hard.decide(observe(4.0, 5.0, (1.0, 1.0))) == -4.5
+    soft = driver(model, decision_interval_s=0.1)
+    assert soft.decide(observe(28.0, 0.0, (1.0, 1.0))) == 3.0
 
 
 def test_not_above_the_initial_speed(model, joint) -> None:
@@ -157,14 +168,6 @@ def test_not_above_the_initial_speed(model, joint) -> None:
         trace = play(driver(model), WALKERS[seed])
         assert trace.speed_mps.max() <= V0 + 1e-9
     assert found or joint.upper[V] > V0
-
-
-def test_limits_of_the_vehicle(model) -> None:
-    # Δt = 0.1 s asks for ten times the acceleration: −4.5 and +3 m/s² are the ends.
-    hard = driver(model, decision_interval_s=0.1)
-    assert hard.decide(observe(4.0, 5.0, (1.0, 1.0))) == -4.5
-    soft = driver(model, decision_interval_s=0.1)
-    assert soft.decide(observe(28.0, 0.0, (1.0, 1.0))) == 3.0
 
 
 @pytest.mark.parametrize("reading", ["given_time_advantage", "marginal"])
@@ -189,18 +192,6 @@ def test_nobody_there_means_a0_to_v0(model, speed: float, wanted: float) -> None
     assert driver(model).decide(observe(20.0, speed)) == pytest.approx(wanted)
     # Or the bumper past the centre line, whoever is there.
     assert driver(model).decide(observe(-0.1, speed, (5.0, 1.0))) == pytest.approx(wanted)
-
-
-def test_who_waits_at_the_kerb_is_nobody(model) -> None:
-    waiting = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False)
-    seen = observe(20.0, 4.0)._replace(pedestrians=(waiting,))
-    assert driver(model).decide(seen) == 1.0
-
-
-def test_standing_before_a_walker(model) -> None:
-    # v = 0: T_adv is infinite, 1/T_adv = 0.
-    decision = driver(model).decide(observe(6.0, 0.0, (4.0, 1.2)))
-    assert decision == pytest.approx(min(3.0, model.driver_speed(6.0, 1.2, 0.0), V0), abs=1e-9)
 
 
 def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:

@@ -10,18 +10,22 @@ import pytest
 from harness.core.encounter import Arm, Side
 from harness.scenario import Setting, load_scenario
 from harness.strategies.human_recorded import HumanRecorded
-from tests.scenes import on_plain, outcome_of, play
+from tests.scenes import braking_steps, on_plain, outcome_of, play
 
 
 def first_braking_range(trace) -> float:
-    step = int(np.flatnonzero(np.diff(trace.speed_mps) < -1e-9)[0])
-    return -float(trace.x_m[step])
+    return -float(trace.x_m[braking_steps(trace)[0]])
 
 
-def test_goes_before_somebody_who_comes_long_after_it_is_gone() -> None:
+def test_who_comes_late_is_passed_and_who_was_seen_late_braked_for_in_the_end() -> None:
     # At 4 s it is 10 m away and gone after 15.3 m, 3.06 s later; she is in its path after 5.55 s.
     trace = play(HumanRecorded(horizon_s=20.0, go_first_s=3.0), [(4.0, Side.FAR, 1.0)])
     assert trace.speed_mps.min() == 5.0
+    assert outcome_of(trace).record.contact is None
+    # Full braking, 4.5 m/s², takes 25/9 = 2.78 m and a step's rest.
+    driver = HumanRecorded(reaction_time_s=100.0, speed_among_people_mps=5.0)
+    trace = play(driver, [(0.0, Side.NEAR, 0.3)])
+    assert 3.08 <= first_braking_range(trace) <= 3.6
     assert outcome_of(trace).record.contact is None
 
 
@@ -39,14 +43,6 @@ def test_stops_comfortably_before_somebody_who_counts_and_goes_on_behind_them() 
     assert np.diff(trace.speed_mps).min() / 0.1 > -2.2
     assert -trace.x_m[110] == pytest.approx(0.3, abs=1e-6)
     assert -trace.x_m[120] < 0.3
-    assert outcome_of(trace).record.contact is None
-
-
-def test_whom_it_has_not_yet_seen_long_enough_is_braked_for_at_the_last_moment() -> None:
-    # Full braking, 4.5 m/s², takes 25/9 = 2.78 m and a step's rest.
-    driver = HumanRecorded(reaction_time_s=100.0, speed_among_people_mps=5.0)
-    trace = play(driver, [(0.0, Side.NEAR, 0.3)])
-    assert 3.08 <= first_braking_range(trace) <= 3.6
     assert outcome_of(trace).record.contact is None
 
 

@@ -12,13 +12,10 @@ import pytest
 
 from harness.core.encounter import (
     Arm,
-    EgoView,
     Ending,
-    Observation,
     PedestrianView,
     Side,
     Strategy,
-    Trace,
 )
 from harness.core.seeding import stream
 from harness.measures import measure
@@ -26,7 +23,7 @@ from harness.measures.ego import crossing_time
 from harness.strategies.gap_yield import GapYield
 from harness.strategies.hard_yield import HardYield
 from harness.strategies.human_yield import HumanYield
-from tests.scenes import on_plain, play, scenario
+from tests.scenes import braking_steps, on_plain, play, scenario, shown
 
 STEP = 0.1
 WAITS = {"kerb_wait_s": 100.0}
@@ -35,10 +32,6 @@ WAITS = {"kerb_wait_s": 100.0}
 
 def driver(*, yields: bool, **parameters: float) -> HumanYield:
     return HumanYield(rng=np.random.default_rng(1), yield_rate=float(yields), **parameters)
-
-
-def braking_steps(trace: Trace) -> list[int]:
-    return np.flatnonzero(np.diff(trace.speed_mps) < -1e-9).tolist()
 
 
 def test_one_vehicle_in_four_does_not_yield() -> None:
@@ -144,11 +137,8 @@ def test_never_waits_for_each_other(make, limit: float) -> None:
 @pytest.mark.parametrize(("range_m", "goes"), [(2.01, False), (1.99, True), (0.5, True)])
 def test_at_rest_it_waits_for_those_who_wait_only_before_the_edge(range_m, goes) -> None:
     # Nobody steps off before a car whose bumper is over the near edge, R = 2 m.
-    scene = scenario()
-    people = (PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False),)
-    seen = Observation(
-        9.0, STEP, EgoView(range_m, 0.0, 0.0), scene.vehicle(), scene.crosswalk(), people
-    )
+    waits = PedestrianView(0, Side.NEAR, 2.25, 9.0, 0.0, False)
+    seen = shown(scenario(), range_m, 0.0, waits, time_s=9.0)
     makers = (HardYield, GapYield)
     drivers = [driver(yields=True), *(make(yield_to_waiting=True) for make in makers)]
     assert [strategy.decide(seen) > 0 for strategy in drivers] == [goes] * 3
@@ -175,15 +165,10 @@ def test_the_others_yield_to_who_waits_where_asked(strategy: type[Strategy]) -> 
     [
         (0.74, {}),
         (0.0, {"pedestrians": {"flow_per_hour": 2000.0, "kerb_wait_s": 2.0}}),
-        (
-            0.74,
-            {
-                "ego": {"initial_speed_mps": 13.9, "trigger_range_m": 80.0},
-                "model": {"extrapolate": True},
-            },
-        ),
+        (0.74, {"ego": {"initial_speed_mps": 13.9, "trigger_range_m": 80.0},
+                "model": {"extrapolate": True}}),
     ],
-)
+)  # fmt: skip
 def test_no_crash_that_it_could_have_avoided_in_flows(rate: float, changes, model) -> None:
     scene = scenario(
         arms={"av": "human_yield", "human": "constant_speed"},

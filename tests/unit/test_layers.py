@@ -151,21 +151,15 @@ def test_libsumo_and_traci_have_one_importer_each() -> None:
     assert {name.split(".")[1] for name in importers_of("sumolib")} <= {"site", "engine", "report"}
 
 
-def test_strategies_measures_and_statistics_know_no_engine() -> None:
+def test_what_strategies_the_mixture_and_the_comparison_may_import() -> None:
     engine = importers_of("harness.engine")
     for package in ("strategies", "measures", "statistics", "model", "core", "site"):
         assert not any(name.startswith(f"harness.{package}") for name in engine)
-
-
-def test_the_mixture_knows_no_traffic() -> None:
     known = {"harness.model.mixture", "harness.core.errors"}
     for module, path in MODULES.items():
         if module.startswith("harness.model.mixture"):
             own = {name for name in imports_of(path) if name in MODULES}
             assert all(any(name.startswith(base) for base in known) for name in own), module
-
-
-def test_the_comparison_needs_numpy_and_scipy_alone() -> None:
     known = {"harness", "numpy", "scipy", "dataclasses", "collections", "copy", "enum"}
     known |= {"functools", "math", "typing"}
     for module, path in MODULES.items():

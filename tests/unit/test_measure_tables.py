@@ -44,9 +44,14 @@ def row_of(arm: str, measure: str) -> dict[str, object]:
     return found
 
 
-def test_every_measure_has_a_row_for_each_arm() -> None:
+def test_every_measure_has_a_row_for_each_arm_and_every_threshold_a_measure() -> None:
     named = [(row["arm"], row["measure"]) for row in measure_rows(table(AV, HUMAN))]
     assert named == [(arm, measure.column) for arm in ("av", "human") for measure in MEASURES]
+    assert {entry.threshold for entry in CONFLICTS} == set(ConflictsSection.model_fields)
+    assert {entry.column for entry in CONFLICTS} <= {measure.column for measure in MEASURES}
+    assert Scenario().conflicts == ConflictsSection(
+        ttc_s=1.5, time_advantage_s=1.5, pet_s=1.5, drac_mps2=3.35
+    )
 
 
 def test_statistics_by_hand() -> None:
@@ -126,11 +131,3 @@ def test_interval_of_a_rate_and_of_none() -> None:
     failed = [("engine_failed", None, None, None, None)]
     rates = rates_of(table(failed, failed), ConflictsSection())
     assert {(row["rate"], row["ci_low"], row["episodes"]) for row in rates} == {(None, None, 0)}
-
-
-def test_every_threshold_belongs_to_a_conflict_on_a_measure() -> None:
-    assert {entry.threshold for entry in CONFLICTS} == set(ConflictsSection.model_fields)
-    assert {entry.column for entry in CONFLICTS} <= {measure.column for measure in MEASURES}
-    assert Scenario().conflicts == ConflictsSection(
-        ttc_s=1.5, time_advantage_s=1.5, pet_s=1.5, drac_mps2=3.35
-    )

@@ -122,17 +122,18 @@ def test_density_integrates_to_the_distribution_function(bounded, rows, target, 
 
 
 @pytest.mark.parametrize(("target", "given"), CASES)
-def test_ppf_inverts_cdf(bounded, rows, target, given):
-    conditional = bounded.conditional(target, given)
-    n = 8 if len(given) == 1 else 300
-    u = np.random.default_rng(4).random(n)
-    u[:4] = 0.0, 1.0, 1e-12, 1.0 - 1e-12
-    y = rows[:n, list(given)]
-    x = conditional.ppf(u, y)
-    assert x[0] == LOWER[target]
-    assert x[1] == UPPER[target]
-    assert ((x >= LOWER[target]) & (x <= UPPER[target])).all()
-    np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9)
+def test_ppf_inverts_cdf(bounded, rows, model, target, given):
+    n, rng = 8 if len(given) == 1 else 300, np.random.default_rng(4)
+    u = rng.random(n)
+    u[:6] = 0.0, 1.0, 1e-12, 1.0 - 1e-12, 1e-4, 1.0 - 1e-4
+    shipped = model.mixture
+    anywhere = rng.uniform(shipped.lower, shipped.upper, (n, 4))
+    for mixture, points in ((bounded, rows[:n]), (shipped, anywhere)):
+        conditional, y = mixture.conditional(target, given), points[:, list(given)]
+        x, lower, upper = conditional.ppf(u, y), mixture.lower[target], mixture.upper[target]
+        assert (x[0], x[1]) == (lower, upper)
+        assert ((x >= lower) & (x <= upper)).all()
+        np.testing.assert_allclose(conditional.cdf(x, y), u, atol=1e-9)
 
 
 @pytest.mark.parametrize(("target", "given"), CLOSED)

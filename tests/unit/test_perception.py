@@ -9,7 +9,6 @@ import pytest
 from scipy import stats
 
 from harness.core.encounter import Arm, Arrival, Observation, Side, Trace
-from harness.core.errors import InputError
 from harness.episode.arrivals import planned_arrivals
 from harness.measures import measure
 from harness.model.interaction import load_model
@@ -20,7 +19,7 @@ from harness.strategies.perception.occlusion import Rectangle, is_hidden
 from harness.strategies.perception.perception import Perception
 from harness.strategies.perception.sensor import EYE_BEHIND_BUMPER_M, Sensor, sensor_of
 from harness.strategies.perception.track import Track, updates_until_found
-from tests.scenes import Recorder, episode, on_plain, outcome_of, scenario
+from tests.scenes import Recorder, episode, on_plain, outcome_of, refusal_of, scenario
 
 FAR_AWAY = {"x_m": -900.0, "y_m": -50.0, "length_m": 1.0, "width_m": 1.0}
 """An obstacle that hides nobody, but lets everything go through the sensor."""
@@ -406,9 +405,7 @@ def test_what_was_shown_is_kept_in_the_traces() -> None:
 def test_refused(crossing: dict[str, object], perception: dict[str, object], where: str) -> None:
     obstacle = {"x_m": -4.0, "y_m": -1.0, "length_m": 4.2, "width_m": 1.8, **crossing}
     tree = {"perception": perception, "crossing": {"obstacles": [obstacle]}}
-    with pytest.raises(InputError) as refused:
-        validate(tree, "my.toml")
-    assert refused.value.where == f"my.toml: {where}"
+    assert refusal_of(lambda: validate(tree, "my.toml")).where == f"my.toml: {where}"
 
 
 def test_obstacles_beside_all_ways_are_taken_and_sumos_driver_sees_everything() -> None:

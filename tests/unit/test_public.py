@@ -1,6 +1,8 @@
-"""The public interface: what ``harness`` names, and that naming it costs nothing."""
+"""The public names, the help of the commands and the examples in docstrings."""
 
 import ast
+import doctest
+import importlib
 import re
 import subprocess
 import sys
@@ -8,10 +10,16 @@ import tomllib
 from pathlib import Path
 from typing import get_type_hints
 
+import click
 import mypy.api
 import pytest
+import typer
+from typer.main import get_command
 
 import harness
+from harness.cli.app import app
+from harness.cli.output import print_line
+from harness.core.resources import shipped_directory
 from harness.measures import MEASURES, EpisodeRecord
 
 ROOT = Path(harness.__file__).parents[1]
@@ -35,11 +43,15 @@ def test_every_public_name_is_there_and_says_what_it_is(name: str) -> None:
     assert getattr(found, "__module__", found.__name__).startswith("harness.")
 
 
-def test_every_public_name_is_in_the_docs_and_no_other() -> None:
+def test_docs_citation_and_changelog_name_what_there_is() -> None:
     table = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").split("| task | names |")[1]
     rows = [line.split("|")[2] for line in table.splitlines() if line.startswith("| ")]
     told = set(re.findall(r"`([A-Za-z_]+)`", " ".join(rows)))
     assert told == {*harness.__all__}
+    told = {name: (ROOT / name).read_text("utf-8") for name in ("CITATION.cff", "CHANGELOG.md")}
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+    assert f"\nversion: {version}\n" in told["CITATION.cff"]
+    assert f"\n## {version}\n" in told["CHANGELOG.md"]
 
 
 def test_the_type_of_a_measure_says_whether_it_may_be_undefined() -> None:
@@ -81,8 +93,57 @@ def test_importing_it_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
-def test_the_citation_and_the_changelog_name_this_version() -> None:
-    told = {name: (ROOT / name).read_text("utf-8") for name in ("CITATION.cff", "CHANGELOG.md")}
-    version = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
-    assert f"\nversion: {version}\n" in told["CITATION.cff"]
-    assert f"\n## {version}\n" in told["CHANGELOG.md"]
+def commands(group: click.Group, prefix: str = "") -> dict[str, click.Command]:
+    """Every command by its full name."""
+    found: dict[str, click.Command] = {}
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            found |= commands(command, f"{prefix}{name} ")  # type: ignore[arg-type]
+        else:
+            found[f"{prefix}{name}"] = command
+    return found
+
+
+ALL = commands(get_command(app))  # type: ignore[arg-type]
+
+
+def silent(command: click.Command) -> list[str]:
+    """Options and arguments without a word of help."""
+    return [str(p.name) for p in command.params if not getattr(p, "help", None)]
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_command_and_option_says_what_it_does(name: str) -> None:
+    assert (ALL[name].help or "").strip().endswith(".")
+    assert silent(ALL[name]) == []
+
+
+def test_this_file_would_notice() -> None:
+    mute = typer.Typer()
+
+    @mute.command()
+    def command(word: str) -> None:
+        print_line(word)
+
+    assert silent(get_command(mute)) == ["word"]
+
+
+def test_the_help_of_run_names_every_shipped_scenario() -> None:
+    (words,) = (getattr(of, "help", "") for of in ALL["run"].params if of.name == "scenario")
+    for file in shipped_directory("scenarios").glob("*.toml"):
+        assert file.stem in words
+
+
+HARNESS = Path(__file__).parents[2] / "harness"
+MODULES = [
+    ".".join(path.relative_to(HARNESS.parent).with_suffix("").parts)
+    for path in sorted(HARNESS.rglob("*.py"))
+    if ">>>" in path.read_text("utf-8")
+]
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_examples(module: str) -> None:
+    found = doctest.testmod(importlib.import_module(module), optionflags=doctest.ELLIPSIS)
+    assert found.attempted > 0
+    assert found.failed == 0

@@ -20,7 +20,6 @@ from harness.report.screens.screen import screen_lines
 from harness.scenario import Scenario, load_scenario, validate
 from harness.statistics.findings import Note, Rank
 from harness.studies.risk.asking import SettingsDocument
-from harness.studies.risk.estimation import estimate_probability
 from harness.studies.risk.event import parse_event
 from harness.studies.risk.findings import RiskFindings
 from harness.studies.risk.fitting import first_components, spread
@@ -37,7 +36,7 @@ from harness.studies.risk.proposal import (
 )
 from harness.studies.risk.space import space_of
 from harness.studies.risk.ways import drawn_of, people_of
-from tests.risks import CROWD, LAYOUT, crowd, half_space, scored, union
+from tests.risks import CROWD, LAYOUT, crowd, estimated, half_space, scored, union
 from tests.scenes import on_plain
 
 DATA = Path(__file__).parents[1] / "data" / "risk"
@@ -49,7 +48,7 @@ FLAT = [(case, LAYOUT, p, 5) for case in (half_space, union) for p in (1e-2, 1e-
 @pytest.mark.parametrize(("case", "layout", "p", "seed"), [*FLAT, (crowd, CROWD, 1e-4, 6)])
 def test_known_probabilities_lie_near_the_estimate(case, layout, p: float, seed: int) -> None:
     score, truth = case(p)
-    findings = estimate_probability(score, layout, np.random.default_rng(seed))
+    findings = estimated(score, seed, layout=layout)
     estimate = findings.estimate
     # Five standard errors of a coefficient of variation of 0.1, which was asked for.
     assert abs(estimate.probability / truth - 1) < 0.5
@@ -65,17 +64,17 @@ def test_known_probabilities_lie_near_the_estimate(case, layout, p: float, seed:
 
 def test_brute_force_where_it_is_affordable() -> None:
     evaluate, truth = half_space(1e-2)
-    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(3))
+    findings = estimated(evaluate, 3)
     assert findings.explorations == ()
     assert (findings.weights == 1).all()
     assert findings.estimate.ci_low < truth < findings.estimate.ci_high
     # (1 − p)/(p cv²) is 9,900 for a coefficient of variation of 0.1.
     assert findings.episodes < 3 * 9_900
     # The first look ends, however little is wanted of it.
-    rare = estimate_probability(half_space(1e-6)[0], LAYOUT, np.random.default_rng(3), 1.0)
+    rare = estimated(half_space(1e-6)[0], 3, 1.0)
     assert len(rare.explorations) == 3
     assert rare.episodes < 60_000
-    findings = estimate_probability(half_space(1e-2)[0], LAYOUT, np.random.default_rng(3), 0.5)
+    findings = estimated(half_space(1e-2)[0], 3, 0.5)
     estimate = findings.estimate
     assert 0 < estimate.events < 30
     exact = stats.binomtest(estimate.events, estimate.draws).proportion_ci(method="exact")
@@ -90,22 +89,16 @@ def test_brute_force_where_it_is_affordable() -> None:
 
 
 def test_events_of_everybody_of_nobody_and_those_that_the_estimate_missed() -> None:
-    findings = estimate_probability(
-        scored(lambda z: -np.ones(len(z))), LAYOUT, np.random.default_rng(1)
-    )
+    findings = estimated(scored(lambda z: -np.ones(len(z))), 1)
     assert findings.estimate.probability == 1
     assert findings.estimate.ci_high == 1
-    findings = estimate_probability(
-        scored(lambda z: np.full(len(z), np.inf)), LAYOUT, np.random.default_rng(1)
-    )
+    findings = estimated(scored(lambda z: np.full(len(z), np.inf)), 1)
     estimate = findings.estimate
     assert estimate.probability is None
     # All draws are nominal: (1 − p)^n = 0.05.
     assert estimate.ci_high == pytest.approx(1 - 0.05 ** (1 / findings.episodes))
     assert (estimate.nominal.draws, estimate.nominal.events) == (findings.episodes, 0)
-    findings = estimate_probability(
-        half_space(0.1)[0], LAYOUT, np.random.default_rng(3), most_draws=1
-    )
+    findings = estimated(half_space(0.1)[0], 3, most_draws=1)
     assert findings.estimate.probability is None
     # A thousand draws of the first look at least, whose events have a standard deviation of 9.5.
     assert findings.events_in_all > 50
@@ -123,7 +116,7 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
         of = np.arange(len(z)) if numbers is None else numbers
         return Outcomes(score, np.full(len(z), np.nan), of)
 
-    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))
+    findings = estimated(evaluate, 1)
     estimate = findings.estimate
     assert estimate.probability is None
     assert findings.first_look.events == estimate.nominal.events == 1
@@ -136,7 +129,7 @@ def test_an_event_of_the_first_look_alone_is_counted_in_the_bound() -> None:
 
 
 def test_the_bound_on_other_ways_rests_on_every_nominal_draw() -> None:
-    findings = estimate_probability(half_space(1e-4)[0], LAYOUT, np.random.default_rng(5))
+    findings = estimated(half_space(1e-4)[0], 5)
     nominal = findings.estimate.nominal
     # The first look, the first points of three explorations, a tenth of the last draws.
     tenth = nominal.draws - findings.first_look.draws - 3_000
@@ -152,18 +145,9 @@ def findings_in(name: str, **changes: object) -> RiskFindings:
 
 @pytest.mark.parametrize("name", ["weighted", "brute_force", "no_way"])
 def test_the_first_screen_of_a_risk(name: str) -> None:
-    settings = SettingsDocument(
-        name="cctc",
-        scenario=load_scenario("cctc").model_dump(mode="json"),
-        arm=Arm.AV,
-        event="crashed",
-        target_cv=0.1,
-        most_episodes=1,
-        in_sumo=False,
-        seed=7,
-        versions={},
-        model={},
-    )
+    given = {"name": "cctc", "arm": Arm.AV, "event": "crashed", "target_cv": 0.1, "seed": 7}
+    given |= {"scenario": load_scenario("cctc").model_dump(mode="json"), "most_episodes": 1}
+    settings = SettingsDocument(**given, in_sumo=False, versions={}, model={})
     lines = screen_lines(risk_screen(findings_in(name), Path("my runs"), settings))
     assert lines == (DATA / f"{name}.txt").read_text(encoding="utf-8").splitlines()
 
@@ -179,19 +163,17 @@ def test_an_estimate_that_is_doubted_is_not_reliable_and_says_why() -> None:
     assert undefined.reason == "No draw of the estimate ended in the event."
 
 
-def test_a_score_that_only_nears_its_least_value_is_given_up() -> None:
+def test_what_the_exploration_cannot_reach_or_simulate() -> None:
     evaluate = scored(lambda z: 1 + np.exp(-z[:, 0]))
-    findings = estimate_probability(evaluate, LAYOUT, np.random.default_rng(1))
+    findings = estimated(evaluate, 1)
     assert findings.estimate.probability is None
     # It falls by less than a thousandth beyond z = 7, a tail of 1e-12: 12 levels of a tenth.
     assert all(len(exploration.levels) <= 12 + 3 for exploration in findings.explorations)
 
-
-def test_failed_episodes_are_no_events_but_are_weighed() -> None:
     def score(z: np.ndarray) -> np.ndarray:
         return np.where(z[:, 1] > 0, np.nan, 1.5 - z[:, 0])
 
-    findings = estimate_probability(scored(score), Layout(2), np.random.default_rng(1))
+    findings = estimated(scored(score), 1, layout=Layout(2))
     tail = stats.norm.sf(1.5)
     assert findings.estimate.probability == pytest.approx(tail / 2, rel=0.5)
     assert findings.failed_weight == pytest.approx(0.5, abs=0.1)

@@ -378,54 +378,25 @@ def test_an_arm_that_never_ran_takes_no_bound_from_the_other() -> None:
 @pytest.mark.parametrize(
     ("changes", "settings", "rank", "text"),
     [
-        (
-            {"met_nobody": Finding(50)},
-            {},
-            Rank.NOTHING_TESTED,
-            "Neither driver met a pedestrian: nothing was",
-        ),
-        (
-            {"failed_av": Finding(50), "met_nobody": Finding(0)},
-            {},
-            Rank.NOTHING_TESTED,
-            "Every episode of the AV failed: nothing was tested.",
-        ),
-        (
-            {},
-            {
-                "pedestrians.drawn": [{"episode": 1, "quantile": [0.5], "side": [0.2]}],
-                "experiment.pairs": 1,
-            },
-            Rank.NOTHING_TESTED,
-            "The pairs were selected by their outcome (pedestrians.drawn), so no number",
-        ),
-        (
-            {"mu": Finding(1.2), "mu_all": Finding(0.9, 0.8, 1.0, 50)},
-            {},
-            Rank.LEFT_OUT,
-            "μ makes the AV look slower than it is: ",
-        ),
-        (
-            {"max_speed_human_mps": Finding(14.2)},
-            {"crossing.road_speed_limit_mps": 13.9},
-            Rank.SPEEDING,
-            "human_gmm drove at up to 14.2 m/s, above the road's limit of 13.9 m/s",
-        ),
-        (
-            {"time_ratio": Finding(1.02, 0.97, 1.08, 2_000)},
-            {},
-            Rank.FEW_PAIRS,
-            "The interval of the ratio of times includes 1: neither is shown to be faster.",
-        ),
+        ({"met_nobody": Finding(50)}, {}, Rank.NOTHING_TESTED,
+         "Neither driver met a pedestrian: nothing was"),
+        ({"failed_av": Finding(50), "met_nobody": Finding(0)}, {}, Rank.NOTHING_TESTED,
+         "Every episode of the AV failed: nothing was tested."),
+        ({}, {"pedestrians.drawn": [{"episode": 1, "quantile": [0.5], "side": [0.2]}],
+              "experiment.pairs": 1}, Rank.NOTHING_TESTED,
+         "The pairs were selected by their outcome (pedestrians.drawn), so no number"),
+        ({"mu": Finding(1.2), "mu_all": Finding(0.9, 0.8, 1.0, 50)}, {}, Rank.LEFT_OUT,
+         "μ makes the AV look slower than it is: "),
+        ({"max_speed_human_mps": Finding(14.2)}, {"crossing.road_speed_limit_mps": 13.9},
+         Rank.SPEEDING, "human_gmm drove at up to 14.2 m/s, above the road's limit of 13.9 m/s"),
+        ({"time_ratio": Finding(1.02, 0.97, 1.08, 2_000)}, {}, Rank.FEW_PAIRS,
+         "The interval of the ratio of times includes 1: neither is shown to be faster."),
         # docs/study.md, cctc: Gap-Yield takes less time than human_gmm, more than human_recorded.
-        (
-            {"time_ratio": Finding(1.1, 1.05, 1.15, 2_000)},
-            {"arms.av": "gap_yield", "arms.human": "human_recorded"},
-            Rank.REFERENCE,
-            "Against human_gmm gap_yield is faster: the result depends on the reference",
-        ),
+        ({"time_ratio": Finding(1.1, 1.05, 1.15, 2_000)},
+         {"arms.av": "gap_yield", "arms.human": "human_recorded"}, Rank.REFERENCE,
+         "Against human_gmm gap_yield is faster: the result depends on the reference"),
     ],
-)
+)  # fmt: skip
 def test_what_has_to_be_read_with_the_numbers(changes, settings, rank, text) -> None:
     cell = cell_with(settings=settings, **changes)
     (note,) = [note for note in cell.notes if note.text.startswith(text)]
@@ -437,18 +408,10 @@ def test_what_has_to_be_read_with_the_numbers(changes, settings, rank, text) -> 
 
 @pytest.mark.parametrize(
     ("share", "decimals", "text"),
-    [
-        (0.05818, 1, "5.8"),
-        (0.5, 1, "50.0"),
-        (1.0, 1, "100.0"),
-        (0.0, 1, "0.0"),
-        (0.000307, 1, "0.031"),
-        (0.0099, 1, "0.99"),
-        (0.000378, 2, "0.038"),
-        (1.5e-7, 2, "0.000015"),
-        (0.0711, 2, "7.11"),
-    ],
-)
+    [(0.05818, 1, "5.8"), (0.5, 1, "50.0"), (1.0, 1, "100.0"), (0.0, 1, "0.0"),
+     (0.000307, 1, "0.031"), (0.0099, 1, "0.99"), (0.000378, 2, "0.038"),
+     (1.5e-7, 2, "0.000015"), (0.0711, 2, "7.11")],
+)  # fmt: skip
 def test_small_shares_keep_two_digits(share: float, decimals: int, text: str) -> None:
     assert per_cent(share, decimals) == text
 

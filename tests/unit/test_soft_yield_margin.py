@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from harness.core.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import PedestrianView, Side
 from harness.measures.ego import crossing_time
 from harness.strategies.soft_yield import SoftYield
-from tests.scenes import play, scenario
+from tests.scenes import play, scenario, shown
 
 R0, V0, L0 = 30.0, 5.0, 9.0
 A = 0.0169 - 0.13986 * V0 + 0.010115 * R0
@@ -91,12 +91,9 @@ def test_no_margin_is_the_default_to_the_last_bit() -> None:
 def test_no_answer_for_someone_who_stands(speed: float) -> None:
     # They never leave, so t_x is beyond any: Hard-Yield's constant deceleration to R = 3 m, which
     # differs from v²/2d = 25/54 by a relative 1/(4 n (n − 1)) at most, n = 2 · 27/5/0.1 = 108.
-    scene = scenario()
-    standing = PedestrianView(0, Side.NEAR, 2.0, 8.75, 0.0, True)
-    ego = EgoView(R0, speed, 0.0)
-    seen = Observation(0.0, 0.1, ego, scene.vehicle(), scene.crosswalk(), (standing,))
-    strategy = SoftYield()
-    assert strategy.decide(seen) == pytest.approx(-(speed**2) / 54, rel=1e-4)
+    standing, strategy = PedestrianView(0, Side.NEAR, 2.0, 8.75, 0.0, True), SoftYield()
+    answer = strategy.decide(shown(scenario(), R0, speed, standing))
+    assert answer == pytest.approx(-(speed**2) / 54, rel=1e-4)
     assert strategy.fallback
 
 

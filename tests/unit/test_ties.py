@@ -2,19 +2,16 @@
 
 import pytest
 
-from harness.core.encounter import EgoView, Observation, PedestrianView, Side
+from harness.core.encounter import PedestrianView, Side
 from harness.episode.ties import Decision, tie_s
-from tests.scenes import scenario
+from tests.scenes import scenario, shown
 
 SCENE = scenario()
 
 
 def step(time_s: float, command: float | None, range_m=20.0, lateral_m=2.0, v=5.0) -> Decision:
-    ego = EgoView(range_m, v, 0.0)
-    people = (PedestrianView(0, Side.NEAR, lateral_m, 8.0, 1.0, True),)
-    return Decision(
-        Observation(time_s, 0.1, ego, SCENE.vehicle(), SCENE.crosswalk(), people), command
-    )
+    person = PedestrianView(0, Side.NEAR, lateral_m, 8.0, 1.0, True)
+    return Decision(shown(SCENE, range_m, v, person, time_s=time_s), command)
 
 
 LAST_BIT = 20.0 + 4e-15

@@ -45,6 +45,11 @@ def write_clip(folder, vehicles, pedestrians, name="clip"):
     return folder
 
 
+def made_of(folder, vehicles, pedestrians, **options):
+    """The extraction from a clip at 10 Hz."""
+    return extract(write_clip(folder, vehicles, pedestrians), "vci", frame_rate_hz=10.0, **options)
+
+
 def test_straight_constant_speed_pair_comes_out_exactly(made_up):
     # Vehicle centre at x = −20 + 4 t on y = 0, 4 m long: front bumper at −18 + 4 t. Pedestrian 0 at
     # x = 0, y = −8 + 1.25 t. They cross at (0, 0): R = 18 − 4 t, L = 8 − 1.25 t, v = 4, v_p = 1.25,
@@ -144,8 +149,7 @@ def test_range_is_path_length_on_a_bend(tmp_path):
     angle = -math.pi / 3 + 3 * t / 12
     car = {1: (frames, 12 * np.cos(angle), 12 * np.sin(angle))}
     walker = {1: (frames, 4 + t, 0 * t)}
-    folder = write_clip(tmp_path, car, walker)
-    rows = extract(folder, "vci", frame_rate_hz=10.0, vehicle_length_m=4.0).rows
+    rows = made_of(tmp_path, car, walker, vehicle_length_m=4.0).rows
     expected = 12 * math.pi / 3 - 3 * rows["time_s"] - 2
     assert len(rows) == 17  # R ≥ 0.5 up to t = (12.566 − 2.5) / 3 = 3.355
     np.testing.assert_allclose(rows["range_m"], expected, atol=0.02)
@@ -163,8 +167,8 @@ def test_jitter_of_a_waiting_vehicle_adds_no_path_length(tmp_path):
     corners = ([0, 5, 25, 35], [-20, -10, -10, 10])
     x = np.interp(t, *corners) + np.where((t > 5) & (t < 25), 0.02 * (-1.0) ** frames, 0)
     walker = {1: (frames, 0 * t, -30 + t)}  # reaches the line at 30 s
-    folder = write_clip(tmp_path, {1: (frames, x, 0 * t)}, walker)
-    rows = extract(folder, "vci", frame_rate_hz=10.0, vehicle_length_m=4.0, max_lateral_m=30).rows
+    options = {"vehicle_length_m": 4.0, "max_lateral_m": 30}
+    rows = made_of(tmp_path, {1: (frames, x, 0 * t)}, walker, **options).rows
     time = rows["time_s"]
     assert (time < 5).sum() > 20
     assert (time > 25).sum() > 10
@@ -176,8 +180,8 @@ def test_vehicle_path_goes_on_for_twelve_metres(tmp_path, last_x, pairs):
     # The conflict point is at x = 0; the last recorded centre is at last_x. 12 m reach from −12 on.
     frames = np.arange(0, 41)
     x = np.linspace(-30, last_x, 41)
-    folder = write_clip(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, -4 + frames / 8)})
-    assert extract(folder, "vci", frame_rate_hz=10.0).counts.pairs == pairs
+    walker = {1: (frames, 0 * x, -4 + frames / 8)}
+    assert made_of(tmp_path, {1: (frames, x, 0 * x)}, walker).counts.pairs == pairs
 
 
 @pytest.mark.parametrize(("last_y", "pairs"), [(-3.1, 0), (-2.9, 1)])
@@ -185,8 +189,7 @@ def test_pedestrian_path_goes_on_for_three_metres(tmp_path, last_y, pairs):
     frames = np.arange(0, 81)
     x = np.linspace(-30, 5, 81)
     y = np.linspace(-12, last_y, 81)
-    folder = write_clip(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)})
-    assert extract(folder, "vci", frame_rate_hz=10.0).counts.pairs == pairs
+    assert made_of(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)}).counts.pairs == pairs
 
 
 @pytest.mark.parametrize(("degrees", "kept"), [(48, 0), (52, 1), (128, 1), (132, 0)])
@@ -196,8 +199,7 @@ def test_angles_outside_50_to_130_are_left_out(tmp_path, degrees, kept):
     along = 1.3 * (t - 6)
     a = math.radians(degrees)
     walker = {1: (frames, along * math.cos(a), along * math.sin(a))}
-    folder = write_clip(tmp_path, {1: (frames, -20 + 4 * t, 0 * t)}, walker)
-    counts = extract(folder, "vci", frame_rate_hz=10.0).counts
+    counts = made_of(tmp_path, {1: (frames, -20 + 4 * t, 0 * t)}, walker).counts
     assert counts.pairs == kept
     assert counts.dropped["pairs"]["crossing_angle"] == 1 - kept
 
@@ -216,12 +218,10 @@ def test_angles_outside_50_to_130_are_left_out(tmp_path, degrees, kept):
 )
 def test_each_row_rule_drops_and_counts(made_up, option, reason):
     strict = extract(MADE_UP, "vci", frame_rate_hz=RATE, **option)
-    assert (
-        strict.counts.dropped["candidates"][reason] > (made_up.counts.dropped["candidates"][reason])
-    )
+    dropped, before = (found.counts.dropped["candidates"] for found in (strict, made_up))
+    assert dropped[reason] > before[reason]
     assert strict.counts.rows < made_up.counts.rows
-    total = strict.counts.rows + sum(strict.counts.dropped["candidates"].values())
-    assert total == strict.counts.candidates
+    assert strict.counts.rows + sum(dropped.values()) == strict.counts.candidates
 
 
 def test_no_row_across_a_gap(tmp_path):
@@ -231,8 +231,7 @@ def test_no_row_across_a_gap(tmp_path):
     seen = np.r_[0:20, 40:81]
     vehicle = {1: (seen, -30 + 4 * seen / 10, 0.0 * seen)}
     walker = {1: (frames, 0.0 * frames, -12 + frames / 8)}
-    folder = write_clip(tmp_path, vehicle, walker)
-    found = extract(folder, "vci", frame_rate_hz=10.0)
+    found = made_of(tmp_path, vehicle, walker)
     assert found.counts.dropped["candidates"]["speed_undefined"] == 13
     assert not found.rows["time_s"].between(1.7, 4.3).any()
 
@@ -240,23 +239,19 @@ def test_no_row_across_a_gap(tmp_path):
 def test_who_passed_is_null_when_nobody_was_seen_to(tmp_path):
     frames = np.arange(0, 31)
     t = frames / 10
-    folder = write_clip(tmp_path, {1: (frames, -22 + 4 * t, 0 * t)}, {1: (frames, 0 * t, -6 + t)})
-    rows = extract(folder, "vci", frame_rate_hz=10.0, pedestrian_extension_m=4.0).rows
+    car, walker = {1: (frames, -22 + 4 * t, 0 * t)}, {1: (frames, 0 * t, -6 + t)}
+    rows = made_of(tmp_path, car, walker, pedestrian_extension_m=4.0).rows
     assert len(rows)
-    assert rows["passed_first"].isna().all()
-    assert rows["pet_s"].isna().all()
+    assert rows[["passed_first", "pet_s"]].isna().all(axis=None)
 
 
-def test_conflict_point_of_two_tracks():
+def test_conflict_points_and_paths_that_turn_back():
     t = np.arange(0, 10, 0.25)
     car = VehicleTrack(t, np.column_stack([4 * t, 0 * t]), 4.0, 2.0)
     walker = Track(t, np.column_stack([0 * t + 7, t - 5]))
     np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [7, 0], atol=1e-12)
     away = Track(t, np.column_stack([0 * t + 7, t + 5]))
     assert conflict_point(car, away, ExtractionRules()) is None
-
-
-def test_first_of_two_crossings_counts_along_the_vehicles_way():
     # The pedestrian crosses y = 0 at x = 5 first and comes back over it at x = 0, which the vehicle
     # from x = −20 meets first.
     t = np.arange(0, 24, 0.25)
@@ -265,9 +260,6 @@ def test_first_of_two_crossings_counts_along_the_vehicles_way():
     car = VehicleTrack(t, np.column_stack([-20 + 2 * t, 0 * t]), 4.0, 2.0)
     walker = Track(t, np.column_stack([x, y]))
     np.testing.assert_allclose(conflict_point(car, walker, ExtractionRules()), [0, 0], atol=1e-9)
-
-
-def test_path_that_turns_back_on_itself_still_has_a_direction():
     # Out to x = 2 and back in steps of a quarter (exact in binary): both ends of the chord about
     # the turn lie on the same point.
     t = np.arange(0.0, 17.0)

@@ -288,9 +288,6 @@ def test_mobileye_awkward_records_are_counted(tmp_path):
     for clip in read_clips(path, "mobileye"):
         for track in [*clip.vehicles.values(), *clip.pedestrians.values()]:
             assert (np.diff(track.time_s) > 0).all()
-
-
-def test_mobileye_file_of_one_record_gives_no_rows(tmp_path):
     path = tmp_path / "one.csv"
     path.write_text(HEAD + sensor_lines([1.0])[0] + "\n")
     found = extract(path, "mobileye")

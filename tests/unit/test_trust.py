@@ -59,20 +59,10 @@ def test_nothing_unpickles_or_evaluates(path: Path) -> None:
 
 @pytest.mark.parametrize(
     "source",
-    [
-        "import pickle",
-        "from pickle import loads",
-        "import yaml.constructor",
-        "value = eval(text)",
-        "run = exec",
-        "frame = pd.read_pickle(path)",
-        "np.load(path, allow_pickle=True)",
-        "frame.query(text)",
-        "os.system(text)",
-        "subprocess.run(text, shell=True)",
-        "importlib.import_module(name)",
-        "from importlib import import_module\nimport_module(name)",
-    ],
-)
+    ["import pickle", "from pickle import loads", "import yaml.constructor", "value = eval(text)",
+     "run = exec", "frame = pd.read_pickle(path)", "np.load(path, allow_pickle=True)",
+     "frame.query(text)", "os.system(text)", "subprocess.run(text, shell=True)",
+     "importlib.import_module(name)", "from importlib import import_module\nimport_module(name)"],
+)  # fmt: skip
 def test_this_file_would_notice(source: str) -> None:
     assert list(strange(source, "anywhere.py"))

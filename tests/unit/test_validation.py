@@ -60,12 +60,8 @@ def test_the_strategy_that_drove_is_ranked_first(tmp_path, driver) -> None:
 
 def test_a_recording_mirrored_turned_or_shifted_in_time_gives_the_same_figures(tmp_path) -> None:
     plain = held(write_set(tmp_path / "plain", HardYield))
-    for name, change in {
-        "mirrored": {"mirrored": True},
-        "shifted": {"shift_frames": 1234},
-        "turned": {"turn": 2.0},
-    }.items():
-        other = held(write_set(tmp_path / name, HardYield, **change))
+    for name, change in ("mirrored", True), ("shift_frames", 1234), ("turn", 2.0):
+        other = held(write_set(tmp_path / name, HardYield, **{name: change}))
         for driver, same in zip(plain.findings.drivers, other.findings.drivers, strict=True):
             for key, finding in driver.findings.items():
                 value = pytest.approx(finding.value, abs=1e-6)
@@ -147,14 +143,6 @@ def test_walks_go_on_before_and_after_their_records() -> None:
     assert full.extended == (False,)
 
 
-def test_score_of_a_random_model_is_the_integral_over_its_distribution() -> None:
-    # CRPS = integral of (F(x) - 1{x >= y})²; F of the draws themselves is the biased version, so
-    # many draws are held against the closed form for the uniform distribution on 0 … 1, y = 0.3:
-    # y³/3 + (1 - y)³/3.
-    draws = (np.arange(1000) + 0.5) / 1000
-    assert pass_time_score(draws, 0.3) == pytest.approx(0.3**3 / 3 + 0.7**3 / 3, abs=1e-3)
-
-
 def test_the_command_prints_an_object_for_each_driver_and_writes_a_page(tmp_path) -> None:
     # A name says nothing: human_recorded was fitted on other recordings of that name.
     folder = write_set(tmp_path / "dut", HardYield)
@@ -207,7 +195,7 @@ def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path) 
     assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
 
 
-def test_what_few_vehicles_mean_for_an_interval() -> None:
+def test_what_few_vehicles_mean_for_an_interval_and_the_score_of_a_random_model() -> None:
     # The middle 95 % of the bootstrap means of five normal values, 2,000 times.
     rng = np.random.default_rng(1)
     values = rng.normal(size=(2_000, 5))
@@ -217,6 +205,11 @@ def test_what_few_vehicles_mean_for_an_interval() -> None:
     words = "Intervals from 5 vehicles are unreliable: they cover a mean in at most 85 %, not 95 %."
     assert few_vehicles(5) == words
     assert held_0 == pytest.approx(0.83, abs=0.03)
+    # CRPS = integral of (F(x) - 1{x >= y})²; F of the draws themselves is the biased version, so
+    # many draws are held against the closed form for the uniform distribution on 0 … 1, y = 0.3:
+    # y³/3 + (1 - y)³/3.
+    draws = (np.arange(1000) + 0.5) / 1000
+    assert pass_time_score(draws, 0.3) == pytest.approx(0.3**3 / 3 + 0.7**3 / 3, abs=1e-3)
 
 
 def test_every_number_of_a_validation_is_printed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from harness.core.encounter import Arrival, Contact, Crossing, Leg, Side, Trace, Walk
 from harness.measures import measure
+from harness.measures.motion.contact import Motion, first_contact_in_step
 from harness.measures.motion.walking import cleared_s, states_at
 from tests.scenes import drive
 
@@ -38,9 +39,6 @@ def test_places_speeds_and_the_end_of_a_walk_of_legs() -> None:
     np.testing.assert_allclose(speed, [1.0, 1.0, 0.0, 0.0, 2.0, 2.0])
     assert not x.any()
     assert not gain.any()
-
-
-def test_a_walk_that_slows_down_evenly() -> None:
     # From the far kerb at 3 m/s, slowing by 0.25 m/s²: 9 m after 3.5165 s, at 3 − 0.8791 m/s.
     slows = walk(Leg(1.0, 0.0, 9.0, 0.0, -3.0, 0.25), side=Side.FAR)
     time_s = (3 - (9 - 4.5) ** 0.5) / 0.25
@@ -72,3 +70,50 @@ def test_the_flank_of_a_car_that_has_nearly_passed() -> None:
     assert record.contact_time_s == pytest.approx(7.15, abs=1e-9)
     (record,) = measure([passing(walk(Leg(6.16, 1.0, 0.0, 0.0, 1.0, 0.0)))])
     assert record.contact is None
+
+
+RADIUS_M = 0.25
+STEP_S = 2.0
+TIMES_S = np.linspace(0.0, STEP_S, 20_001)
+
+
+def sampled(motion: Motion) -> np.ndarray:
+    place, speed, acceleration = motion
+    return place + speed * TIMES_S + acceleration * TIMES_S**2 / 2
+
+
+def test_first_contact_is_that_of_a_fine_sampling() -> None:
+    """Distance from the disc's centre to the nearest point of the rectangle, 10 kHz."""
+    rng = np.random.default_rng(5)
+    touched = missed = 0
+    for _ in range(400):
+        length, right, left = 4.5, -0.9, 0.8
+        ego = Motion(rng.uniform(-6, 4), rng.uniform(-8, 8), rng.uniform(-8, 8))
+        walker_x = Motion(rng.uniform(-3, 3), rng.uniform(-2, 2))
+        walker_y = Motion(rng.uniform(-4, 4), rng.uniform(-4, 4), rng.uniform(-5, 5))
+        ahead, y = sampled(walker_x) - sampled(ego), sampled(walker_y)
+        away = np.hypot(ahead - np.clip(ahead, -length, 0.0), y - np.clip(y, right, left))
+        hits = np.flatnonzero(away <= RADIUS_M)
+        found = first_contact_in_step(ego, walker_x, walker_y, STEP_S, (length, right, left))
+        if found is None:
+            assert not hits.size
+            missed += 1
+        elif hits.size:
+            assert TIMES_S[hits[0]] - 1.01e-4 <= found <= TIMES_S[hits[0]] + 1e-9
+            touched += 1
+        else:  # a graze between two samples
+            assert away.min() < RADIUS_M + 1e-5
+    assert touched > 50
+    assert missed > 50
+
+
+def test_who_turns_at_the_very_edge_touches_it() -> None:
+    """y = v t − a t²/2 turns at v²/2a after v/a; rounding may keep it a last bit short."""
+    rng = np.random.default_rng(6)
+    for _ in range(200):
+        speed, braking = rng.uniform(0.5, 2.0), rng.uniform(1.5, 4.0)
+        turns_m = speed**2 / (2 * braking)
+        body = (5.0, turns_m + RADIUS_M, turns_m + 2.0)
+        standing, beside = Motion(0.0, 0.0), Motion(-2.0, 0.0)
+        found = first_contact_in_step(standing, beside, Motion(0.0, speed, -braking), STEP_S, body)
+        assert found == pytest.approx(speed / braking, abs=1e-4)

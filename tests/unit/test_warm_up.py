@@ -53,9 +53,11 @@ def test_they_are_spread_over_the_crosswalk_slow_ones_more_often(model, sample) 
     assert all((leg.y_mps > 0) == (side is Side.NEAR) for side, leg in legs)
 
 
-def test_those_who_come_later_stay_the_same_people() -> None:
+def test_those_who_come_later_stay_the_same_people_and_traffic_has_none() -> None:
     for pair in range(5):
         assert planned_arrivals(scene(0.0), pair) == planned_arrivals(scene(60.0), pair)
+    with pytest.raises(InputError, match=r"pedestrians\.warm_up_s"):
+        scenario(pedestrians={"warm_up_s": 10.0}, traffic={})
 
 
 class Watching(ConstantSpeed):
@@ -93,8 +95,3 @@ def test_they_walk_on_and_are_seen_from_the_trigger_on_in_both_arms(model, monke
     assert [[w.arrival for w in walks] for walks in pairs[Arm.AV]] == [
         [w.arrival for w in walks] for walks in pairs[Arm.HUMAN]
     ]
-
-
-def test_none_beside_traffic() -> None:
-    with pytest.raises(InputError, match=r"pedestrians\.warm_up_s"):
-        scenario(pedestrians={"warm_up_s": 10.0}, traffic={})
