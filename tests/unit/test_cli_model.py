@@ -66,19 +66,16 @@ def model_file(tmp_path_factory) -> Path:
         "extract mine.csv --format table --out rows.parquet --quiet",
         "fit rows.parquet --components 1..3 --starts 1 --folds 2 --out model.json --quiet",
     ):
-        subprocess.run(
-            [sys.executable, "-m", "harness", *shlex.split(words)], cwd=folder, check=True
-        )
+        command = [sys.executable, "-m", "harness", *shlex.split(words)]
+        subprocess.run(command, cwd=folder, check=True)
     return folder / "model.json"
 
 
 def test_extract_writes_rows_and_says_what_it_left_out(harness, rows):
     code, out, err = harness("extract", rows, "--format", "table", "--out", "r.parquet", "--json")
     assert (code, err) == (0, "")
-    document = json.loads(out)
-    assert document["rows"] == 160
-    assert document["encounters"] == 40
-    assert document["vehicles"] == 8
+    counts = json.loads(out)
+    assert [counts[name] for name in ("rows", "encounters", "vehicles")] == [160, 40, 8]
     assert len(pd.read_parquet("r.parquet")) == 160
     _, out, _ = harness("extract", rows, "--format", "table", "--out", "r.parquet")
     assert "160 rows of 40 encounters with 8 vehicles" in out
@@ -105,11 +102,8 @@ def test_what_the_files_do_not_say_is_said(harness):
     # 24000/1001 frames per second; a speed is proportional to it.
     assert "frame_rate_hz = 23.976 frames per second (assumed" in out
     _, out, _ = harness(*given, "--set", "frame_rate_hz=29.97", "--json")
-    document = json.loads(out)
-    assert any(
-        note.startswith("frame_rate_hz = 29.97 frames per second;")
-        for note in document["counts"]["notes"]
-    )
+    notes = json.loads(out)["counts"]["notes"]
+    assert any(note.startswith("frame_rate_hz = 29.97 frames per second;") for note in notes)
 
 
 def test_clips_named_alike_in_several_folders_get_a_map_each(harness, tmp_path):

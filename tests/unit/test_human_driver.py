@@ -17,7 +17,7 @@ from harness.core.encounter import (
 from harness.episode.arms import make_strategy
 from harness.model.interaction import InteractionModel
 from harness.strategies.human_gmm import HumanDriver
-from tests.scenes import on_plain, play, scenario
+from tests.scenes import play, scenario
 from tests.statistical.test_walking_speeds import Joint, V
 
 V0, A0, STEP = 5.0, 1.0, 0.1
@@ -214,16 +214,3 @@ def test_sampled_speeds_follow_the_density_and_the_pair(model) -> None:
     top = conditional.cdf(np.array([V0]), y[:1])[0]
     assert stats.kstest(u / top, "uniform").pvalue > 1e-3
     assert abs(len(drawn) / 2000 - top) < 4 * np.sqrt(top * (1 - top) / 2000)
-
-
-def test_a_sampling_driver_repeats_itself_in_any_order(model) -> None:
-    scene = scenario(
-        pedestrians={"first_at_trigger": True, "flow_per_hour": 600.0},
-        strategies={"human_gmm": {"speed": "sampled"}},
-    )
-
-    def run(pairs: list[int]) -> dict[int, bytes]:
-        runner = on_plain(scene, model)
-        return {o.pair: o.trace.x_m.tobytes() for o in runner.run(pairs) if o.arm == "human"}
-
-    assert run([0, 1, 2, 3]) == run([3, 1, 0, 2])

@@ -278,23 +278,6 @@ def test_minima_against_stepping_through_random_episodes() -> None:
     assert defined > 3
 
 
-def test_a_record_does_not_depend_on_its_chunk() -> None:
-    rng = np.random.default_rng(11)
-    traces = []
-    for _ in range(60):
-        count = int(rng.integers(0, 4))
-        walkers = [
-            (float(at), Side.NEAR if rng.random() < 0.5 else Side.FAR, float(rng.uniform(0.4, 2.5)))
-            for at in sorted(rng.uniform(0, 6, size=count))
-        ]
-        traces.append(play([ConstantSpeed, HardYield][int(rng.integers(2))](), walkers))
-    together = measure(traces)
-    assert together == [measure([trace])[0] for trace in traces]
-    assert together[::-1] == measure(traces[::-1])
-    assert len({r.ending for r in together}) == 2
-    assert measure([]) == []
-
-
 def test_pedestrian_delay_by_hand() -> None:
     # The record ends with the pass at 7.4 s.  Waits: 0.5 s; 4.0 s; from 3 s on to the end; from
     # 7.0 s on to the end, for they go only later.  Nobody counts who comes after it.

@@ -1,9 +1,5 @@
 """Fitting: against scikit-learn without bounds, calculus with them, and refusals."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -254,41 +250,6 @@ def test_same_seed_same_numbers(rows):
     assert one.mixture.locations.tobytes() == two.mixture.locations.tobytes()
     assert one.mixture.locations.tobytes() != other.mixture.locations.tobytes()
     assert not one.converged
-
-
-# Draws, conditional draws and a fit, as one digest.
-DIGEST = """
-import hashlib
-import numpy as np
-from harness.model.mixture import fit_mixture
-from tests.unit.test_mixture_fitting import truth
-box = truth()
-rows = box.sample(6_000, np.random.default_rng(1))
-found = hashlib.sha256(rows.tobytes())
-for given in ([0, 1, 3], [0, 1]):
-    drawn = box.conditional(2, given).sample(rows[:, given], np.random.default_rng(2))
-    found.update(drawn.tobytes())
-fit = fit_mixture(rows, 10, box.lower, box.upper, seed=1, n_init=1, max_iter=25).mixture
-for part in (fit.weights, fit.locations, fit.scale_matrices):
-    found.update(part.tobytes())
-print(found.hexdigest())
-"""
-
-
-@pytest.mark.slow
-def test_numbers_do_not_depend_on_the_threads_of_the_linear_algebra():
-    digests = set()
-    for threads in ("1", "2"):
-        limits = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"), threads)
-        done = subprocess.run(
-            [sys.executable, "-c", DIGEST],
-            env={**os.environ, **limits},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        digests.add(done.stdout)
-    assert len(digests) == 1
 
 
 def test_repeated_rows_and_values_on_a_bound(rows):

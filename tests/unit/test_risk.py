@@ -83,9 +83,8 @@ def test_brute_force_where_it_is_affordable() -> None:
     weight, event = np.ones(1_000), np.arange(1_000) < 3
     estimate = estimate_of(weight, event, Tally(1_000, 3))
     low, high = stats.binomtest(3, 1_000).proportion_ci(method="exact")
-    assert (estimate.probability, estimate.ci_low, estimate.ci_high) == pytest.approx(
-        (0.003, low, high)
-    )
+    found = (estimate.probability, estimate.ci_low, estimate.ci_high)
+    assert found == pytest.approx((0.003, low, high))
 
 
 def test_events_of_everybody_of_nobody_and_those_that_the_estimate_missed() -> None:

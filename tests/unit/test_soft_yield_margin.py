@@ -7,6 +7,7 @@ import pytest
 
 from harness.core.encounter import PedestrianView, Side
 from harness.measures.ego import crossing_time
+from harness.strategies.parameters import parameters_of
 from harness.strategies.soft_yield import SoftYield
 from tests.scenes import play, scenario, shown
 
@@ -68,30 +69,12 @@ def test_another_who_comes_while_it_waits_out_the_margin() -> None:
     assert trace.speed_mps[80] < alone.speed_mps[80] - 0.05
 
 
-def test_no_margin_is_the_default_to_the_last_bit() -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(40):
-        walkers = [
-            (float(at), list(Side)[int(near)], float(speed))
-            for at, near, speed in zip(
-                np.sort(rng.uniform(0, 12, 4)),
-                rng.integers(0, 2, 4),
-                rng.uniform(0.4, 2.5, 4),
-                strict=True,
-            )
-        ]
-        scene = scenario(pedestrians={"kerb_wait_s": 2.0})
-        plain, none = (
-            play(strategy, walkers, scene) for strategy in (SoftYield(), SoftYield(time_margin_s=0))
-        )
-        np.testing.assert_array_equal(plain.speed_mps, none.speed_mps)
-
-
 @pytest.mark.parametrize("speed", [0.0, 5.0])
-def test_no_answer_for_someone_who_stands(speed: float) -> None:
+def test_no_answer_for_someone_who_stands_and_no_margin_by_default(speed: float) -> None:
     # They never leave, so t_x is beyond any: Hard-Yield's constant deceleration to R = 3 m, which
     # differs from v²/2d = 25/54 by a relative 1/(4 n (n − 1)) at most, n = 2 · 27/5/0.1 = 108.
     standing, strategy = PedestrianView(0, Side.NEAR, 2.0, 8.75, 0.0, True), SoftYield()
+    assert [p.default for p in parameters_of(SoftYield) if p.name == "time_margin_s"] == [0.0]
     answer = strategy.decide(shown(scenario(), R0, speed, standing))
     assert answer == pytest.approx(-(speed**2) / 54, rel=1e-4)
     assert strategy.fallback

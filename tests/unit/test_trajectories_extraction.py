@@ -175,21 +175,16 @@ def test_jitter_of_a_waiting_vehicle_adds_no_path_length(tmp_path):
     np.testing.assert_allclose(rows["range_m"], -np.interp(time, *corners) - 2, atol=0.03)
 
 
-@pytest.mark.parametrize(("last_x", "pairs"), [(-13.9, 0), (-12.1, 0), (-11.9, 1), (-6.0, 1)])
-def test_vehicle_path_goes_on_for_twelve_metres(tmp_path, last_x, pairs):
-    # The conflict point is at x = 0; the last recorded centre is at last_x. 12 m reach from −12 on.
-    frames = np.arange(0, 41)
-    x = np.linspace(-30, last_x, 41)
-    walker = {1: (frames, 0 * x, -4 + frames / 8)}
-    assert made_of(tmp_path, {1: (frames, x, 0 * x)}, walker).counts.pairs == pairs
-
-
-@pytest.mark.parametrize(("last_y", "pairs"), [(-3.1, 0), (-2.9, 1)])
-def test_pedestrian_path_goes_on_for_three_metres(tmp_path, last_y, pairs):
+@pytest.mark.parametrize(
+    ("last_x", "last_y", "pairs"),
+    # The paths cross at (0, 0): a vehicle's goes on for 12 m, a pedestrian's for 3 m.
+    [(-13.9, 5, 0), (-12.1, 5, 0), (-11.9, 5, 1), (-6.0, 5, 1), (5, -3.1, 0), (5, -2.9, 1)],
+)
+def test_paths_go_on_for_twelve_and_for_three_metres(tmp_path, last_x, last_y, pairs):
     frames = np.arange(0, 81)
-    x = np.linspace(-30, 5, 81)
-    y = np.linspace(-12, last_y, 81)
-    assert made_of(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)}).counts.pairs == pairs
+    x, y = np.linspace(-30, last_x, 81), np.linspace(-12, last_y, 81)
+    found = made_of(tmp_path, {1: (frames, x, 0 * x)}, {1: (frames, 0 * x, y)})
+    assert found.counts.pairs == pairs
 
 
 @pytest.mark.parametrize(("degrees", "kept"), [(48, 0), (52, 1), (128, 1), (132, 0)])
