@@ -123,9 +123,8 @@ def test_what_is_audited_is_what_is_printed(tmp_path: Path) -> None:
         for key in ("mu_difference", "delay_difference_s"):
             printed[f"{a} − {b}: {key}"] = limits(item, f"{key}_ci_")
     compared = {key: value for key, value in audited.items() if BAND not in key}
-    assert {key: (of.low, of.high) for key, of in compared.items()} == {
-        key: printed[key] for key in compared
-    }
+    expected = {key: printed[key] for key in compared}
+    assert {key: (of.low, of.high) for key, of in compared.items()} == expected
     # Nothing with an interval is left out: bands apart, both arms of two cells, three differences.
     of_one = {key for key in printed if key.startswith("soft: ")}
     assert {key for key in compared if key.startswith("soft: ")} == of_one

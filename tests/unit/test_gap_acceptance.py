@@ -122,9 +122,8 @@ def test_both_arms_meet_the_same_people(model) -> None:
     for av, human in zip(outcomes[::2], outcomes[1::2], strict=True):
         planned = planned_arrivals(scenario, av.pair)
         for outcome in (av, human):
-            assert (
-                tuple(w.arrival for w in outcome.trace.walks) == planned[: len(outcome.trace.walks)]
-            )
+            expected = planned[: len(outcome.trace.walks)]
+            assert tuple(w.arrival for w in outcome.trace.walks) == expected
             for walk in outcome.trace.walks:
                 gap_s = walk.arrival.critical_gap_s
                 assert gap_s is not None

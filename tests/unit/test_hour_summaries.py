@@ -268,8 +268,7 @@ def test_more_hours_do_not_make_students_interval_more_reliable(hours: int) -> N
         reach = quantile * values.std(axis=1, ddof=1) / math.sqrt(hours)
         covered[name] = float((np.abs(values.mean(axis=1) - mean) <= reach).mean())
         low, high = student_mean(values[0]).low, student_mean(values[0]).high
-        assert (low, high) == pytest.approx(
-            (values[0].mean() - reach[0], values[0].mean() + reach[0])
-        )
+        expected = pytest.approx((values[0].mean() - reach[0], values[0].mean() + reach[0]))
+        assert (low, high) == expected
     assert covered["normal"] == pytest.approx(0.95, abs=0.005)
     assert 0.905 <= covered["lognormal"] <= 0.945

@@ -49,9 +49,8 @@ def test_every_measure_has_a_row_for_each_arm_and_every_threshold_a_measure() ->
     assert named == [(arm, measure.column) for arm in ("av", "human") for measure in MEASURES]
     assert {entry.threshold for entry in CONFLICTS} == set(ConflictsSection.model_fields)
     assert {entry.column for entry in CONFLICTS} <= {measure.column for measure in MEASURES}
-    assert Scenario().conflicts == ConflictsSection(
-        ttc_s=1.5, time_advantage_s=1.5, pet_s=1.5, drac_mps2=3.35
-    )
+    expected = ConflictsSection(ttc_s=1.5, time_advantage_s=1.5, pet_s=1.5, drac_mps2=3.35)
+    assert Scenario().conflicts == expected
 
 
 def test_statistics_by_hand() -> None:

@@ -93,9 +93,8 @@ def test_required_deceleration_by_hand() -> None:
     result = braking([-1.0] * 50, (0.0, Side.FAR, 1.0))
     assert result.required_deceleration_mps2 == pytest.approx(25 / (2 * 29.75), abs=1e-9)
     # A crash does not change what was needed when they came into sight.
-    assert cruise((0.0, Side.FAR, 1.0)).required_deceleration_mps2 == pytest.approx(
-        25 / (2 * 29.75), abs=1e-9
-    )
+    expected = pytest.approx(25 / (2 * 29.75), abs=1e-9)
+    assert cruise((0.0, Side.FAR, 1.0)).required_deceleration_mps2 == expected
     # At 3.05 s the bumper is 14.75 m before the centre line; they will be hit 2.9 s later.
     result = cruise((3.05, Side.NEAR, 0.6))
     assert result.contact == "front"

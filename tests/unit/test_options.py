@@ -53,9 +53,8 @@ def test_numbers_and_arrays_of_numpy_are_numbers() -> None:
     flows = np.linspace(100, 300, 3)
     study = study_of(file, [("pedestrians.flow_per_hour", flows)])  # type: ignore[list-item]
     written = [dict(cell.varied) for cell in study.cells]
-    assert json.dumps(written) == json.dumps(
-        [{"pedestrians.flow_per_hour": flow} for flow in (100.0, 200.0, 300.0)]
-    )
+    expected = json.dumps([{"pedestrians.flow_per_hour": flow} for flow in (100.0, 200.0, 300.0)])
+    assert json.dumps(written) == expected
 
 
 def test_an_interrupted_run_is_a_keyboard_interrupt() -> None:

@@ -64,10 +64,8 @@ def test_cells_that_are_the_same_are_kept_once_with_defaults_written_out_too() -
     study = study_of(file, [("strategies.soft_yield.p1", [0.0169, 0.02])])
     plain = one_cell("cctc", {})
     # The shipped file writes all three defaults out, this one leaves two to the class.
-    assert (
-        strategy_groups(study)[0].cells[0].parameters
-        == strategy_groups(plain)[0].cells[0].parameters
-    )
+    expected = strategy_groups(plain)[0].cells[0].parameters
+    assert strategy_groups(study)[0].cells[0].parameters == expected
 
 
 def test_sweeps_over_one_parameter_over_two_and_over_words() -> None:

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from harness.core.errors import InputError
 from harness.model.interaction import load_model
 from harness.model.trajectories import Clip, Track, VehicleTrack
 from harness.report.screens.validation_tables import print_validation
@@ -25,7 +24,6 @@ from harness.studies.validation import (
     ValidationFindings,
     bootstrap,
     find_passages,
-    validate,
 )
 from harness.studies.validation.bootstrap import few_vehicles
 from harness.studies.validation.drivers import DRAWS, FoldModels, outcomes_of
@@ -217,19 +215,15 @@ def test_every_number_of_a_validation_is_printed(capsys: pytest.CaptureFixture[s
     first = values | {"pass_time_score_s": Finding(2.51, 1.68, 3.41), "contacts": Finding(11.6)}
     second = values | {"pass_time_score_s": Finding(None)}
     told = ("human_gmm", "human_recorded")
+    counts = {"passages": 34, "vehicles": 26, "encounters": 497, "contacts_recorded": 2}
+    note = Note(Rank.REFERENCE, "human_gmm was fitted on these passages, which flatters it.")
+    drivers = (
+        DriverFindings("human_gmm", 1, (), 0.0, None, 1, True, 0, first),
+        DriverFindings("human_yield", 2, told, 1.0, (0.5, 1.5), 20, False, 5, second),
+    )
+    left_out = dict.fromkeys(LEFT_OUT, 3)
     findings = ValidationFindings(
-        sources=("dut",),
-        passages=34,
-        vehicles=26,
-        encounters=497,
-        contacts_recorded=2,
-        left_out=dict.fromkeys(LEFT_OUT, 3),
-        remarks=(),
-        notes=(Note(Rank.REFERENCE, "human_gmm was fitted on these passages, which flatters it."),),
-        drivers=(
-            DriverFindings("human_gmm", 1, (), 0.0, None, 1, True, 0, first),
-            DriverFindings("human_yield", 2, told, 1.0, (0.5, 1.5), 20, False, 5, second),
-        ),
+        sources=("dut",), left_out=left_out, remarks=(), notes=(note,), drivers=drivers, **counts
     )
     print_validation(findings, full=True)
     assert capsys.readouterr().out == SCREEN.read_text(encoding="utf-8")
@@ -240,14 +234,7 @@ def test_unknown_drivers_and_sets_without_passages_are_refused(tmp_path) -> None
     refuses("hard_yield", lambda: held(folder, ["hard_yeild"]))
     refuses("twice", lambda: held(folder, ["hard_yield", "hard_yield"]))
     refuses("SUMO", lambda: held(folder, ["sumo_driver"]))
-    with pytest.raises(InputError, match="begins_too_near: 4"):
-        validate(
-            [folder],
-            "vci",
-            ["hard_yield"],
-            load_scenario("cctc"),
-            options={"frame_rate_hz": RATE_HZ, "vehicle_length_m": 60.0},
-        )
+    refuses("begins_too_near: 4", lambda: held(folder, ["hard_yield"], vehicle_length_m=60.0))
 
 
 def test_a_driver_that_draws_is_driven_often(tmp_path) -> None:
