@@ -221,5 +221,5 @@ def test_tracks_are_drawn(form: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", [name for name in FORMATS if not FORMATS[name].clips])
 def test_rows_have_no_tracks(form: str) -> None:
-    with pytest.raises(InputError, match="holds rows, not tracks"):
+    with pytest.raises(InputError, match="has rows, not tracks"):
         read_clips(ENCOUNTER / form, form)

@@ -159,7 +159,7 @@ def test_vci_bad_ratio_is_refused(clip, text):
 
 
 def test_misspelt_names_and_bad_paths_are_refused(tmp_path):
-    refuses("folder without such files", lambda: extract(tmp_path, "vci"))
+    refuses("has no such file", lambda: extract(tmp_path, "vci"))
     refuses("no such file or folder", lambda: extract(tmp_path / "nowhere", "vci"))
     refuses("not a vehicle file", lambda: extract(SENSOR, "vci"))
     refuses("no file or folder given", lambda: extract([], "vci"))
@@ -304,7 +304,7 @@ def test_mobileye_refusals(tmp_path):
     path.write_text(HEAD + "1,1,1,1,1,1,1,90,1,1\n")  # every bus the other way
     refuses("no trip can be used", lambda: extract(path, "mobileye"))
     path.unlink()
-    refuses("folder without such files", lambda: extract(tmp_path, "mobileye"))
+    refuses("has no such file", lambda: extract(tmp_path, "mobileye"))
     refuses("latitude_deg", lambda: extract(SENSOR, "mobileye", latitude_deg=95))
 
 
@@ -356,7 +356,7 @@ def test_table_without_identifiers_and_with_contradictions(tmp_path):
 
 def test_table_refusals(tmp_path):
     path = tmp_path / "rows.csv"
-    refuses("folder without such files", lambda: extract(tmp_path, "table"))
+    refuses("has no such file", lambda: extract(tmp_path, "table"))
     path.write_text("range_m,vehicle_speed,pedestrian_speed_mps,lateral_m\n1,1,1,1\n")
     refuses(r"'vehicle_speed_mps' is missing .*'vehicle_speed'", lambda: extract(path, "table"))
     path.write_text("range_m,vehicle_speed_mps,pedestrian_speed_mps\n1,1,1\n")

@@ -188,7 +188,7 @@ def test_what_was_left_out_of_the_records_and_assumed_of_them_is_said(tmp_path) 
     (target / "clip_00_traj_ped_filtered.csv").write_text("id,frame,label,x_est,y_est\n")
     arguments = ["validate", str(tmp_path), "--format", "vci", "--drivers", "hard_yield"]
     shown = " ".join(printed(*arguments, "--set", "vehicle_length_m=4.5").split())
-    assert "1 records left out: a needed cell holds text instead of a number" in shown
+    assert "1 records left out: a needed cell has text instead of a number" in shown
     assert "Clip clip_00 not used: clip_00_traj_ped_filtered.csv" in shown
     assert "frame_rate_hz = 23.976 frames per second (assumed" in shown
 

@@ -12,7 +12,7 @@ Level = Literal["records", "tracks", "pairs", "candidates"]
 REASONS: Mapping[Level, Mapping[str, str]] = {
     "records": {
         "missing_value": "a needed cell is empty, NaN or infinite",
-        "not_a_number": "a needed cell holds text instead of a number",
+        "not_a_number": "a needed cell has text instead of a number",
         "out_of_scale": "a needed number is larger than any such measurement (1e12)",
         "duplicated": "same object and same instant as an earlier record",
         "bus_heading_other_way": "bus heading not above the limit of the sensor format",

@@ -50,7 +50,7 @@ def files_in(path: Path, *patterns: str) -> list[Path]:
         return [path]
     files = sorted(file for pattern in patterns for file in path.glob(pattern))
     if not files:
-        raise InputError(str(path), "folder without such files", " or ".join(patterns))
+        raise InputError(str(path), "has no such file", " or ".join(patterns))
     return files
 
 
@@ -100,7 +100,7 @@ def read_table(path: Path) -> pd.DataFrame:
         raise InputError(str(path), f"cannot be read as a table: {first_line}") from None
     table.columns = pd.Index([str(name).strip() for name in table.columns])
     if table.empty:
-        raise EmptyTableError(str(path), "the file holds no record")
+        raise EmptyTableError(str(path), "the file has no record")
     return table
 
 
@@ -148,7 +148,7 @@ def as_numbers(path: Path, column: pd.Series) -> pd.Series:
         values = pd.to_numeric(column.astype(str), errors="coerce")
     if values.isna().all() and column.notna().any():
         sample = column.dropna().iloc[0]
-        raise InputError(str(path), f"column {column.name!r} holds {sample!r}", "numbers")
+        raise InputError(str(path), f"column {column.name!r} contains {sample!r}", "numbers")
     return values.astype(np.float64)
 
 
@@ -172,7 +172,7 @@ def identifiers(column: pd.Series) -> pd.Series:
     try:
         text = column.astype("str")
     except UnicodeDecodeError:
-        raise InputError(f"column {column.name!r}", "holds bytes", "text or numbers") from None
+        raise InputError(f"column {column.name!r}", "contains bytes", "text or numbers") from None
     if pd.api.types.is_float_dtype(column):
         values = column.to_numpy(dtype=np.float64, na_value=np.nan)
         with np.errstate(invalid="ignore"):

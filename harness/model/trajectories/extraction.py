@@ -132,7 +132,7 @@ def read_clips(
     """
     known = _known_format(format)
     if known.clips is None:
-        raise InputError(f"format {format}", "holds rows, not tracks")
+        raise InputError(f"format {format}", "has rows, not tracks")
     _, reader = split_options(options, known.options, f"format {format}")
     return list(known.clips(as_paths(paths), reader, Tally() if tally is None else tally))
 

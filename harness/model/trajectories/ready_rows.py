@@ -86,7 +86,7 @@ def _read_file(path: Path, source: str, tally: Tally) -> pd.DataFrame:
     rows["source"] = rows["source"].fillna(source)
     passed = rows["passed_first"].dropna()
     for word in passed[~passed.isin(["vehicle", "pedestrian"])]:
-        problem = f"column 'passed_first' holds {word!r}"
+        problem = f"column 'passed_first' contains {word!r}"
         raise InputError(str(path), problem, "vehicle, pedestrian, empty")
     return _complete(rows, tally)
 

@@ -1,8 +1,8 @@
-"""The records that every reader of trajectories returns.
+"""Holds the records that every reader of trajectories returns.
 
-A clip holds the tracks of the vehicles and pedestrians seen together. If a sensor on the
-vehicle measured the pair, the clip also holds its sightings: the model's variables are then taken
-from them instead of from the crossing of two paths.
+A clip has the tracks of vehicles and pedestrians that were recorded together. If a sensor on the
+vehicle measured the pairs, the clip also has sightings. The model's variables then come from the
+sightings instead of the crossings of paths.
 """
 
 from collections.abc import Mapping
@@ -81,14 +81,14 @@ class Sighting:
 
 @dataclass(frozen=True, eq=False)
 class Clip:
-    """Tracks seen together: one video clip, or one trip of an instrumented vehicle.
+    """Tracks recorded together: one video clip, or one trip of an instrumented vehicle.
 
     Attributes:
         source: the data set's name.
         name: the clip's name, unique within the source.
         vehicles, pedestrians: tracks by identifier, in a fixed order.
         sightings: the pairs that a sensor measured; None if pairs are found from the paths.
-        y_down: whether y points down when x points right, as in images; a map must turn the axis.
+        y_down: whether y points down if x points right, as in images; maps must flip this axis.
         site: the place, if a source has several; clips of one site share axes and a map.
     """
 

@@ -121,7 +121,7 @@ def _read_clip(
     if without := len(cars.keys() - lengths.keys()):
         tally.default_lengths += without
         length = options.vehicle_length_m
-        tally.note(f"vehicle_length_m = {length:g} m where a vehicle has no corners")
+        tally.note(f"vehicle_length_m = {length:g} m for vehicles without corners")
     tally.clips += 1
     tally.vehicle_tracks += len(vehicles)
     tally.pedestrian_tracks += len(walkers)
@@ -152,7 +152,7 @@ def _pixels_per_metre(vehicle_file: Path, stem: str) -> float | None:
         ratio = math.nan
     if not SMALLEST_RATIO <= ratio <= LARGEST_RATIO:
         allowed = f"one number from {SMALLEST_RATIO:g} to {LARGEST_RATIO:g}, pixels per metre"
-        raise InputError(str(path), f"holds {text[:40]!r}", allowed)
+        raise InputError(str(path), f"contains {text[:40]!r}", allowed)
     return ratio
 
 

@@ -115,7 +115,7 @@ def read_rows(path: Path) -> RowFile:
     require_columns(path, rows, COLUMNS)
     for name in COLUMNS:
         if not pd.api.types.is_numeric_dtype(rows[name]):
-            raise InputError(f"{path}: {name}", "holds text", "numbers")
+            raise InputError(f"{path}: {name}", "contains text", "numbers")
     # Another program's file may have identifiers of any type; here they are text.
     rows = rows.assign(**{name: identifiers(rows[name]) for name in TEXT_COLUMNS if name in rows})
     for source in rows["source"].dropna().unique() if "source" in rows else ():
@@ -270,7 +270,7 @@ def _factor(rows: pd.DataFrame) -> FloatArray | None:
         return None
     where = f"rows: {FACTOR_COLUMN}"
     if not pd.api.types.is_numeric_dtype(rows[FACTOR_COLUMN]):
-        raise InputError(where, "holds text", "numbers of 0 or more")
+        raise InputError(where, "contains text", "numbers of 0 or more")
     factor = np.array(rows[FACTOR_COLUMN].to_numpy(dtype=float, na_value=np.nan))
     wrong = int((~(np.isfinite(factor) & (factor >= 0))).sum())
     if wrong:

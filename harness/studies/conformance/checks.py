@@ -10,6 +10,7 @@ from typing import Any
 from harness.core.encounter import SPEED_ROUNDING, Ending
 from harness.strategies.parameters import parameters_of
 from harness.studies.conformance.subject import (
+    EMPTY_ROAD,
     IS_FINITE,
     SCENES,
     STEPS_S,
@@ -48,7 +49,7 @@ def _is_finite(subject: Subject) -> None:
 
 def _crosses_an_empty_road(subject: Subject) -> None:
     for step_s in STEPS_S:
-        trace, watched = subject.play("nobody", step_s)
+        trace, watched = subject.play(EMPTY_ROAD, step_s)
         if trace.ending is not Ending.CROSSED:
             what = f"step {step_s:g} s: {trace.ending} although the road was empty"
             raise BrokenRuleError(what, watched.observations[-1])
@@ -76,7 +77,7 @@ def _leaves_alone(subject: Subject) -> None:
 
 def _keeps_nothing_in_its_class(subject: Subject) -> None:
     """State in the class would reach the next episode, so results would depend on the workers."""
-    subject.play("nobody", 0.1)
+    subject.play(EMPTY_ROAD, 0.1)
     before = _class_state(subject.factory)
     for scene in SCENES:
         subject.play(scene, 0.1)

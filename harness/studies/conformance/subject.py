@@ -37,21 +37,25 @@ def _crowd(count: int) -> tuple[Walker, ...]:
     return tuple((0.7 * i, sides[i % 2], 0.6 + 0.37 * (i % 5)) for i in range(count))
 
 
+EMPTY_ROAD = "an empty road"
+
 SCENES: dict[str, Scene] = {
-    "nobody": Scene(()),
-    "one from the near side": Scene(((0.0, Side.NEAR, 1.2),)),
-    "one from the far side, slow": Scene(((0.0, Side.FAR, 0.5),)),
-    "one runs": Scene(((4.0, Side.NEAR, 3.0),)),
-    "many from both sides": Scene(_crowd(25)),
-    "a crowd at once": Scene(tuple((1.0, side, 1.3) for side in (*Side,) * 10)),
+    EMPTY_ROAD: Scene(()),
+    "a pedestrian from the near side": Scene(((0.0, Side.NEAR, 1.2),)),
+    "a slow pedestrian from the far side": Scene(((0.0, Side.FAR, 0.5),)),
+    "a running pedestrian": Scene(((4.0, Side.NEAR, 3.0),)),
+    "many pedestrians from both sides": Scene(_crowd(25)),
+    "many pedestrians at the same time": Scene(tuple((1.0, side, 1.3) for side in (*Side,) * 10)),
     # The first pedestrian leaves the lane after 4.5 m, in 3 s; the ego sees them from R = 10 m.
-    "already past the lane when first seen": Scene(
+    "a pedestrian past the lane when first seen": Scene(
         ((0.0, Side.NEAR, 1.5), (0.5, Side.NEAR, 1.4)), {"detection_range_m": 10.0}
     ),
     # They step off when the ego is at R = 2.5 m, 0.5 m before the crosswalk.
-    "one steps off as it passes": Scene(((5.5, Side.FAR, 0.6),)),
-    "some wait at the kerb": Scene(((3.8, Side.NEAR, 1.2), (4.5, Side.FAR, 1.2)), kerb_wait_s=2.0),
-    "a fast, weak ego": Scene(
+    "a pedestrian who steps off as the ego passes": Scene(((5.5, Side.FAR, 0.6),)),
+    "pedestrians who wait at the kerb": Scene(
+        ((3.8, Side.NEAR, 1.2), (4.5, Side.FAR, 1.2)), kerb_wait_s=2.0
+    ),
+    "a fast ego with weak brakes": Scene(
         ((0.0, Side.NEAR, 1.0), (2.0, Side.FAR, 1.0)),
         {"initial_speed_mps": 16.0, "trigger_range_m": 60.0, "max_deceleration_mps2": 2.0},
     ),
