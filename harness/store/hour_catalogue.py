@@ -8,7 +8,7 @@ _NO_KIND = "no such vehicle counts, or the queue is permanent"
 _NOBODY = "nobody arrived"
 _NOBODY_MET = "no passage met anyone"
 _NOT_REACHED = "no vehicle reached the crosswalk"
-_NO_HANDBOOK = "the handbooks do not apply: their last row says why"
+_NO_HANDBOOK = "see the row 'why the handbooks do not apply'"
 
 
 def _mean(

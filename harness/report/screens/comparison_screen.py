@@ -3,7 +3,12 @@
 import shlex
 from collections.abc import Mapping
 
-from harness.report.screens.comparison_tables import allowed_lines, best_lines, comparison_notes
+from harness.report.screens.comparison_tables import (
+    allowed_lines,
+    best_lines,
+    cell_numbers,
+    comparison_notes,
+)
 from harness.report.screens.result_screen import with_limits
 from harness.report.screens.screen import Screen
 from harness.report.screens.tables import counted, entry_value, named_values
@@ -89,8 +94,7 @@ def _numbers(group: GroupResult, positions: list[int]) -> str:
         return "–"
     if len(positions) == len(group.summaries) - 1 > 1:
         return "all"
-    more = f" and {len(positions) - _NAMED} more" if len(positions) > _NAMED else ""
-    return ", ".join(str(group.group.cells[at].number) for at in positions[:_NAMED]) + more
+    return cell_numbers(positions, group, _NAMED)
 
 
 def _sentences(result: RunComparison, hidden: int) -> list[str]:

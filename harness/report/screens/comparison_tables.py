@@ -1,5 +1,7 @@
 """The tables and sentences of a comparison, for the terminal and the page alike."""
 
+from collections.abc import Sequence
+
 from harness.report.screens.result_screen import joined_notes, with_limits
 from harness.report.screens.tables import (
     Table,
@@ -288,14 +290,13 @@ def _values(result: SweepResult, verdict: Verdict) -> str:
 
 def _words(standing: Standing, result: GroupResult) -> str:
     if standing.place is Place.DOMINATED:
-        return f"dominated by {_numbers(standing.dominated_by, result)}"
+        return f"dominated by {cell_numbers(standing.dominated_by, result)}"
     if standing.place is Place.UNDECIDED:
-        return f"undecided against {_numbers(standing.open_against, result)}"
+        return f"undecided against {cell_numbers(standing.open_against, result)}"
     return standing.place.value
 
 
-def _numbers(positions: tuple[int, ...], result: GroupResult) -> str:
+def cell_numbers(positions: Sequence[int], result: GroupResult, most: int = _NAMED) -> str:
     """The numbers of the first few of these cells."""
-    shown = [str(result.group.cells[position].number) for position in positions]
-    more = f" and {len(shown) - _NAMED} more" if len(shown) > _NAMED else ""
-    return ", ".join(shown[:_NAMED]) + more
+    more = f" and {len(positions) - most} more" if len(positions) > most else ""
+    return ", ".join(str(result.group.cells[at].number) for at in positions[:most]) + more
