@@ -97,16 +97,18 @@ def built(road: Road, folder: Path) -> Path:
     crossing = (
         f'<crossing node="cross" edges="{crossed}" width="{road.width_m}" priority="true"{shape}/>'
     )
-    for kind, rows in (("nodes", nodes), ("edges", lines), ("connections", [crossing])):
-        (folder / f"{kind}.xml").write_text(f"<{kind}>{''.join(rows)}</{kind}>")
+    tables = {"nodes": "".join(nodes), "edges": "".join(lines), "connections": crossing}
     more = ["--lefthand"] if road.left_hand else []
-    run_netconvert(
-        [
-            *("-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml", "-o", "city.net.xml"),
-            *("--no-turnarounds", "--precision", str(road.precision), *more),
-        ],
-        folder,
-    )
+    return converted(folder, tables, "--precision", str(road.precision), *more)
+
+
+def converted(folder: Path, tables: dict[str, str], *options: str) -> Path:
+    """What netconvert makes of the content of those tables."""
+    letters, words = {"nodes": "-n", "edges": "-e", "connections": "-x"}, []
+    for kind, rows in tables.items():
+        (folder / f"{kind}.xml").write_text(f"<{kind}>{rows}</{kind}>")
+        words += [letters[kind], f"{kind}.xml"]
+    run_netconvert([*words, "-o", "city.net.xml", "--no-turnarounds", *options], folder)
     return folder / "city.net.xml"
 
 
@@ -188,6 +190,13 @@ def test_what_is_read_is_what_was_asked_for(tmp_path: Path) -> None:
             assert [way.oncoming for way in site.ways] == [False] * lanes + [True] * oncoming
             assert [way.index for way in site.ways] == [*range(lanes), *range(oncoming)]
             assert site.width_m == pytest.approx(4.0, abs=0.01)
+    # So is a network that the harness builds.
+    crossing = CrossingSection(length_m=14.0, lanes=2, oncoming_lanes=2, bearing_deg=77.0)
+    net = build_network(crossing, tmp_path / "four", "four").net
+    site = read_site(Place(net, lane=1))
+    assert site.length_m == pytest.approx(14.0, abs=1e-6)
+    assert site.ego.centre_m == pytest.approx(5.25, abs=1e-6)
+    assert [way.centre_m for way in site.ways] == pytest.approx([1.75, 5.25, 12.25, 8.75], abs=1e-6)
 
 
 def test_an_oblique_crosswalk_is_walked_along_its_own_line(tmp_path: Path, model, sumo) -> None:
@@ -313,11 +322,7 @@ def test_what_the_ego_passes_is_said(tmp_path: Path) -> None:
         f'<crossing node="{node}" edges="{before}{node} {node}{before}" priority="true"/>'
         for before, node in (("w", "light"), ("light", "cross"))
     )
-    for table, rows in (("nodes", nodes), ("edges", edges), ("connections", walks)):
-        (tmp_path / f"{table}.xml").write_text(f"<{table}>{rows}</{table}>")
-    files = ("-n", "nodes.xml", "-e", "edges.xml", "-x", "connections.xml")
-    run_netconvert([*files, "-o", "two.net.xml", "--no-turnarounds"], tmp_path)
-    net = tmp_path / "two.net.xml"
+    net = converted(tmp_path, {"nodes": nodes, "edges": edges, "connections": walks})
     listed = {row.edge: row for row in list_crossings(read_network(net))}
     # From 83.3 m, six seconds at 50 km/h, the ego comes past nothing else.
     assert listed[":cross_c0"].passed == ()
@@ -343,10 +348,8 @@ def test_what_the_ego_passes_is_said(tmp_path: Path) -> None:
 
 def test_a_network_without_a_crossing_says_what_to_do(tmp_path: Path) -> None:
     nodes = '<node id="a" x="0" y="0"/><node id="b" x="9" y="0"/>'
-    (tmp_path / "nodes.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (tmp_path / "edges.xml").write_text('<edges><edge id="ab" from="a" to="b"/></edges>')
-    run_netconvert(["-n", "nodes.xml", "-e", "edges.xml", "-o", "none.net.xml"], tmp_path)
-    done = here("crossings", tmp_path / "none.net.xml")
+    net = converted(tmp_path, {"nodes": nodes, "edges": '<edge id="ab" from="a" to="b"/>'})
+    done = here("crossings", net)
     assert (done.returncode, "0 crossings, 0 usable" in done.stdout) == (0, True)
     assert "netconvert -s THIS --sidewalks.guess --crossings.guess" in done.stderr
 
@@ -481,12 +484,3 @@ def test_a_grid_is_listed_and_run(tmp_path: Path, model, sumo) -> None:
         # the far edge of its own and 10.4 m from the other's lane ends.
         assert row.length_m == pytest.approx(12.8, abs=0.02)
         assert play_both(scene(net, row.edge), model, sumo) > 0
-
-
-def test_a_network_is_built_and_read_in_the_same_way(tmp_path: Path) -> None:
-    crossing = CrossingSection(length_m=14.0, lanes=2, oncoming_lanes=2, bearing_deg=77.0)
-    net = build_network(crossing, tmp_path, "four").net
-    site = read_site(Place(net, lane=1))
-    assert site.length_m == pytest.approx(14.0, abs=1e-6)
-    assert site.ego.centre_m == pytest.approx(5.25, abs=1e-6)
-    assert [way.centre_m for way in site.ways] == pytest.approx([1.75, 5.25, 12.25, 8.75], abs=1e-6)
