@@ -175,7 +175,7 @@ def test_one_vehicle_has_no_intervals_and_tells_nobody_apart(tmp_path) -> None:
         assert set(driver.not_told_apart) == set(DRIVERS) - {driver.driver}
         assert driver.score_difference_interval_s is None
         assert {finding.low for finding in driver.findings.values()} == {None}
-    doubt = "One vehicle gives no intervals, so no two drivers can be told apart."
+    doubt = "One vehicle gives no intervals, so no difference between drivers is significant."
     assert doubt in found.findings.remarks
     score = found.findings.drivers[0].findings["pass_time_score_s"]
     assert (score.reliable, score.reason) == (False, doubt)
