@@ -9,7 +9,17 @@ from typing import Annotated
 import typer
 from typer.exceptions import Abort, Exit, TyperException
 
-from harness.cli import about, batch, crossings, model, reporting, review, risk, validation
+from harness.cli import (
+    about,
+    batch,
+    conflicts,
+    crossings,
+    model,
+    reporting,
+    review,
+    risk,
+    validation,
+)
 from harness.cli.interruption import LINE, BrokenOffError, exit_code
 from harness.cli.output import say
 from harness.core.errors import HarnessError, InputError, one_line
@@ -26,6 +36,7 @@ COMMANDS = (
     review.export,
     about.network,
     crossings.crossings,
+    conflicts.conflicts,
     about.strategies,
     about.doctor,
     model.extract,

@@ -205,8 +205,13 @@ def worst(
 ) -> None:
     """List the worst episodes and the commands that replay them."""
     from harness.report.screens.worst_tables import worst_document, worst_tables
+    from harness.studies.conflicts import is_conflicts
     from harness.studies.runs.worst import got_worse, worst as worst_of
 
+    if is_conflicts(run_folder):
+        refuse_without("a run of pairs", False, diff=diff, cell=cell)
+        _worst_passages(run_folder, by, most, quiet, as_json)
+        return
     if diff is None:
         episodes = worst_of(run_folder, by, most, arm, cell)
     else:
@@ -222,6 +227,23 @@ def worst(
 
     commands = [episode.command for episode in episodes]
     emit(quiet, as_json, lambda: worst_document(episodes, by), commands, show)
+
+
+def _worst_passages(folder: Path, by: str, most: int, quiet: bool, as_json: bool) -> None:
+    """List the worst passages of a recording's conflicts; they cannot be repeated."""
+    from harness.report.screens.conflict_tables import worst_table
+    from harness.report.screens.console import make_console, print_table
+    from harness.studies.conflicts import worst_passages
+
+    rows = worst_passages(folder, by, most)
+    lines = [f"{row['crosswalk']} {row['vehicle']} {row['begin_s']:g}" for row in rows]
+    emit(
+        {"by": by, "passages": rows},
+        lines,
+        lambda: print_table(make_console(), worst_table(rows, by)),
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def export(

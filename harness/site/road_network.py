@@ -11,6 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax import SAXException
 
+import numpy as np
+
+from harness.core.encounter import FloatArray
 from harness.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -66,6 +69,16 @@ class RoadNetwork:
         projection, east_m, north_m = self._projection
         longitude, latitude = projection(x_m - east_m, y_m - north_m, inverse=True)
         return float(longitude), float(latitude)
+
+    def from_the_ground(
+        self, longitude_deg: FloatArray, latitude_deg: FloatArray
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """The network's coordinates of points; None if PROJ knows no projection of the network."""
+        if self._projection is None:
+            return None
+        projection, east_m, north_m = self._projection
+        x_m, y_m = projection(longitude_deg, latitude_deg)
+        return np.asarray(x_m) + east_m, np.asarray(y_m) + north_m
 
 
 def junction_of(edge: "Edge") -> str:

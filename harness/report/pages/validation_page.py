@@ -5,16 +5,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
-from harness.core.encounter import Arm, Trace, Walk
+from harness.core.encounter import Arm, Walk
 from harness.core.files import write_file
-from harness.measures.motion.walking import cleared_s, states_at
 from harness.report.drawing import style
 from harness.report.drawing.validation_figures import pictures_of
 from harness.report.pages.player import Player, scene_of, shown_arm
 from harness.report.pages.template import drawn, write_page
+from harness.report.pages.trace_rows import ego_rows, walk_rows
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.validation_tables import (
     READING,
@@ -113,7 +112,7 @@ def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> dict
     walks = [
         Walk(arrival, arrival.arrival_s, 1.0, legs=arrival.path) for arrival in passage.arrivals
     ]
-    rows = pd.concat([_ego_rows(trace), *(_walk_rows(walk, trace) for walk in walks)])
+    rows = pd.concat([ego_rows(trace), *(walk_rows(walk, trace) for walk in walks)])
     people = pd.DataFrame(
         {
             "index": [walk.arrival.index for walk in walks],
@@ -124,27 +123,3 @@ def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> dict
     )
     there = people["start_s"] <= float(rows["time_s"].max())
     return shown_arm(arm, title, rows, people[there], passage.crossing, ended + touched)
-
-
-def _ego_rows(trace: Trace) -> pd.DataFrame:
-    columns = {
-        "time_s": np.arange(len(trace.x_m)) * trace.step_s,
-        "object": "ego",
-        "x_m": trace.x_m,
-        "y_m": trace.crossing.lane_centre_m,
-        "speed_mps": trace.speed_mps,
-    }
-    return pd.DataFrame(columns)
-
-
-def _walk_rows(walk: Walk, trace: Trace) -> pd.DataFrame:
-    """Positions of a pedestrian at the steps at which they are on the road."""
-    last, cleared = len(trace.x_m) - 1, cleared_s(walk, trace.crossing)
-    if cleared is not None:
-        last = min(last, int(cleared / trace.step_s))
-    first = int(np.ceil(walk.arrival.arrival_s / trace.step_s - 1e-9))
-    times_s = np.arange(first, last + 1, dtype=np.float64) * trace.step_s
-    x, y, speed, _ = states_at(walk, trace.crossing, times_s)
-    name = f"pedestrian-{walk.arrival.index}"
-    columns = {"time_s": times_s, "object": name, "x_m": x, "y_m": y, "speed_mps": speed}
-    return pd.DataFrame(columns)

@@ -84,7 +84,7 @@ def worst(
     arm = _check(by, most, arm)
     data = finished_run(run)
     rows = _episodes(data, by, arm, cell)
-    bad = rows[rows["badness"] > _least(by)].nlargest(most, "badness", keep="all")
+    bad = rows[rows["badness"] > least(by)].nlargest(most, "badness", keep="all")
     return _ranked(data, bad, "badness", by, arm)[:most]
 
 
@@ -179,7 +179,7 @@ def _episodes(run: RunData, by: str, arm: Arm, cell: int | None = None) -> pd.Da
         problem = f"all {len(of_arm)} episodes of {arm.value} failed, {example}"
         raise InputError(where, problem, "a run with an episode that did not fail")
     rows["badness"] = [
-        _badness(by, *values)
+        badness(by, *values)
         for values in zip(rows[by], rows["ending"], rows["contact_speed_mps"], strict=True)
     ]
     return rows
@@ -189,21 +189,23 @@ _FINAL = 1_000_000.0
 """Badness above every value: a crash or, for delay, a time-out."""
 
 
-def _badness(by: str, value: float, ending: str, contact_speed_mps: float) -> float:
+def badness(by: str, value: float | None, ending: str, contact_speed_mps: float | None) -> float:
+    """How bad an episode is by a measure of ``RANKED``: larger is worse; NaN: undefined."""
     measure = RANKED[by]
     if measure.about == "time" and ending == Ending.TIMED_OUT:
         return _FINAL
     if measure.about == "conflict" and ending == Ending.CRASHED:
-        return _FINAL + contact_speed_mps
+        return _FINAL + (contact_speed_mps or 0.0)
     if by == "contact_speed_mps":
         return 0.0
-    unknown = value is None or math.isnan(value)
+    if value is None or math.isnan(value):
+        return -CONFLICT_S if by in _CAPPED else math.nan
     if by in _CAPPED:
-        return -CONFLICT_S if unknown else -min(value, CONFLICT_S)
-    return math.nan if unknown else float(value if measure.worse == "large" else -value)
+        return -min(value, CONFLICT_S)
+    return float(value if measure.worse == "large" else -value)
 
 
-def _least(by: str) -> float:
+def least(by: str) -> float:
     """Return the badness up to which an episode is not listed."""
     if by in _CAPPED:
         return -CONFLICT_S

@@ -1,0 +1,150 @@
+"""The conflicts of a recording as one page: tables, histograms, the worst passages to watch."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from harness.core.encounter import Arm, Ending
+from harness.report.drawing import style
+from harness.report.drawing.conflict_figures import conflict_pictures
+from harness.report.pages.player import Player, rounded, scene_of, short, shown_arm
+from harness.report.pages.template import drawn, write_page
+from harness.report.pages.trace_rows import ego_rows, walk_rows
+from harness.report.screens.conflict_tables import conflict_screen, conflict_tables
+from harness.report.screens.screen import screen_lines
+from harness.studies.conflicts import ConflictFindings, ConflictPassage, worst_rows
+
+PAGE = "report.html"
+_MOST_PASSAGES = 30
+
+
+def write_conflict_page(findings: ConflictFindings, path: Path, folder: Path) -> None:
+    """Write the page of conflicts.
+
+    Args:
+        findings: to be shown.
+        path: of the page.
+        folder: where the page will be, for the texts that name it.
+    """
+    with style.styled():
+        pictures = [drawn(picture) for picture in conflict_pictures(findings)]
+    files = ", ".join(map(str, findings.files))
+    player = _player(findings)
+    write_page(
+        path,
+        {
+            "kind": "conflicts",
+            "title": f"Conflicts in {findings.files[0].name}",
+            "heading": "Conflicts of people and vehicles",
+            "where": "Recording",
+            "folder": files,
+            "screen": screen_lines(conflict_screen(findings, folder, full=True)),
+            "tables": [replace(table, folded=True) for table in conflict_tables(findings)],
+            "remarks": [
+                "FCD output has no length or width of a vehicle, and no driver's own speed. They "
+                "are those of its type and the lane's speed limit: a delay is against the limit.",
+            ],
+            "player": player,
+            "no_player": "No passage met anybody closely enough to have a PET or a TTC.",
+            "pictures": pictures,
+            "facts": [
+                ("recording", files),
+                ("network", str(findings.net)),
+                ("records of vehicles", f"{findings.vehicle_records:,}"),
+                ("records of people", f"{findings.person_records:,}"),
+                ("step", f"{findings.step_s:g} s"),
+                ("places may be off by", f"{findings.rounding_m:.2g} m"),
+            ],
+            "maker": "harness conflicts",
+            "made_from": "SUMO's outputs",
+        },
+    )
+
+
+def _player(findings: ConflictFindings) -> Player | None:
+    """The worst passages by PET and by TTC."""
+    passages = {(each.crosswalk, each.vehicle, each.begin_s): each for each in findings.passages}
+    rows = [each.row() for each in findings.passages]
+    numbers: dict[tuple[str, str, float], int] = {}
+    groups = {}
+    for by, title in (("pet_s", "Smallest PET"), ("min_ttc_s", "Smallest TTC")):
+        keys = [
+            (row["crosswalk"], row["vehicle"], row["begin_s"])
+            for row in worst_rows(rows, by, _MOST_PASSAGES // 2)
+        ]
+        groups[title] = [numbers.setdefault(key, len(numbers)) for key in keys]
+    if not numbers:
+        return None
+    episodes, scenes = [], {}
+    for key, number in numbers.items():
+        each = passages[key]
+        scenes[str(number)] = scene_of(each.trace.crossing, each.trace.vehicle) | {
+            # Nobody stops for a line of ours here.
+            "stop": None,
+            "borders": rounded(_lane_of(each)),
+        }
+        episodes.append(_episode(each, str(number)))
+    words = (
+        f"The worst {len(episodes)} passages, each from its vehicle's own lane. Time is counted "
+        "from the beginning of the passage; its name has the simulation's time."
+    )
+    return Player(words, scenes, episodes, {k: v for k, v in groups.items() if v})
+
+
+def _lane_of(each: ConflictPassage) -> tuple[float, float]:
+    crossing = each.trace.crossing
+    half_m = crossing.lane_width_m / 2
+    return crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m
+
+
+def _episode(each: ConflictPassage, scene: str) -> dict[str, Any]:
+    record = each.record
+    parts = [
+        f"{name} {value:.2f} {unit}"
+        for name, value, unit in (
+            ("PET", record.pet_s, "s"),
+            ("TTC", record.min_ttc_s, "s"),
+            ("DRAC", record.max_drac_mps2, "m/s²"),
+        )
+        if value is not None
+    ]
+    contact = None
+    if record.contact_time_s is not None and record.contact_index is not None:
+        contact = {"time": short(record.contact_time_s), "index": record.contact_index}
+        parts.insert(0, f"contact at {record.contact_speed_mps:.2f} m/s")
+    words = ", ".join(parts)
+    people = pd.DataFrame(
+        [
+            {
+                "index": walk.arrival.index,
+                "side": walk.arrival.side.value,
+                "arrival_s": max(walk.arrival.arrival_s, 0.0),
+                "start_s": walk.start_s,
+            }
+            for walk in each.trace.walks
+        ],
+        columns=["index", "side", "arrival_s", "start_s"],
+    )
+    rows = pd.concat(
+        [ego_rows(each.trace), *(walk_rows(walk, each.trace) for walk in each.trace.walks)]
+    )
+    rows = rows[rows["time_s"] >= 0]
+    ending = "crossed" if record.ending is Ending.CROSSED else record.ending.replace("_", " ")
+    name = f"{each.crosswalk}, vehicle {each.vehicle}, {each.begin_s:g} s"
+    title = f"{each.vehicle}, {each.type}" if each.type else each.vehicle
+    arm = shown_arm(Arm.AV, title, rows, people, each.trace.crossing, f"{ending}; {words}", contact)
+    return {
+        "scene": scene,
+        "name": name,
+        "label": name,
+        "result": words,
+        "small": words,
+        "note": f"Approach: lane {each.approach}.",
+        "from": 0.0,
+        "until": short((len(each.trace.x_m) - 1) * each.trace.step_s),
+        "step": each.trace.step_s,
+        "speed": 1,
+        "arms": [arm],
+    }

@@ -1,0 +1,33 @@
+"""Conflicts between people and vehicles in a recorded SUMO simulation."""
+
+from harness.studies.conflicts.finding import (
+    REASONS,
+    ConflictFindings,
+    ConflictPassage,
+    CrosswalkConflicts,
+    find_conflicts,
+)
+from harness.studies.conflicts.folder import (
+    check_new,
+    document_of,
+    is_conflicts,
+    whole_folder,
+    worst_passages,
+    worst_rows,
+    write_tables,
+)
+
+__all__ = [
+    "REASONS",
+    "ConflictFindings",
+    "ConflictPassage",
+    "CrosswalkConflicts",
+    "check_new",
+    "document_of",
+    "find_conflicts",
+    "is_conflicts",
+    "whole_folder",
+    "worst_passages",
+    "worst_rows",
+    "write_tables",
+]
