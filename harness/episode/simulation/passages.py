@@ -28,6 +28,8 @@ from harness.site import WayOver
 
 WAITING_M = 1.0
 """Who stands within this distance of the kerb waits there."""
+KERB_M = 0.02
+"""Whoever is nearer to a kerb stands at it: SUMO holds places within 1 cm of one off it."""
 STANDING_MPS = 0.1
 """SUMO's threshold for waiting."""
 
@@ -188,37 +190,56 @@ def _goes_up(y_m: FloatArray, on: np.ndarray, crossing: Crossing) -> bool:
 def _between_kerbs(track: FloatArray, on: np.ndarray, length_m: float) -> FloatArray:
     """The rows (time, x, y ahead) of a walk from 0 to ``length_m``, cut at both kerbs.
 
-    The record before and the one after those on the crossing serve to find the kerbs' times.
+    Somebody meets a kerb at the speed of the nearest step between the kerbs, since they may have
+    waited in the step before, or turn in the one after it.  Where that puts the kerb into another
+    step, the straight line to the record beyond it is cut.
     """
-    first, last = int(on[0]), int(on[-1])
-    if first > 0 and track[first - 1, 2] < 0:
-        first -= 1
-    if last + 1 < len(track) and track[last + 1, 2] > length_m:
-        last += 1
-    points = track[first : last + 1]
-    inside = np.flatnonzero((points[:, 2] >= 0) & (points[:, 2] <= length_m))
-    if not len(inside):
-        return points[:0] if len(points) < 2 else _both_cut(points, length_m)
-    low, high = int(inside[0]), int(inside[-1])
-    parts = [points[low : high + 1]]
-    if low > 0:
-        parts.insert(0, _cut(points[low - 1], points[low], 0.0)[None])
-    if high + 1 < len(points):
-        parts.append(_cut(points[high], points[high + 1], length_m)[None])
-    joined = np.concatenate(parts)
+    inside = (track[:, 2] >= KERB_M) & (track[:, 2] <= length_m - KERB_M)
+    inside[: on[0]] = inside[on[-1] + 1 :] = False
+    rows = np.flatnonzero(inside)
+    if not len(rows):
+        ends = track[max(on[0] - 1, 0)], track[min(on[-1] + 1, len(track) - 1)]
+        if ends[0][2] > KERB_M or ends[1][2] < length_m - KERB_M:
+            return track[:0]
+        # The step is long: no record lies between the kerbs.
+        return np.array([_cut(*ends, 0.0), _cut(*ends, length_m)])
+    low, high = int(rows[0]), int(rows[-1])
+    points = [track[low : high + 1]]
+    start = _kerb(track, low, -1, 0.0, high)
+    end = _kerb(track, high, 1, length_m, low)
+    if start is not None:
+        points.insert(0, start[None])
+    if end is not None:
+        points.append(end[None])
+    joined = np.concatenate(points)
     return joined[np.concatenate(([True], np.diff(joined[:, 0]) > 1e-9))]
 
 
-def _both_cut(points: FloatArray, length_m: float) -> FloatArray:
-    """A walk of which no record lies between the kerbs: the step is long."""
-    return np.array([_cut(points[0], points[-1], y_m) for y_m in (0.0, length_m)])
+def _kerb(track: FloatArray, near: int, way: int, y_m: float, far: int) -> FloatArray | None:
+    """The point at which a kerb is met, beyond the last record before it; None off the records.
+
+    Args:
+        track: rows (time, x, y ahead).
+        near: the record between the kerbs that is nearest to this one.
+        way: -1 for the kerb that they come from, 1 for the other one.
+        y_m: y of the kerb.
+        far: the record between the kerbs that is farthest from it.
+    """
+    beyond = near + way
+    if not 0 <= beyond < len(track) or way * (track[beyond, 2] - y_m) < -KERB_M:
+        return None
+    if near != far:
+        steady = _cut(track[near - way], track[near], y_m, beyond=True)
+        if 0 <= way * (steady[0] - track[near, 0]) <= way * (track[beyond, 0] - track[near, 0]):
+            return steady
+    return _cut(track[near], track[beyond], y_m)
 
 
-def _cut(before: FloatArray, after: FloatArray, y_m: float) -> FloatArray:
-    """The point of a straight step at which y is met."""
+def _cut(before: FloatArray, after: FloatArray, y_m: float, *, beyond: bool = False) -> FloatArray:
+    """The point of a straight step at which y is met; ``beyond`` goes on after the step."""
     rise = float(after[2] - before[2])
     share = (y_m - float(before[2])) / rise if rise else 0.0
-    point: FloatArray = before + min(max(share, 0.0), 1.0) * (after - before)
+    point: FloatArray = before + (share if beyond else min(max(share, 0.0), 1.0)) * (after - before)
     point[2] = y_m
     return point
 
