@@ -62,9 +62,9 @@ def conflicts(
         write_conflict_page(findings, folder / PAGE, out)
     paths = [out / name for name in (*written, Path(PAGE))]
     emit(
+        quiet,
+        as_json,
         lambda: document_of(findings),
         paths,
         lambda: print_conflicts(findings, out, full),
-        quiet=quiet,
-        as_json=as_json,
     )

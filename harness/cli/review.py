@@ -237,12 +237,13 @@ def _worst_passages(folder: Path, by: str, most: int, quiet: bool, as_json: bool
 
     rows = worst_passages(folder, by, most)
     lines = [f"{row['crosswalk']} {row['vehicle']} {row['begin_s']:g}" for row in rows]
+    document = {"by": by, "passages": rows}
     emit(
-        {"by": by, "passages": rows},
+        quiet,
+        as_json,
+        document,
         lines,
         lambda: print_table(make_console(), worst_table(rows, by)),
-        quiet=quiet,
-        as_json=as_json,
     )
 
 
