@@ -2,6 +2,7 @@
 
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -100,12 +101,18 @@ def resume(
     as_json: options.JsonOption = False,
 ) -> None:
     """Continue an interrupted run or risk estimate."""
-    from harness.cli.risk import is_risk, resume_risk
+    from harness.cli.risk import resume_risk
+    from harness.store.reading import kind_of_folder
+
+    resumes = {"run": _resume_run, "risk": resume_risk}
+    resumes[kind_of_folder(run_folder)](run_folder, workers, dask, full, quiet, as_json)
+
+
+def _resume_run(
+    run_folder: Path, workers: int | None, dask: str | None, full: bool, quiet: bool, as_json: bool
+) -> None:
     from harness.studies.batch.experiment import resume as resume_run
 
-    if is_risk(run_folder):
-        resume_risk(run_folder, workers, dask, quiet, as_json, full)
-        return
     _refuse_workers_with_dask(workers, dask)
     with progress_bar("pairs", quiet or as_json) as advance, unwinding():
         finished = resume_run(

@@ -35,19 +35,11 @@ def report(
         raise InputError(f"--out {out}", "is not an HTML file", "a file name ending in .html")
     if out is not None and not out.parent.is_dir():
         raise InputError(f"--out {out}", f"there is no folder {out.parent}", "a file to write")
-    from harness.cli.risk import is_risk
+    from harness.cli.risk import report_risk
+    from harness.store.reading import kind_of_folder
 
-    if is_risk(run_folder):
-        from harness.report.pages.risk_page import write_risk_page
-
-        if figures is not None:
-            problem = "a risk estimate has no figures"
-            raise InputError(f"--figures {figures}", problem, "no --figures")
-        page = write_risk_page(run_folder, out)
-        text = str(page) if quiet else f"Report: {page}"
-        emit(quiet, as_json, {"page": str(page)}, [text])
-    else:
-        page = _report_run(run_folder, out, figures, quiet, as_json)
+    reports = {"run": _report_run, "risk": report_risk}
+    page = reports[kind_of_folder(run_folder)](run_folder, out, figures, quiet, as_json)
     if open_page:
         import webbrowser
 
@@ -66,7 +58,7 @@ def _report_run(
     run = load_run(run_folder)
     with unwinding():
         written = write_report(run, out, figures, write_shown(run, out))
-    pairs = len(run.hours) // 2 if run.in_traffic else len(run.pairs)
+    pairs = run.finished_pairs
     document = {
         "page": str(written.page),
         "figures": [str(path) for path in written.figures],

@@ -60,18 +60,11 @@ def risk(
     question = Settings(study.name, study.cells[0].scenario, Arm(arm), event, *scope)
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         folder = estimate_risk(question, out=out, workers=workers, progress=advance)
-    show(folder, quiet, as_json, full)
-
-
-def is_risk(folder: Path) -> bool:
-    """Return whether a folder contains a risk estimate instead of a run."""
-    from harness.studies.risk.folder import SETTINGS_FILE
-
-    return (folder / SETTINGS_FILE).is_file()
+    show(folder, full, quiet, as_json)
 
 
 def resume_risk(
-    folder: Path, workers: int | None, dask: str | None, quiet: bool, as_json: bool, full: bool
+    folder: Path, workers: int | None, dask: str | None, full: bool, quiet: bool, as_json: bool
 ) -> None:
     """Continue an interrupted risk estimate; a finished one is only printed."""
     from harness.studies.risk.folder import resume_risk as resume
@@ -81,10 +74,23 @@ def resume_risk(
         raise InputError("--dask", problem, "this machine's workers")
     with progress_bar("exploring", quiet or as_json) as advance, unwinding():
         resume(folder, workers=workers, progress=advance)
-    show(folder, quiet, as_json, full)
+    show(folder, full, quiet, as_json)
 
 
-def show(folder: Path, quiet: bool, as_json: bool, full: bool) -> None:
+def report_risk(
+    folder: Path, out: Path | None, figures: Path | None, quiet: bool, as_json: bool
+) -> Path:
+    """Write the page of a finished risk estimate."""
+    from harness.report.pages.risk_page import write_risk_page
+
+    if figures is not None:
+        raise InputError(f"--figures {figures}", "a risk estimate has no figures", "no --figures")
+    page = write_risk_page(folder, out)
+    emit(quiet, as_json, {"page": str(page)}, [page if quiet else f"Report: {page}"])
+    return page
+
+
+def show(folder: Path, full: bool, quiet: bool, as_json: bool) -> None:
     """Print a finished estimate; exit with 1 if episodes failed or differed between engines."""
     from harness.report.screens.risk_terminal import print_risk
     from harness.studies.risk.folder import read_risk

@@ -16,10 +16,13 @@ from harness.core.errors import InputError, unknown_name
 MAX_DEPTH = 40
 """Greatest nesting of tables and lists; a scenario needs six levels, a model file five."""
 
+JsonObject = dict[str, Any]
+"""An object of a JSON document, or a table of a TOML file."""
+
 Form = TypeVar("Form", bound=BaseModel)
 
 
-def parse_toml(text: str) -> dict[str, Any]:
+def parse_toml(text: str) -> JsonObject:
     """The tables of a TOML text.
 
     Raises:
@@ -27,7 +30,7 @@ def parse_toml(text: str) -> dict[str, Any]:
             64 bits (TOML's own limit) or text with control characters.
     """
     # Some editors put a byte order mark in front of the text.
-    tables: dict[str, Any] = _parsed(tomllib.loads, text.removeprefix("\ufeff"))
+    tables: JsonObject = _parsed(tomllib.loads, text.removeprefix("\ufeff"))
     return tables
 
 

@@ -57,11 +57,6 @@ class Study:
     remark: str | None = field(default=None, compare=False)
 
     @property
-    def in_traffic(self) -> bool:
-        """Whether its cells are hours of traffic; either all of them are, or none."""
-        return self.cells[0].scenario.traffic is not None
-
-    @property
     def driven(self) -> list[str]:
         """The strategies that drive in any cell, by name, each once."""
         arms = (cell.scenario.arms.model_dump().values() for cell in self.cells)

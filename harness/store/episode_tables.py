@@ -1,7 +1,6 @@
 """The tables of some episodes of a cell.  The columns are described in docs/files.md."""
 
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -9,13 +8,13 @@ import pyarrow as pa
 from harness.core.encounter import Arm, FloatArray, Side, Trace
 from harness.measures import EpisodeRecord, Outcome
 from harness.measures.motion.walking import cleared_s, states_at
-from harness.store.tables import EPISODES, Motion, table_of, traces_table
+from harness.store.tables import EPISODES, Motion, Row, table_of, traces_table
 from harness.store.walk_rows import pedestrian_row
 
 _RECORD_COLUMNS = EPISODES.names[EPISODES.get_field_index("ending") :]
 
 
-def _keys(cell: int, outcome: Outcome) -> dict[str, Any]:
+def _keys(cell: int, outcome: Outcome) -> Row:
     """The columns that identify the episode of a row."""
     return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
@@ -71,7 +70,7 @@ def pair_rows(cell: int, episodes: pa.Table) -> pa.Table:
     columns = (episodes[name].to_pylist() for name in ("pair", "arm", "pass_time_s"))
     for pair, arm, time in zip(*columns, strict=True):
         times.setdefault(pair, {})[arm] = time
-    rows: list[dict[str, Any]] = []
+    rows: list[Row] = []
     for pair, arms in times.items():
         av, human = arms[Arm.AV], arms[Arm.HUMAN]
         tau = None if av is None or human is None else av / human

@@ -2,13 +2,11 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import compress
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from harness.core.encounter import Arm, Ending, Walk
 from harness.episode.traffic.lanes import lanes_of
@@ -19,14 +17,12 @@ from harness.measures import EpisodeRecord
 from harness.measures.motion.walking import cleared_s
 from harness.scenario import ConflictsSection
 from harness.statistics import CONFLICTS
-from harness.store.tables import HOUR_TABLES, PASSAGES, table_of
+from harness.store.tables import HOUR_TABLES, PASSAGES, Row, Tables, table_of
 from harness.store.walk_rows import pedestrian_row
 
 MINUTE_S = 60.0
 
 _RECORD = PASSAGES.names[PASSAGES.get_field_index("ending") :]
-
-Tables = dict[str, pa.Table]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +41,7 @@ def hour_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
     Times count from the end of the warm-up.  Vehicles and people who were due before it, or after
     the hour, have no row.  A failed arm has a row in ``hours`` alone.
     """
-    rows: dict[str, list[dict[str, Any]]] = {name: [] for name in HOUR_TABLES}
+    rows: dict[str, list[Row]] = {name: [] for name in HOUR_TABLES}
     for outcome in outcomes:
         keys = {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
         if outcome.reason is not None:
@@ -78,7 +74,7 @@ def _counted(outcome: HourOutcome) -> _Counted:
     return _Counted(begin_s, end_s, passages, walks)
 
 
-def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
+def _numbers(outcome: HourOutcome, counted: _Counted) -> Row:
     """The row of an arm in ``hours``: sums, means and numbers over what counts."""
     walks, last_s = counted.walks, outcome.log.last_step * outcome.scenario.experiment.step_s
     waits = [(last_s if w.start_s is None else w.start_s) - w.arrival.arrival_s for w in walks]
@@ -101,7 +97,7 @@ def _numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
     return numbers
 
 
-def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> dict[str, Any]:
+def _vehicle_numbers(outcome: HourOutcome, counted: _Counted) -> Row:
     """Numbers of vehicles, of their passages and of their queues."""
     passages, queues = counted.passages, np.array(outcome.log.queues, dtype=float)
     automated = [passage for passage in passages if _automated(outcome, passage)]
@@ -177,9 +173,7 @@ def _automated(outcome: HourOutcome, passage: Passage) -> bool:
     return passage.vehicle.plan.uniform < outcome.scenario.known_traffic.av_share
 
 
-def passage_counts(
-    passages: Sequence[Mapping[str, Any]], limits: ConflictsSection
-) -> dict[str, float | None]:
+def passage_counts(passages: Sequence[Row], limits: ConflictsSection) -> dict[str, float | None]:
     """Columns of ``hours`` from its rows of ``passages``: stops, crashes, conflicts of each kind.
 
     ``reached`` counts the vehicles that reached the crosswalk's near edge or crashed before it.
@@ -211,7 +205,7 @@ def passage_counts(
     return counts | {"conflicts_unreached": len(others)}
 
 
-def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
+def _passage_row(passage: Passage, begin_s: float) -> Row:
     vehicle, record = passage.vehicle, passage.record
     row = record_row(record)
     first = vehicle.first_step
@@ -232,12 +226,12 @@ def _passage_row(passage: Passage, begin_s: float) -> dict[str, Any]:
     }
 
 
-def record_row(record: EpisodeRecord) -> dict[str, Any]:
+def record_row(record: EpisodeRecord) -> Row:
     """The columns of ``passages`` that come from the record."""
     return {name: getattr(record, name) for name in _RECORD}
 
 
-def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]:
+def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> Row:
     """A pedestrian's row without the keys; the hour's counted time begins at ``begin_s``."""
     arrival = walk.arrival._replace(arrival_s=walk.arrival.arrival_s - begin_s)
     start_s = _since(walk.start_s, begin_s)
@@ -247,7 +241,7 @@ def walk_row(outcome: HourOutcome, walk: Walk, begin_s: float) -> dict[str, Any]
     return row | {"let_go": outcome.log.let_go.get(arrival.index)}
 
 
-def _queue_rows(outcome: HourOutcome) -> Iterator[dict[str, Any]]:
+def _queue_rows(outcome: HourOutcome) -> Iterator[Row]:
     """One row for each minute and lane."""
     scenario, log, traffic = outcome.scenario, outcome.log, outcome.scenario.known_traffic
     begin_s = traffic.warm_up_s

@@ -7,7 +7,6 @@ those of the forward direction, so oncoming vehicles drive towards smaller x.
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -18,13 +17,11 @@ from harness.episode.traffic.passages import as_seen
 from harness.episode.traffic.vehicles import HourVehicle
 from harness.measures.motion.walking import cleared_s, states_at
 from harness.scenario import Scenario
-from harness.store.hour_tables import Tables, walk_row
-from harness.store.tables import Motion, table_of, traces_table
+from harness.store.hour_tables import walk_row
+from harness.store.tables import Motion, Row, Tables, table_of, traces_table
 from harness.store.walk_rows import stored_walk
 
 _ROUNDING_S = 1e-9
-
-Row = Mapping[str, Any]
 
 
 def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
@@ -35,7 +32,7 @@ def hour_trace_rows(cell: int, outcomes: Iterable[HourOutcome]) -> Tables:
     """
     outcomes = [*outcomes]
 
-    def keys_of(outcome: HourOutcome) -> dict[str, Any]:
+    def keys_of(outcome: HourOutcome) -> Row:
         return {"cell": cell, "pair": outcome.pair, "arm": outcome.arm.value}
 
     walks = [

@@ -1,7 +1,9 @@
 """The kinds of run: encounters and hours of traffic.
 
 A kind says which tables a run has, and how its findings are computed from them.  The rooms that
-write, read and show runs use this Protocol, so they need not know which kind a run is.
+write, read and show runs use this Protocol, so they need not know which kind a run is.  What needs
+an engine or a page stands under the kind's name in ``studies.kinds.table``, ``studies.runs.views``
+and ``report.pages.parts``.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,7 +13,7 @@ from typing import Protocol
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from harness.core.encounter import Ending
+from harness.core.encounter import Arm, Ending, FailedIn
 from harness.scenario import Cell, Scenario, Study
 from harness.statistics import (
     ENCOUNTERS,
@@ -38,8 +40,13 @@ class Kind(Protocol):
     """A kind of run.
 
     Attributes:
+        name: the key of the kind in the literal tables.
+        section: the part of the scenario that makes a run of this kind, as messages name it; empty
+            for encounters.
         long_pairs: whether a pair is long.  A long pair is a task of its own and shares no episode
             with other cells, ``--until`` adds none, and only a stretch of it is shown.
+        compared: whether ``harness compare`` compares its cells pair by pair.
+        settles: whether a pair begins with an empty road, so that ``--settle`` sets its warm-up.
         records: the tables with the results of a pair.
         shown: the tables with which a pair is shown: the states of everybody, and the people.
         catalogue: every number that such a run reports.
@@ -48,7 +55,19 @@ class Kind(Protocol):
     """
 
     @property
+    def name(self) -> str: ...
+
+    @property
+    def section(self) -> str: ...
+
+    @property
     def long_pairs(self) -> bool: ...
+
+    @property
+    def compared(self) -> bool: ...
+
+    @property
+    def settles(self) -> bool: ...
 
     @property
     def records(self) -> tuple[str, ...]: ...
@@ -81,6 +100,10 @@ class Kind(Protocol):
         """The rows of further CSV files about a cell, by file name, without the cell's keys."""
         ...
 
+    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
+        """The conflict rates of a cell as ``conflicts``; empty if its findings have them."""
+        ...
+
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """The counts of some rows for the manifest."""
         ...
@@ -89,12 +112,24 @@ class Kind(Protocol):
         """The rows of arms that failed."""
         ...
 
+    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
+        """The rows of arms that did not fail; with ``crashed`` those that had a crash."""
+        ...
+
+    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
+        """The two rows of a pair that no worker survived, without ``cell`` and ``pair``."""
+        ...
+
 
 @dataclass(frozen=True)
 class EncounterKind:
     """Encounters of one ego with the people of a pair."""
 
+    name: str = "encounters"
+    section: str = ""
     long_pairs: bool = False
+    compared: bool = True
+    settles: bool = False
     records: tuple[str, ...] = ("episodes", "pedestrians")
     shown: tuple[str, str] = ("traces", "pedestrians")
     catalogue: Catalogue = ENCOUNTERS
@@ -111,8 +146,11 @@ class EncounterKind:
 
     def statistics(self, rows: pa.Table, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
         """See ``Kind``."""
-        conflicts = conflict_rows(findings, cell.scenario.conflicts)
-        return {"measures": measure_rows(rows), "conflicts": conflicts}
+        return {"measures": measure_rows(rows), **self.conflicts(cell, findings)}
+
+    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:
+        """See ``Kind``."""
+        return {"conflicts": conflict_rows(findings, cell.scenario.conflicts)}
 
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""
@@ -124,12 +162,38 @@ class EncounterKind:
         """See ``Kind``."""
         return rows.filter(pc.equal(rows["ending"], Ending.ENGINE_FAILED.value))
 
+    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
+        """See ``Kind``."""
+        if crashed:
+            return rows.filter(pc.equal(rows["ending"], Ending.CRASHED.value))
+        return rows.filter(pc.not_equal(rows["ending"], Ending.ENGINE_FAILED.value))
+
+    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:
+        """See ``Kind``."""
+        return [
+            {
+                "arm": arm.value,
+                "strategy": scenario.arms.driver(arm),
+                "reason": reason,
+                "ending": Ending.ENGINE_FAILED.value,
+                "failed_in": failed_in,
+                "fallback": False,
+                "steps": 0,
+                "pedestrians": 0,
+            }
+            for arm in Arm
+        ]
+
 
 @dataclass(frozen=True)
 class HourKind:
     """Hours of traffic."""
 
+    name: str = "hours of traffic"
+    section: str = "[traffic]"
     long_pairs: bool = True
+    compared: bool = False
+    settles: bool = True
     records: tuple[str, ...] = HOUR_TABLES
     shown: tuple[str, str] = HOUR_TRACES
     catalogue: Catalogue = HOURS
@@ -153,6 +217,10 @@ class HourKind:
         """See ``Kind``."""
         return {}
 
+    def conflicts(self, cell: Cell, findings: Findings) -> Mapping[str, Rows]:  # noqa: ARG002
+        """See ``Kind``."""
+        return {}
+
     def counts(self, rows: pa.Table) -> dict[str, int]:
         """See ``Kind``."""
         failed = rows.num_rows - rows["reason"].null_count
@@ -162,10 +230,23 @@ class HourKind:
         """See ``Kind``."""
         return rows.filter(pc.is_valid(rows["reason"]))
 
+    def ran(self, rows: pa.Table, *, crashed: bool) -> pa.Table:
+        """See ``Kind``."""
+        ran = rows.filter(pc.is_null(rows["reason"]))
+        return ran.filter(pc.greater(ran["crashes"], 0)) if crashed else ran
+
+    def given_up(self, scenario: Scenario, reason: str, failed_in: FailedIn) -> Rows:  # noqa: ARG002
+        """See ``Kind``."""
+        return [{"arm": arm.value, "reason": reason} for arm in Arm]
+
+
+KINDS: Mapping[str, Kind] = {kind.name: kind for kind in (EncounterKind(), HourKind())}
+"""Every kind by name."""
+
 
 def kind_of(scenario: Scenario) -> Kind:
     """The kind of a run of this scenario."""
-    return EncounterKind() if scenario.traffic is None else HourKind()
+    return KINDS["encounters" if scenario.traffic is None else "hours of traffic"]
 
 
 def kind_of_study(study: Study) -> Kind:

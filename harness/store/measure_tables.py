@@ -3,8 +3,6 @@
 Rows of ``measures.csv`` and ``conflicts.csv`` (docs/files.md).
 """
 
-from typing import Any
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -17,7 +15,7 @@ from harness.statistics import CONFLICTS, Findings, Plain
 QUANTILES = {"p05": 0.05, "p50": 0.5, "p95": 0.95}
 
 
-def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
+def measure_rows(episodes: pa.Table) -> list[dict[str, Plain]]:
     """Statistics of every measure, for each arm, over the episodes in which it is defined.
 
     Args:
@@ -43,9 +41,9 @@ def measure_rows(episodes: pa.Table) -> list[dict[str, Any]]:
     return rows
 
 
-def _statistics(values: FloatArray) -> dict[str, Any]:
+def _statistics(values: FloatArray) -> dict[str, Plain]:
     defined = values[~np.isnan(values)]
-    statistics: dict[str, Any] = {"defined": len(defined), "mean": None} | dict.fromkeys(QUANTILES)
+    statistics = dict[str, Plain](defined=len(defined), mean=None) | dict.fromkeys(QUANTILES)
     if len(defined):
         quantiles = np.quantile(defined, list(QUANTILES.values())).tolist()
         statistics |= {

@@ -1,5 +1,6 @@
 """Reads and checks the manifest and the tables of a run folder (docs/files.md)."""
 
+import shlex
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,6 +18,12 @@ from harness.store.checks import check_values
 from harness.store.tables import SCHEMA, TABLES, with_schema
 
 MANIFEST = "manifest.json"
+
+RISK = "risk.json"
+"""The settings of a risk estimate, in its folder."""
+
+CRITICAL = "critical.toml"
+"""The scenario of the likeliest events, in the folder of a finished risk estimate."""
 
 _Width = Annotated[float, Field(gt=0, lt=1)]
 
@@ -50,6 +57,11 @@ class _Manifest(BaseModel):
     counts: dict[str, int] | None
 
 
+def kind_of_folder(folder: Path) -> Literal["run", "risk"]:
+    """What a folder holds: a risk estimate, or else a run."""
+    return "risk" if (folder / RISK).is_file() else "run"
+
+
 def read_manifest(folder: Path) -> dict[str, Any]:
     """The manifest of a run folder.
 
@@ -58,6 +70,8 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             damaged.
     """
     path = folder / MANIFEST
+    if kind_of_folder(folder) == "risk":
+        raise _is_a_risk(folder)
     if not path.is_file():
         raise InputError(str(folder), "is not a run folder", f"a folder with {MANIFEST}")
     try:
@@ -84,6 +98,16 @@ def read_finished_manifest(folder: Path) -> dict[str, Any]:
     if document["counts"] is None:
         raise unfinished(folder)
     return document
+
+
+def _is_a_risk(folder: Path) -> InputError:
+    """The error about a risk estimate where a run is needed."""
+    problem, critical = "is a risk estimate, not a run", folder / CRITICAL
+    if critical.is_file():
+        allowed = f"a run of its likeliest events: `harness run {shlex.quote(str(critical))}`"
+    else:
+        allowed = f"a run; {CRITICAL} is there when the estimate has ended and found events"
+    return InputError(str(folder), problem, allowed)
 
 
 def unfinished(folder: Path) -> InputError:

@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from harness.core.errors import InputError, resume_command
 from harness.core.files import cannot_write, write_file
-from harness.store.reading import MANIFEST
+from harness.store.reading import MANIFEST, kind_of_folder
 from harness.store.shards import (
     SHARDS,
     DamagedShardError,
@@ -199,6 +199,8 @@ def _make(folder: Path, exist_ok: bool) -> None:
             raise InputError(
                 where, "already holds a run", f"a new or empty folder, or {resume_command(folder)}"
             )
+        if exist_ok and kind_of_folder(folder) == "risk":
+            raise InputError(where, "already contains a risk estimate", "a new or empty folder")
         folder.mkdir(parents=True, exist_ok=exist_ok)
         probe = folder / f".{os.getpid()}.probe"
         probe.touch()

@@ -188,8 +188,14 @@ def hour_tables(*, traces: bool) -> list[str]:
 
 _ROW_GROUP = 100_000
 
+Tables = dict[str, pa.Table]
+"""Tables by name."""
 
-def table_of(name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
+Row = dict[str, Any]
+"""A row of a table: a value for each column, of the types in ``TABLES``."""
+
+
+def table_of(name: str, rows: Iterable[Mapping[str, object]]) -> pa.Table:
     """Rows as the table of that name in ``TABLES``; a value that a row does not have is null."""
     return pa.Table.from_pylist([*rows], schema=TABLES[name])
 
@@ -198,7 +204,7 @@ Motion = tuple[FloatArray | Sequence[float | None], ...]
 """Aligned columns of one object: time, x, y, speed and acceleration, in the units of ``TRACES``."""
 
 
-def traces_table(objects: Iterable[tuple[Mapping[str, Any], str, Motion]]) -> pa.Table:
+def traces_table(objects: Iterable[tuple[Mapping[str, object], str, Motion]]) -> pa.Table:
     """The table ``traces``.
 
     Args:

@@ -1,12 +1,10 @@
 """A pedestrian's walk as a row of ``pedestrians``, and back."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from harness.core.encounter import Arrival, Leg, Side, Walk
+from harness.store.tables import Row
 
 
-def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str, Any]:
+def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> Row:
     """The row of a pedestrian, without the keys, in a record that ends at ``end_s``."""
     arrival, start_s = walk.arrival, walk.start_s
     went = start_s is not None and start_s < end_s
@@ -28,7 +26,7 @@ def pedestrian_row(walk: Walk, cleared: float | None, end_s: float) -> dict[str,
     }
 
 
-def stored_walk(row: Mapping[str, Any]) -> Walk:
+def stored_walk(row: Row) -> Walk:
     """The walk of a stored row."""
     legs = row["legs"]
     return Walk(

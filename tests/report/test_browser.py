@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import pytest
 
 import harness
-import harness.report.pages.page as page_module
+import harness.report.pages.encounter_parts as parts_module
 from harness.report.pages.risk_page import write_risk_page
 from harness.report.pages.validation_page import write_validation
 from harness.scenario import Scenario
@@ -71,9 +71,9 @@ def browser() -> Iterator[Any]:
 
 def written(run: Path, folder: Path, pictures: int) -> Path:
     """The page of a run with so many of its figures: theirs is most of the time."""
-    draw = page_module.pictures_of
+    draw = parts_module.pictures_of
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(page_module, "pictures_of", lambda *given: islice(draw(*given), pictures))
+        patch.setattr(parts_module, "pictures_of", lambda *given: islice(draw(*given), pictures))
         return report(run, folder / f"{pictures}.html").page
 
 

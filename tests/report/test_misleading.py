@@ -34,7 +34,7 @@ class Told:
     def __init__(
         self, run: RunData, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
     ) -> None:
-        import harness.report.pages.page as page
+        from harness.report.pages import encounter_parts, page
 
         capsys.readouterr()
         print_run(run, full=True)
@@ -44,7 +44,7 @@ class Told:
             self.row = next(csv.DictReader(file))
         self.json: dict[str, Any] = json.loads(json.dumps(run_document(run)))
         self.cell = self.json["cells"][0]
-        monkeypatch.setattr(page, "pictures_of", lambda *_: iter(()))
+        monkeypatch.setattr(encounter_parts, "pictures_of", lambda *_: iter(()))
         monkeypatch.setattr(page, "shown_pairs", lambda *_: [])
         self.page = write_report(run).page.read_text(encoding="utf-8")
 

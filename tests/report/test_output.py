@@ -48,7 +48,7 @@ def words(
 ) -> Callable[[str], list[str]]:
     """Words of a call in an empty folder."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("harness.report.pages.page.pictures_of", lambda *_: iter(()))
+    monkeypatch.setattr("harness.report.pages.encounter_parts.pictures_of", lambda *_: iter(()))
     shutil.copytree(single, tmp_path / "copy")
     meaning = {"RUN": str(single), "SWEEP": str(swept), "COPY": "copy"}
     return lambda name: [

@@ -16,14 +16,15 @@ import pyarrow.parquet as pq
 import pytest
 
 import harness
-import harness.report.pages.page as page_module
+import harness.report.pages.encounter_parts as parts_module
 from harness.core.resources import shipped_directory
-from harness.report.pages import player
+from harness.report.pages import player, traces
 from harness.report.pages.page import write_report
 from harness.report.pages.player import run_player
 from harness.scenario import Cell, Study, validate
 from harness.studies.batch import showing
-from harness.studies.runs.shown import SHOWN, TIME_ADVANTAGE, choose_pairs, shown_pairs
+from harness.studies.runs.shown import SHOWN, choose_pairs, shown_pairs
+from harness.studies.runs.views import TIME_ADVANTAGE
 from tests.batches import here, one_cell, printed, refusal, run_inline, sweep
 from tests.report.conftest import HOSTILE, report
 
@@ -146,7 +147,7 @@ def test_long_episodes_are_thinned_and_a_full_page_stops(
 ) -> None:
     run = harness.load_run(single)
     shown = shown_pairs(run)
-    monkeypatch.setattr(player, "MOST_STATES", 20)
+    monkeypatch.setattr(traces, "MOST_STATES", 20)
     vehicle = run_player(run, shown).episodes[0]["arms"][0]["vehicles"][0]  # type: ignore[index]
     rows = shown[0].traces
     ego = rows[(rows["object"] == "ego") & (rows["arm"] == "av")]
@@ -204,7 +205,7 @@ def test_a_sweep_has_its_table_over_cells(swept: Path, tmp_path: Path) -> None:
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pages without figures: theirs is most of the time."""
-    monkeypatch.setattr(page_module, "pictures_of", lambda *_: iter(()))
+    monkeypatch.setattr(parts_module, "pictures_of", lambda *_: iter(()))
 
 
 @pytest.mark.usefixtures("no_pictures")
@@ -317,8 +318,8 @@ def test_a_run_whose_network_has_moved_is_still_reported(tmp_path: Path) -> None
 def test_report_writes_page_and_figures(
     single: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pictures_of = page_module.pictures_of
-    monkeypatch.setattr(page_module, "pictures_of", lambda *given: islice(pictures_of(*given), 1))
+    pictures_of = parts_module.pictures_of
+    monkeypatch.setattr(parts_module, "pictures_of", lambda *given: islice(pictures_of(*given), 1))
     out, figures = tmp_path / "page.html", tmp_path / "figures"
     text = printed("report", single, "--out", out, "--figures", figures, "--json")
     document = json.loads(text)

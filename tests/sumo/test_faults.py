@@ -198,7 +198,7 @@ class NoStart(PlainEngine):
 def test_an_engine_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(NoStart, "episodes", 0)
     monkeypatch.setattr(
-        "harness.studies.workers.worker.open_engine",
+        "harness.studies.kinds.encounters.open_engine",
         lambda scenario, _name: NoStart(scenario.vehicle(), scenario.experiment.step_s),
     )
     study = one_cell("cctc", {**QUICK, "experiment.pairs": 4})

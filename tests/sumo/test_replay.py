@@ -18,7 +18,8 @@ from harness.core.errors import InputError, InterruptedRunError
 from harness.scenario import Options
 from harness.site import Place, read_site
 from harness.studies.batch.experiment import resume, run_study
-from harness.studies.replay.rerun import SUMO_FILES, replay
+from harness.studies.kinds.outputs import SUMO_FILES
+from harness.studies.replay.rerun import replay
 from tests.batches import (
     CHECKOUT,
     FLOW,

@@ -136,6 +136,18 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     cluster = refusal("resume", finished, "--dask", "tcp://nowhere:1")
     assert "--dask: is not supported with a risk estimate" in cluster
     assert "a risk estimate has no figures" in refusal("report", finished, "--figures", tmp_path)
+    out = tmp_path / "new"
+    for command in (
+        ["compare", finished],
+        ["worst", finished],
+        ["export", finished, "--csv"],
+        ["score", finished, "--out", out],
+        ["replay", finished, "--pair", "0", "--out", out],
+    ):
+        message = refusal(*command)
+        assert message.startswith(f"harness: {finished}: is a risk estimate, not a run")
+        assert f"harness run {finished / 'critical.toml'}" in message
+    assert "already contains a risk estimate" in refusal("run", "cctc", "--out", finished)
 
 
 def test_the_human_arm_and_another_event(tmp_path: Path) -> None:

@@ -85,12 +85,28 @@ def test_a_page_simulates_nothing(module: str) -> None:
     assert not [name for name in imports_of(MODULES[module]) if name.startswith(simulating)]
 
 
-def test_rooms_in_between_ask_the_kind_of_a_run() -> None:
-    """Not whether it has traffic: that is asked in ``store/kinds.py``, once."""
+def test_no_room_in_between_asks_which_kind_a_run_is() -> None:
+    """``store/kinds.py`` reads it from the scenario, once."""
     asking = re.compile(r"in_traffic|traffic is (not )?None|is_risk")
-    for room, besides in (("store", {"kinds.py"}), ("studies/batch", {"plan.py", "settling.py"})):
-        for path in (PACKAGE / room).glob("*.py"):
-            assert path.name in besides or not asking.search(path.read_text("utf-8")), path
+    asked = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        if path.relative_to(PACKAGE).parts[0] != "scenario"
+        if asking.search(path.read_text("utf-8"))
+    }
+    assert asked == {"store/kinds.py"}
+
+
+def test_every_table_has_every_kind_of_run() -> None:
+    """So that a kind that is added is added to each of them."""
+    from harness.report.pages.parts import PARTS
+    from harness.store.kinds import KINDS
+    from harness.studies.batch.scoring import SCORERS
+    from harness.studies.kinds.table import SIMULATIONS
+    from harness.studies.runs.views import VIEWS
+
+    for table in (SIMULATIONS, SCORERS, VIEWS, PARTS):
+        assert table.keys() == KINDS.keys()
 
 
 def room_of(module: str) -> str:

@@ -23,6 +23,7 @@ from harness.statistics import (
     RunFindings,
 )
 from harness.store.hour_catalogue import HOURS
+from harness.store.kinds import HourKind
 from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
 from harness.studies.runs.references import agreement, disagreement, reference_lines
 from harness.studies.runs.reported import _run_notes, is_the_papers, walker_lines
@@ -596,8 +597,9 @@ def test_the_json_of_hours_has_the_notes_of_the_first_screen(monkeypatch) -> Non
     cell = hour_with({}, never_went=Finding(3))
     monkeypatch.setattr(run_document, "reported", lambda _: hours_of(cell))
     monkeypatch.setattr(run_document, "missed_targets", lambda _: [])
-    given = {"path": "runs/h", "engine": "sumo", "in_traffic": True}
-    run: Any = SimpleNamespace(**given, results=[None], failures=[])
+    result = SimpleNamespace(cell=None, findings=cell.findings)
+    given = {"path": "runs/h", "engine": "sumo", "kind": HourKind()}
+    run: Any = SimpleNamespace(**given, results=[result], failures=[])
     cells: Any = run_document.run_document(run)["cells"]
     assert cells[0]["caveats"] == [note.text for note in cell.notes] != []
     assert cells[0]["summary"]["never_went"] == 3

@@ -2,24 +2,22 @@
 
 import math
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from harness.core.encounter import Arm
-from harness.core.errors import HarnessError, InputError, resume_command
-from harness.engine.network import place_of
+from harness.core.errors import InputError, resume_command
 from harness.report.drawing import style
 from harness.report.drawing.plots import save
-from harness.report.drawing.style import Picture
-from harness.report.pages.hour_pictures import hour_pictures
-from harness.report.pages.pictures import pictures_of
+from harness.report.pages.inputs import models_of, strategies_of
+from harness.report.pages.parts import parts_of
 from harness.report.pages.player import run_player
 from harness.report.pages.template import drawn, flat, page_in, write_page
 from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
 from harness.report.screens.result_screen import screen_of
-from harness.report.screens.result_tables import cells_table, full_tables, statistics_table
+from harness.report.screens.result_tables import cells_table, full_tables
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.tables import Table, counted
 from harness.scenario import as_written, remarks
@@ -28,7 +26,7 @@ from harness.studies.runs.model_use import model_cells
 from harness.studies.runs.notes import sentence
 from harness.studies.runs.reported import remarks as remarks_on, reported
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import ShownPair, shown_pairs
+from harness.studies.runs.shown import shown_pairs
 from harness.studies.runs.strategy_groups import strategy_groups
 
 _MOST_FAILURES = 20
@@ -66,12 +64,12 @@ def write_report(
         InputError: no pair is finished, tables are damaged, or a file cannot be written.
     """
     page = page_in(run.path, out)
-    if (run.hours if run.in_traffic else run.pairs).empty:
+    if not run.finished_pairs:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Damaged tables are noticed before anything is written.
     context = _context(run)
     shown = shown_pairs(run, page)
-    pictures, figure_remarks = _pictures(run, shown)
+    pictures, figure_remarks = parts_of(run).pictures(run, shown)
     written: list[Path] = []
     drawn_pictures = []
     with style.styled():
@@ -91,37 +89,19 @@ def write_report(
     return Written(page, tuple(written), tuple(differing))
 
 
-def _pictures(run: RunData, shown: Sequence[ShownPair]) -> tuple[Iterator[Picture], list[str]]:
-    """The figures, and remarks on those that are left out."""
-    if run.in_traffic:
-        return hour_pictures(run, shown[0] if shown else None), []
-    model, place = None, None
-    remarks = []
-    try:
-        model = next((run.model_of(cell.number) for cell in model_cells(run)), None)
-    except InputError as error:
-        # The model may have been removed since the run; the numbers are still there.
-        remarks = [f"Figures of the interaction model are left out: {error}."]
-    try:
-        place = place_of(run.scenario_of(0))
-    except HarnessError as error:
-        remarks.append(f"The figure of the site is left out: {error}.")
-    return pictures_of(run, model, place, shown), remarks
-
-
 def _context(run: RunData) -> dict[str, Any]:
     """The context of the page without episodes and figures."""
     scenario = run.scenario
     arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
-    compared_tables, compared_lines = ([], []) if run.in_traffic else _compared(run)
+    compared_tables, compared_lines = _compared(run) if run.kind.compared else ([], [])
     screen, results = _results(run)
     return {
         "title": f"{heading}, run report",
         "heading": heading,
         "folder": str(run.path),
         "unfinished": _unfinished(run),
-        "opening": list(_opening(run)),
+        "opening": [parts_of(run).opening(run)],
         "screen": screen,
         "tables": [*compared_tables, *results],
         "remarks": [
@@ -147,56 +127,17 @@ def _results(run: RunData) -> tuple[list[str], list[Table]]:
     *screen, _ = screen_lines(replace(screen_of(findings), most_lines=None))
     if run.varied_keys:
         return screen, [cells_table(findings), *full_tables(findings)[:_MOST_TABLES]]
-    statistics = [] if run.in_traffic else [statistics_table(run)]
-    return screen, [*full_tables(findings), *statistics]
+    return screen, [*full_tables(findings), *parts_of(run).tables(run)]
 
 
 def _unfinished(run: RunData) -> str:
     if run.finished:
         return ""
     return (
-        f"This page has {_finished_pairs(run):,} of {run.planned_pairs:,} planned pairs. The run "
+        f"This page has {run.finished_pairs:,} of {run.planned_pairs:,} planned pairs. The run "
         "was still running, or had been interrupted, when the page was made; "
         f"{resume_command(run.path)} continues it."
     )
-
-
-def _finished_pairs(run: RunData) -> int:
-    return len(run.hours) // 2 if run.in_traffic else len(run.pairs)
-
-
-def _opening(run: RunData) -> Iterator[str]:
-    scenario = run.scenario
-    if run.in_traffic:
-        yield (
-            f"Each hour of traffic is simulated twice: once {_each(run, Arm.AV)} drives the AVs' "
-            f"share of the vehicles, once {_each(run, Arm.HUMAN)} drives all of them. Both arms "
-            f"have the same pedestrians and the same vehicles; seed {run.manifest['seed']}."
-        )
-        return
-    pairs = counted(len(run.pairs), "pair")
-    origin = f"seed {run.manifest['seed']}"
-    if names := [str(entry.get("name")) for entry in _models(run)]:
-        origin += f", interaction model {', '.join(names)}"
-    if run.varied_keys:
-        keys = ", ".join(run.varied_keys)
-        yield (
-            f"A sweep over {keys}: {len(run.study.cells):,} cells, {pairs} in all. In every pair "
-            f"the AV's strategy and the reference ({_each(run, Arm.HUMAN)}) meet the same "
-            f"pedestrians at the crosswalk; {origin}."
-        )
-        return
-    yield (
-        f"The AV's strategy {scenario.arms.av} is compared with the reference driver "
-        f"{scenario.arms.human}. Both meet the same pedestrians at the same crosswalk in {pairs}; "
-        f"{origin}."
-    )
-
-
-def _each(run: RunData, arm: Arm) -> str:
-    """The strategies of an arm in all cells."""
-    names = (getattr(cell.scenario.arms, arm.value) for cell in run.study.cells)
-    return ", ".join(dict.fromkeys(names))
 
 
 def _compared(run: RunData) -> tuple[list[Table], list[str]]:
@@ -228,8 +169,8 @@ def _failures(run: RunData) -> dict[str, Any] | None:
 def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     manifest, ran = run.manifest, _ran(run)
     yield "scenario", run.name
-    yield "arms", f"{_each(run, Arm.AV)} (AV), {_each(run, Arm.HUMAN)} (human)"
-    for entry in _models(run):
+    yield "arms", f"{strategies_of(run, Arm.AV)} (AV), {strategies_of(run, Arm.HUMAN)} (human)"
+    for entry in models_of(run):
         yield "interaction model", f"{entry.get('name')}, sha256 {str(entry.get('sha256'))[:16]}…"
     if any(cell.scenario.walks_by_model for cell in run.study.cells):
         yield "how walking speeds are drawn from the model", ran["model.pedestrian_reading"]
@@ -247,11 +188,6 @@ def _facts(run: RunData) -> Iterator[tuple[str, str]]:
     for name, digest in made["strategies"].items():
         yield f"strategy {name}", f"sha256 {digest[:16]}…"
     yield "traces", "stored" if run.kept_traces else "not stored"
-
-
-def _models(run: RunData) -> list[dict[str, str]]:
-    """The interaction models of the manifest; none if nobody walked or drove by them."""
-    return list(run.manifest["simulated_with"]["models"]) if model_cells(run) else []
 
 
 def _ran(run: RunData) -> dict[str, str]:

@@ -9,6 +9,7 @@ from harness.report.pages.template import flat, page_in, write_page
 from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
+from harness.store.reading import CRITICAL
 from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.folder import read_risk, read_settings
 
@@ -25,7 +26,7 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
     """
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
-    critical = shlex.quote(str(folder / "critical.toml"))
+    critical = shlex.quote(str(folder / CRITICAL))
     differing = [*findings.differences, *findings.ties]
     write_page(
         page,

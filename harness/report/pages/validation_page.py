@@ -11,9 +11,10 @@ from harness.core.encounter import Arm, Walk
 from harness.core.files import write_file
 from harness.report.drawing import style
 from harness.report.drawing.validation_figures import pictures_of
-from harness.report.pages.player import Player, scene_of, shown_arm
+from harness.report.pages.player import Player
 from harness.report.pages.template import drawn, write_page
 from harness.report.pages.trace_rows import ego_rows, walk_rows
+from harness.report.pages.traces import scene_of, shown_arm
 from harness.report.screens.screen import screen_lines
 from harness.report.screens.validation_tables import (
     READING,

@@ -32,7 +32,7 @@ def _cells(run: RunData) -> list[Document]:
     findings = reported(run)
     cells: list[Document] = []
     for cell, result in zip(findings.cells, run.results, strict=True):
-        conflicts = {} if run.in_traffic else {"conflicts": result.conflicts}
+        conflicts = run.kind.conflicts(result.cell, result.findings)
         cells.append({**_cell(findings.catalogue, cell), **conflicts})
     return cells
 

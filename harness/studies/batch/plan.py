@@ -9,7 +9,7 @@ from harness.engine.network import network_of
 from harness.episode.arms import check_arms
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Options, Scenario, Study, study_from
-from harness.store.kinds import Kind, kind_of_study
+from harness.store.kinds import Kind, kind_of, kind_of_study
 from harness.store.manifest import manifest_of, options_of, origin_of
 from harness.store.reading import MANIFEST
 from harness.strategies.program import is_program
@@ -68,14 +68,15 @@ def plan_of(study: Study, options: Options) -> Plan:
     """
     if options.engine == "plain":
         _refuse_for_plain(study, options)
-    hours = kind_of_study(study).long_pairs
-    if hours and options.until:
-        raise InputError("--until", "is not supported with [traffic]", "a scenario without it")
-    for cell in study.cells if hours else ():
+    kind = kind_of_study(study)
+    if kind.long_pairs and options.until:
+        problem = f"is not supported with {kind.section}"
+        raise InputError("--until", problem, "a scenario without it")
+    for cell in study.cells if kind.long_pairs else ():
         for arm, name in cell.scenario.arms.model_dump().items():
             if is_program(name):
                 problem = f"{name} drives one vehicle at a time"
-                raise InputError(f"arms.{arm}", problem, "a scenario without [traffic]")
+                raise InputError(f"arms.{arm}", problem, f"a scenario without {kind.section}")
     loaded: dict[tuple[str, str | None], InteractionModel] = {}
     models = {}
     for cell in study.cells:
@@ -102,8 +103,8 @@ def _refuse_for_plain(study: Study, options: Options) -> None:
 
 def _need_of_sumo(scenario: Scenario) -> str | None:
     """Return the part of a scenario that needs SUMO; None if the plain engine suffices."""
-    if scenario.traffic is not None:
-        return "[traffic]"
+    if section := kind_of(scenario).section:
+        return section
     if scenario.pedestrians.behaviour == "sumo":
         return 'pedestrians.behaviour = "sumo"'
     for arm, name in scenario.arms.model_dump().items():

@@ -62,7 +62,7 @@ def score(run: Path, out: Path, settings: Sequence[Setting] = ()) -> Path:
     try:
         folder.drop_shards()
         for cell in plan.study.cells:
-            for first, count, tables in _SCORERS[plan.kind.rows](run, cell, traced):
+            for first, count, tables in SCORERS[plan.kind.name](run, cell, traced):
                 folder.write_shard(cell.number, first, count, tables)
         finish(folder, plan)
         finished = True
@@ -95,8 +95,8 @@ def _score_encounters(
         yield first, last - first + 1, _score(run, part, cell) if traced else part
 
 
-_SCORERS = {"episodes": _score_encounters, "hours": score_hours}
-"""The function that scores a cell, by the table from which its kind computes findings."""
+SCORERS = {"encounters": _score_encounters, "hours of traffic": score_hours}
+"""The function that scores a cell, by kind."""
 
 
 def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:

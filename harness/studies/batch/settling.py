@@ -12,6 +12,7 @@ from harness.core.errors import InputError
 from harness.core.seeding import stream
 from harness.episode.traffic.saturation import longest_queue_s
 from harness.scenario import Cell, Options, Scenario, Study
+from harness.store.kinds import kind_of
 from harness.studies.batch.experiment import run_study
 from harness.studies.runs.run_data import RunData
 
@@ -58,9 +59,9 @@ def settled(
 
 
 def _check(scenario: Scenario) -> None:
-    traffic = scenario.traffic
-    if traffic is None:
+    if not kind_of(scenario).settles:
         raise InputError("--settle", "needs hours of traffic", "a scenario with [traffic]")
+    traffic = scenario.known_traffic
     if traffic.saturated:
         raise InputError(
             "--settle", "is not supported with a permanent queue", "traffic.saturated = false"

@@ -13,7 +13,8 @@ from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
 from harness.store.shards import encode_shard, shard_name
 from harness.studies.runs.run_data import RunData
-from harness.studies.runs.shown import MARGIN_S, Key, missing_pairs, shown_folders, stretch_of
+from harness.studies.runs.shown import MARGIN_S, missing_pairs, shown_folders
+from harness.studies.runs.views import Key, view_of
 from harness.studies.workers.execution import run_tasks
 from harness.studies.workers.pool import LocalPool, default_workers
 from harness.studies.workers.tasks import Task, TaskResult
@@ -77,10 +78,11 @@ def _task(run: RunData, cell: int, pair: int) -> Task:
 
 
 def _tables(run: RunData, key: Key, result: TaskResult) -> dict[str, pa.Table]:
-    """Return the tables of a pair; of an hour only the traces of the displayed minutes."""
+    """Return the tables of a pair; of a long pair only the traces of what is shown."""
     tables = dict(result.tables)
-    if run.kind.long_pairs and "traces" in tables:
-        begin_s, end_s = stretch_of(run, *key)
+    stretch = view_of(run).stretch(run, *key)
+    if stretch is not None and "traces" in tables:
+        begin_s, end_s = stretch
         times = tables["traces"]["time_s"]
         near = pc.and_(
             pc.greater_equal(times, begin_s - MARGIN_S), pc.less_equal(times, end_s + MARGIN_S)

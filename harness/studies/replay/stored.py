@@ -1,29 +1,22 @@
 """Takes a cell of a stored run and returns its rows, and how repeated episodes differ from them."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import repeat
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
-from harness.engine.control import SumoEngine
-from harness.engine.road import SumoRoad
-from harness.episode.pairing import Begins, PairRunner
-from harness.episode.traffic.pairing import HourOutcome, HourRunner
-from harness.measures import Outcome
 from harness.measures.agreement import TOLERANCE
 from harness.model.interaction import InteractionModel, load_model
-from harness.scenario import Cell, EngineName, Scenario, study_from
-from harness.store.episode_tables import episode_rows, pedestrian_rows
-from harness.store.hour_tables import hour_rows
+from harness.scenario import Cell, EngineName, study_from
 from harness.store.kinds import kind_of
 from harness.store.manifest import explained
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
+from harness.store.tables import Row, Tables
+from harness.studies.kinds.protocol import ArmOfPair, ArmRows
 
-Row = dict[str, Any]
 Rows = dict[str, list[Row]]
 """Rows by the name of their table."""
 
@@ -59,69 +52,36 @@ class StoredCell:
                 "--pair", f"{pair}", f"0 to {max((number for number, _ in ran), default=0)}"
             )
 
-    @property
-    def in_traffic(self) -> bool:
-        """Whether its pairs are hours of traffic."""
-        return self.cell.scenario.traffic is not None
+    def arm(self, pair: int, arm: Arm) -> ArmOfPair:
+        """An arm of a pair of the cell."""
+        return ArmOfPair(self.cell, self.model, pair, arm)
 
     def rows_of(self, pair: int, arm: Arm) -> Rows:
         """The stored rows of an episode, or of an arm of an hour, by table."""
         key = (pair, arm.value)
         return {name: rows.get(key, []) for name, rows in self._rows.items()}
 
-    def differences(self, outcome: Outcome | HourOutcome) -> tuple[str, ...]:
-        """The differences of a repeated episode or hour from its stored record, in words."""
-        rows = self.rows_of(outcome.pair, outcome.arm)
-        return self.explained(record_differences(outcome, self.cell.number, rows, self.engine))
+    def differences(self, arm: ArmOfPair, rows: ArmRows) -> tuple[str, ...]:
+        """The differences of a repeated arm from its stored record, in words."""
+        stored = self.rows_of(arm.pair, arm.arm)
+        return self.explained(record_differences(rows.tables, stored, self.engine))
 
     def explained(self, differences: Iterable[str]) -> tuple[str, ...]:
         """The same, after what changed since the run, such as the code of a strategy."""
         return explained(differences, self._document, self.cell.scenario, self.model)
 
 
-def run_arm(
-    scenario: Scenario,
-    model: InteractionModel,
-    engine: SumoEngine | SumoRoad,
-    pair: int,
-    arm: Arm,
-    begins: Begins = lambda _pair, _arm, _episode: None,
-) -> Outcome | HourOutcome:
-    """Run one arm of a pair on an open engine, or of an hour on an open road, and close it."""
-    try:
-        if isinstance(engine, SumoRoad):
-            return HourRunner(scenario, model, lambda: engine).run_arm(pair, arm)
-        engine.automated = arm is Arm.AV
-        return PairRunner(scenario, model, lambda: engine).run_arm(pair, arm, begins)
-    finally:
-        if not engine.closed:
-            engine.close()
-
-
-def record_differences(
-    outcome: Outcome | HourOutcome,
-    cell: int,
-    stored: Mapping[str, Sequence[Row]],
-    engine: EngineName,
-) -> Iterator[str]:
-    """Yield the differences between an outcome in SUMO and its stored rows, in words.
+def record_differences(tables: Tables, stored: Rows, engine: EngineName) -> Iterator[str]:
+    """Yield the differences between a repeated arm in SUMO and its stored rows, in words.
 
     If SUMO made the stored record, all values must be equal.  If the plain engine made it, numbers
     must agree within ``TOLERANCE``, and it has no collision verdict of SUMO.
 
     Args:
-        outcome: the repeated episode or hour.
-        cell: number of its cell.
+        tables: rows of the repeated arm.
         stored: its stored rows by table.
         engine: the engine that made the stored record.
     """
-    if isinstance(outcome, HourOutcome):
-        tables = hour_rows(cell, [outcome])
-    else:
-        tables = {
-            "episodes": episode_rows(cell, [outcome]),
-            "pedestrians": pedestrian_rows(cell, [outcome]),
-        }
     near = TOLERANCE if engine == "plain" else 0.0
     unknown = ("sumo_collision",) if engine == "plain" else ()
     for name, rows in stored.items():
@@ -145,7 +105,7 @@ def differences_of(
                 yield f"{name}.{column}: {new[column]!r} instead of {old[column]!r}"
 
 
-def _same(old: Any, new: Any, near: float) -> bool:
+def _same(old: object, new: object, near: float) -> bool:
     if old == new:
         return True
     if isinstance(old, float) and isinstance(new, float):

@@ -9,9 +9,10 @@ import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm
 from harness.core.errors import HarnessError
 from harness.scenario import Options, Study
+from harness.store.kinds import kind_of_study
 from harness.store.reading import read_table
 from harness.store.run_folder import SUMO_OUTPUTS, RunFolder
 from harness.studies.replay.rerun import Repetition, repetition, run_again
@@ -60,16 +61,17 @@ def write_outputs(
                 raise
             except HarnessError as error:
                 reason = reason_of(error, job.hang_after_s, job.stack_file)
-                folder.note("SUMO outputs failed", episode=_name(job), reason=reason)
+                folder.note("SUMO outputs failed", episode=job.arm.name, reason=reason)
                 tries[job.folder] = tries.get(job.folder, 0) + 1
                 if tries[job.folder] < ATTEMPTS:
                     retries.append(job)
                     continue
             else:
-                job.folder.replace(_place(folder.path, job.cell.number, job.pair, job.arm))
+                job.folder.replace(job.folder.with_name(job.arm.name))
                 reason = "; ".join(differences)
             if reason:
-                failures.append((job.cell.number, job.pair, job.arm.value, reason))
+                arm = job.arm
+                failures.append((arm.cell.number, arm.pair, arm.arm.value, reason))
             left -= 1
             progress(total - left, total)
     finally:
@@ -82,26 +84,12 @@ def _selected(run: Path, study: Study, whose: str | None) -> dict[int, list[tupl
 
     Failed episodes are never selected, because SUMO completes its files only at a regular end.
     """
-    ran = _hours_that_ran if study.in_traffic else _episodes_that_ran
-    return {cell.number: list(ran(run, cell.number, whose)) for cell in study.cells}
-
-
-def _episodes_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tuple[int, Arm]]:
-    endings = {Ending.CRASHED} if whose == "crashed" else set(Ending) - {Ending.ENGINE_FAILED}
-    episodes = read_table(run, "episodes", cell)
-    columns = (episodes[name].to_pylist() for name in ("pair", "arm", "ending"))
-    for pair, arm, ending in zip(*columns, strict=True):
-        if ending in endings:
-            yield pair, Arm(arm)
-
-
-def _hours_that_ran(run: Path, cell: int, whose: str | None) -> Iterator[tuple[int, Arm]]:
-    """Pair and arm of every selected hour: those with a crash, or all."""
-    hours = read_table(run, "hours", cell)
-    columns = (hours[name].to_pylist() for name in ("pair", "arm", "reason", "crashes"))
-    for pair, arm, reason, crashes in zip(*columns, strict=True):
-        if reason is None and (whose != "crashed" or crashes > 0):
-            yield pair, Arm(arm)
+    kind, selected = kind_of_study(study), {}
+    for cell in study.cells:
+        ran = kind.ran(read_table(run, kind.rows, cell.number), crashed=whose == "crashed")
+        pairs, arms = (ran[name].to_pylist() for name in ("pair", "arm"))
+        selected[cell.number] = [*zip(pairs, map(Arm, arms), strict=True)]
+    return selected
 
 
 def _repetitions(
@@ -121,7 +109,3 @@ def _repetitions(
 
 def _place(run: Path, cell: int, pair: int, arm: Arm) -> Path:
     return run / SUMO_OUTPUTS / f"{cell}-{pair}-{arm.value}"
-
-
-def _name(job: Repetition) -> str:
-    return f"{job.cell.number}-{job.pair}-{job.arm.value}"

@@ -5,20 +5,14 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from harness.core.encounter import Arm, Ending
+from harness.core.encounter import Arm
 from harness.core.errors import EngineError, InputError
 from harness.engine.installation import check_packages
-from harness.engine.network import place_of
-from harness.engine.shared import close_engine, following_of
-from harness.episode.traffic.pairing import HourOutcome
-from harness.measures import Outcome
+from harness.engine.shared import close_engine
+from harness.studies.kinds.table import simulation_of
 from harness.studies.replay.rerun import refuse_in_use
-from harness.studies.replay.stored import StoredCell, run_arm
-
-if TYPE_CHECKING:
-    from harness.engine.traci import Gui
+from harness.studies.replay.stored import StoredCell
 
 
 @dataclass(frozen=True)
@@ -74,30 +68,15 @@ def watch(
             folder = screenshots / arm.value if len(arms) > 1 else screenshots
             folder.mkdir(parents=True, exist_ok=True)
         gui = Gui(1000 * scenario.experiment.step_s / pace, folder, every_s)
+        watched = stored.arm(pair, arm)
         try:
-            outcome = _watched(stored, pair, arm, gui)
+            rows = simulation_of(scenario).in_gui(watched, gui)
         finally:
             close_engine()
-        shown.append(Watched(arm, stored.differences(outcome)))
+        if rows.failure is not None:
+            raise EngineError(f"sumo-gui: {rows.failure}")
+        shown.append(Watched(arm, stored.differences(watched, rows)))
     return shown
-
-
-def _watched(stored: StoredCell, pair: int, arm: Arm, gui: "Gui") -> Outcome | HourOutcome:
-    from harness.engine.traci import gui_engine, gui_road
-
-    scenario = stored.cell.scenario
-    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
-    step_s = scenario.experiment.step_s
-    if not stored.in_traffic:
-        outcome = run_arm(scenario, stored.model, gui_engine(*place, step_s, gui), pair, arm)
-        if isinstance(outcome, Outcome) and outcome.trace.ending is Ending.ENGINE_FAILED:
-            raise EngineError(f"sumo-gui: {outcome.trace.reason}")
-        return outcome
-    road = gui_road(*place, step_s, following_of(scenario), gui)
-    outcome = run_arm(scenario, stored.model, road, pair, arm)
-    if isinstance(outcome, HourOutcome) and road.lost:
-        raise EngineError(f"sumo-gui: {outcome.reason}")
-    return outcome
 
 
 def _require_display() -> None:

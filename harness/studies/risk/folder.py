@@ -14,6 +14,7 @@ from harness.core.documents import Form, check_form, parse_json
 from harness.core.errors import HarnessError, InputError, InterruptedRunError, resume_command
 from harness.core.files import read_file, write_file
 from harness.core.seeding import resampling
+from harness.store.reading import RISK
 from harness.store.run_folder import RunFolder, claim_folder
 from harness.studies.risk.asking import Question, Settings, SettingsDocument, question_of
 from harness.studies.risk.estimation import estimate_probability
@@ -22,8 +23,6 @@ from harness.studies.risk.running import Evaluation, Progress
 from harness.studies.risk.writing import RESULT, as_json, write_findings
 from harness.studies.workers.pool import LocalPool, default_workers
 from harness.studies.workers.tasks import Executor, ExecutorLostError
-
-SETTINGS_FILE = "risk.json"
 
 _BATCHES = "batches"
 
@@ -55,12 +54,8 @@ def estimate_risk(
     """
     question = question_of(settings)
     folder = claim_folder(out, f"{settings.name}-risk")
-    if (folder / SETTINGS_FILE).exists():
-        raise InputError(
-            f"--out {folder}", "already contains a risk estimate", "a new or empty folder"
-        )
     with _held(folder):
-        write_file(folder / SETTINGS_FILE, as_json(settings.document().model_dump(mode="json")))
+        write_file(folder / RISK, as_json(settings.document().model_dump(mode="json")))
         _carry_out(folder, settings, question, workers, progress, make_executor)
     return folder
 
@@ -79,7 +74,7 @@ def resume_risk(
     """
     with _held(folder):
         document = read_settings(folder)
-        settings = document.settings(SETTINGS_FILE)
+        settings = document.settings(RISK)
         if document != settings.document():
             raise InputError(
                 str(folder), "was begun with other versions or another model", "the same versions"
@@ -94,7 +89,7 @@ def read_settings(folder: Path) -> SettingsDocument:
     Raises:
         InputError: the file is missing or damaged.
     """
-    return _read(folder, SETTINGS_FILE, SettingsDocument)
+    return _read(folder, RISK, SettingsDocument)
 
 
 def read_risk(folder: Path) -> RiskFindings:
@@ -103,7 +98,7 @@ def read_risk(folder: Path) -> RiskFindings:
     Raises:
         InputError: the folder has no finished risk estimate, or ``result.json`` is damaged.
     """
-    if (folder / SETTINGS_FILE).is_file() and not (folder / RESULT).is_file():
+    if (folder / RISK).is_file() and not (folder / RESULT).is_file():
         raise InputError(str(folder), "is not finished", resume_command(folder))
     return _read(folder, RESULT, RiskFindings)
 

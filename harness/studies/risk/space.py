@@ -21,6 +21,7 @@ from harness.core.seeding import GIVEN_DRAWS, Given, Purpose, stream
 from harness.episode.arms import draws, draws_from
 from harness.episode.arrivals import SECONDS_PER_HOUR
 from harness.scenario import Scenario
+from harness.store.kinds import kind_of
 from harness.studies.risk.layout import Layout
 
 _WINDOW_PASSES = 4.0
@@ -134,10 +135,9 @@ def space_of(scenario: Scenario, arm: Arm) -> Space:
 
 def _refuse_unsampled(scenario: Scenario) -> None:
     pedestrians = scenario.pedestrians
-    if scenario.traffic is not None:
-        raise InputError(
-            "traffic", "is not supported by a risk estimate", "a scenario without [traffic]"
-        )
+    if section := kind_of(scenario).section:
+        problem = "is not supported by a risk estimate"
+        raise InputError(section.strip("[]"), problem, f"a scenario without {section}")
     if pedestrians.behaviour == "sumo":
         raise InputError(
             "pedestrians.behaviour",

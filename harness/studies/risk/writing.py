@@ -14,6 +14,7 @@ from harness.core.files import write_file
 from harness.core.seeding import GIVEN_DRAWS
 from harness.statistics.findings import Note, Rank
 from harness.statistics.intervals import CONFIDENCE
+from harness.store.reading import CRITICAL
 from harness.store.tables import write_parquet
 from harness.studies.risk.asking import Question, Settings
 from harness.studies.risk.estimation import Estimation
@@ -198,4 +199,4 @@ def _write_critical(
     tree = question.scenario.model_dump(mode="json", exclude_none=True)
     tree["pedestrians"]["drawn"] = drawn
     tree["experiment"]["pairs"] = len(drawn)
-    write_file(folder / "critical.toml", tomlkit.dumps(tree).encode())
+    write_file(folder / CRITICAL, tomlkit.dumps(tree).encode())

@@ -65,12 +65,9 @@ def compare(
         raise InputError("compare", "no run given", "one run or several")
     opened = [finished_run(run) for run in runs]
     for run in opened:
-        if run.study.cells[0].scenario.traffic is not None:
-            raise InputError(
-                str(run.path),
-                "is a run of hours of traffic, which has no pairs of episodes to compare",
-                "a run without [traffic]",
-            )
+        if not run.kind.compared:
+            problem = f"is a run of {run.kind.name}, which has no pairs of episodes to compare"
+            raise InputError(str(run.path), problem, f"a run without {run.kind.section}")
     several = len(opened) > 1
     names = names_of(opened) if several else [""]
     groups = groups_over([run.study for run in opened], names)

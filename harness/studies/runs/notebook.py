@@ -54,7 +54,7 @@ def intervals_html(
 
 
 def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool) -> str:
-    """Return the summary of a run of encounters as HTML.
+    """Return the summary of a run as HTML; without μ it is the plain table.
 
     Args:
         name: name of the run.
@@ -62,6 +62,8 @@ def run_html(name: str, varied: list[str], summary: pd.DataFrame, finished: bool
         summary: a row for each cell, as in ``RunData.summary``.
         finished: False while the run continues.
     """
+    if "mu" not in summary:
+        return table_html(name, summary)
     cells = summary.head(_MOST)
     table = cells[["cell", *varied, "pairs"]].copy()
     for heading, column in (("μ", "mu"), ("κ", "kappa"), ("delay AV s", "delay_s")):

@@ -3,13 +3,13 @@
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
-from harness.store.hour_catalogue import HOURS
 from harness.studies.runs.model_use import given_the_model
-from harness.studies.runs.notes import av_label, encounter_notes, hour_notes
+from harness.studies.runs.notes import av_label
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
 from harness.studies.runs.run_data import CellResult, RunData
 from harness.studies.runs.site_words import site_words
 from harness.studies.runs.targets import missed_targets
+from harness.studies.runs.views import view_of
 from harness.studies.workers.tasks import Failure
 
 PAPER_REMARK = (
@@ -33,20 +33,16 @@ def reported(run: RunData) -> RunFindings:
         folder=str(run.path),
         scope=", ".join([f"seed {run.manifest['seed']}", *_audit_scope(run)]),
         confidence=run.confidence,
-        paper=not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario),
-        cells=tuple(map(_cell_findings, run.results)),
+        paper=_has_paper_values(run),
+        cells=tuple(_cell_findings(run, result) for result in run.results),
         notes=tuple(_run_notes(run)),
         site=site_words([cell.scenario for cell in run.study.cells]),
     )
 
 
-def _cell_findings(result: CellResult) -> CellFindings:
+def _cell_findings(run: RunData, result: CellResult) -> CellFindings:
     cell, findings = result.cell, result.findings
     scenario = cell.scenario
-    if scenario.traffic is None:
-        notes = encounter_notes(scenario, findings, ENCOUNTERS)
-    else:
-        notes = hour_notes(scenario, findings, HOURS)
     return CellFindings(
         cell=cell.number,
         varied=cell.varied,
@@ -55,8 +51,14 @@ def _cell_findings(result: CellResult) -> CellFindings:
         pairs=findings["pairs"].count,
         thresholds=scenario.conflicts.model_dump(),
         findings=findings,
-        notes=notes,
+        notes=view_of(run).notes(scenario, findings, run.kind.catalogue),
     )
+
+
+def _has_paper_values(run: RunData) -> bool:
+    """Return whether the paper reports numbers of this run: one cell of the paper's scenario."""
+    reported_there = any(entry.paper is not None for entry in run.kind.catalogue)
+    return reported_there and not run.varied_keys and is_the_papers(run.scenario)
 
 
 def is_the_papers(scenario: Scenario) -> bool:
@@ -120,9 +122,8 @@ def _audit_scope(run: RunData) -> list[str]:
 def remarks(run: RunData) -> list[str]:
     """Return what ``--full`` and the page add to the notes: paper, references, audit, models."""
     scenarios = [cell.scenario for cell in run.study.cells]
-    paper = not run.varied_keys and not run.in_traffic and is_the_papers(run.scenario)
     return [
-        *([PAPER_REMARK] if paper else []),
+        *([PAPER_REMARK] if _has_paper_values(run) else []),
         *reference_lines(scenarios),
         *audit_lines(run),
         *knowledge_lines(run),

@@ -30,6 +30,7 @@ from harness.store.summaries import (
 )
 from harness.store.summary_table import read_summary
 from harness.store.tables import TABLES
+from harness.studies.runs.audited import disagreements, shared_once, ties
 from harness.studies.runs.notebook import run_html
 from harness.studies.runs.run_tables import RunTables
 from harness.studies.workers.tasks import Failure
@@ -135,9 +136,9 @@ class RunData:
         return kind_of_study(self.study)
 
     @property
-    def in_traffic(self) -> bool:
-        """Whether it simulates hours of traffic, and has ``hours`` in place of ``episodes``."""
-        return self.study.in_traffic
+    def finished_pairs(self) -> int:
+        """Pairs of all cells that are finished."""
+        return len(self._tables.read(self.kind.rows)) // 2
 
     @cached_property
     def hours(self) -> pd.DataFrame:
@@ -278,32 +279,17 @@ class RunData:
     @cached_property
     def audited(self) -> pd.DataFrame:
         """The rows of ``audit``, but an episode that several cells share only in the first."""
-        same = {cell.number: cell.but_for_arms for cell in self.study.cells}
-        arms = {cell.number: cell.scenario.arms for cell in self.study.cells}
-        keys = [
-            (same[cell], pair, arm, getattr(arms[cell], arm))
-            for cell, pair, arm in self.audit[["cell", "pair", "arm"]].itertuples(index=False)
-        ]
-        return self.audit[~pd.Series(keys, self.audit.index, dtype=object).duplicated()]
+        return shared_once(self.audit, self.study)
 
-    @cached_property
+    @property
     def disagreements(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, what differs) of each row of ``audited`` that differs in SUMO.
+        """(cell, pair, arm, difference) of each record that differs in SUMO, ``ties`` apart."""
+        return disagreements(self.audited)
 
-        Those that differ by a tie of the strategy are in ``ties``.
-        """
-        rows = self.audited.dropna(subset="difference")
-        rows = rows[rows["tie_s"].isna()].drop(columns="tie_s")
-        return tuple(rows.itertuples(index=False, name=None))
-
-    @cached_property
+    @property
     def ties(self) -> tuple[Failure, ...]:
-        """(cell, pair, arm, when and what differs) of each record that a tie made differ."""
-        rows = self.audited.dropna(subset="tie_s").itertuples(index=False, name=None)
-        return tuple(
-            (cell, pair, arm, f"tie at {when:.3f} s, {what}")
-            for cell, pair, arm, what, when in rows
-        )
+        """(cell, pair, arm, time and difference) of each record that differs by a tie."""
+        return ties(self.audited)
 
     @cached_property
     def failures(self) -> tuple[Failure, ...]:
@@ -344,21 +330,11 @@ class RunData:
 
     def _repr_html_(self) -> str:
         """The summary, for a notebook."""
-        if self.in_traffic:
-            table: str = self.summary.to_html(index=False)
-            return table
         return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
     def _rows_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
         """The rows of every cell that has any, of the table that findings are made of."""
-        episodes = self._tables.read(self.kind.rows)
-        numbers = episodes["cell"].to_numpy()
-        for cell in self.study.cells:
-            in_cell = numbers == cell.number
-            # A run of a single cell may be large, so its table is not copied.
-            rows = episodes if in_cell.all() else episodes.filter(pa.array(in_cell))
-            if rows.num_rows:
-                yield cell, rows
+        return self._tables.by_cell(self.kind.rows, self.study.cells)
 
     @cached_property
     def _models(self) -> dict[tuple[str, str | None], InteractionModel]:

@@ -1,13 +1,13 @@
 """The tables of a run: of its files where it is finished, of its shards where it is not."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.compute as pc
 
 from harness.core.errors import InputError, resume_command
-from harness.scenario import Study
+from harness.scenario import Cell, Study
 from harness.store.reading import read_table
 from harness.store.shards import DamagedShardError, Shard, check_planned, read_shard, shards_of
 from harness.store.tables import TABLES
@@ -55,6 +55,17 @@ class RunTables:
             table = self.read(name)
         selected = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
         return table.filter(selected)
+
+    def by_cell(self, name: str, cells: Sequence[Cell]) -> Iterator[tuple[Cell, pa.Table]]:
+        """The rows of every cell that has any."""
+        table = self.read(name)
+        numbers = table["cell"].to_numpy()
+        for cell in cells:
+            of_cell = numbers == cell.number
+            # A run of one cell is big, if any is: no second copy of it.
+            rows = table if of_cell.all() else table.filter(pa.array(of_cell))
+            if rows.num_rows:
+                yield cell, rows
 
     def _table(self, name: str, shards: Sequence[Shard]) -> pa.Table:
         if self._finished:

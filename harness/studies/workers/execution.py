@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from harness.core.encounter import Arm, Ending, FailedIn
+from harness.core.encounter import FailedIn
 from harness.core.errors import HarnessError
-from harness.store.tables import encounter_tables, hour_tables, table_of
+from harness.store.kinds import kind_of
+from harness.store.tables import table_of
 from harness.studies.workers.tasks import (
     Argument,
     Executor,
@@ -181,21 +181,10 @@ def _stack(task: Task) -> str | None:
 
 def _given_up(task: Task, reason: str, failed_in: FailedIn = "engine") -> TaskResult:
     """The rows of a pair that was abandoned."""
-    which = {"cell": task.cell, "pair": task.first_pair, "reason": reason}
-    known: dict[str, list[dict[str, Any]]]
-    if task.scenario.traffic is not None:
-        names = hour_tables(traces=task.traces)
-        known = {"hours": [which | {"arm": arm.value} for arm in Arm]}
-    else:
-        names = encounter_tables(traces=task.traces, audit=task.audit is not None)
-        failed = which | {
-            "ending": Ending.ENGINE_FAILED.value,
-            "failed_in": failed_in,
-            "fallback": False,
-            "steps": 0,
-            "pedestrians": 0,
-        }
-        arms = task.scenario.arms.model_dump().items()
-        known = {"episodes": [failed | {"arm": arm, "strategy": name} for arm, name in arms]}
+    kind = kind_of(task.scenario)
+    which = {"cell": task.cell, "pair": task.first_pair}
+    failed = kind.given_up(task.scenario, reason, failed_in)
+    known = {kind.rows: [{**which, **row} for row in failed]}
+    names = kind.tables(traces=task.traces, audit=task.audit is not None)
     tables = {name: table_of(name, known.get(name, ())) for name in names}
     return TaskResult(tables, took_s=task.hang_after_s)

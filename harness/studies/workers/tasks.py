@@ -3,24 +3,26 @@
 This module imports nothing heavy, so that worker processes and their parent import in parallel.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from harness.core.errors import HarnessError
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from harness.core.encounter import Arm
     from harness.model.interaction import InteractionModel
     from harness.scenario import EngineName, Scenario
+    from harness.store.tables import Tables
     from harness.studies.workers.audit import Audit
 
 Failure = tuple[int, int, str, str]
 """Cell, pair, arm and reason of an episode that has no result."""
+
+LoggedFailure = Mapping[str, int | str | None]
+"""What the log says of a failed episode."""
 
 Argument = TypeVar("Argument")
 Result = TypeVar("Result")
@@ -77,8 +79,8 @@ class TaskResult:
     ``took_s`` is the wall time of the task in its worker.
     """
 
-    tables: "dict[str, pa.Table]"
-    failures: tuple[dict[str, Any], ...] = ()
+    tables: "Tables"
+    failures: tuple[LoggedFailure, ...] = ()
     took_s: float = 0.0
 
 

@@ -1,0 +1,164 @@
+"""Simulates encounters: one ego after another, in the one SUMO of the process."""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from harness.core.encounter import Arm, Ending
+from harness.engine.control import SumoEngine
+from harness.engine.network import place_of
+from harness.engine.protocol import Engine
+from harness.engine.shared import engine_for, open_engine
+from harness.episode.pairing import Begins, EpisodeKey, PairRunner
+from harness.measures import Outcome
+from harness.scenario import EngineName, Scenario
+from harness.store.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
+from harness.store.tables import Tables
+from harness.studies.kinds.outputs import outputs_in, with_speed_limit
+from harness.studies.kinds.protocol import ArmOfPair, ArmRows
+from harness.studies.workers.audit import Finding, repeated_in_sumo
+from harness.studies.workers.tasks import LoggedFailure, Task, TaskResult
+from harness.studies.workers.watchdog import Watch, watchdog
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Gui
+
+_cell = ""
+_runners: dict[EngineName, PairRunner] = {}
+"""The runners of the present cell, by engine."""
+
+_UNWATCHED: Begins = lambda _pair, _arm, _episode: None  # noqa: E731
+
+
+class EncounterSimulation:
+    """See ``Simulation``."""
+
+    def run(self, task: Task) -> tuple[TaskResult, ...]:
+        """See ``Simulation``."""
+        begin = perf_counter()
+        results = tuple(_run_encounters(task))
+        took_s = (perf_counter() - begin) / len(results)
+        return tuple(replace(result, took_s=took_s) for result in results)
+
+    def decide_limit_s(self, scenario: Scenario) -> float:
+        """See ``Simulation``."""
+        return scenario.experiment.decide_limit_s
+
+    def in_this_process(self, arm: ArmOfPair) -> ArmRows:
+        """See ``Simulation``."""
+        return _run_arm(arm, lambda: engine_for(arm.scenario))
+
+    def with_outputs(self, arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
+        """See ``Simulation``."""
+        from harness.engine.sumo import libsumo_engine
+
+        scenario = arm.scenario
+        place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+        step_s = scenario.experiment.step_s
+        engine = libsumo_engine(*place, step_s, outputs=outputs_in(folder))
+        return _run_once(arm, engine, watch.begins)
+
+    def in_gui(self, arm: ArmOfPair, gui: "Gui") -> ArmRows:
+        """See ``Simulation``."""
+        from harness.engine.traci import gui_engine
+
+        scenario = arm.scenario
+        place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+        return _run_once(arm, gui_engine(*place, scenario.experiment.step_s, gui))
+
+
+def _run_once(arm: ArmOfPair, engine: SumoEngine, begins: Begins = _UNWATCHED) -> ArmRows:
+    """Run an arm on an engine, which is then closed."""
+    engine.automated = arm.arm is Arm.AV
+    try:
+        return _run_arm(arm, lambda: engine, begins)
+    finally:
+        if not engine.closed:
+            engine.close()
+
+
+def _run_arm(
+    arm: ArmOfPair, get_engine: Callable[[], Engine], begins: Begins = _UNWATCHED
+) -> ArmRows:
+    runner = PairRunner(arm.scenario, arm.model, get_engine)
+    outcome = runner.run_arm(arm.pair, arm.arm, begins)
+    failed = outcome.trace.ending is Ending.ENGINE_FAILED
+    failure = outcome.trace.reason if failed else None
+    return ArmRows(_tables(arm.cell.number, [outcome]), failure, outcome.trace.traceback)
+
+
+def _tables(cell: int, outcomes: list[Outcome]) -> Tables:
+    return {
+        "episodes": episode_rows(cell, outcomes),
+        "pedestrians": pedestrian_rows(cell, outcomes),
+    }
+
+
+def _run_encounters(task: Task) -> Iterator[TaskResult]:
+    known: dict[EpisodeKey, Outcome] = {}
+    repeated: dict[EpisodeKey, Finding] = {}
+    hung: set[EpisodeKey] = set()
+    limit_s = task.scenario.experiment.decide_limit_s
+    with watchdog(task.hang_after_s, task.stack_file, limit_s) as watch:
+        for each in task.each:
+            runner = _runner_for(each, each.engine)
+            if each.hung is not None:
+                arm, reason = each.hung
+                key = runner.key(arm, each.first_pair)
+                known[key] = runner.hung(arm, each.first_pair, reason)
+                hung.add(key)
+            outcomes = list(runner.run(each.pairs, watch.begins, watch.alive, known))
+            known |= {runner.key(outcome.arm, outcome.pair): outcome for outcome in outcomes}
+            # An episode that hung would also hang in SUMO and stop the other arm.
+            ended = [
+                outcome for outcome in outcomes if runner.key(outcome.arm, outcome.pair) not in hung
+            ]
+            yield _result_of(each, outcomes, list(_audited(each, ended, watch, repeated)))
+
+
+def _audited(
+    task: Task, outcomes: list[Outcome], watch: Watch, repeated: dict[EpisodeKey, Finding]
+) -> Iterable[tuple[Outcome, Finding]]:
+    if task.audit is None:
+        return ()
+    runners = _runner_for(task, "sumo"), _runner_for(task, task.engine)
+    return repeated_in_sumo(outcomes, task.audit, *runners, watch, repeated)
+
+
+def _result_of(
+    task: Task, outcomes: list[Outcome], audited: list[tuple[Outcome, Finding]]
+) -> TaskResult:
+    tables = _tables(task.cell, outcomes)
+    if task.traces:
+        tables["traces"] = trace_rows(task.cell, outcomes)
+    if task.audit is not None:
+        tables["audit"] = audit_rows(task.cell, audited)
+    return TaskResult(tables, tuple(_failures(task.cell, outcomes)))
+
+
+def _failures(cell: int, outcomes: list[Outcome]) -> Iterator[LoggedFailure]:
+    for outcome in outcomes:
+        if outcome.record.ending is Ending.ENGINE_FAILED:
+            yield {
+                "cell": cell,
+                "pair": outcome.pair,
+                "arm": outcome.arm.value,
+                "strategy": outcome.strategy,
+                "reason": outcome.record.reason,
+                "traceback": outcome.trace.traceback,
+            }
+
+
+def _runner_for(task: Task, engine: EngineName) -> PairRunner:
+    """The runner of a cell on an engine; made again only when the cell changes."""
+    global _cell
+    scenario = task.scenario
+    cell = repr((scenario, task.model.sha256))
+    if cell != _cell:
+        _runners.clear()
+        _cell = cell
+    if engine not in _runners:
+        _runners[engine] = PairRunner(scenario, task.model, lambda: open_engine(scenario, engine))
+    return _runners[engine]

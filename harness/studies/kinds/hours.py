@@ -1,0 +1,105 @@
+"""Simulates hours of traffic: all vehicles of an hour, in the one SUMO of the process."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.engine.network import place_of
+from harness.engine.road import SumoRoad
+from harness.engine.shared import following_of, road_for
+from harness.episode.traffic.pairing import HourRunner
+from harness.scenario import Scenario
+from harness.store.hour_tables import hour_rows
+from harness.store.hour_traces import hour_trace_rows
+from harness.studies.kinds.outputs import SUMO_FILES, outputs_in, with_speed_limit
+from harness.studies.kinds.protocol import ArmOfPair, ArmRows
+from harness.studies.workers.tasks import Task, TaskResult
+from harness.studies.workers.watchdog import Watch, watchdog
+
+if TYPE_CHECKING:
+    from harness.engine.traci import Gui
+
+HOUR_FILES = SUMO_FILES | {"--queue-output": "queues.xml"}
+"""SUMO's files of an hour of traffic, beside ``DETECTORS``."""
+
+DETECTORS = "e2.xml"
+
+_PERIOD_S = "1"
+"""How often SUMO writes places and queues of an hour; at every step they would be too long."""
+
+_PERIODS = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _PERIOD_S)
+
+
+class HourSimulation:
+    """See ``Simulation``."""
+
+    def run(self, task: Task) -> tuple[TaskResult, ...]:
+        """See ``Simulation``; one hour is what has to be done before it hangs."""
+        scenario = task.scenario
+        runner = HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
+        with watchdog(task.hang_after_s, task.stack_file) as watch:
+            outcomes = list(runner.run(task.pairs, watch.alive))
+        failures = tuple(
+            {
+                "cell": task.cell,
+                "pair": outcome.pair,
+                "arm": outcome.arm.value,
+                "reason": outcome.reason,
+                "traceback": outcome.traceback,
+            }
+            for outcome in outcomes
+            if outcome.reason is not None
+        )
+        tables = hour_rows(task.cell, outcomes)
+        if task.traces:
+            tables |= hour_trace_rows(task.cell, outcomes)
+        return (TaskResult(tables, failures),)
+
+    def decide_limit_s(self, scenario: Scenario) -> float:  # noqa: ARG002
+        """See ``Simulation``."""
+        return math.inf
+
+    def in_this_process(self, arm: ArmOfPair) -> ArmRows:
+        """See ``Simulation``."""
+        return _run_arm(arm, lambda: road_for(arm.scenario))
+
+    def with_outputs(self, arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:  # noqa: ARG002
+        """See ``Simulation``."""
+        from harness.engine.sumo import libsumo_road
+
+        scenario = arm.scenario
+        place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+        road = libsumo_road(
+            *place,
+            scenario.experiment.step_s,
+            following_of(scenario),
+            outputs=outputs_in(folder, HOUR_FILES) | _PERIODS,
+            detectors=folder / DETECTORS,
+        )
+        return _run_once(arm, road)
+
+    def in_gui(self, arm: ArmOfPair, gui: "Gui") -> ArmRows:
+        """See ``Simulation``."""
+        from harness.engine.traci import gui_road
+
+        scenario = arm.scenario
+        place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+        step_s, following = scenario.experiment.step_s, following_of(scenario)
+        return _run_once(arm, gui_road(*place, step_s, following, gui))
+
+
+def _run_once(arm: ArmOfPair, road: SumoRoad) -> ArmRows:
+    """Run an arm on a road, which is then closed; it fails if the simulation is lost."""
+    try:
+        rows = _run_arm(arm, lambda: road)
+        return rows if road.lost else replace(rows, failure=None)
+    finally:
+        if not road.closed:
+            road.close()
+
+
+def _run_arm(arm: ArmOfPair, get_road: Callable[[], SumoRoad]) -> ArmRows:
+    outcome = HourRunner(arm.scenario, arm.model, get_road).run_arm(arm.pair, arm.arm)
+    return ArmRows(hour_rows(arm.cell.number, [outcome]), outcome.reason, outcome.traceback)

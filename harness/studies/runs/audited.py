@@ -1,0 +1,32 @@
+"""What the audit of a plain engine's run found: records that differ in SUMO, and ties."""
+
+import pandas as pd
+
+from harness.scenario import Study
+from harness.studies.workers.tasks import Failure
+
+
+def shared_once(audit: pd.DataFrame, study: Study) -> pd.DataFrame:
+    """The rows of ``audit``, but an episode that several cells share only in the first."""
+    same = {cell.number: cell.but_for_arms for cell in study.cells}
+    arms = {cell.number: cell.scenario.arms for cell in study.cells}
+    keys = [
+        (same[cell], pair, arm, getattr(arms[cell], arm))
+        for cell, pair, arm in audit[["cell", "pair", "arm"]].itertuples(index=False)
+    ]
+    return audit[~pd.Series(keys, audit.index, dtype=object).duplicated()]
+
+
+def disagreements(audited: pd.DataFrame) -> tuple[Failure, ...]:
+    """(cell, pair, arm, difference) of each record that differs in SUMO, ties apart."""
+    rows = audited.dropna(subset="difference")
+    rows = rows[rows["tie_s"].isna()].drop(columns="tie_s")
+    return tuple(rows.itertuples(index=False, name=None))
+
+
+def ties(audited: pd.DataFrame) -> tuple[Failure, ...]:
+    """(cell, pair, arm, time and difference) of each record that differs by a tie."""
+    rows = audited.dropna(subset="tie_s").itertuples(index=False, name=None)
+    return tuple(
+        (cell, pair, arm, f"tie at {when:.3f} s, {what}") for cell, pair, arm, what, when in rows
+    )
