@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from harness.core.documents import JsonObject
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
 from harness.model.interaction import InteractionModel
@@ -13,7 +14,7 @@ from harness.strategies.parameters import knows_the_model
 from harness.strategies.registry import find_strategy, source_digests
 
 
-def origin_of(study: Study, models: Iterable[InteractionModel]) -> dict[str, Any]:
+def origin_of(study: Study, models: Iterable[InteractionModel]) -> JsonObject:
     """The part of the manifest on what the traces and measures of a new run are made with."""
     driven = study.driven
     return {
@@ -23,7 +24,7 @@ def origin_of(study: Study, models: Iterable[InteractionModel]) -> dict[str, Any
     }
 
 
-def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) -> dict[str, Any]:
+def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) -> JsonObject:
     used = {model.name: model.sha256 for model in models}
     return {
         "versions": versions_of_runs(),
@@ -32,7 +33,7 @@ def _simulated_now(driven: Iterable[str], models: Iterable[InteractionModel]) ->
     }
 
 
-def scored_now() -> dict[str, Any]:
+def scored_now() -> JsonObject:
     """The part of the manifest on what measures are made with: traces suffice for them."""
     return {"versions": versions_of_runs()}
 
@@ -42,7 +43,7 @@ def manifest_of(
     origin: Mapping[str, Any],
     options: Options,
     counts: dict[str, int] | None = None,
-) -> dict[str, Any]:
+) -> JsonObject:
     """The manifest: everything a run depends on.
 
     Args:

@@ -4,13 +4,13 @@ import shlex
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.core.documents import check_form, parse_json
+from harness.core.documents import JsonObject, check_form, parse_json
 from harness.core.errors import InputError, reading, resume_command
 from harness.core.files import read_file
 from harness.scenario import EngineName
@@ -43,8 +43,8 @@ class _Manifest(BaseModel):
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     name: str
-    scenario: dict[str, Any]
-    cells: Annotated[list[dict[str, Any]], Field(min_length=1)]
+    scenario: JsonObject
+    cells: Annotated[list[JsonObject], Field(min_length=1)]
     traces: bool
     sumo_outputs: Literal["all", "crashed"] | None
     engine: EngineName
@@ -62,7 +62,7 @@ def kind_of_folder(folder: Path) -> Literal["run", "risk"]:
     return "risk" if (folder / RISK).is_file() else "run"
 
 
-def read_manifest(folder: Path) -> dict[str, Any]:
+def read_manifest(folder: Path) -> JsonObject:
     """The manifest of a run folder.
 
     Raises:
@@ -84,11 +84,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         allowed = f"{SCHEMA}{advice if type(version) is int else ''}"
         raise InputError(str(path), f"format version {version!r}", allowed)
     check_form(_Manifest, document, str(path))
-    checked: dict[str, Any] = document
+    checked: JsonObject = document
     return checked
 
 
-def read_finished_manifest(folder: Path) -> dict[str, Any]:
+def read_finished_manifest(folder: Path) -> JsonObject:
     """The manifest of a run that is finished.
 
     Raises:

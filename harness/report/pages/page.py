@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, resume_command
@@ -14,7 +13,7 @@ from harness.report.drawing.plots import save
 from harness.report.pages.inputs import models_of, strategies_of
 from harness.report.pages.parts import parts_of
 from harness.report.pages.player import run_player
-from harness.report.pages.template import drawn, flat, page_in, write_page
+from harness.report.pages.template import Failures, Page, drawn, flat, page_in, write_page
 from harness.report.screens.comparison_tables import comparison_lines, comparison_tables
 from harness.report.screens.result_screen import screen_of
 from harness.report.screens.result_tables import cells_table, full_tables
@@ -67,7 +66,7 @@ def write_report(
     if not run.finished_pairs:
         raise InputError(str(run.path), "no pair is finished yet", "a run with results")
     # Damaged tables are noticed before anything is written.
-    context = _context(run)
+    content = _content(run)
     shown = shown_pairs(run, page)
     pictures, figure_remarks = parts_of(run).pictures(run, shown)
     written: list[Path] = []
@@ -78,47 +77,48 @@ def write_report(
             if figures is not None:
                 style.caption(picture.figure, picture.caption)
                 written += save(picture.figure, figures, picture.name)
-    episodes = {
-        "player": run_player(run, shown) if shown else None,
-        "no_player": missing or "The run has no traces, so there are no episodes to show.",
-        "pictures": drawn_pictures,
-        "figure_remarks": figure_remarks,
-    }
-    write_page(page, context | episodes)
+    content = replace(
+        content,
+        player=run_player(run, shown) if shown else None,
+        no_player=missing or "The run has no traces, so there are no episodes to show.",
+        pictures=drawn_pictures,
+        figure_remarks=figure_remarks,
+    )
+    write_page(page, content)
     differing = (f"cell {p.cell} pair {p.pair}: {p.differences[0]}" for p in shown if p.differences)
     return Written(page, tuple(written), tuple(differing))
 
 
-def _context(run: RunData) -> dict[str, Any]:
+def _content(run: RunData) -> Page:
     """The context of the page without episodes and figures."""
     scenario = run.scenario
     arms = f"{scenario.arms.av} against {scenario.arms.human}"
     heading = f"{run.name}: a sweep" if run.varied_keys else f"{run.name}: {arms}"
     compared_tables, compared_lines = _compared(run) if run.kind.compared else ([], [])
     screen, results = _results(run)
-    return {
-        "title": f"{heading}, run report",
-        "heading": heading,
-        "folder": str(run.path),
-        "unfinished": _unfinished(run),
-        "opening": [parts_of(run).opening(run)],
-        "screen": screen,
-        "tables": [*compared_tables, *results],
-        "remarks": [
+    return Page(
+        title=f"{heading}, run report",
+        heading=heading,
+        folder=str(run.path),
+        unfinished=_unfinished(run),
+        opening=[parts_of(run).opening(run)],
+        screen=screen,
+        tables=[*compared_tables, *results],
+        remarks=[
             *dict.fromkeys(
                 sentence(line) for cell in run.study.cells for line in remarks(cell.scenario)
             ),
             *remarks_on(run),
             *compared_lines,
         ],
-        "failures": _failures(run),
-        "facts": list(_facts(run)),
-        "scenario": list(_ran(run).items()),
-        "kind": "run report",
-        "where": "Run folder",
-        "maker": "harness report",
-        "made_from": "the run folder alone",
-    }
+        failures=_failures(run),
+        facts=list(_facts(run)),
+        scenario=list(_ran(run).items()),
+        kind="run report",
+        where="Run folder",
+        maker="harness report",
+        made_from="the run folder alone",
+    )
 
 
 def _results(run: RunData) -> tuple[list[str], list[Table]]:
@@ -153,7 +153,7 @@ def _compared(run: RunData) -> tuple[list[Table], list[str]]:
     return comparison_tables(comparison), comparison_lines(comparison)
 
 
-def _failures(run: RunData) -> dict[str, Any] | None:
+def _failures(run: RunData) -> Failures | None:
     failed = run.failures
     if not failed:
         return None
@@ -163,7 +163,7 @@ def _failures(run: RunData) -> dict[str, Any] | None:
     ]
     more = f"; the first {_MOST_FAILURES} are listed" if len(failed) > _MOST_FAILURES else ""
     words = f"{counted(len(failed), 'episode')} failed in the engine or in a strategy{more}:"
-    return {"words": words, "lines": lines}
+    return Failures(words, lines)
 
 
 def _facts(run: RunData) -> Iterator[tuple[str, str]]:

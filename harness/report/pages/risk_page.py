@@ -5,13 +5,23 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from harness.report.pages.template import flat, page_in, write_page
+from harness.report.pages.template import Failures, Page, flat, page_in, write_page
 from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
 from harness.store.reading import CRITICAL
 from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.folder import read_risk, read_settings
+
+_BY_BRUTE_FORCE = (
+    "The estimate is by brute force: the share of events among independent nominal draws, which "
+    "covers every way to the event."
+)
+_BY_WEIGHTS = (
+    "The estimate is the mean weight of independent draws around the events that the explorations "
+    "found. It covers the ways that were found; only the nominal draws bound the probability of "
+    "all other ways."
+)
 
 
 def write_risk_page(folder: Path, out: Path | None = None) -> Path:
@@ -28,41 +38,29 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
     page = page_in(folder, out)
     critical = shlex.quote(str(folder / CRITICAL))
     differing = [*findings.differences, *findings.ties]
-    write_page(
-        page,
-        {
-            "kind": "risk",
-            "title": f"{heading(findings)}, risk",
-            "heading": heading(findings),
-            "where": "Folder",
-            "folder": str(folder),
-            "screen": screen_lines(risk_screen(findings, folder, settings, full=True))[:-1],
-            "tables": [replace(table, folded=True) for table in risk_tables(findings)],
-            "remarks": [
-                "The estimate is by brute force: the share of events among independent nominal "
-                "draws, which covers every way to the event."
-                if findings.by_brute_force
-                else "The estimate is the mean weight of independent draws around the events that "
-                "the explorations found. It covers the ways that were found; only the nominal "
-                "draws bound the probability of all other ways."
-            ],
-            "failures": {
-                "words": "The first episodes in which the two engines differ:",
-                "lines": differing,
-            }
-            if differing
-            else None,
-            "no_player": "The likeliest episodes are the pairs of a scenario. To watch them: "
-            f"harness run {critical} --traces --out CRITICAL, then harness report CRITICAL."
-            if findings.ways
-            else "No episode of the estimate ended in the event.",
-            "figure_remarks": ["A risk has no figures."],
-            "facts": list(_facts(settings)),
-            "scenario": list(flat(settings.scenario)),
-            "maker": "harness report",
-            "made_from": "the folder of harness risk alone",
-        },
+    content = Page(
+        kind="risk",
+        title=f"{heading(findings)}, risk",
+        heading=heading(findings),
+        where="Folder",
+        folder=str(folder),
+        screen=screen_lines(risk_screen(findings, folder, settings, full=True))[:-1],
+        tables=[replace(table, folded=True) for table in risk_tables(findings)],
+        remarks=[_BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS],
+        failures=Failures("The first episodes in which the two engines differ:", differing)
+        if differing
+        else None,
+        no_player="The likeliest episodes are the pairs of a scenario. To watch them: "
+        f"harness run {critical} --traces --out CRITICAL, then harness report CRITICAL."
+        if findings.ways
+        else "No episode of the estimate ended in the event.",
+        figure_remarks=["A risk has no figures."],
+        facts=list(_facts(settings)),
+        scenario=list(flat(settings.scenario)),
+        maker="harness report",
+        made_from="the folder of harness risk alone",
     )
+    write_page(page, content)
     return page
 
 

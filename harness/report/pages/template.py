@@ -2,34 +2,70 @@
 
 import base64
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import jinja2
 
+from harness.core.documents import JsonObject
 from harness.core.errors import InputError
 from harness.core.files import write_file
 from harness.core.versions import versions_of_runs
 from harness.report.drawing import style
 from harness.report.drawing.svg import inline_svg
+from harness.report.pages.player import Player
+from harness.report.screens.tables import Table
 from harness.scenario import as_written
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
-_EMPTY: dict[str, Any] = {
-    "unfinished": "",
-    "screen": [],
-    "opening": [],
-    "caveats": [],
-    "failures": None,
-    "player": None,
-    "no_player": "",
-    "pictures": [],
-    "figure_remarks": [],
-    "scenario": [],
-}
-"""Parts of a page that some pages leave empty."""
+
+@dataclass(frozen=True)
+class Drawn:
+    """A picture as an ``<svg>`` element."""
+
+    name: str
+    title: str
+    caption: str
+    svg: str
+
+
+@dataclass(frozen=True)
+class Failures:
+    """A list of failures under a sentence about them."""
+
+    words: str
+    lines: Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Page:
+    """The content of a page, as ``templates/report.html`` shows it from top to bottom.
+
+    ``where`` says what ``folder`` is; ``no_player`` replaces the player.  ``maker`` is the command
+    that made the page, and ``made_from`` its source.
+    """
+
+    kind: str
+    title: str
+    heading: str
+    where: str
+    folder: str
+    unfinished: str = ""
+    screen: Sequence[str]
+    opening: Sequence[str] = ()
+    tables: Sequence[Table]
+    remarks: Sequence[str]
+    failures: Failures | None = None
+    player: Player | None = None
+    no_player: str = ""
+    pictures: Sequence[Drawn] = ()
+    figure_remarks: Sequence[str] = ()
+    facts: Sequence[tuple[str, str]]
+    scenario: Sequence[tuple[str, str]] = ()
+    maker: str
+    made_from: str
 
 
 def page_in(folder: Path, out: Path | None) -> Path:
@@ -44,23 +80,14 @@ def page_in(folder: Path, out: Path | None) -> Path:
     return page
 
 
-def drawn(picture: style.Picture) -> dict[str, str]:
+def drawn(picture: style.Picture) -> Drawn:
     """A picture in the form that the template takes."""
-    return {
-        "name": picture.name,
-        "title": picture.title,
-        "caption": picture.caption,
-        "svg": inline_svg(picture.figure, f"f-{picture.name}", picture.title, picture.caption),
-    }
+    svg = inline_svg(picture.figure, f"f-{picture.name}", picture.title, picture.caption)
+    return Drawn(picture.name, picture.title, picture.caption, svg)
 
 
-def write_page(path: Path, context: dict[str, Any]) -> None:
-    """Fill the template and write the page; ``context`` overrides ``_EMPTY``."""
-    # A file may hold bytes that are not text; a page must be text.
-    write_file(path, _filled(_EMPTY | context).encode("utf-8", errors="replace"))
-
-
-def _filled(context: dict[str, Any]) -> str:
+def write_page(path: Path, page: Page) -> None:
+    """Fill the template and write the page."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -68,12 +95,14 @@ def _filled(context: dict[str, Any]) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    shared = {
-        "styles": (_TEMPLATES / "report.css").read_text(encoding="utf-8"),
-        "scripts": [_script(name) for name in ("page.js", "player.js")],
-        "version": versions_of_runs()["harness"],
-    }
-    return environment.get_template("report.html").render(context | shared)
+    text = environment.get_template("report.html").render(
+        vars(page),
+        styles=(_TEMPLATES / "report.css").read_text(encoding="utf-8"),
+        scripts=[_script(name) for name in ("page.js", "player.js")],
+        version=versions_of_runs()["harness"],
+    )
+    # A file may hold bytes that are not text; a page must be text.
+    write_file(path, text.encode("utf-8", errors="replace"))
 
 
 def _script(name: str) -> dict[str, str]:
@@ -83,7 +112,7 @@ def _script(name: str) -> dict[str, str]:
     return {"text": text, "hash": f"'sha256-{digest}'"}
 
 
-def flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
+def flat(tree: JsonObject, prefix: str = "") -> Iterator[tuple[str, str]]:
     """Every key of the scenario with its value."""
     for key, value in tree.items():
         if isinstance(value, dict) and value:

@@ -1,18 +1,19 @@
 """A validation as one page: tables, figures, passages to watch."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Walk
 from harness.core.files import write_file
 from harness.report.drawing import style
 from harness.report.drawing.validation_figures import pictures_of
 from harness.report.pages.player import Player
-from harness.report.pages.template import drawn, write_page
+from harness.report.pages.template import Drawn, Page, drawn, write_page
 from harness.report.pages.trace_rows import ego_rows, walk_rows
 from harness.report.pages.traces import scene_of, shown_arm
 from harness.report.screens.screen import screen_lines
@@ -39,35 +40,36 @@ def write_validation(validation: Validation, folder: Path) -> list[Path]:
     text = json.dumps(validation.findings.document(), indent=1, ensure_ascii=False)
     with style.styled():
         pictures = [drawn(picture) for picture in pictures_of(validation)]
-    context = _context(validation) | {"pictures": pictures}
+    content = _content(validation, pictures)
     folder.mkdir(parents=True, exist_ok=True)
     write_file(document, text.encode())
-    write_page(page, context)
+    write_page(page, content)
     return [page, document]
 
 
-def _context(validation: Validation) -> dict[str, Any]:
+def _content(validation: Validation, pictures: Sequence[Drawn]) -> Page:
     findings = validation.findings
     sources = ", ".join(findings.sources)
     heading = f"Drivers compared with {sources}"
-    return {
-        "kind": "validation",
-        "title": f"{heading}, validation",
-        "heading": heading,
-        "where": "Data",
-        "folder": sources,
-        "screen": screen_lines(validation_screen(findings, full=True))[:-1],
-        "tables": [replace(table, folded=True) for table in validation_tables(findings)],
-        "remarks": [READING, *findings.remarks],
-        "player": _player(validation),
-        "facts": [
+    return Page(
+        kind="validation",
+        title=f"{heading}, validation",
+        heading=heading,
+        where="Data",
+        folder=sources,
+        screen=screen_lines(validation_screen(findings, full=True))[:-1],
+        tables=[replace(table, folded=True) for table in validation_tables(findings)],
+        remarks=[READING, *findings.remarks],
+        player=_player(validation),
+        pictures=pictures,
+        facts=[
             ("data", sources),
             ("recorded", f"{scope(findings)}, {findings.encounters:,} encounters"),
             ("drivers", ", ".join(driver.driver for driver in findings.drivers)),
         ],
-        "maker": "harness validate",
-        "made_from": "the recordings",
-    }
+        maker="harness validate",
+        made_from="the recordings",
+    )
 
 
 def _player(validation: Validation) -> Player:
@@ -106,7 +108,7 @@ def _player(validation: Validation) -> Player:
     return Player(words, scenes, episodes, {"Passages": range(len(episodes))})
 
 
-def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> dict[str, Any]:
+def _arm(passage: Passage, outcome: DriverOutcome, arm: Arm, title: str) -> JsonObject:
     ended = "timed out" if outcome.timed_out else f"passed in {outcome.pass_time_s:.1f} s"
     touched = ", with a contact" if outcome.contact else ""
     trace = outcome.trace

@@ -14,7 +14,7 @@ from harness.scenario import Cell
 from harness.store.hour_tables import passage_counts, record_row
 from harness.store.hour_traces import stored_traces
 from harness.store.reading import read_table
-from harness.store.tables import hour_tables, table_of
+from harness.store.tables import Row, hour_tables, table_of
 
 _States = dict[str, tuple[FloatArray, FloatArray, FloatArray]]
 Tables = dict[str, pa.Table]
@@ -50,16 +50,16 @@ def score_hours(run: Path, cell: Cell, traced: bool) -> Iterator[tuple[int, int,
         yield pair, 1, tables
 
 
-def _counts(cell: Cell, passages: Sequence[dict[str, Any]], arm: str) -> dict[str, float | None]:
+def _counts(cell: Cell, passages: Sequence[Row], arm: str) -> dict[str, float | None]:
     arm_passages = [row for row in passages if row["arm"] == arm]
     return passage_counts(arm_passages, cell.scenario.conflicts)
 
 
 def _measured(
-    run: Path, cell: Cell, tables: dict[str, pa.Table], passages: Sequence[dict[str, Any]]
-) -> list[dict[str, Any]]:
+    run: Path, cell: Cell, tables: dict[str, pa.Table], passages: Sequence[Row]
+) -> list[Row]:
     """Return the rows of ``passages`` in order, with the measures of their traces."""
-    scored: dict[tuple[str, int], dict[str, Any]] = {}
+    scored: dict[tuple[str, int], Row] = {}
     walks = tables["walks"].to_pylist()
     for arm in Arm:
         arm_passages = [row for row in passages if row["arm"] == arm.value]

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
+from harness.core.documents import JsonObject
 from harness.core.errors import InputError
 from harness.engine.network import network_of
 from harness.episode.arms import check_arms
@@ -28,7 +28,7 @@ class Plan:
     study: Study
     models: dict[int, InteractionModel]
     options: Options
-    origin: dict[str, Any]
+    origin: JsonObject
 
     @property
     def kind(self) -> Kind:
@@ -55,7 +55,7 @@ class Plan:
         """Number of pairs of each cell, by cell number; with ``--until`` the maximum."""
         return {cell.number: cell.scenario.experiment.pairs for cell in self.study.cells}
 
-    def manifest(self, counts: dict[str, int] | None = None) -> dict[str, Any]:
+    def manifest(self, counts: dict[str, int] | None = None) -> JsonObject:
         """See ``manifest_of``."""
         return manifest_of(self.study, self.origin, self.options, counts)
 
@@ -113,7 +113,7 @@ def _need_of_sumo(scenario: Scenario) -> str | None:
     return None
 
 
-def recall_plan(document: dict[str, Any], workers: int | None = None) -> Plan:
+def recall_plan(document: JsonObject, workers: int | None = None) -> Plan:
     """Return the plan of the run that a manifest describes.
 
     Raises:

@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending, Trace, Walk
 from harness.core.errors import InputError, nearest_name
 from harness.measures import Outcome, measure
@@ -99,7 +99,7 @@ SCORERS = {"encounters": _score_encounters, "hours of traffic": score_hours}
 """The function that scores a cell, by kind."""
 
 
-def _apply(settings: Sequence[Setting], document: dict[str, Any]) -> None:
+def _apply(settings: Sequence[Setting], document: JsonObject) -> None:
     """Change conflict thresholds in a manifest."""
     thresholds = [f"conflicts.{name}" for name in ConflictsSection.model_fields]
     for setting in settings:

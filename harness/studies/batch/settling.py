@@ -1,11 +1,10 @@
 """Sets the warm-up of each cell of a study of hours with a pilot run."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
@@ -72,7 +71,7 @@ def _check(scenario: Scenario) -> None:
         )
 
 
-def _pilot(scenario: Scenario) -> dict[str, Any]:
+def _pilot(scenario: Scenario) -> Mapping[str, float]:
     """Return the keys in which a pilot differs from its cell."""
     seed = stream(scenario.experiment.seed, "pilot", 0).integers(2**62)
     return {
@@ -99,14 +98,14 @@ def _warm_up_s(run: RunData, cell: Cell) -> float:
     return max(traffic.warm_up_s, min(rounded_s, traffic.duration_s))
 
 
-def _cell(cell: Cell, settings: dict[str, Any]) -> Cell:
+def _cell(cell: Cell, settings: Mapping[str, float]) -> Cell:
     """Return a cell with other values, also in its varied keys."""
     varied = {key: settings.get(key, value) for key, value in cell.varied.items()}
     return Cell(cell.number, varied, _with(cell.scenario, settings))
 
 
-def _with(scenario: Scenario, settings: dict[str, Any]) -> Scenario:
-    sections: dict[str, dict[str, Any]] = {}
+def _with(scenario: Scenario, settings: Mapping[str, float]) -> Scenario:
+    sections: dict[str, dict[str, float]] = {}
     for key, value in settings.items():
         section, name = key.split(".")
         sections.setdefault(section, {})[name] = value

@@ -4,6 +4,7 @@ from dataclasses import dataclass, fields
 
 from pydantic import BaseModel, ConfigDict
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import Arm
 from harness.core.errors import InputError
 from harness.core.versions import versions_of_runs
@@ -26,7 +27,7 @@ class SettingsDocument(Document):
     """``risk.json``: everything that determines the result; ``model`` has its name and sha256."""
 
     name: str
-    scenario: dict[str, object]
+    scenario: JsonObject
     arm: Arm
     event: str
     target_cv: float

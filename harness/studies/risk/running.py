@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from pathlib import Path
 from time import monotonic
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from harness.core.encounter import FloatArray
 from harness.scenario import hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
-from harness.store.tables import write_parquet
+from harness.store.tables import Row, write_parquet
 from harness.studies.risk.asking import Question
 from harness.studies.risk.episodes import Episodes, Score, failed, run_episodes
 from harness.studies.risk.event import GRADINGS
@@ -131,7 +131,7 @@ class Evaluation:
             parts.append(pq.read_table(path))
         kept = pa.concat_tables(parts)["at"].to_numpy()
         left = np.setdiff1d(np.arange(len(z)), kept)
-        new_rows: list[dict[str, Any]] = []
+        new_rows: list[Row] = []
 
         def keep() -> None:
             if new_rows:

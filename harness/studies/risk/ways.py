@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import FloatArray
 from harness.episode.arrivals import planned_arrivals
 from harness.model.mixture.clusters import k_means
@@ -67,7 +68,7 @@ def people_of(scenario: Scenario, space: Space, number: int, z: FloatArray) -> t
     )
 
 
-def drawn_of(space: Space, number: int, z: FloatArray) -> dict[str, object]:
+def drawn_of(space: Space, number: int, z: FloatArray) -> JsonObject:
     """The entry of ``[[pedestrians.drawn]]`` that repeats an episode."""
-    uniforms: dict[str, object] = {key: [*values] for key, values in space.given(z, number).items()}
+    uniforms: JsonObject = {key: [*values] for key, values in space.given(z, number).items()}
     return {"episode": number} | uniforms

@@ -4,18 +4,18 @@ import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import tomlkit
 
+from harness.core.documents import JsonObject
 from harness.core.files import write_file
 from harness.core.seeding import GIVEN_DRAWS
 from harness.statistics.findings import Note, Rank
 from harness.statistics.intervals import CONFIDENCE
 from harness.store.reading import CRITICAL
-from harness.store.tables import write_parquet
+from harness.store.tables import Row, write_parquet
 from harness.studies.risk.asking import Question, Settings
 from harness.studies.risk.estimation import Estimation
 from harness.studies.risk.findings import SCHEMA, RiskFindings, Way
@@ -53,7 +53,7 @@ def write_findings(
     write_file(folder / RESULT, as_json(risk_document(findings)))
 
 
-def risk_document(findings: RiskFindings) -> dict[str, object]:
+def risk_document(findings: RiskFindings) -> JsonObject:
     """Return the content of ``result.json`` and the output of ``--json``."""
     return {"schema": SCHEMA, **findings.model_dump(mode="json")}
 
@@ -176,7 +176,7 @@ def _write_failures(folder: Path, question: Question, estimation: Estimation) ->
     purposes = sorted({purpose for uniforms in states for purpose in uniforms})
     columns = {"episode": pa.int64(), "weight": pa.float64()}
     schema = pa.schema(columns | dict.fromkeys(purposes, pa.list_(pa.float64())))
-    rows: list[dict[str, Any]] = [
+    rows: list[Row] = [
         {"episode": number, "weight": weight}
         | {purpose: uniforms.get(purpose, ()) for purpose in purposes}
         for uniforms, number, weight in zip(

@@ -3,10 +3,11 @@
 from harness.core.errors import resume_command
 from harness.scenario import Scenario
 from harness.statistics import ENCOUNTERS, CellFindings, Note, Rank, RunFindings
+from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.model_use import given_the_model
 from harness.studies.runs.notes import av_label
 from harness.studies.runs.references import agreement, keeps_its_defaults, reference_lines
-from harness.studies.runs.run_data import CellResult, RunData
+from harness.studies.runs.run_data import RunData
 from harness.studies.runs.site_words import site_words
 from harness.studies.runs.targets import missed_targets
 from harness.studies.runs.views import view_of

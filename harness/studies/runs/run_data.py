@@ -4,7 +4,7 @@ run = harness.load_run("runs/cctc-1")
 run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean()
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -17,41 +17,21 @@ import pyarrow.compute as pc
 from harness.core.errors import InputError
 from harness.model.interaction import InteractionModel, load_model
 from harness.scenario import Cell, EngineName, Scenario, Study
-from harness.statistics import Findings, PairColumns, Plain, Summary, columns_of, row_of
+from harness.statistics import PairColumns, columns_of, row_of
 from harness.store.episode_tables import pair_rows
 from harness.store.hour_summaries import HoursSummary, hours_summary
 from harness.store.kinds import Kind, kind_of_study
 from harness.store.manifest import options_of
-from harness.store.measure_tables import conflict_rows, measure_rows
+from harness.store.measure_tables import measure_rows
 from harness.store.shards import Shard
-from harness.store.summaries import (
-    confidence_of,
-    pair_columns,
-)
+from harness.store.summaries import confidence_of, pair_columns
 from harness.store.summary_table import read_summary
 from harness.store.tables import TABLES
 from harness.studies.runs.audited import disagreements, shared_once, ties
+from harness.studies.runs.cell_result import CellResult
 from harness.studies.runs.notebook import run_html
 from harness.studies.runs.run_tables import RunTables
 from harness.studies.workers.tasks import Failure
-
-
-@dataclass(frozen=True)
-class CellResult:
-    """The findings of one cell."""
-
-    cell: Cell
-    findings: Findings
-
-    @property
-    def summary(self) -> Summary:
-        """The findings as attributes."""
-        return Summary(self.findings)
-
-    @property
-    def conflicts(self) -> list[dict[str, Plain]]:
-        """How often each kind of conflict arose in each arm: rows of ``conflicts.csv``."""
-        return conflict_rows(self.findings, self.cell.scenario.conflicts)
 
 
 @dataclass(frozen=True)
@@ -165,7 +145,9 @@ class RunData:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
             return _frame(self._tables.read("pairs"))
-        parts = [pair_rows(cell.number, rows) for cell, rows in self._rows_by_cell()]
+        parts = [
+            pair_rows(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)
+        ]
         return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
 
     @cached_property
@@ -198,7 +180,7 @@ class RunData:
             return tuple(CellResult(cell, stored[cell.number]) for cell in cells)
         return tuple(
             CellResult(cell, kind.findings(rows, cell, self.confidence))
-            for cell, rows in self._rows_by_cell()
+            for cell, rows in self._tables.by_cell(self.kind.rows)
         )
 
     @cached_property
@@ -211,7 +193,7 @@ class RunData:
         return pd.DataFrame(
             [
                 {"cell": cell.number, **cell.varied, **row}
-                for cell, rows in self._rows_by_cell()
+                for cell, rows in self._tables.by_cell(self.kind.rows)
                 for row in measure_rows(rows)
             ]
         )
@@ -332,17 +314,13 @@ class RunData:
         """The summary, for a notebook."""
         return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
-    def _rows_by_cell(self) -> Iterator[tuple[Cell, pa.Table]]:
-        """The rows of every cell that has any, of the table that findings are made of."""
-        return self._tables.by_cell(self.kind.rows, self.study.cells)
-
     @cached_property
     def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
         return {}
 
     @cached_property
     def _tables(self) -> RunTables:
-        return RunTables(self.path, self.finished, self.shards, len(self.study.cells))
+        return RunTables(self.path, self.finished, self.shards, self.study.cells)
 
     def _need_traces(self) -> None:
         if not self.kept_traces:

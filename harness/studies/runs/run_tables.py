@@ -20,9 +20,12 @@ class RunTables:
         path: the run folder.
         finished: whether its tables are written.
         shards: the finished work of an unfinished run.
+        cells: all cells of the run.
     """
 
-    def __init__(self, path: Path, finished: bool, shards: Sequence[Shard], cells: int) -> None:
+    def __init__(
+        self, path: Path, finished: bool, shards: Sequence[Shard], cells: Sequence[Cell]
+    ) -> None:
         self._path, self._finished, self._shards, self._cells = path, finished, shards, cells
         self._kept: dict[str, pa.Table] = {}
 
@@ -56,11 +59,11 @@ class RunTables:
         selected = pc.and_(pc.equal(table["cell"], cell), pc.equal(table["pair"], pair))
         return table.filter(selected)
 
-    def by_cell(self, name: str, cells: Sequence[Cell]) -> Iterator[tuple[Cell, pa.Table]]:
+    def by_cell(self, name: str) -> Iterator[tuple[Cell, pa.Table]]:
         """The rows of every cell that has any."""
         table = self.read(name)
         numbers = table["cell"].to_numpy()
-        for cell in cells:
+        for cell in self._cells:
             of_cell = numbers == cell.number
             # A run of one cell is big, if any is: no second copy of it.
             rows = table if of_cell.all() else table.filter(pa.array(of_cell))
@@ -70,10 +73,10 @@ class RunTables:
     def _table(self, name: str, shards: Sequence[Shard]) -> pa.Table:
         if self._finished:
             table = read_table(self._path, name)
-            if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= self._cells:
+            if name in TABLES and (pc.max(table["cell"]).as_py() or 0) >= len(self._cells):
                 where = str(self._path / f"{name}.parquet")
                 raise InputError(
-                    f"{where}: cell", "a cell this run has not", f"0 to {self._cells - 1}"
+                    f"{where}: cell", "a cell this run has not", f"0 to {len(self._cells) - 1}"
                 )
             return table
         parts = []

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from harness.core.encounter import Parameters
 from harness.scenario import Cell, PerceptionSection, Scenario, Study, as_written
 from harness.strategies.parameters import parameters_of
 from harness.strategies.registry import STRATEGIES, aggressiveness_of, table_key
@@ -31,7 +32,7 @@ class StrategyCell:
     number: int
     cell: Cell
     strategy: str
-    parameters: dict[str, Any]
+    parameters: Parameters
     label: str
 
 
@@ -43,7 +44,7 @@ class StrategyGroup:
     a grid varies a parameter of a strategy that does not drive.
     """
 
-    shared: dict[str, Any]
+    shared: Parameters
     cells: tuple[StrategyCell, ...]
     repeats: int
 
@@ -58,7 +59,7 @@ class ParameterSweep:
 
     strategy: str
     parameter: str
-    fixed: dict[str, Any]
+    fixed: Parameters
     cells: tuple[int, ...]
     values: tuple[float, ...]
 
@@ -132,7 +133,7 @@ def _sweep(
     parameter: str,
     varied: list[str],
     positions: list[int],
-    parameters: Mapping[int, dict[str, Any]],
+    parameters: Mapping[int, Parameters],
 ) -> ParameterSweep:
     ordered = sorted(positions, key=lambda position: parameters[position][parameter])
     first = parameters[ordered[0]]
@@ -146,7 +147,7 @@ def _sweep(
 
 
 def _group(cells: list[_Numbered], names: Sequence[str]) -> StrategyGroup:
-    distinct: dict[str, tuple[_Numbered, str, dict[str, Any]]] = {}
+    distinct: dict[str, tuple[_Numbered, str, Parameters]] = {}
     limited = any(cell.scenario.perception != PerceptionSection() for _, _, cell in cells)
     for numbered in cells:
         run, _, cell = numbered
@@ -188,7 +189,7 @@ _SAYS_NO_MORE = (("experiment", "pairs"), ("experiment", "decide_limit_s"))
 """Keys that change nothing of a pair; nor do ``conflicts`` and ``limits``."""
 
 
-def all_but_the_strategy(scenario: Scenario) -> dict[str, Any]:
+def all_but_the_strategy(scenario: Scenario) -> Parameters:
     """Nested tables of what two cells must share to be compared pair by pair."""
     tree = scenario.model_dump()
     human = tree["arms"]["human"]
@@ -201,7 +202,7 @@ def all_but_the_strategy(scenario: Scenario) -> dict[str, Any]:
     return tree
 
 
-def _parameters(scenario: Scenario, strategy: str) -> dict[str, Any]:
+def _parameters(scenario: Scenario, strategy: str) -> Parameters:
     """With the defaults of the shipped strategies filled in; a user's code is not needed here."""
     given = scenario.strategies.get(strategy, {})
     if strategy not in STRATEGIES:

@@ -1,0 +1,25 @@
+"""The findings of one cell of a run."""
+
+from dataclasses import dataclass
+
+from harness.scenario import Cell
+from harness.statistics import Findings, Plain, Summary
+from harness.store.measure_tables import conflict_rows
+
+
+@dataclass(frozen=True)
+class CellResult:
+    """The findings of one cell."""
+
+    cell: Cell
+    findings: Findings
+
+    @property
+    def summary(self) -> Summary:
+        """The findings as attributes."""
+        return Summary(self.findings)
+
+    @property
+    def conflicts(self) -> list[dict[str, Plain]]:
+        """How often each kind of conflict arose in each arm: rows of ``conflicts.csv``."""
+        return conflict_rows(self.findings, self.cell.scenario.conflicts)
