@@ -97,6 +97,14 @@ def test_no_room_in_between_asks_which_kind_a_run_is() -> None:
     assert asked == {"store/kinds.py"}
 
 
+def test_rows_and_json_objects_have_one_name_each() -> None:
+    """``Row`` and ``JsonObject``; everything else is typed."""
+    untyped = re.compile(r"dict\[str, (Any|object)\]")
+    rooms = ("report", "store", "studies/risk", "studies/batch", "studies/runs", "studies/kinds")
+    paths = [path for room in rooms for path in (PACKAGE / room).rglob("*.py")]
+    assert [path.name for path in paths if untyped.search(path.read_text("utf-8"))] == ["tables.py"]
+
+
 def test_every_table_has_every_kind_of_run() -> None:
     """So that a kind that is added is added to each of them."""
     from harness.report.pages.parts import PARTS

@@ -5,7 +5,7 @@ run.summary["mu"], run.pairs["tau"], run.episodes.groupby("arm")["delay_s"].mean
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -52,6 +52,7 @@ class RunData:
     """Finished work of an unfinished run."""
     output_failures: tuple[Failure, ...] = ()
     """Every episode without SUMO's outputs, of those that were asked for just now."""
+    _models: dict[tuple[str, str | None], InteractionModel] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -145,9 +146,8 @@ class RunData:
         """One row per cell × pair: ``cell, pair, av_time_s, human_time_s, tau``."""
         if self.finished:
             return _frame(self._tables.read("pairs"))
-        parts = [
-            pair_rows(cell.number, rows) for cell, rows in self._tables.by_cell(self.kind.rows)
-        ]
+        cells = self._tables.by_cell(self.kind.rows)
+        parts = [pair_rows(cell.number, rows) for cell, rows in cells]
         return _frame(pa.concat_tables([TABLES["pairs"].empty_table(), *parts]))
 
     @cached_property
@@ -224,8 +224,7 @@ class RunData:
         Raises:
             InputError: the run keeps no traces.
         """
-        self._need_traces()
-        return _frame(self._tables.read("traces"))
+        return _frame(self._traced.read("traces"))
 
     def traces_of(self, cell: int, pair: int) -> pd.DataFrame:
         """The rows of ``traces`` of both arms of one pair.
@@ -233,8 +232,7 @@ class RunData:
         Raises:
             InputError: the run keeps no traces.
         """
-        self._need_traces()
-        return _frame(self.rows_of("traces", cell, pair))
+        return _frame(self._traced.rows_of("traces", cell, pair))
 
     def rows_of(self, name: str, cell: int, pair: int) -> pa.Table:
         """The rows of one pair in ``episodes``, ``pedestrians`` or ``traces``, as stored."""
@@ -315,16 +313,14 @@ class RunData:
         return run_html(self.name, self.varied_keys, self.summary, self.finished)
 
     @cached_property
-    def _models(self) -> dict[tuple[str, str | None], InteractionModel]:
-        return {}
-
-    @cached_property
     def _tables(self) -> RunTables:
         return RunTables(self.path, self.finished, self.shards, self.study.cells)
 
-    def _need_traces(self) -> None:
+    @property
+    def _traced(self) -> RunTables:
         if not self.kept_traces:
             raise InputError(str(self.path), "kept no traces", "a run with --traces")
+        return self._tables
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:
