@@ -1,7 +1,7 @@
 """How a run of each kind is shown: its notes, its scope and the pairs worth watching."""
 
-from collections.abc import Mapping
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import pandas as pd
 
@@ -36,134 +36,93 @@ Key = tuple[int, int]
 """(cell, pair)."""
 
 
-class View(Protocol):
-    """How a kind of run is shown."""
+@dataclass(frozen=True)
+class View:
+    """How a kind of run is shown.
 
-    def notes(
-        self, scenario: Scenario, findings: Findings, catalogue: Catalogue
-    ) -> tuple[Note, ...]:
-        """The notes of a cell, sorted by rank."""
-        ...
+    Attributes:
+        notes: the notes of a cell, sorted by rank.
+        scope: what the first line says of a run, beside its seed.
+        chosen: the pairs worth watching by reason: (cell, pair), the most dangerous first.  Reasons
+            without a pair are omitted.
+        stretch: begin and end, in s, of the part of a pair that is shown; None: the whole pair.
+    """
 
-    def scope(self, run: RunData) -> list[str]:
-        """What the first line says of a run, beside its seed."""
-        ...
-
-    def chosen(self, run: RunData) -> dict[str, list[Key]]:
-        """The pairs worth watching, by reason: (cell, pair), the most dangerous first.
-
-        Reasons without a pair are omitted.
-        """
-        ...
-
-    def stretch(self, run: RunData, cell: int, pair: int) -> tuple[float, float] | None:
-        """Begin and end, in s, of the part of a pair that is shown; None: the whole pair."""
-        ...
+    notes: Callable[[Scenario, Findings, Catalogue], tuple[Note, ...]]
+    scope: Callable[[RunData], list[str]]
+    chosen: Callable[[RunData], dict[str, list[Key]]]
+    stretch: Callable[[RunData, int, int], tuple[float, float] | None]
 
 
-class EncounterView:
-    """See ``View``."""
+def _worth_watching(run: RunData) -> dict[str, list[Key]]:
+    """The most dangerous pairs.
 
-    def notes(
-        self, scenario: Scenario, findings: Findings, catalogue: Catalogue
-    ) -> tuple[Note, ...]:
-        """See ``View``."""
-        return encounter_notes(scenario, findings, catalogue)
-
-    def scope(self, run: RunData) -> list[str]:  # noqa: ARG002
-        """See ``View``."""
-        return []
-
-    def chosen(self, run: RunData) -> dict[str, list[Key]]:
-        """See ``View``.
-
-        Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share
-        their pedestrians, so for a measure each pair counts once, in the cell with the most extreme
-        value.  The last reason, ``other pairs``, completes a small run.
-        """
-        episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
-        av, human = (episodes[episodes["arm"] == arm.value] for arm in (Arm.AV, Arm.HUMAN))
-        tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
-        chosen = {
-            "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
-            "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
-            **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
-            "slowest AV": _most_striking(av, "-pass_time_s"),
-            "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
-            "fallback": _keys(av[av["fallback"]]),
-            "lowest τ": _keys(tau)[:1],
-            "median τ": _medians(tau),
-            "highest τ": _keys(tau.iloc[::-1])[:1],
-            TIME_ADVANTAGE: _most_striking(av, "min_time_advantage_s"),
-        }
-        everyone = _keys(run.pairs, most=None)
-        if len(everyone) <= ALL_BELOW:
-            shown = {key for keys in chosen.values() for key in keys}
-            chosen["other pairs"] = [key for key in everyone if key not in shown]
-        return {reason: keys for reason, keys in chosen.items() if keys}
-
-    def stretch(self, run: RunData, cell: int, pair: int) -> None:
-        """See ``View``."""
+    Contacts come first, then the AV's smallest PET and TTC and its largest DRAC.  Cells share
+    their pedestrians, so for a measure each pair counts once, in the cell with the most extreme
+    value.  The last reason, ``other pairs``, completes a small run.
+    """
+    episodes = run.episodes[run.episodes["ending"] != Ending.ENGINE_FAILED]
+    av, human = (episodes[episodes["arm"] == arm.value] for arm in (Arm.AV, Arm.HUMAN))
+    tau = run.pairs.dropna(subset="tau").sort_values("tau", kind="stable")
+    chosen = {
+        "crash of the AV": _keys(av[av["ending"] == Ending.CRASHED]),
+        "crash of the human": _keys(human[human["ending"] == Ending.CRASHED]),
+        **{reason: _most_striking(av, column) for reason, column in _DANGEROUS.items()},
+        "slowest AV": _most_striking(av, "-pass_time_s"),
+        "timed out": _keys(episodes[episodes["ending"] == Ending.TIMED_OUT]),
+        "fallback": _keys(av[av["fallback"]]),
+        "lowest τ": _keys(tau)[:1],
+        "median τ": _medians(tau),
+        "highest τ": _keys(tau.iloc[::-1])[:1],
+        TIME_ADVANTAGE: _most_striking(av, "min_time_advantage_s"),
+    }
+    everyone = _keys(run.pairs, most=None)
+    if len(everyone) <= ALL_BELOW:
+        shown = {key for keys in chosen.values() for key in keys}
+        chosen["other pairs"] = [key for key in everyone if key not in shown]
+    return {reason: keys for reason, keys in chosen.items() if keys}
 
 
-class HourView:
-    """See ``View``."""
+def _who_comes(run: RunData) -> list[str]:
+    """Flows and share of AVs; varied values are not listed."""
+    scenarios = [cell.scenario for cell in run.study.cells]
 
-    def notes(
-        self, scenario: Scenario, findings: Findings, catalogue: Catalogue
-    ) -> tuple[Note, ...]:
-        """See ``View``."""
-        return hour_notes(scenario, findings, catalogue)
+    def common(texts: list[str]) -> str:
+        return texts[0] if len({*texts}) == 1 else "a varied number of"
 
-    def scope(self, run: RunData) -> list[str]:
-        """Flows and share of AVs; varied values are not listed."""
-        scenarios = [cell.scenario for cell in run.study.cells]
-
-        def common(texts: list[str]) -> str:
-            return texts[0] if len({*texts}) == 1 else "a varied number of"
-
-        traffic = [scenario.known_traffic for scenario in scenarios]
-        shares = {f"{100 * each.av_share:.4g} %" for each in traffic}
-        vehicles = common(
-            [
-                "queued"
-                if each.saturated
-                else f"{as_written(each.flow_per_hour)} + {as_written(each.oncoming_per_hour)}"
-                for each in traffic
-            ]
-        )
-        people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
-        share = shares.pop() if len(shares) == 1 else "a varied share of"
-        return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
-
-    def chosen(self, run: RunData) -> dict[str, list[Key]]:
-        """The hour with the AV's longest queue."""
-        ran = run.hours[run.hours["reason"].isna()]
-        both = ran.groupby(["cell", "pair"])["arm"].transform("size") == len(Arm)
-        queues = ran[both & (ran["arm"] == Arm.AV.value)]
-        longest = _keys(_by_danger(queues, "-queue_longest"), most=1)
-        return {"longest queue of the AV's arm": longest} if longest else {}
-
-    def stretch(self, run: RunData, cell: int, pair: int) -> tuple[float, float]:
-        """The three minutes around the AV's longest queue."""
-        duration_s = run.scenario_of(cell).known_traffic.duration_s
-        queues = run.queues
-        queues = queues[
-            (queues["cell"] == cell) & (queues["pair"] == pair) & (queues["arm"] == Arm.AV)
+    traffic = [scenario.known_traffic for scenario in scenarios]
+    shares = {f"{100 * each.av_share:.4g} %" for each in traffic}
+    vehicles = common(
+        [
+            "queued"
+            if each.saturated
+            else f"{as_written(each.flow_per_hour)} + {as_written(each.oncoming_per_hour)}"
+            for each in traffic
         ]
-        worst = queues.sort_values(["longest", "minute"], ascending=[False, True]).iloc[0]
-        middle_s = 60.0 * float(worst["minute"]) + 30.0
-        begin_s = min(max(0.0, middle_s - STRETCH_S / 2), max(0.0, duration_s - STRETCH_S))
-        return begin_s, min(begin_s + STRETCH_S, duration_s)
+    )
+    people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
+    share = shares.pop() if len(shares) == 1 else "a varied share of"
+    return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
 
 
-VIEWS: Mapping[str, View] = {"encounters": EncounterView(), "hours of traffic": HourView()}
-"""The view of every kind of run, by the kind's name."""
+def _longest_queue(run: RunData) -> dict[str, list[Key]]:
+    """The hour with the AV's longest queue."""
+    ran = run.hours[run.hours["reason"].isna()]
+    both = ran.groupby(["cell", "pair"])["arm"].transform("size") == len(Arm)
+    queues = ran[both & (ran["arm"] == Arm.AV.value)]
+    longest = _keys(_by_danger(queues, "-queue_longest"), most=1)
+    return {"longest queue of the AV's arm": longest} if longest else {}
 
 
-def view_of(run: RunData) -> View:
-    """How a run is shown."""
-    return VIEWS[run.kind.name]
+def _around_the_queue(run: RunData, cell: int, pair: int) -> tuple[float, float]:
+    """The three minutes around the AV's longest queue."""
+    duration_s = run.scenario_of(cell).known_traffic.duration_s
+    queues = run.queues
+    queues = queues[(queues["cell"] == cell) & (queues["pair"] == pair) & (queues["arm"] == Arm.AV)]
+    worst = queues.sort_values(["longest", "minute"], ascending=[False, True]).iloc[0]
+    middle_s = 60.0 * float(worst["minute"]) + 30.0
+    begin_s = min(max(0.0, middle_s - STRETCH_S / 2), max(0.0, duration_s - STRETCH_S))
+    return begin_s, min(begin_s + STRETCH_S, duration_s)
 
 
 def _by_danger(rows: pd.DataFrame, column: str) -> pd.DataFrame:
@@ -185,3 +144,17 @@ def _medians(tau: pd.DataFrame) -> list[Key]:
     """Return the pair with the median τ of each cell (the lower one of two)."""
     middles = [rows.iloc[[(len(rows) - 1) // 2]] for _, rows in tau.groupby("cell", sort=True)]
     return [key for middle in middles[:_MOST_MEDIANS] for key in _keys(middle)]
+
+
+VIEWS: Mapping[str, View] = {
+    "encounters": View(
+        encounter_notes, lambda _run: [], _worth_watching, lambda _run, _cell, _pair: None
+    ),
+    "hours of traffic": View(hour_notes, _who_comes, _longest_queue, _around_the_queue),
+}
+"""The view of every kind of run, by the kind's name."""
+
+
+def view_of(run: RunData) -> View:
+    """How a run is shown."""
+    return VIEWS[run.kind.name]
