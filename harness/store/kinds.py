@@ -3,7 +3,7 @@
 A kind says which tables a run has, and how its findings are computed from them.  The rooms that
 write, read and show runs use this Protocol, so they need not know which kind a run is.  What needs
 an engine or a page stands under the kind's name in ``studies.kinds.table``, ``studies.runs.views``
-and ``report.pages.parts``.
+and ``report.pages.kinds``.
 """
 
 from collections.abc import Callable, Mapping

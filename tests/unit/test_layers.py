@@ -107,7 +107,7 @@ def test_rows_and_json_objects_have_one_name_each() -> None:
 
 def test_every_table_has_every_kind_of_run() -> None:
     """So that a kind that is added is added to each of them."""
-    from harness.report.pages.parts import PARTS
+    from harness.report.pages.kinds import PARTS
     from harness.store.kinds import KINDS
     from harness.studies.batch.scoring import SCORERS
     from harness.studies.kinds.table import SIMULATIONS

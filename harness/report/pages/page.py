@@ -11,7 +11,7 @@ from harness.core.errors import InputError, resume_command
 from harness.report.drawing import style
 from harness.report.drawing.plots import save
 from harness.report.pages.inputs import models_of, strategies_of
-from harness.report.pages.parts import parts_of
+from harness.report.pages.kinds import parts_of
 from harness.report.pages.player import run_player
 from harness.report.pages.template import Failures, Page, drawn, flat, page_in, write_page
 from harness.report.screens.comparison_tables import comparison_lines, comparison_tables

@@ -1,54 +1,33 @@
 """The parts of a page that differ between the kinds of run."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 
 from harness.report.drawing.style import Picture
-from harness.report.pages.encounter_parts import EncounterParts
-from harness.report.pages.hour_parts import HourParts
 from harness.report.pages.traces import Encoded
 from harness.report.screens.tables import Table
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair
 
-
-class PageParts(Protocol):
-    """The parts of a page that a kind of run has."""
-
-    def opening(self, run: RunData) -> str:
-        """What was simulated, in words."""
-        ...
-
-    def tables(self, run: RunData) -> list[Table]:
-        """The folded tables of a run of one cell, beside those of its findings."""
-        ...
-
-    def pictures(
-        self, run: RunData, shown: Sequence[ShownPair]
-    ) -> tuple[Iterator[Picture], list[str]]:
-        """The figures, and remarks on those that are left out."""
-        ...
-
-    def player_words(self, run: RunData, shown: Sequence[ShownPair], episodes: int) -> str:
-        """What the player plays; ``episodes`` of the shown pairs fit on the page."""
-        ...
-
-    def scene(self, run: RunData, cell: int) -> Encoded:
-        """The crosswalk of a cell, in metres."""
-        ...
-
-    def episode(self, run: RunData, pair: ShownPair) -> Encoded:
-        """A pair for the player."""
-        ...
+Shown = Sequence[ShownPair]
 
 
-PARTS: Mapping[str, PageParts] = {
-    "encounters": EncounterParts(),
-    "hours of traffic": HourParts(),
-}
-"""The parts of every kind of run, by the kind's name."""
+@dataclass(frozen=True)
+class PageParts:
+    """The parts of a page that a kind of run has.
 
+    Attributes:
+        opening: what was simulated, in words.
+        tables: the folded tables of a run of one cell, beside those of its findings.
+        pictures: the figures, and remarks on those that are left out.
+        player_words: what the player plays, from the pairs and how many of them fit on the page.
+        scene: the crosswalk of a cell, in metres.
+        episode: a pair for the player.
+    """
 
-def parts_of(run: RunData) -> PageParts:
-    """The parts of a run's page."""
-    return PARTS[run.kind.name]
+    opening: Callable[[RunData], str]
+    tables: Callable[[RunData], list[Table]]
+    pictures: Callable[[RunData, Shown], tuple[Iterator[Picture], list[str]]]
+    player_words: Callable[[RunData, Shown, int], str]
+    scene: Callable[[RunData, int], Encoded]
+    episode: Callable[[RunData, ShownPair], Encoded]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from jinja2.utils import htmlsafe_json_dumps
 
-from harness.report.pages.parts import parts_of
+from harness.report.pages.kinds import parts_of
 from harness.report.pages.traces import Encoded
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import ShownPair, choose_pairs

@@ -17,7 +17,7 @@ from harness.scenario import EngineName, Scenario
 from harness.store.episode_tables import audit_rows, episode_rows, pedestrian_rows, trace_rows
 from harness.store.tables import Tables
 from harness.studies.kinds.outputs import outputs_in, with_speed_limit
-from harness.studies.kinds.protocol import ArmOfPair, ArmRows
+from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.workers.audit import Finding, repeated_in_sumo
 from harness.studies.workers.tasks import LoggedFailure, Task, TaskResult
 from harness.studies.workers.watchdog import Watch, watchdog
@@ -32,41 +32,37 @@ _runners: dict[EngineName, PairRunner] = {}
 _UNWATCHED: Begins = lambda _pair, _arm, _episode: None  # noqa: E731
 
 
-class EncounterSimulation:
-    """See ``Simulation``."""
+def _run(task: Task) -> tuple[TaskResult, ...]:
+    begin = perf_counter()
+    results = tuple(_run_encounters(task))
+    took_s = (perf_counter() - begin) / len(results)
+    return tuple(replace(result, took_s=took_s) for result in results)
 
-    def run(self, task: Task) -> tuple[TaskResult, ...]:
-        """See ``Simulation``."""
-        begin = perf_counter()
-        results = tuple(_run_encounters(task))
-        took_s = (perf_counter() - begin) / len(results)
-        return tuple(replace(result, took_s=took_s) for result in results)
 
-    def decide_limit_s(self, scenario: Scenario) -> float:
-        """See ``Simulation``."""
-        return scenario.experiment.decide_limit_s
+def _decide_limit_s(scenario: Scenario) -> float:
+    return scenario.experiment.decide_limit_s
 
-    def in_this_process(self, arm: ArmOfPair) -> ArmRows:
-        """See ``Simulation``."""
-        return _run_arm(arm, lambda: engine_for(arm.scenario))
 
-    def with_outputs(self, arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
-        """See ``Simulation``."""
-        from harness.engine.sumo import libsumo_engine
+def _in_this_process(arm: ArmOfPair) -> ArmRows:
+    return _run_arm(arm, lambda: engine_for(arm.scenario))
 
-        scenario = arm.scenario
-        place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
-        step_s = scenario.experiment.step_s
-        engine = libsumo_engine(*place, step_s, outputs=outputs_in(folder))
-        return _run_once(arm, engine, watch.begins)
 
-    def in_gui(self, arm: ArmOfPair, gui: "Gui") -> ArmRows:
-        """See ``Simulation``."""
-        from harness.engine.traci import gui_engine
+def _with_outputs(arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
+    from harness.engine.sumo import libsumo_engine
 
-        scenario = arm.scenario
-        place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
-        return _run_once(arm, gui_engine(*place, scenario.experiment.step_s, gui))
+    scenario = arm.scenario
+    place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+    step_s = scenario.experiment.step_s
+    engine = libsumo_engine(*place, step_s, outputs=outputs_in(folder))
+    return _run_once(arm, engine, watch.begins)
+
+
+def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
+    from harness.engine.traci import gui_engine
+
+    scenario = arm.scenario
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+    return _run_once(arm, gui_engine(*place, scenario.experiment.step_s, gui))
 
 
 def _run_once(arm: ArmOfPair, engine: SumoEngine, begins: Begins = _UNWATCHED) -> ArmRows:
@@ -162,3 +158,12 @@ def _runner_for(task: Task, engine: EngineName) -> PairRunner:
     if engine not in _runners:
         _runners[engine] = PairRunner(scenario, task.model, lambda: open_engine(scenario, engine))
     return _runners[engine]
+
+
+ENCOUNTER_SIMULATION = Simulation(
+    run=_run,
+    decide_limit_s=_decide_limit_s,
+    in_this_process=_in_this_process,
+    with_outputs=_with_outputs,
+    in_gui=_in_gui,
+)

@@ -14,7 +14,7 @@ from harness.scenario import Scenario
 from harness.store.hour_tables import hour_rows
 from harness.store.hour_traces import hour_trace_rows
 from harness.studies.kinds.outputs import SUMO_FILES, outputs_in, with_speed_limit
-from harness.studies.kinds.protocol import ArmOfPair, ArmRows
+from harness.studies.kinds.simulation import ArmOfPair, ArmRows, Simulation
 from harness.studies.workers.tasks import Task, TaskResult
 from harness.studies.workers.watchdog import Watch, watchdog
 
@@ -32,62 +32,59 @@ _PERIOD_S = "1"
 _PERIODS = dict.fromkeys(("--device.fcd.period", "--queue-output.period"), _PERIOD_S)
 
 
-class HourSimulation:
-    """See ``Simulation``."""
+def _run(task: Task) -> tuple[TaskResult, ...]:
+    """one hour is what has to be done before it hangs."""
+    scenario = task.scenario
+    runner = HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
+    with watchdog(task.hang_after_s, task.stack_file) as watch:
+        outcomes = list(runner.run(task.pairs, watch.alive))
+    failures = tuple(
+        {
+            "cell": task.cell,
+            "pair": outcome.pair,
+            "arm": outcome.arm.value,
+            "reason": outcome.reason,
+            "traceback": outcome.traceback,
+        }
+        for outcome in outcomes
+        if outcome.reason is not None
+    )
+    tables = hour_rows(task.cell, outcomes)
+    if task.traces:
+        tables |= hour_trace_rows(task.cell, outcomes)
+    return (TaskResult(tables, failures),)
 
-    def run(self, task: Task) -> tuple[TaskResult, ...]:
-        """See ``Simulation``; one hour is what has to be done before it hangs."""
-        scenario = task.scenario
-        runner = HourRunner(scenario, task.model, lambda: road_for(scenario), paths=task.traces)
-        with watchdog(task.hang_after_s, task.stack_file) as watch:
-            outcomes = list(runner.run(task.pairs, watch.alive))
-        failures = tuple(
-            {
-                "cell": task.cell,
-                "pair": outcome.pair,
-                "arm": outcome.arm.value,
-                "reason": outcome.reason,
-                "traceback": outcome.traceback,
-            }
-            for outcome in outcomes
-            if outcome.reason is not None
-        )
-        tables = hour_rows(task.cell, outcomes)
-        if task.traces:
-            tables |= hour_trace_rows(task.cell, outcomes)
-        return (TaskResult(tables, failures),)
 
-    def decide_limit_s(self, scenario: Scenario) -> float:  # noqa: ARG002
-        """See ``Simulation``."""
-        return math.inf
+def _decide_limit_s(_scenario: Scenario) -> float:
+    return math.inf
 
-    def in_this_process(self, arm: ArmOfPair) -> ArmRows:
-        """See ``Simulation``."""
-        return _run_arm(arm, lambda: road_for(arm.scenario))
 
-    def with_outputs(self, arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:  # noqa: ARG002
-        """See ``Simulation``."""
-        from harness.engine.sumo import libsumo_road
+def _in_this_process(arm: ArmOfPair) -> ArmRows:
+    return _run_arm(arm, lambda: road_for(arm.scenario))
 
-        scenario = arm.scenario
-        place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
-        road = libsumo_road(
-            *place,
-            scenario.experiment.step_s,
-            following_of(scenario),
-            outputs=outputs_in(folder, HOUR_FILES) | _PERIODS,
-            detectors=folder / DETECTORS,
-        )
-        return _run_once(arm, road)
 
-    def in_gui(self, arm: ArmOfPair, gui: "Gui") -> ArmRows:
-        """See ``Simulation``."""
-        from harness.engine.traci import gui_road
+def _with_outputs(arm: ArmOfPair, folder: Path, _watch: Watch) -> ArmRows:
+    from harness.engine.sumo import libsumo_road
 
-        scenario = arm.scenario
-        place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
-        step_s, following = scenario.experiment.step_s, following_of(scenario)
-        return _run_once(arm, gui_road(*place, step_s, following, gui))
+    scenario = arm.scenario
+    place = place_of(scenario), scenario.vehicle(), with_speed_limit(scenario)
+    road = libsumo_road(
+        *place,
+        scenario.experiment.step_s,
+        following_of(scenario),
+        outputs=outputs_in(folder, HOUR_FILES) | _PERIODS,
+        detectors=folder / DETECTORS,
+    )
+    return _run_once(arm, road)
+
+
+def _in_gui(arm: ArmOfPair, gui: "Gui") -> ArmRows:
+    from harness.engine.traci import gui_road
+
+    scenario = arm.scenario
+    place = place_of(scenario), scenario.vehicle(), scenario.crosswalk()
+    step_s, following = scenario.experiment.step_s, following_of(scenario)
+    return _run_once(arm, gui_road(*place, step_s, following, gui))
 
 
 def _run_once(arm: ArmOfPair, road: SumoRoad) -> ArmRows:
@@ -103,3 +100,12 @@ def _run_once(arm: ArmOfPair, road: SumoRoad) -> ArmRows:
 def _run_arm(arm: ArmOfPair, get_road: Callable[[], SumoRoad]) -> ArmRows:
     outcome = HourRunner(arm.scenario, arm.model, get_road).run_arm(arm.pair, arm.arm)
     return ArmRows(hour_rows(arm.cell.number, [outcome]), outcome.reason, outcome.traceback)
+
+
+HOUR_SIMULATION = Simulation(
+    run=_run,
+    decide_limit_s=_decide_limit_s,
+    in_this_process=_in_this_process,
+    with_outputs=_with_outputs,
+    in_gui=_in_gui,
+)

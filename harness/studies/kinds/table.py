@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 from harness.scenario import Scenario
 from harness.store.kinds import kind_of
-from harness.studies.kinds.encounters import EncounterSimulation
-from harness.studies.kinds.hours import HourSimulation
-from harness.studies.kinds.protocol import Simulation
+from harness.studies.kinds.encounters import ENCOUNTER_SIMULATION
+from harness.studies.kinds.hours import HOUR_SIMULATION
+from harness.studies.kinds.simulation import Simulation
 
 SIMULATIONS: Mapping[str, Simulation] = {
-    "encounters": EncounterSimulation(),
-    "hours of traffic": HourSimulation(),
+    "encounters": ENCOUNTER_SIMULATION,
+    "hours of traffic": HOUR_SIMULATION,
 }
 
 

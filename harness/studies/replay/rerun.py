@@ -14,7 +14,7 @@ from harness.engine.network import network_of
 from harness.engine.shared import close_engine
 from harness.scenario import EngineName, hang_limit_s
 from harness.scenario.options import HANG_AFTER_S
-from harness.studies.kinds.protocol import ArmOfPair
+from harness.studies.kinds.simulation import ArmOfPair
 from harness.studies.kinds.table import simulation_of
 from harness.studies.replay.stored import Rows, StoredCell, record_differences
 from harness.studies.workers.execution import reason_of

@@ -15,7 +15,7 @@ from harness.store.kinds import kind_of
 from harness.store.manifest import explained
 from harness.store.reading import MANIFEST, read_finished_manifest, read_table
 from harness.store.tables import Row, Tables
-from harness.studies.kinds.protocol import ArmOfPair, ArmRows
+from harness.studies.kinds.simulation import ArmOfPair, ArmRows
 
 Rows = dict[str, list[Row]]
 """Rows by the name of their table."""

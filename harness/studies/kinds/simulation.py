@@ -1,8 +1,9 @@
 """What the rooms that simulate a run need from its kind."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from harness.core.encounter import Arm
 from harness.model.interaction import InteractionModel
@@ -47,25 +48,20 @@ class ArmRows:
     traceback: str | None = None
 
 
-class Simulation(Protocol):
-    """How a kind of run is simulated."""
+@dataclass(frozen=True)
+class Simulation:
+    """How a kind of run is simulated.
 
-    def run(self, task: Task) -> tuple[TaskResult, ...]:
-        """Run every pair of a task; the results of ``task.each``."""
-        ...
+    Attributes:
+        run: runs every pair of a task; the results of ``task.each``.
+        decide_limit_s: the time that a decision may take, in s; infinite if only the pair has one.
+        in_this_process: runs an arm on the simulation of this process.
+        with_outputs: runs an arm in a fresh SUMO that writes its outputs into a folder.
+        in_gui: runs an arm in sumo-gui.
+    """
 
-    def decide_limit_s(self, scenario: Scenario) -> float:
-        """The time that a single decision may take, in s; infinite if only the pair has a limit."""
-        ...
-
-    def in_this_process(self, arm: ArmOfPair) -> ArmRows:
-        """Run an arm on the simulation of this process."""
-        ...
-
-    def with_outputs(self, arm: ArmOfPair, folder: Path, watch: Watch) -> ArmRows:
-        """Run an arm in a fresh SUMO that writes its outputs into a folder."""
-        ...
-
-    def in_gui(self, arm: ArmOfPair, gui: "Gui") -> ArmRows:
-        """Run an arm in sumo-gui."""
-        ...
+    run: Callable[[Task], tuple[TaskResult, ...]]
+    decide_limit_s: Callable[[Scenario], float]
+    in_this_process: Callable[[ArmOfPair], ArmRows]
+    with_outputs: Callable[[ArmOfPair, Path, Watch], ArmRows]
+    in_gui: "Callable[[ArmOfPair, Gui], ArmRows]"

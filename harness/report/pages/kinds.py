@@ -1,0 +1,19 @@
+"""The page's parts of every kind of run."""
+
+from collections.abc import Mapping
+
+from harness.report.pages.encounter_parts import ENCOUNTER_PARTS
+from harness.report.pages.hour_parts import HOUR_PARTS
+from harness.report.pages.parts import PageParts
+from harness.studies.runs.run_data import RunData
+
+PARTS: Mapping[str, PageParts] = {
+    "encounters": ENCOUNTER_PARTS,
+    "hours of traffic": HOUR_PARTS,
+}
+"""By the kind's name."""
+
+
+def parts_of(run: RunData) -> PageParts:
+    """The parts of a run's page."""
+    return PARTS[run.kind.name]
