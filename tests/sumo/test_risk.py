@@ -1,6 +1,7 @@
 """``harness risk`` from the shell: the same bytes on any number of workers, resumed, met again."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
+import harness
 from harness.core.encounter import Arm
 from harness.core.errors import InputError, InterruptedRunError
 from harness.scenario import Setting, read_scenario_file, validate
@@ -132,6 +134,12 @@ def test_a_risk_is_said_as_json_as_its_folder_and_in_a_browser(
     for words in (f" {stored['probability']:.3g} ", "harness run", "critical.toml"):
         assert words in text
     assert text.count('<table id="way-') == len(stored["ways"])
+    # The player has the likeliest events; in every one of them the AV crashes.
+    assert "The likeliest events of the estimate, simulated again in SUMO." in text
+    shown = harness.load_run(finished / "shown").episodes
+    assert set(shown[shown["arm"] == "av"]["ending"]) == {"crashed"}
+    (data,) = re.findall(r'id="player-data">(.*?)</script>', text)
+    assert json.loads(data)["episodes"]
     # What a risk cannot do is refused.
     cluster = refusal("resume", finished, "--dask", "tcp://nowhere:1")
     assert "--dask: is not supported with a risk estimate" in cluster

@@ -5,13 +5,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+from harness.report.pages.player import Player, run_player
 from harness.report.pages.template import Failures, Page, flat, page_in, write_page
 from harness.report.screens.risk_terminal import heading, risk_screen, risk_tables
 from harness.report.screens.screen import screen_lines
 from harness.scenario import as_written
-from harness.store.reading import CRITICAL
+from harness.store.reading import CRITICAL, MANIFEST
 from harness.studies.risk.asking import SettingsDocument
 from harness.studies.risk.folder import read_risk, read_settings
+from harness.studies.runs.opening import load_run
+from harness.studies.runs.shown import shown_folders, shown_pairs
 
 _BY_BRUTE_FORCE = (
     "The estimate is by brute force: the share of events among independent nominal draws, which "
@@ -24,12 +27,13 @@ _BY_WEIGHTS = (
 )
 
 
-def write_risk_page(folder: Path, out: Path | None = None) -> Path:
+def write_risk_page(folder: Path, out: Path | None = None, missing: str = "") -> Path:
     """Write a risk's page.
 
     Args:
         folder: of the finished risk.
         out: the file; default ``report.html`` in the folder.
+        missing: the reason if the likeliest events cannot be shown.
 
     Raises:
         InputError: the folder holds no finished risk, or ``out`` is a folder.
@@ -37,6 +41,7 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
     settings, findings = read_settings(folder), read_risk(folder)
     page = page_in(folder, out)
     critical = shlex.quote(str(folder / CRITICAL))
+    to_run = f"To run strategies on the likeliest events: harness run {critical}."
     differing = [*findings.differences, *findings.ties]
     content = Page(
         kind="risk",
@@ -46,14 +51,15 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
         folder=str(folder),
         screen=screen_lines(risk_screen(findings, folder, settings, full=True))[:-1],
         tables=[replace(table, folded=True) for table in risk_tables(findings)],
-        remarks=[_BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS],
+        remarks=[
+            _BY_BRUTE_FORCE if findings.by_brute_force else _BY_WEIGHTS,
+            *([to_run] if findings.ways else []),
+        ],
         failures=Failures("The first episodes in which the two engines differ:", differing)
         if differing
         else None,
-        no_player="The likeliest episodes are the pairs of a scenario. To watch them: "
-        f"harness run {critical} --traces --out CRITICAL, then harness report CRITICAL."
-        if findings.ways
-        else "No episode of the estimate ended in the event.",
+        player=_player(folder, page),
+        no_player=missing or "The likeliest events have not been simulated again.",
         figure_remarks=["A risk has no figures."],
         facts=list(_facts(settings)),
         scenario=list(flat(settings.scenario)),
@@ -62,6 +68,18 @@ def write_risk_page(folder: Path, out: Path | None = None) -> Path:
     )
     write_page(page, content)
     return page
+
+
+def _player(folder: Path, page: Path) -> Player | None:
+    """The player of the likeliest events; None if they have not been simulated again."""
+    for shown in shown_folders(folder, page):
+        if (shown / MANIFEST).is_file():
+            run = load_run(shown)
+            if pairs := shown_pairs(run):
+                player = run_player(run, pairs)
+                words = "The likeliest events of the estimate, simulated again in SUMO. "
+                return replace(player, words=words + player.words)
+    return None
 
 
 def _facts(settings: SettingsDocument) -> Iterator[tuple[str, str]]:

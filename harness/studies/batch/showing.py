@@ -1,4 +1,4 @@
-"""Repeats the pairs that a page shows if the run kept no traces of them."""
+"""Repeats the pairs that a page shows if there are no traces of them."""
 
 import os
 from pathlib import Path
@@ -9,9 +9,12 @@ import pyarrow.compute as pc
 from harness.core.errors import HarnessError
 from harness.core.files import cannot_write, write_file
 from harness.engine.network import network_of
-from harness.scenario import hang_limit_s
+from harness.scenario import Options, hang_limit_s, read_scenario_file, study_of
 from harness.scenario.options import HANG_AFTER_S
+from harness.store.reading import CRITICAL, MANIFEST
 from harness.store.shards import encode_shard, shard_name
+from harness.studies.batch.experiment import resume, run_study
+from harness.studies.runs.opening import load_run
 from harness.studies.runs.run_data import RunData
 from harness.studies.runs.shown import MARGIN_S, missing_pairs, shown_folders
 from harness.studies.runs.views import Key, view_of
@@ -53,6 +56,29 @@ def write_shown(run: RunData, page: Path | None = None) -> str:
         return f"The traces could not be stored: {cannot_write(folder, error)}."
     except HarnessError as error:
         return f"The run kept no traces, and the episodes could not be simulated again: {error}."
+    return ""
+
+
+def write_shown_risk(folder: Path, page: Path | None = None) -> str:
+    """Run the likeliest events of a finished risk estimate, with traces, as ``write_shown`` does.
+
+    Returns:
+        The reason why there are none to show; empty if they are there.
+    """
+    if not (folder / CRITICAL).is_file():
+        return "No episode of the estimate ended in the event."
+    folders = shown_folders(folder, page)
+    shown = next((each for each in folders if os.access(each.parent, os.W_OK)), folders[0])
+    try:
+        if any((each / MANIFEST).is_file() and load_run(each).finished for each in folders):
+            return ""
+        if (shown / MANIFEST).is_file():
+            resume(shown, workers=_WORKERS)
+        else:
+            study = study_of(read_scenario_file(str(folder / CRITICAL)))
+            run_study(study, Options(traces=True, workers=_WORKERS), out=shown)
+    except HarnessError as error:
+        return f"The likeliest events could not be simulated again: {error}."
     return ""
 
 

@@ -1,9 +1,10 @@
 """Where a run takes place and who comes, in one line."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from harness.scenario import Scenario, as_written
+from harness.store.kinds import kind_of
 
 
 def site_words(scenarios: Sequence[Scenario]) -> str:
@@ -18,8 +19,7 @@ def site_words(scenarios: Sequence[Scenario]) -> str:
         return texts.pop() if len(texts) == 1 else f"{name} varied"
 
     parts = [common(_road, "road"), common(_speed, "v0"), common(_people, "people")]
-    if scenarios[0].traffic is not None:
-        parts[2:2] = [common(_share, "share of AVs"), common(_vehicles, "vehicles")]
+    parts[2:2] = [common(*words) for words in VEHICLE_WORDS[kind_of(scenarios[0]).name]]
     return f"Site: {'; '.join(parts)}."
 
 
@@ -54,3 +54,10 @@ def _people(scenario: Scenario) -> str:
     if people.first_at_trigger and people.max_count == 1:
         return "one pedestrian, at the trigger"
     return f"{as_written(people.flow_per_hour)} people/h"
+
+
+VEHICLE_WORDS: Mapping[str, Sequence[tuple[Callable[[Scenario], str], str]]] = {
+    "encounters": (),
+    "hours of traffic": ((_share, "share of AVs"), (_vehicles, "vehicles")),
+}
+"""What the line says of vehicles, with the name of what may vary, by the kind of run."""

@@ -1,4 +1,4 @@
-"""How a run of each kind is shown: its notes, its scope and the pairs worth watching."""
+"""How a run of each kind is shown: its notes and the pairs worth watching."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from harness.core.encounter import Arm, Ending
-from harness.scenario import Scenario, as_written
+from harness.scenario import Scenario
 from harness.statistics import Catalogue, Findings, Note
 from harness.studies.runs.notes import encounter_notes, hour_notes
 from harness.studies.runs.run_data import RunData
@@ -42,14 +42,12 @@ class View:
 
     Attributes:
         notes: the notes of a cell, sorted by rank.
-        scope: what the first line says of a run, beside its seed.
         chosen: the pairs worth watching by reason: (cell, pair), the most dangerous first.  Reasons
             without a pair are omitted.
         stretch: begin and end, in s, of the part of a pair that is shown; None: the whole pair.
     """
 
     notes: Callable[[Scenario, Findings, Catalogue], tuple[Note, ...]]
-    scope: Callable[[RunData], list[str]]
     chosen: Callable[[RunData], dict[str, list[Key]]]
     stretch: Callable[[RunData, int, int], tuple[float, float] | None]
 
@@ -81,28 +79,6 @@ def _worth_watching(run: RunData) -> dict[str, list[Key]]:
         shown = {key for keys in chosen.values() for key in keys}
         chosen["other pairs"] = [key for key in everyone if key not in shown]
     return {reason: keys for reason, keys in chosen.items() if keys}
-
-
-def _who_comes(run: RunData) -> list[str]:
-    """Flows and share of AVs; varied values are not listed."""
-    scenarios = [cell.scenario for cell in run.study.cells]
-
-    def common(texts: list[str]) -> str:
-        return texts[0] if len({*texts}) == 1 else "a varied number of"
-
-    traffic = [scenario.known_traffic for scenario in scenarios]
-    shares = {f"{100 * each.av_share:.4g} %" for each in traffic}
-    vehicles = common(
-        [
-            "queued"
-            if each.saturated
-            else f"{as_written(each.flow_per_hour)} + {as_written(each.oncoming_per_hour)}"
-            for each in traffic
-        ]
-    )
-    people = common([as_written(scenario.pedestrians.flow_per_hour) for scenario in scenarios])
-    share = shares.pop() if len(shares) == 1 else "a varied share of"
-    return [f"{share} AVs", f"{vehicles} vehicles and {people} people per hour"]
 
 
 def _longest_queue(run: RunData) -> dict[str, list[Key]]:
@@ -147,10 +123,8 @@ def _medians(tau: pd.DataFrame) -> list[Key]:
 
 
 VIEWS: Mapping[str, View] = {
-    "encounters": View(
-        encounter_notes, lambda _run: [], _worth_watching, lambda _run, _cell, _pair: None
-    ),
-    "hours of traffic": View(hour_notes, _who_comes, _longest_queue, _around_the_queue),
+    "encounters": View(encounter_notes, _worth_watching, lambda _run, _cell, _pair: None),
+    "hours of traffic": View(hour_notes, _longest_queue, _around_the_queue),
 }
 """The view of every kind of run, by the kind's name."""
 
