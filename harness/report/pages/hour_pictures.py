@@ -13,8 +13,8 @@ from harness.episode.traffic.lanes import Direction, Lane, lanes_of
 from harness.report.drawing import style
 from harness.report.drawing.style import Picture
 from harness.report.drawing.sweep_figures import Line, draw_over
-from harness.report.pages.traces import pair_title
 from harness.report.pages.sweep_pictures import across_key, axis_label
+from harness.report.pages.traces import pair_title
 from harness.report.screens.tables import ARM_NAMES
 from harness.scenario import Cell, Scenario, as_written
 from harness.store.hour_summaries import HoursSummary
