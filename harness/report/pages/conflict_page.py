@@ -2,16 +2,17 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
+from harness.core.documents import JsonObject
 from harness.core.encounter import Arm, Ending
 from harness.report.drawing import style
 from harness.report.drawing.conflict_figures import conflict_pictures
-from harness.report.pages.player import Player, rounded, scene_of, short, shown_arm
-from harness.report.pages.template import drawn, write_page
+from harness.report.pages.player import Player
+from harness.report.pages.template import Page, drawn, write_page
 from harness.report.pages.trace_rows import ego_rows, walk_rows
+from harness.report.pages.traces import rounded, scene_of, short, shown_arm
 from harness.report.screens.conflict_tables import conflict_screen, conflict_tables
 from harness.report.screens.screen import screen_lines
 from harness.studies.conflicts import ConflictFindings, ConflictPassage, worst_rows
@@ -34,22 +35,22 @@ def write_conflict_page(findings: ConflictFindings, path: Path, folder: Path) ->
     player = _player(findings)
     write_page(
         path,
-        {
-            "kind": "conflicts",
-            "title": f"Conflicts in {findings.files[0].name}",
-            "heading": "Conflicts of people and vehicles",
-            "where": "Recording",
-            "folder": files,
-            "screen": screen_lines(conflict_screen(findings, folder, full=True)),
-            "tables": [replace(table, folded=True) for table in conflict_tables(findings)],
-            "remarks": [
+        Page(
+            kind="conflicts",
+            title=f"Conflicts in {findings.files[0].name}",
+            heading="Conflicts of people and vehicles",
+            where="Recording",
+            folder=files,
+            screen=screen_lines(conflict_screen(findings, folder, full=True)),
+            tables=[replace(table, folded=True) for table in conflict_tables(findings)],
+            remarks=[
                 "FCD output has no length or width of a vehicle, and no driver's own speed. They "
                 "are those of its type and the lane's speed limit: a delay is against the limit.",
             ],
-            "player": player,
-            "no_player": "No passage met anybody closely enough to have a PET or a TTC.",
-            "pictures": pictures,
-            "facts": [
+            player=player,
+            no_player="No passage met anybody closely enough to have a PET or a TTC.",
+            pictures=pictures,
+            facts=[
                 ("recording", files),
                 ("network", str(findings.net)),
                 ("records of vehicles", f"{findings.vehicle_records:,}"),
@@ -57,9 +58,9 @@ def write_conflict_page(findings: ConflictFindings, path: Path, folder: Path) ->
                 ("step", f"{findings.step_s:g} s"),
                 ("places may be off by", f"{findings.rounding_m:.2g} m"),
             ],
-            "maker": "harness conflicts",
-            "made_from": "SUMO's outputs",
-        },
+            maker="harness conflicts",
+            made_from="SUMO's outputs",
+        ),
     )
 
 
@@ -99,7 +100,7 @@ def _lane_of(each: ConflictPassage) -> tuple[float, float]:
     return crossing.lane_centre_m - half_m, crossing.lane_centre_m + half_m
 
 
-def _episode(each: ConflictPassage, scene: str) -> dict[str, Any]:
+def _episode(each: ConflictPassage, scene: str) -> JsonObject:
     record = each.record
     parts = [
         f"{name} {value:.2f} {unit}"
